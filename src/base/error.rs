@@ -1,0 +1,136 @@
+//! The library's one error type. Every variant carries the place that a user has to look at.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// Result with the library's error type.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Where in the input an error was found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// The file that was being read.
+    pub path: PathBuf,
+    /// The position inside it, if known.
+    pub at: Option<At>,
+}
+
+/// A position inside a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum At {
+    /// 1-based line of a text file.
+    Line(u32),
+    /// Byte offset in a binary file.
+    Byte(u64),
+    /// A named part: a tensor, a JSON key, an XML element.
+    Part(String),
+}
+
+impl Place {
+    /// A place that is a whole file.
+    pub fn file(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into(), at: None }
+    }
+
+    /// A 1-based line of a file.
+    pub fn line(path: impl Into<PathBuf>, line: u32) -> Self {
+        Self { path: path.into(), at: Some(At::Line(line)) }
+    }
+
+    /// A byte offset in a file.
+    pub fn byte(path: impl Into<PathBuf>, offset: u64) -> Self {
+        Self { path: path.into(), at: Some(At::Byte(offset)) }
+    }
+
+    /// A named part of a file.
+    pub fn part(path: impl Into<PathBuf>, part: impl Into<String>) -> Self {
+        Self { path: path.into(), at: Some(At::Part(part.into())) }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.path.display())?;
+        match &self.at {
+            None => Ok(()),
+            Some(At::Line(line)) => write!(f, ":{line}"),
+            Some(At::Byte(offset)) => write!(f, " at byte {offset}"),
+            Some(At::Part(part)) => write!(f, " ({part})"),
+        }
+    }
+}
+
+/// Everything that can go wrong in the library.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The operating system refused to read or write a file.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A file's content breaks its format, or a value in it is out of range.
+    #[error("{place}: {message}")]
+    Malformed {
+        /// Where.
+        place: Place,
+        /// What is wrong, and what was expected.
+        message: String,
+    },
+    /// A file asks for something that this version cannot do.
+    #[error("{place}: {what} is not supported; supported: {supported}")]
+    Unsupported {
+        /// Where.
+        place: Place,
+        /// What was asked for.
+        what: String,
+        /// What could be asked for instead.
+        supported: String,
+    },
+    /// A count or size exceeds what this version accepts.
+    #[error("{place}: {what} is {value}, the limit is {limit}")]
+    Limit {
+        /// Where.
+        place: Place,
+        /// The quantity.
+        what: String,
+        /// Its value in the file.
+        value: u64,
+        /// The largest accepted value.
+        limit: u64,
+    },
+    /// A model does not fit what it is asked to do (features, target, mode, version).
+    #[error("model {}: {message}", path.display())]
+    Model {
+        /// The model's folder or file.
+        path: PathBuf,
+        /// What does not fit.
+        message: String,
+    },
+    /// An inference backend is missing or failed.
+    #[error("{backend} backend: {message}")]
+    Backend {
+        /// Name of the backend.
+        backend: &'static str,
+        /// What failed, and what to install.
+        message: String,
+    },
+    /// Options that contradict one another or are out of range.
+    #[error("{0}")]
+    Options(String),
+}
+
+impl Error {
+    /// An input or output error on `path`.
+    pub fn io(path: impl AsRef<Path>, source: std::io::Error) -> Self {
+        Self::Io { path: path.as_ref().to_owned(), source }
+    }
+
+    /// Malformed content at `place`.
+    pub fn malformed(place: Place, message: impl Into<String>) -> Self {
+        Self::Malformed { place, message: message.into() }
+    }
+}

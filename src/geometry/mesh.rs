@@ -1,0 +1,16 @@
+//! Indexed triangle meshes.
+
+use glam::{Vec2, Vec3};
+
+/// An indexed triangle mesh in its own coordinates. Shapes refer to it with a transform, so one mesh serves many shapes.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Mesh {
+    /// Vertex positions.
+    pub positions: Vec<Vec3>,
+    /// Unit shading normal per vertex; empty where faces are shaded flat.
+    pub normals: Vec<Vec3>,
+    /// Texture coordinates per vertex; empty where there are none.
+    pub uvs: Vec<Vec2>,
+    /// Vertex indices of each triangle, counter-clockwise seen from the front. All are below `positions.len()`.
+    pub triangles: Vec<[u32; 3]>,
+}

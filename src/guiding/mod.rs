@@ -1,0 +1,3 @@
+//! Path guiding: directional quadtrees in a spatial cache, what is deposited into them, and the distributions they yield.
+
+pub mod topology;

@@ -1,0 +1,163 @@
+//! The shape of a directional quadtree, apart from what its nodes hold.
+//!
+//! Directions map to the unit square by the cylindrical map (z, φ) → (x, y) = ((z+1)/2, φ/2π). Nodes are listed breadth first:
+//! the root, then its four children, and so on; the four children of a node are adjacent, and groups follow the order of
+//! their parents. Child k of cell (x, y) at level l is cell (2x + (k & 1), 2y + (k >> 1)) at level l+1. One flag per node
+//! (has it children?) therefore determines the whole tree.
+
+/// Deepest level; a cell there covers 2⁻⁴⁰ of the sphere.
+pub const MAX_LEVEL: usize = 20;
+
+/// Most nodes in one tree.
+pub const MAX_NODES: usize = 8000;
+
+/// Marks a leaf in [`Topology::first_child`].
+pub const NO_CHILD: u32 = u32::MAX;
+
+/// The nodes of one quadtree, breadth first.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Topology {
+    /// For every node the index of its first child, or [`NO_CHILD`].
+    pub first_child: Vec<u32>,
+    /// For every node the index of its parent; the root's is 0.
+    pub parent: Vec<u32>,
+    /// For every node its integer cell coordinates (x, y) at its level.
+    pub cell: Vec<[u32; 2]>,
+    /// Index of the first node of each level, and the node count at the end.
+    pub level_start: Vec<usize>,
+}
+
+impl Topology {
+    /// The tree whose `split` flags, breadth first, are given.
+    ///
+    /// # Errors
+    /// A sentence saying what is inconsistent: a count that does not match the flags, or more than [`MAX_LEVEL`] levels or
+    /// [`MAX_NODES`] nodes.
+    pub fn from_split(split: &[bool]) -> Result<Self, String> {
+        if split.len() > MAX_NODES {
+            return Err(format!("{} nodes in a quadtree, the limit is {MAX_NODES}", split.len()));
+        }
+        if split.is_empty() {
+            return Err("a quadtree without a root".into());
+        }
+        let mut tree = Self { first_child: vec![], parent: vec![0], cell: vec![[0, 0]], level_start: vec![0, 1] };
+        let mut level_end = 1;
+        for (node, &is_split) in split.iter().enumerate() {
+            if node >= tree.cell.len() {
+                return Err(format!("{} quadtree flags, but the tree ends after {node}", split.len()));
+            }
+            if node == level_end {
+                level_end = tree.cell.len();
+                tree.level_start.push(level_end);
+            }
+            if !is_split {
+                tree.first_child.push(NO_CHILD);
+                continue;
+            }
+            if tree.level_start.len() - 2 == MAX_LEVEL {
+                return Err(format!("a quadtree deeper than {MAX_LEVEL} levels"));
+            }
+            tree.first_child.push(tree.cell.len() as u32);
+            let [x, y] = tree.cell[node];
+            for k in 0..4 {
+                tree.parent.push(node as u32);
+                tree.cell.push([2 * x + (k & 1), 2 * y + (k >> 1)]);
+            }
+        }
+        if tree.cell.len() != split.len() {
+            return Err(format!("{} quadtree flags for {} nodes", split.len(), tree.cell.len()));
+        }
+        Ok(tree)
+    }
+
+    /// The tree that is only a root.
+    pub fn root() -> Self {
+        Self { first_child: vec![NO_CHILD], parent: vec![0], cell: vec![[0, 0]], level_start: vec![0, 1] }
+    }
+
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.first_child.len()
+    }
+
+    /// Never true: a tree has a root.
+    pub fn is_empty(&self) -> bool {
+        self.first_child.is_empty()
+    }
+
+    /// Number of levels, at least 1.
+    pub fn levels(&self) -> usize {
+        self.level_start.len() - 1
+    }
+
+    /// The nodes of a level.
+    pub fn level(&self, level: usize) -> std::ops::Range<usize> {
+        self.level_start[level]..self.level_start[level + 1]
+    }
+
+    /// The flags that [`Topology::from_split`] takes.
+    pub fn split_flags(&self) -> Vec<bool> {
+        self.first_child.iter().map(|&c| c != NO_CHILD).collect()
+    }
+
+    /// Whether a node has no children.
+    pub fn is_leaf(&self, node: usize) -> bool {
+        self.first_child[node] == NO_CHILD
+    }
+
+    /// The leaves in breadth-first order: the order in which per-leaf data is stored.
+    pub fn leaves(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.len()).filter(|&n| self.is_leaf(n))
+    }
+
+    /// Adds up per-leaf rows of `channels` values (in the order of [`Topology::leaves`]) to per-node rows: leaves keep
+    /// theirs, inner nodes are sums of their children.
+    pub fn sum_to_root(&self, leaf_rows: &[f32], channels: usize) -> Vec<f64> {
+        let mut rows = vec![0.0f64; self.len() * channels];
+        for (node, row) in self.leaves().zip(leaf_rows.chunks_exact(channels)) {
+            for (to, &from) in rows[node * channels..][..channels].iter_mut().zip(row) {
+                *to = f64::from(from);
+            }
+        }
+        for node in (1..self.len()).rev() {
+            let parent = self.parent[node] as usize;
+            let (head, tail) = rows.split_at_mut(node * channels);
+            for (to, from) in head[parent * channels..][..channels].iter_mut().zip(&tail[..channels]) {
+                *to += *from;
+            }
+        }
+        rows
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn children_are_adjacent_and_cells_nest() {
+        let tree = Topology::from_split(&[true, false, true, false, false, false, false, false, false]).unwrap();
+        assert_eq!(tree.levels(), 3);
+        assert_eq!(tree.first_child[0], 1);
+        assert_eq!(tree.first_child[2], 5);
+        assert_eq!(tree.cell[6], [3, 0]);
+        assert_eq!(tree.cell[7], [2, 1]);
+        assert_eq!(tree.level(2), 5..9);
+        assert_eq!(Topology::from_split(&tree.split_flags()).unwrap(), tree);
+    }
+
+    #[test]
+    fn sums_reach_the_root() {
+        let tree = Topology::from_split(&[true, false, true, false, false, false, false, false, false]).unwrap();
+        let rows = tree.sum_to_root(&[1., 2., 3., 4., 5., 6., 7.], 1);
+        assert_eq!(rows[0], 28.0);
+        assert_eq!(rows[2], 22.0);
+    }
+
+    #[test]
+    fn inconsistent_flags_are_refused() {
+        for flags in [&[][..], &[true], &[false, false], &[true, false, false, false]] {
+            assert!(Topology::from_split(flags).is_err());
+        }
+    }
+}

@@ -1,0 +1,2 @@
+//! The `fanal` command.
+fn main() {}

@@ -1,0 +1,3 @@
+//! Materials: how surfaces scatter light, and the textures that vary it.
+
+pub mod image;

@@ -1,0 +1,5 @@
+//! The reconstruction network on plain slices: its configuration, its one list of operations, its weights, and the
+//! embedded forward pass.
+
+pub mod config;
+pub mod program;

@@ -1,0 +1,353 @@
+//! The scene file: one JSON document, and at the same time what every other reader translates to.
+//!
+//! Lengths are in scene units, angles in degrees, colours in linear RGB. Matrices are 4×4, row by row, and act on column
+//! vectors. Unknown keys are errors.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+/// The only format version so far.
+pub const VERSION: u32 = 1;
+
+/// A 4×4 matrix, row by row.
+pub type Matrix = [f32; 16];
+
+/// The matrix that changes nothing.
+pub const IDENTITY: Matrix = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.];
+
+fn identity() -> Matrix {
+    IDENTITY
+}
+
+fn is_identity(matrix: &Matrix) -> bool {
+    *matrix == IDENTITY
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+/// A whole scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    /// Format version, [`VERSION`].
+    pub version: u32,
+    /// A name for reports; may be empty.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub name: String,
+    /// The camera.
+    pub camera: CameraFile,
+    /// The picture.
+    pub film: FilmFile,
+    /// How to render unless the command line says otherwise.
+    #[serde(default)]
+    pub render: RenderFile,
+    /// Materials by name.
+    #[serde(default)]
+    pub materials: BTreeMap<String, MaterialFile>,
+    /// Meshes by name; several shapes may use one.
+    #[serde(default)]
+    pub meshes: BTreeMap<String, MeshFile>,
+    /// Surfaces.
+    #[serde(default)]
+    pub shapes: Vec<ShapeFile>,
+    /// Lights other than emitting shapes.
+    #[serde(default)]
+    pub lights: Vec<LightFile>,
+}
+
+/// A perspective camera: it sits at the origin of `to_world` and looks along +z, +y up, +x to the left of the picture
+/// (Mitsuba's convention).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraFile {
+    /// Camera to world.
+    pub to_world: Matrix,
+    /// Horizontal field of view in degrees, in (0, 180).
+    pub fov: f32,
+    /// Radius of a thin lens; 0 is a pinhole.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub aperture_radius: f32,
+    /// Distance of the plane in focus along the viewing axis; needed where `aperture_radius` is not 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub focus_distance: Option<f32>,
+}
+
+/// Size of the picture in pixels.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FilmFile {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+/// Rendering defaults.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RenderFile {
+    /// 1 = emission only, 2 = direct light, n = n-1 bounces.
+    pub max_depth: u32,
+    /// Samples per pixel, camera and light paths together.
+    pub spp: u32,
+}
+
+impl Default for RenderFile {
+    fn default() -> Self {
+        Self { max_depth: 20, spp: 64 }
+    }
+}
+
+/// A spatially varying or constant colour.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum TextureFile {
+    /// One colour everywhere.
+    Rgb {
+        /// Linear RGB.
+        value: [f32; 3],
+    },
+    /// A picture (EXR or PNG) repeated over the texture coordinates, filtered bilinearly.
+    Bitmap {
+        /// Path relative to the scene file.
+        file: String,
+        /// Texture coordinates to picture coordinates, 3×3 row by row.
+        #[serde(default = "identity3")]
+        to_uv: [f32; 9],
+        /// Data, not colour: an 8-bit picture is not converted from sRGB.
+        #[serde(default, skip_serializing_if = "is_default")]
+        raw: bool,
+        /// Factor on every value.
+        #[serde(default = "one")]
+        scale: f32,
+    },
+    /// Two colours in squares of half a texture unit.
+    Checkerboard {
+        /// Colour where the two half-unit indices are equal.
+        color0: [f32; 3],
+        /// The other colour.
+        color1: [f32; 3],
+        /// Texture coordinates to board coordinates, 3×3 row by row.
+        #[serde(default = "identity3")]
+        to_uv: [f32; 9],
+    },
+}
+
+/// The 3×3 matrix that changes nothing.
+pub fn identity3() -> [f32; 9] {
+    [1., 0., 0., 0., 1., 0., 0., 0., 1.]
+}
+
+impl TextureFile {
+    /// A constant colour.
+    pub fn rgb(value: [f32; 3]) -> Self {
+        Self::Rgb { value }
+    }
+}
+
+/// Microfacet distribution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Distribution {
+    /// Beckmann and Spizzichino 1963.
+    #[default]
+    Beckmann,
+    /// Walter et al. 2007, Trowbridge and Reitz 1975.
+    Ggx,
+}
+
+fn white() -> TextureFile {
+    TextureFile::rgb([1.0; 3])
+}
+
+/// How a surface scatters light.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum MaterialFile {
+    /// Lambertian reflection on the front side; the back side is black.
+    Diffuse {
+        /// Albedo in [0, 1].
+        reflectance: TextureFile,
+    },
+    /// A smooth metal.
+    Conductor {
+        /// Real part of the refractive index per channel.
+        eta: [f32; 3],
+        /// Extinction coefficient per channel.
+        k: [f32; 3],
+        /// Factor on the reflection.
+        #[serde(default = "white")]
+        specular_reflectance: TextureFile,
+    },
+    /// A rough metal (Walter et al. 2007).
+    RoughConductor {
+        /// Roughness, the root mean square slope of the microfacets.
+        alpha: f32,
+        /// Microfacet distribution.
+        #[serde(default)]
+        distribution: Distribution,
+        /// Real part of the refractive index per channel.
+        eta: [f32; 3],
+        /// Extinction coefficient per channel.
+        k: [f32; 3],
+        /// Factor on the reflection.
+        #[serde(default = "white")]
+        specular_reflectance: TextureFile,
+    },
+    /// Smooth glass, water: reflects and refracts.
+    Dielectric {
+        /// Refractive index on the side that the normal points away from.
+        int_ior: f32,
+        /// Refractive index on the side that the normal points to.
+        ext_ior: f32,
+    },
+    /// Another material on both sides.
+    TwoSided {
+        /// The material; its front is used on both sides.
+        material: Box<MaterialFile>,
+    },
+}
+
+/// Where a mesh comes from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum MeshFile {
+    /// A Wavefront OBJ file, all its groups together.
+    Obj {
+        /// Path relative to the scene file.
+        file: String,
+        /// Ignore vertex normals.
+        #[serde(default, skip_serializing_if = "is_default")]
+        face_normals: bool,
+    },
+    /// A PLY file, text or binary.
+    Ply {
+        /// Path relative to the scene file.
+        file: String,
+        /// Ignore vertex normals.
+        #[serde(default, skip_serializing_if = "is_default")]
+        face_normals: bool,
+    },
+    /// One shape of a Mitsuba `.serialized` file.
+    Serialized {
+        /// Path relative to the scene file.
+        file: String,
+        /// 0-based index of the shape.
+        #[serde(default, skip_serializing_if = "is_default")]
+        index: u32,
+        /// Ignore vertex normals.
+        #[serde(default, skip_serializing_if = "is_default")]
+        face_normals: bool,
+    },
+    /// The square [-1, 1]² in z = 0, facing +z.
+    Rectangle,
+    /// The cube [-1, 1]³, facing outwards.
+    Cube,
+    /// A mesh written out.
+    Inline {
+        /// Vertex positions.
+        positions: Vec<[f32; 3]>,
+        /// Vertex normals, or empty.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        normals: Vec<[f32; 3]>,
+        /// Texture coordinates, or empty.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        uvs: Vec<[f32; 2]>,
+        /// Vertex indices, counter-clockwise seen from the front.
+        triangles: Vec<[u32; 3]>,
+    },
+}
+
+/// A surface with its material.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShapeFile {
+    /// A name for messages; may be empty.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub name: String,
+    /// The geometry.
+    pub geometry: GeometryFile,
+    /// Shape to world.
+    #[serde(default = "identity", skip_serializing_if = "is_identity")]
+    pub to_world: Matrix,
+    /// Turn the surface inside out.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub flip_normals: bool,
+    /// Name of the material.
+    pub material: String,
+    /// Radiance that the front side emits, W·m⁻²·sr⁻¹ per channel.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub emission: Option<[f32; 3]>,
+}
+
+/// The geometry of a shape.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum GeometryFile {
+    /// A mesh by name.
+    Mesh {
+        /// Key in [`SceneFile::meshes`].
+        mesh: String,
+    },
+    /// A sphere; its transform may scale only uniformly.
+    Sphere {
+        /// Centre in shape coordinates.
+        center: [f32; 3],
+        /// Radius in shape coordinates.
+        radius: f32,
+    },
+}
+
+/// A light that is not a surface.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum LightFile {
+    /// Emits alike in all directions from a point.
+    Point {
+        /// World position.
+        position: [f32; 3],
+        /// Radiant intensity, W·sr⁻¹ per channel.
+        intensity: [f32; 3],
+    },
+    /// A cone of light from the origin of `to_world` along +z, linear fall-off between the two angles.
+    Spot {
+        /// Light to world.
+        to_world: Matrix,
+        /// Radiant intensity on the axis, W·sr⁻¹ per channel.
+        intensity: [f32; 3],
+        /// Half angle beyond which there is no light, degrees.
+        cutoff_angle: f32,
+        /// Half angle up to which the intensity is full, degrees.
+        beam_width: f32,
+    },
+    /// Parallel light from infinitely far away.
+    Directional {
+        /// World direction in which the light travels.
+        direction: [f32; 3],
+        /// Irradiance on a plane across the direction, W·m⁻² per channel.
+        irradiance: [f32; 3],
+    },
+    /// The same radiance from every direction.
+    Constant {
+        /// Radiance, W·m⁻²·sr⁻¹ per channel.
+        radiance: [f32; 3],
+    },
+    /// A latitude-longitude picture (EXR) around the scene, +y up (Mitsuba's convention).
+    Envmap {
+        /// Path relative to the scene file.
+        file: String,
+        /// Factor on every value.
+        #[serde(default = "one")]
+        scale: f32,
+        /// Light to world; only its rotation counts.
+        #[serde(default = "identity", skip_serializing_if = "is_identity")]
+        to_world: Matrix,
+    },
+}

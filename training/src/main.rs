@@ -1,0 +1,2 @@
+//! The `fanal-training` command.
+fn main() {}
