@@ -1,3 +1,4 @@
 //! Path guiding: directional quadtrees in a spatial cache, what is deposited into them, and the distributions they yield.
 
+pub mod features;
 pub mod topology;

@@ -1,5 +1,6 @@
 //! The reconstruction network on plain slices: its configuration, its one list of operations, its weights, and the
 //! embedded forward pass.
 
+pub mod batch;
 pub mod config;
 pub mod program;
