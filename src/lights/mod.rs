@@ -84,6 +84,11 @@ impl Light {
         matches!(self, Self::Area(_) | Self::Constant(_) | Self::Envmap(_))
     }
 
+    /// Whether the light has no position.
+    pub fn is_at_infinity(&self) -> bool {
+        matches!(self, Self::Directional(_) | Self::Constant(_) | Self::Envmap(_))
+    }
+
     /// Radiance from infinitely far away in direction `wi`, zero for lights that are not there.
     pub fn background(&self, wi: Vec3) -> Vec3 {
         match self {
