@@ -1,7 +1,9 @@
-//! Foundations that know nothing of rendering: errors, atomic file writing, random numbers.
+//! Foundations that know nothing of rendering: errors, atomic file writing, progress, random numbers.
 
 pub mod error;
 pub mod files;
+pub mod progress;
 pub mod random;
 
 pub use error::{Error, Place, Result};
+pub use progress::{Progress, Silent};

@@ -1,0 +1,11 @@
+//! Film: from samples to pictures, pictures to files, and how far a picture is from a reference.
+
+pub mod accumulator;
+pub mod error;
+pub mod exr;
+pub mod output;
+pub mod png;
+
+pub use accumulator::{FinishedPass, Pass, Pixel, check_size, combine};
+pub use error::{Measures, measure};
+pub use output::{check_folder, check_writable, write, write_or_rescue};

@@ -1,3 +1,4 @@
+<<<<<<< HEAD
 //! Light sources: what arrives from them at a point, and how photons leave them.
 
 pub mod area;
@@ -176,3 +177,6 @@ impl LightSet {
         sum
     }
 }
+=======
+
+>>>>>>> shell

@@ -1,3 +1,4 @@
+<<<<<<< HEAD
 //! Small geometric mathematics: frames, the cylindrical map of directions, error-bounded ray origins, special functions.
 
 pub mod cylindrical;
@@ -11,3 +12,6 @@ pub use frame::Frame;
 pub fn channel_mean(c: glam::Vec3) -> f32 {
     (c.x + c.y + c.z) * (1.0 / 3.0)
 }
+=======
+
+>>>>>>> shell

@@ -1,0 +1,125 @@
+//! How far a picture is from a reference.
+//!
+//! x is the picture, r the reference; means run over pixels and channels.
+
+use glam::Vec3;
+use serde::Serialize;
+
+use super::png::srgb;
+use crate::base::{Error, Result};
+use crate::materials::image::Image;
+
+/// Added to r² in relative errors, so that black pixels count finitely.
+const FLOOR: f64 = 0.01;
+/// Share of pixels that the trimmed error drops.
+const TRIM: f64 = 0.001;
+
+/// Distances between a picture and its reference.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Measures {
+    /// Mean of (x−r)²/(r²+0.01).
+    pub relmse: f64,
+    /// The same without the worst 0.1 % of pixels (rounded down), so that a few fireflies do not decide.
+    pub relmse_trimmed: f64,
+    /// Mean of (x−r)².
+    pub mse: f64,
+    /// Mean of |x−r|/(|r|+0.01).
+    pub mape: f64,
+    /// Mean of x over mean of r; infinite (in JSON: null) where only the reference is black, 1 where both are.
+    pub mean_ratio: f64,
+    /// relMSE of the two as shown on a screen: clamped to [0, 1] and through the sRGB curve.
+    pub relmse_ldr: f64,
+}
+
+/// Compares a picture with its reference.
+///
+/// # Errors
+/// [`Error::Options`] where sizes differ, a picture is empty, or a pixel of either is not finite; the pixel is named.
+pub fn measure(picture: &Image, reference: &Image) -> Result<Measures> {
+    check(picture, reference)?;
+    let pairs = || picture.pixels.iter().zip(&reference.pixels);
+    let mean =
+        |f: fn(f64, f64) -> f64| pairs().map(|(&x, &r)| per_pixel(x, r, f)).sum::<f64>() / picture.pixels.len() as f64;
+    let mut relative: Vec<f64> = pairs().map(|(&x, &r)| per_pixel(x, r, relative_square)).collect();
+    let relmse = relative.iter().sum::<f64>() / relative.len() as f64;
+    relative.sort_unstable_by(f64::total_cmp);
+    relative.truncate(relative.len() - (relative.len() as f64 * TRIM) as usize);
+    Ok(Measures {
+        relmse,
+        relmse_trimmed: relative.iter().sum::<f64>() / relative.len() as f64,
+        mse: mean(|x, r| (x - r) * (x - r)),
+        mape: mean(|x, r| (x - r).abs() / (r.abs() + FLOOR)),
+        mean_ratio: ratio(mean(|x, _| x), mean(|_, r| r)),
+        relmse_ldr: mean(|x, r| relative_square(srgb(x), srgb(r))),
+    })
+}
+
+fn relative_square(x: f64, r: f64) -> f64 {
+    (x - r) * (x - r) / (r * r + FLOOR)
+}
+
+fn per_pixel(x: Vec3, r: Vec3, f: fn(f64, f64) -> f64) -> f64 {
+    (0..3).map(|c| f(f64::from(x[c]), f64::from(r[c]))).sum::<f64>() / 3.0
+}
+
+fn ratio(x: f64, r: f64) -> f64 {
+    if x == r { 1.0 } else { x / r }
+}
+
+fn check(picture: &Image, reference: &Image) -> Result<()> {
+    if (picture.width, picture.height) != (reference.width, reference.height) {
+        return Err(Error::Options(format!(
+            "the picture is {}x{} pixels, its reference {}x{}; they must be equal",
+            picture.width, picture.height, reference.width, reference.height
+        )));
+    }
+    if picture.pixels.is_empty() {
+        return Err(Error::Options("pictures without pixels cannot be compared".into()));
+    }
+    for (name, image) in [("picture", picture), ("reference", reference)] {
+        if let Some(i) = image.pixels.iter().position(|p| !p.is_finite()) {
+            let (x, y) = (i % image.width, i / image.width);
+            return Err(Error::Options(format!("pixel ({x}, {y}) of the {name} is not finite: {}", image.pixels[i])));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flat(value: f32, n: usize) -> Image {
+        Image { width: n, height: 1, pixels: vec![Vec3::splat(value); n] }
+    }
+
+    #[test]
+    fn values_by_hand() {
+        let m = measure(&flat(0.3, 10), &flat(0.1, 10)).unwrap();
+        assert!((m.relmse - 0.04 / 0.02).abs() < 1e-6);
+        assert!((m.mse - 0.04).abs() < 1e-7);
+        assert!((m.mape - 0.2 / 0.11).abs() < 1e-6);
+        assert!((m.mean_ratio - 3.0).abs() < 1e-6);
+        assert_eq!(measure(&flat(5.0, 4), &flat(2.0, 4)).unwrap().relmse_ldr, 0.0, "both are white on a screen");
+        assert_eq!(measure(&flat(0.0, 4), &flat(0.0, 4)).unwrap().mean_ratio, 1.0);
+    }
+
+    #[test]
+    fn trimming_drops_a_firefly_in_a_thousand() {
+        let mut picture = flat(1.0, 1000);
+        picture.pixels[17] = Vec3::splat(1e6);
+        let m = measure(&picture, &flat(1.0, 1000)).unwrap();
+        assert!(m.relmse > 1e8);
+        assert_eq!(m.relmse_trimmed, 0.0);
+    }
+
+    #[test]
+    fn what_cannot_be_compared_is_named() {
+        let mut broken = flat(1.0, 4);
+        broken.pixels[2].y = f32::NAN;
+        let message = measure(&flat(1.0, 4), &broken).unwrap_err().to_string();
+        assert!(message.contains("pixel (2, 0) of the reference"), "{message}");
+        assert!(measure(&flat(1.0, 4), &flat(1.0, 3)).is_err());
+        assert!(measure(&flat(1.0, 0), &flat(1.0, 0)).is_err());
+    }
+}

@@ -1,0 +1,67 @@
+//! Pictures for looking at: exposure, the sRGB curve, 8 bits per channel.
+
+use std::path::Path;
+
+use crate::base::files::write_bytes;
+use crate::base::{Error, Result};
+use crate::materials::image::Image;
+
+/// The sRGB transfer curve (IEC 61966-2-1) of a linear value, clamped to [0, 1].
+pub fn srgb(linear: f64) -> f64 {
+    let linear = linear.clamp(0.0, 1.0);
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// Encodes a picture after multiplying it by 2^`exposure`. Values outside [0, 1] are clamped, NaN is black.
+///
+/// # Errors
+/// [`Error::Options`] where the picture is empty or cannot be encoded.
+pub fn encode(image: &Image, exposure: f32) -> Result<Vec<u8>> {
+    if image.width == 0 || image.pixels.len() != image.width * image.height {
+        return Err(Error::Options("an empty picture cannot be written".into()));
+    }
+    let factor = f64::from(exposure.exp2());
+    let data: Vec<u8> = image
+        .pixels
+        .iter()
+        .flat_map(|pixel| pixel.to_array())
+        .map(|value| (srgb(f64::from(value) * factor) * 255.0).round() as u8)
+        .collect();
+    let fail = |e: png::EncodingError| Error::Options(format!("the picture could not be encoded as PNG: {e}"));
+    let side =
+        |n: usize| u32::try_from(n).map_err(|_| Error::Options(format!("a side of {n} pixels is too long for PNG")));
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, side(image.width)?, side(image.height)?);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    let mut writer = encoder.write_header().map_err(fail)?;
+    writer.write_image_data(&data).map_err(fail)?;
+    writer.finish().map_err(fail)?;
+    Ok(bytes)
+}
+
+/// Writes a picture atomically.
+///
+/// # Errors
+/// As [`encode`], and [`Error::Io`] naming `path`.
+pub fn write(path: &Path, image: &Image, exposure: f32) -> Result<()> {
+    write_bytes(path, &encode(image, exposure)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn exposure_and_curve_as_decoded() {
+        let pixels = vec![Vec3::new(0.0, 0.109, 0.5), Vec3::new(-1.0, f32::NAN, 9.0)];
+        let bytes = encode(&Image { width: 2, height: 1, pixels }, 1.0).unwrap();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+        let mut data = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut data).unwrap();
+        // 0.218 is 8-bit value 128 or 129 in every sRGB table; here it is 0.5028 * 255 = 128.2.
+        assert_eq!(data, [0, 128, 255, 0, 0, 255]);
+    }
+}
