@@ -1,0 +1,3 @@
+//! From a noisy quadtree to the distribution that is sampled.
+
+pub mod gaussian;
