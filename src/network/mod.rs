@@ -4,5 +4,7 @@
 pub mod backend;
 pub mod batch;
 pub mod config;
+pub mod embedded;
+pub mod kernels;
 pub mod program;
 pub mod weights;
