@@ -4,7 +4,6 @@
 //! and a following rectifier are one pass over memory ([`super::kernels`]).
 
 use std::collections::HashMap;
-use std::sync::Arc;
 
 use super::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use super::batch::SLOTS;
@@ -271,8 +270,9 @@ fn sigmoid(x: f32) -> f32 {
 /// A model ready to run without any library.
 #[derive(Debug)]
 pub struct Embedded {
-    encode: Vec<Arc<Executable>>,
-    decode: Vec<Arc<Executable>>,
+    encode: Vec<Executable>,
+    decode: Vec<Executable>,
+    per_level: bool,
 }
 
 impl Embedded {
@@ -282,18 +282,23 @@ impl Embedded {
     /// As [`Executable::new`].
     pub fn new(model: &Model) -> Result<Self> {
         let Model { config, weights } = model;
-        let compile = |program: fn(&_, usize) -> Program| -> Result<Vec<_>> {
-            if config.per_level {
-                // The decoder has no level 0; its first entry is never used.
-                let levels = (0..=MAX_LEVEL).map(|level| program(config, level));
-                return levels.map(|p| Ok(Arc::new(Executable::new(&p, weights)?))).collect();
-            }
-            Ok(vec![Arc::new(Executable::new(&program(config, 1), weights)?); MAX_LEVEL + 1])
+        let levels = if config.per_level { 0..=MAX_LEVEL } else { 1..=1 };
+        let compile = |program: &dyn Fn(usize) -> Program| -> Result<Vec<_>> {
+            levels.clone().map(|level| Executable::new(&program(level), weights)).collect()
         };
         Ok(Self {
-            encode: compile(encode_program)?,
-            decode: compile(|config, level| decode_program(config, level.max(1)))?,
+            encode: compile(&|level| encode_program(config, level))?,
+            // The decoder has no level 0: that entry is never used.
+            decode: compile(&|level| decode_program(config, level.max(1)))?,
+            per_level: config.per_level,
         })
+    }
+
+    fn at_level<'a>(&self, steps: &'a [Executable], level: usize) -> Result<&'a Executable> {
+        match steps.get(if self.per_level { level } else { 0 }) {
+            Some(step) if level <= MAX_LEVEL => Ok(step),
+            _ => fail(format!("there is no level {level}")),
+        }
     }
 }
 
@@ -303,7 +308,7 @@ impl Backend for Embedded {
     }
 
     fn encode(&self, level: usize, inputs: &EncodeInputs) -> Result<Vec<f32>> {
-        let Some(step) = self.encode.get(level) else { return fail(format!("there is no level {level}")) };
+        let step = self.at_level(&self.encode, level)?;
         let outputs = step.run(&Inputs {
             rows: inputs.rows,
             floats: vec![("features", inputs.features), ("pooled", inputs.pooled)],
@@ -316,7 +321,7 @@ impl Backend for Embedded {
     }
 
     fn decode(&self, level: usize, inputs: &DecodeInputs) -> Result<DecodeOutput> {
-        let Some(step) = self.decode.get(level) else { return fail(format!("there is no level {level}")) };
+        let step = self.at_level(&self.decode, level)?;
         if !inputs.rows.is_multiple_of(4) {
             return fail(format!("{} rows to decode, not groups of four siblings", inputs.rows));
         }

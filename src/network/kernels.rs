@@ -77,7 +77,6 @@ impl Packed {
     pub fn new(layer: &LayerWeights) -> Self {
         let LayerWeights { rows, columns, .. } = *layer;
         let panel = [24, 16, 8].into_iter().find(|panel| columns % panel == 0).unwrap_or(1);
-        // 48 = 2 · 24, and 24 columns leave the fewest idle registers, but 16 divides 32 and 64.
         let mut weight = Vec::with_capacity(rows * columns);
         for first in (0..columns).step_by(panel) {
             for row in layer.weight.chunks_exact(columns) {
