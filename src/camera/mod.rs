@@ -73,4 +73,4 @@ mod tests {
 }
 =======
 
->>>>>>> shell
+>>>>>>> training

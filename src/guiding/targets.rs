@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::distribution::Distribution;
-use super::features::RAW_CHANNELS;
+use super::features::{PATH_CHANNELS, RAW_CHANNELS};
 use super::topology::Topology;
 
 /// Channel of a raw row that holds ΣV of path samples.
@@ -13,7 +13,7 @@ pub const PATH_VALUE: usize = 0;
 pub const PATH_COUNT: usize = 14;
 
 /// Channel that holds ΣV of photons, and the first of their block.
-pub const PHOTON_VALUE: usize = 16;
+pub const PHOTON_VALUE: usize = PATH_CHANNELS;
 
 /// Channel that holds the number of photons.
 pub const PHOTON_COUNT: usize = PHOTON_VALUE + PATH_COUNT;

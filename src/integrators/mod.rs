@@ -23,4 +23,4 @@ const ROULETTE_START: u32 = 4;
 const ROULETTE_MOST: f32 = 0.95;
 =======
 
->>>>>>> shell
+>>>>>>> training

@@ -179,4 +179,4 @@ impl LightSet {
 }
 =======
 
->>>>>>> shell
+>>>>>>> training

@@ -14,4 +14,4 @@ pub fn channel_mean(c: glam::Vec3) -> f32 {
 }
 =======
 
->>>>>>> shell
+>>>>>>> training
