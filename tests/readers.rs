@@ -110,7 +110,7 @@ const XML: &str = r#"<?xml version="1.0"?>
 </scene>"#;
 
 const MATERIALS: &str = r#"<scene version="3.0.0">
-    <texture type="checkerboard" id="board"><transform name="to_uv"><scale x="4" y="2"/></transform></texture>
+    <texture type="checkerboard" id="board"><transform name="to_uv"><scale x="4" y="2"/><translate x="0.5"/></transform></texture>
     <bsdf type="dielectric" id="glass"><string name="ext_ior" value="water"/></bsdf>
     <bsdf type="twosided" id="metal"><bsdf type="roughconductor"><string name="material" value="Al"/></bsdf></bsdf>
     <bsdf type="diffuse" id="painted">
@@ -137,7 +137,7 @@ const JSON: &str = r#"{
         "painted": { "type": "diffuse", "reflectance": { "type": "bitmap", "file": "grey.png", "raw": true } },
         "shape 2": { "type": "diffuse", "reflectance": {
             "type": "checkerboard", "color0": [0.4, 0.4, 0.4], "color1": [0.2, 0.2, 0.2],
-            "to_uv": [4, 0, 0, 0, 2, 0, 0, 0, 1] } },
+            "to_uv": [4, 0, 0.5, 0, 2, 0, 0, 0, 1] } },
         "default": { "type": "diffuse", "reflectance": { "type": "rgb", "value": [0.5, 0.5, 0.5] } },
         "default emitter": { "type": "diffuse", "reflectance": { "type": "rgb", "value": [0, 0, 0] } }
     },

@@ -1,6 +1,5 @@
 //! Wavefront OBJ, by the crate `tobj`.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use glam::{Vec2, Vec3};
@@ -22,17 +21,12 @@ pub fn read(path: &Path) -> Result<Mesh> {
     let text = geometry_lines(&bytes);
     let options = LoadOptions { single_index: true, triangulate: true, ignore_points: true, ignore_lines: true };
     let no_materials = |_: &Path| Ok((Vec::new(), Default::default()));
-    // The parser indexes slices by what the file says in places that we do not control; a panic there is the file's fault.
-    let parsed = catch_unwind(AssertUnwindSafe(|| tobj::load_obj_buf(&mut text.as_slice(), &options, no_materials)));
     let fail = |why: &str| Error::malformed(Place::file(path), format!("not a readable OBJ file: {why}"));
-    let (models, _) = match parsed {
-        Ok(Ok(parsed)) => parsed,
-        Ok(Err(error)) => return Err(fail(explain(&error))),
-        Err(_) => return Err(fail("its faces contradict its vertices")),
-    };
+    let parsed = tobj::load_obj_buf(&mut text.as_slice(), &options, no_materials);
+    let (models, _) = parsed.map_err(|error| fail(explain(&error)))?;
     let mut mesh = Mesh::default();
     for model in models {
-        append(&mut mesh, &model.mesh).map_err(|why| fail(why))?;
+        append(&mut mesh, &model.mesh).map_err(fail)?;
     }
     Ok(mesh)
 }

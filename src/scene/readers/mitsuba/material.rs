@@ -1,7 +1,5 @@
 //! Materials and their textures.
 
-use glam::DMat4;
-
 use crate::base::Result;
 use crate::scene::file::{Distribution, MaterialFile, TextureFile, identity3};
 
@@ -150,21 +148,18 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Mitsuba takes the upper left 3×3 block, so a 3×3 matrix may translate while `<translate>` would have no effect there.
+/// The plane part of a transform: x, y and their translation. A third coordinate of a texture does not exist, and Mitsuba's
+/// versions disagree on what a matrix that uses it means.
 fn to_uv(object: &Object) -> Result<[f32; 9]> {
     let Some(matrix) = object.transform("to_uv")? else { return Ok(identity3()) };
-    if matrix.w_axis != DMat4::IDENTITY.w_axis {
-        let what = "translation in three dimensions of texture coordinates";
-        return Err(object.element.unsupported(what, &["scale", "rotate about z", "a matrix of nine numbers"]));
+    let m = matrix.transpose().to_cols_array_2d();
+    if [m[0][2], m[1][2], m[2][0], m[2][1]] != [0.0; 4] || m[3] != [0.0, 0.0, 0.0, 1.0] {
+        let known = ["scale", "rotate about z", "translate", "a matrix that leaves z alone"];
+        return Err(object.element.unsupported("a to_uv that mixes in a third coordinate", &known));
     }
-    let m = matrix.transpose();
-    let rows = [m.x_axis, m.y_axis, m.z_axis].map(|row| [row.x as f32, row.y as f32, row.z as f32]);
+    let row = |i: usize| [m[i][0] as f32, m[i][1] as f32, m[i][3] as f32];
     let mut out = identity3();
-    out.copy_from_slice(rows.as_flattened());
-    // The third coordinate of a texture does not exist.
-    if matches!(out[6..], [0.0, 0.0, _]) {
-        out[8] = 1.0;
-    }
+    out[..6].copy_from_slice([row(0), row(1)].as_flattened());
     Ok(out)
 }
 

@@ -27,7 +27,7 @@ impl<'a> Reader<'a> {
             name: element.attribute("id").unwrap_or_default().to_owned(),
             geometry: self.geometry(&object)?,
             to_world: object.to_world()?,
-            flip_normals: object.boolean("flip_normals")?.unwrap_or(false),
+            flip_normals: object.boolean("flip_normals")?.unwrap_or(false) != mirrored_sphere(&object)?,
             material: self.material_of(&object, emission.is_some(), index)?,
             emission,
         };
@@ -95,6 +95,12 @@ impl<'a> Reader<'a> {
         }
         name
     }
+}
+
+/// Mitsuba turns a sphere inside out where its transform mirrors; here the front stays the front.
+fn mirrored_sphere(object: &Object) -> Result<bool> {
+    let mirrors = object.transform("to_world")?.is_some_and(|matrix| matrix.determinant() < 0.0);
+    Ok(mirrors && kind(object.element)? == "sphere")
 }
 
 /// Only Mitsuba's default is supported: OBJ counts v from the bottom, the others from the top.
