@@ -2,19 +2,19 @@
 //!
 //! Modules are listed in dependency order; each may use only those above it.
 pub mod base;
-pub mod camera;
-pub mod cli;
-pub mod film;
-pub mod generate;
-pub mod geometry;
-pub mod guiding;
-pub mod integrators;
-pub mod lights;
-pub mod materials;
 pub mod math;
+pub mod sampling;
+pub mod geometry;
+pub mod materials;
+pub mod lights;
+pub mod camera;
+pub mod scene;
+pub mod film;
+pub mod guiding;
 pub mod network;
 pub mod reconstruct;
+pub mod integrators;
 pub mod render;
+pub mod generate;
 pub mod report;
-pub mod sampling;
-pub mod scene;
+pub mod cli;
