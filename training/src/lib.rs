@@ -1,1 +1,3 @@
 //! Training of fanal's reconstruction network.
+
+pub mod onnx;
