@@ -12,6 +12,7 @@ pub mod journal;
 pub mod loader;
 pub mod loss;
 pub mod model;
+pub mod onnx;
 pub mod optimise;
 pub mod synthetic;
 pub mod train;
