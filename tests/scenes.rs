@@ -1,0 +1,37 @@
+//! The committed scenes are what the code in `generate::own` makes. `FANAL_WRITE_SCENES=1 cargo test --test scenes` writes
+//! them again after a change of that code.
+
+use std::path::Path;
+
+use fanal::base::files::write_bytes;
+use fanal::generate::own;
+
+/// Numbers may differ in the last digits, because sines differ between systems; all else must be equal.
+fn alike(a: &str, b: &str) -> bool {
+    let words = |text: &str| -> Vec<String> {
+        let separator = |c: char| c.is_whitespace() || "[]{},:".contains(c);
+        text.split(separator).filter(|w| !w.is_empty()).map(str::to_owned).collect()
+    };
+    let (a, b) = (words(a), words(b));
+    let equal = |(a, b): (&String, &String)| match (a.parse::<f64>(), b.parse::<f64>()) {
+        (Ok(a), Ok(b)) => (a - b).abs() <= 2e-6 * (1.0 + a.abs()),
+        _ => a == b,
+    };
+    a.len() == b.len() && a.iter().zip(&b).all(equal)
+}
+
+#[test]
+fn committed_scenes_are_current() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    for scene in own::all().unwrap() {
+        for (name, text) in &scene.files {
+            let path = root.join(scene.folder).join(name);
+            if std::env::var_os("FANAL_WRITE_SCENES").is_some() {
+                std::fs::create_dir_all(root.join(scene.folder)).unwrap();
+                write_bytes(&path, text.as_bytes()).unwrap();
+            }
+            let committed = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+            assert!(alike(&committed, text), "{} is not what the code makes", path.display());
+        }
+    }
+}
