@@ -1,1 +1,76 @@
+<<<<<<< HEAD
+//! The perspective camera with an optional thin lens.
 
+use glam::{Affine3A, Vec3};
+
+use crate::geometry::Ray;
+use crate::sampling::warp;
+
+/// A perspective camera at the origin of `to_world`, looking along +z, +x to the left of the picture, +y up.
+#[derive(Debug, Clone, Copy)]
+pub struct Camera {
+    to_world: Affine3A,
+    tan_half: [f32; 2],
+    size: [f32; 2],
+    aperture_radius: f32,
+    focus_distance: f32,
+}
+
+impl Camera {
+    /// Horizontal field of view `fov` in degrees for a picture of `width` × `height` pixels; `aperture_radius` 0 is a pinhole.
+    pub fn new(to_world: Affine3A, fov: f32, [width, height]: [u32; 2], aperture_radius: f32, focus: f32) -> Self {
+        let tan = (0.5 * fov.to_radians()).tan();
+        let size = [width as f32, height as f32];
+        Self { to_world, tan_half: [tan, tan * size[1] / size[0]], size, aperture_radius, focus_distance: focus }
+    }
+
+    /// World position of the camera.
+    pub fn position(&self) -> Vec3 {
+        self.to_world.translation.into()
+    }
+
+    /// The ray through pixel coordinates `film` (columns from the left, rows from the top), and `lens` in [0, 1)².
+    pub fn ray(&self, film: [f32; 2], lens: [f32; 2]) -> Ray {
+        let x = (1.0 - 2.0 * film[0] / self.size[0]) * self.tan_half[0];
+        let y = (1.0 - 2.0 * film[1] / self.size[1]) * self.tan_half[1];
+        let through = Vec3::new(x, y, 1.0);
+        let (origin, direction) = if self.aperture_radius > 0.0 {
+            let disk = warp::square_to_disk(lens) * self.aperture_radius;
+            let origin = Vec3::new(disk.x, disk.y, 0.0);
+            (origin, through * self.focus_distance - origin)
+        } else {
+            (Vec3::ZERO, through)
+        };
+        Ray {
+            origin: self.to_world.transform_point3(origin),
+            direction: self.to_world.transform_vector3(direction).normalize(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn left_of_the_picture_is_plus_x() {
+        let camera = Camera::new(Affine3A::IDENTITY, 90.0, [200, 100], 0.0, 1.0);
+        let ray = camera.ray([0.0, 50.0], [0.5; 2]);
+        assert!((ray.direction - Vec3::new(1.0, 0.0, 1.0).normalize()).length() < 1e-6);
+        let top = camera.ray([100.0, 0.0], [0.5; 2]);
+        assert!((top.direction - Vec3::new(0.0, 0.5, 1.0).normalize()).length() < 1e-6);
+    }
+
+    #[test]
+    fn a_lens_keeps_the_plane_in_focus() {
+        let camera = Camera::new(Affine3A::IDENTITY, 60.0, [100, 100], 0.3, 5.0);
+        let at = |lens| {
+            let ray = camera.ray([20.0, 70.0], lens);
+            ray.at((5.0 - ray.origin.z) / ray.direction.z)
+        };
+        assert!((at([0.1, 0.2]) - at([0.9, 0.7])).length() < 1e-4);
+    }
+}
+=======
+
+>>>>>>> training

@@ -1,15 +1,18 @@
-//! Procedural scenes, our own scenes, and the recipes for training data.
+//! Procedural scenes, our own scenes, and training data: recipes, and the shards in which pairs of noisy and converged
+//! quadtrees are stored.
 //!
 //! A scene is a pure function of its family and seed: it needs no file and is the same everywhere.
 
 pub mod build;
 pub mod caustics;
+pub mod dataset;
 pub mod draw;
 pub mod own;
 pub mod primitives;
 pub mod recipe;
 pub mod revolve;
 pub mod rooms;
+pub mod shard;
 pub mod solids;
 pub mod text;
 pub mod walls;

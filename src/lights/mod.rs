@@ -1,1 +1,182 @@
+<<<<<<< HEAD
+//! Light sources: what arrives from them at a point, and how photons leave them.
 
+pub mod area;
+pub mod distant;
+pub mod envmap;
+pub mod point;
+
+use glam::Vec3;
+
+use crate::geometry::Ray;
+use crate::math::channel_mean;
+use area::AreaLight;
+use distant::{Constant, Directional};
+use envmap::Envmap;
+use point::{Point, Spot};
+
+/// A direction towards a light.
+#[derive(Debug, Clone, Copy)]
+pub struct LightSample {
+    /// Unit direction from the receiver to the light.
+    pub wi: Vec3,
+    /// Distance; infinite for a light at infinity.
+    pub distance: f32,
+    /// Radiance from there, unoccluded (W·m⁻²·sr⁻¹); for a delta light radiance times solid angle (W·m⁻²).
+    pub radiance: Vec3,
+    /// Density w.r.t. solid angle; 1 for a delta light.
+    pub pdf: f32,
+    /// No ray can hit this light.
+    pub delta: bool,
+}
+
+/// The start of a light path.
+#[derive(Debug, Clone, Copy)]
+pub struct Emission {
+    /// The first ray.
+    pub ray: Ray,
+    /// Emitted power over the density of this ray, W.
+    pub power: Vec3,
+    /// Unit normal of the emitting surface; the direction of the ray where there is none.
+    pub normal: Vec3,
+}
+
+/// The sphere around a scene, which light from infinity has to cover.
+#[derive(Debug, Clone, Copy)]
+pub struct BoundingSphere {
+    /// Centre.
+    pub center: Vec3,
+    /// Radius, positive.
+    pub radius: f32,
+}
+
+/// A light source.
+#[derive(Debug, Clone)]
+pub enum Light {
+    /// An emitting surface.
+    Area(AreaLight),
+    /// A point that emits in all directions.
+    Point(Point),
+    /// A point that emits into a cone.
+    Spot(Spot),
+    /// Parallel light.
+    Directional(Directional),
+    /// The same radiance from everywhere.
+    Constant(Constant),
+    /// A picture around the scene.
+    Envmap(Envmap),
+}
+
+impl Light {
+    /// Samples the light as seen from `point`.
+    pub fn sample(&self, point: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        match self {
+            Self::Area(light) => light.sample(point, u),
+            Self::Point(light) => light.sample(point),
+            Self::Spot(light) => light.sample(point),
+            Self::Directional(light) => Some(light.sample()),
+            Self::Constant(light) => Some(light.sample(u)),
+            Self::Envmap(light) => light.sample(u),
+        }
+    }
+
+    /// Whether a ray can reach the light, so that BSDF sampling or guiding can find it.
+    pub fn is_reachable(&self) -> bool {
+        matches!(self, Self::Area(_) | Self::Constant(_) | Self::Envmap(_))
+    }
+
+    /// Whether the light has no position.
+    pub fn is_at_infinity(&self) -> bool {
+        matches!(self, Self::Directional(_) | Self::Constant(_) | Self::Envmap(_))
+    }
+
+    /// Radiance from infinitely far away in direction `wi`, zero for lights that are not there.
+    pub fn background(&self, wi: Vec3) -> Vec3 {
+        match self {
+            Self::Constant(light) => light.radiance,
+            Self::Envmap(light) => light.radiance(wi),
+            _ => Vec3::ZERO,
+        }
+    }
+
+    /// Density with which [`Light::sample`] chooses the background direction `wi`, w.r.t. solid angle.
+    pub fn background_pdf(&self, wi: Vec3) -> f32 {
+        match self {
+            Self::Constant(_) => Constant::pdf(),
+            Self::Envmap(light) => light.pdf(wi),
+            _ => 0.0,
+        }
+    }
+
+    /// Samples the start of a light path.
+    pub fn emit(&self, bounds: &BoundingSphere, u: [f32; 2], v: [f32; 2]) -> Option<Emission> {
+        match self {
+            Self::Area(light) => light.emit(u, v),
+            Self::Point(light) => Some(light.emit(u)),
+            Self::Spot(light) => Some(light.emit(u)),
+            Self::Directional(light) => Some(light.emit(bounds, u)),
+            Self::Constant(light) => Some(light.emit(bounds, u, v)),
+            Self::Envmap(light) => light.emit(bounds, u, v),
+        }
+    }
+
+    /// Emitted power per channel, W; for lights at infinity what enters the bounding sphere.
+    pub fn power(&self, bounds: &BoundingSphere) -> Vec3 {
+        match self {
+            Self::Area(light) => light.power(),
+            Self::Point(light) => light.power(),
+            Self::Spot(light) => light.power(),
+            Self::Directional(light) => light.power(bounds),
+            Self::Constant(light) => light.power(bounds),
+            Self::Envmap(light) => light.power(bounds),
+        }
+    }
+}
+
+/// The lights of a scene with the probabilities of choosing each.
+#[derive(Debug, Clone, Default)]
+pub struct LightSet {
+    /// All lights.
+    pub lights: Vec<Light>,
+    /// For connections: half uniform, so that a weak light next to the receiver is found, half by power.
+    pub selection: crate::sampling::discrete::Discrete,
+    /// For photons: by power.
+    pub emission: crate::sampling::discrete::Discrete,
+}
+
+impl LightSet {
+    /// Chooses probabilities for `lights` in a scene within `bounds`.
+    pub fn new(lights: Vec<Light>, bounds: &BoundingSphere) -> Self {
+        let power: Vec<f64> = lights.iter().map(|l| f64::from(channel_mean(l.power(bounds)))).collect();
+        let total: f64 = power.iter().sum();
+        let uniform = 1.0 / lights.len().max(1) as f64;
+        let selection = power.iter().map(|p| 0.5 * uniform + if total > 0.0 { 0.5 * p / total } else { 0.0 });
+        use crate::sampling::discrete::Discrete;
+        Self { selection: Discrete::new(selection), emission: Discrete::new(power.iter().copied()), lights }
+    }
+
+    /// A sample of a chosen light; its density includes the choice.
+    pub fn sample(&self, point: Vec3, choice: f64, u: [f32; 2]) -> Option<LightSample> {
+        if self.lights.is_empty() {
+            return None;
+        }
+        let (index, _) = self.selection.sample(choice);
+        let sample = self.lights[index].sample(point, u)?;
+        Some(LightSample { pdf: sample.pdf * self.selection.probability(index) as f32, ..sample })
+    }
+
+    /// Radiance of all background lights in direction `wi`, and the density with which [`LightSet::sample`] chooses it.
+    pub fn background(&self, wi: Vec3) -> (Vec3, f32) {
+        let mut sum = (Vec3::ZERO, 0.0);
+        for (i, light) in self.lights.iter().enumerate() {
+            if matches!(light, Light::Constant(_) | Light::Envmap(_)) {
+                sum.0 += light.background(wi);
+                sum.1 += light.background_pdf(wi) * self.selection.probability(i) as f32;
+            }
+        }
+        sum
+    }
+}
+=======
+
+>>>>>>> training

@@ -1,3 +1,119 @@
 //! Materials: how surfaces scatter light, and the textures that vary it.
+//!
+//! Everything here works in the local frame of the shading normal (+z). `wo` points to where the light goes (the camera's
+//! side of a camera path), `wi` to where it comes from; both point away from the surface.
 
+pub mod conductor;
+pub mod dielectric;
+pub mod diffuse;
+pub mod fresnel;
 pub mod image;
+pub mod microfacet;
+pub mod rough_conductor;
+pub mod texture;
+
+use glam::{Vec2, Vec3};
+
+use conductor::Conductor;
+use dielectric::Dielectric;
+use diffuse::Diffuse;
+use rough_conductor::RoughConductor;
+
+/// What a path carries: radiance from the lights to the camera, or importance the other way (photons). Refraction scales
+/// only radiance (Veach 1997, §5.2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Transport {
+    /// The path starts at the camera.
+    Radiance,
+    /// The path starts at a light.
+    Importance,
+}
+
+/// A sampled direction.
+#[derive(Debug, Clone, Copy)]
+pub struct BsdfSample {
+    /// The direction.
+    pub wi: Vec3,
+    /// f·|cos θ| / pdf; for a delta lobe the factor on the radiance.
+    pub weight: Vec3,
+    /// Density w.r.t. solid angle; for a delta lobe the probability of the lobe.
+    pub pdf: f32,
+    /// Whether `wi` came from a delta lobe.
+    pub delta: bool,
+}
+
+/// A surface material.
+#[derive(Debug, Clone)]
+pub struct Material {
+    /// Scatters alike on both sides.
+    pub two_sided: bool,
+    /// The scattering.
+    pub kind: Kind,
+}
+
+/// The scattering of a material.
+#[derive(Debug, Clone)]
+pub enum Kind {
+    /// Lambertian.
+    Diffuse(Diffuse),
+    /// Smooth metal.
+    Conductor(Conductor),
+    /// Rough metal.
+    RoughConductor(RoughConductor),
+    /// Smooth glass.
+    Dielectric(Dielectric),
+}
+
+impl Material {
+    /// Whether every lobe is a delta lobe: such a surface is never connected to a light, guided, or stored in.
+    pub fn is_delta(&self) -> bool {
+        matches!(self.kind, Kind::Conductor(_) | Kind::Dielectric(_))
+    }
+
+    /// f(wo, wi)·|cos θᵢ| of the lobes that are not delta, sr⁻¹.
+    pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
+        let (wo, wi) = self.to_front(wo, wi);
+        match &self.kind {
+            Kind::Diffuse(m) => m.eval(uv, wo, wi),
+            Kind::RoughConductor(m) => m.eval(uv, wo, wi),
+            Kind::Conductor(_) | Kind::Dielectric(_) => Vec3::ZERO,
+        }
+    }
+
+    /// Density of [`Material::sample`] over the lobes that are not delta, w.r.t. solid angle.
+    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
+        let (wo, wi) = self.to_front(wo, wi);
+        match &self.kind {
+            Kind::Diffuse(_) => Diffuse::pdf(wo, wi),
+            Kind::RoughConductor(m) => m.pdf(wo, wi),
+            Kind::Conductor(_) | Kind::Dielectric(_) => 0.0,
+        }
+    }
+
+    /// Samples `wi`; none where the surface absorbs.
+    pub fn sample(&self, uv: Vec2, wo: Vec3, u: [f32; 2], transport: Transport) -> Option<BsdfSample> {
+        let flip = self.two_sided && wo.z < 0.0;
+        let wo = if flip { -wo } else { wo };
+        let sample = match &self.kind {
+            Kind::Diffuse(m) => m.sample(uv, wo, u),
+            Kind::RoughConductor(m) => m.sample(uv, wo, u),
+            Kind::Conductor(m) => m.sample(uv, wo),
+            Kind::Dielectric(m) => m.sample(wo, u[0], transport),
+        }?;
+        Some(if flip { BsdfSample { wi: -sample.wi, ..sample } } else { sample })
+    }
+
+    /// Reflectance for pictures of the albedo.
+    pub fn albedo(&self, uv: Vec2) -> Vec3 {
+        match &self.kind {
+            Kind::Diffuse(m) => m.reflectance.eval(uv),
+            Kind::Conductor(m) => m.metal.albedo(uv),
+            Kind::RoughConductor(m) => m.metal.albedo(uv),
+            Kind::Dielectric(_) => Vec3::ONE,
+        }
+    }
+
+    fn to_front(&self, wo: Vec3, wi: Vec3) -> (Vec3, Vec3) {
+        if self.two_sided && wo.z < 0.0 { (-wo, -wi) } else { (wo, wi) }
+    }
+}

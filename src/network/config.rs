@@ -1,6 +1,11 @@
 //! What a model is: architecture, features, and the mode that its training data was made in.
 
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
+
+use crate::base::{Error, Result};
+use crate::guiding::features::FEATURES;
 
 /// The only version of model folders so far.
 pub const VERSION: u32 = 1;
@@ -43,4 +48,33 @@ pub struct Mode {
     pub roulette: bool,
     /// Share of a tree's total above which a node is split, ρ.
     pub split_share: f32,
+}
+
+/// Widths that the embedded path has kernels for.
+pub const WIDTHS: [usize; 6] = [8, 16, 24, 32, 48, 64];
+
+impl Config {
+    /// Checks that this version of the renderer can run the model; `path` is named in the error.
+    ///
+    /// # Errors
+    /// [`Error::Model`] saying which field does not fit and what would.
+    pub fn validate(&self, path: &Path) -> Result<()> {
+        let unit = |x: f32| (0.0..=1.0).contains(&x);
+        let message = if self.version != VERSION {
+            format!("format version {}, this renderer reads version {VERSION}", self.version)
+        } else if self.features != FEATURES {
+            format!("it takes {} features per node, this renderer computes {FEATURES}", self.features)
+        } else if !WIDTHS.contains(&self.width) {
+            format!("width {} is not one of {WIDTHS:?}", self.width)
+        } else if !(1..=4).contains(&self.convolutions) {
+            format!("{} convolutions per level, supported are 1 to 4", self.convolutions)
+        } else if !unit(self.leaf_threshold) || !unit(self.min_split_share) || !unit(self.uniform) {
+            "leaf_threshold, min_split_share and uniform must be between 0 and 1".into()
+        } else if !unit(self.mode.split_share) {
+            "mode.split_share must be between 0 and 1".into()
+        } else {
+            return Ok(());
+        };
+        Err(Error::Model { path: path.to_owned(), message })
+    }
 }

@@ -1,5 +1,10 @@
 //! The reconstruction network on plain slices: its configuration, its one list of operations, its weights, and the
 //! embedded forward pass.
 
+pub mod backend;
+pub mod batch;
 pub mod config;
+pub mod embedded;
+pub mod kernels;
 pub mod program;
+pub mod weights;

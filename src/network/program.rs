@@ -16,6 +16,7 @@
 //! `leaf` [N, 1].
 
 use super::config::Config;
+use crate::guiding::topology::MAX_LEVEL;
 
 /// Channels of the decoder's `geometry` input: presence flag in Q_h; level / 20; one-hot position among the four siblings;
 /// the direction of the cell's centre (x, y, z); log-share of the nearest ancestor (or the node itself) in the path tree and
@@ -173,4 +174,12 @@ pub fn decode_program(config: &Config, level: usize) -> Program {
         ("leaf", leaf),
     ];
     p
+}
+
+/// Every layer that a model of this configuration has, each once, in order of first use.
+pub fn all_layers(config: &Config) -> Vec<Layer> {
+    let levels = if config.per_level { 0..=MAX_LEVEL } else { 1..=1 };
+    let encode = levels.clone().map(|level| encode_program(config, level));
+    let decode = levels.filter(|&level| level > 0).map(|level| decode_program(config, level));
+    encode.chain(decode).flat_map(|program| program.layers).collect()
 }

@@ -1,0 +1,78 @@
+//! Shapes: a mesh with its placement, or a sphere.
+
+use std::sync::Arc;
+
+use glam::{Affine3A, Mat3, Vec2, Vec3};
+
+use super::mesh::Mesh;
+use super::sphere::Sphere;
+use crate::sampling::discrete::Discrete;
+
+/// A placed surface.
+#[derive(Debug, Clone)]
+pub struct Shape {
+    /// What is placed.
+    pub geometry: Geometry,
+    /// The front is where the stored normals do not point.
+    pub flip_normals: bool,
+}
+
+/// The geometry of a shape.
+#[derive(Debug, Clone)]
+pub enum Geometry {
+    /// A mesh, shared by every shape that uses it.
+    Mesh {
+        /// The mesh in its own coordinates.
+        mesh: Arc<Mesh>,
+        /// Mesh to world.
+        to_world: Affine3A,
+        /// Inverse transpose of the linear part: takes normals to world.
+        normal_to_world: Mat3,
+    },
+    /// A sphere in world coordinates.
+    Sphere(Sphere),
+}
+
+impl Shape {
+    /// A mesh placed by the invertible `to_world`.
+    pub fn mesh(mesh: Arc<Mesh>, to_world: Affine3A, flip_normals: bool) -> Self {
+        let normal_to_world = Mat3::from(to_world.matrix3).inverse().transpose();
+        Self { geometry: Geometry::Mesh { mesh, to_world, normal_to_world }, flip_normals }
+    }
+
+    /// A sphere.
+    pub fn sphere(center: Vec3, radius: f32, flip_normals: bool) -> Self {
+        Self { geometry: Geometry::Sphere(Sphere { center, radius }), flip_normals }
+    }
+
+    /// World positions of a triangle's vertices; the origin for a sphere, which has none.
+    pub fn triangle(&self, index: u32) -> [Vec3; 3] {
+        match &self.geometry {
+            Geometry::Mesh { mesh, to_world, .. } => {
+                mesh.triangles[index as usize].map(|v| to_world.transform_point3(mesh.positions[v as usize]))
+            }
+            Geometry::Sphere(_) => [Vec3::ZERO; 3],
+        }
+    }
+
+    /// Texture coordinates of a triangle's vertices: the mesh's, or the barycentric coordinates.
+    pub fn triangle_uvs(&self, index: u32) -> [Vec2; 3] {
+        match &self.geometry {
+            Geometry::Mesh { mesh, .. } if !mesh.uvs.is_empty() => {
+                mesh.triangles[index as usize].map(|v| mesh.uvs[v as usize])
+            }
+            _ => [Vec2::ZERO, Vec2::X, Vec2::Y],
+        }
+    }
+
+    /// Area of each triangle (one entry for a sphere) as a distribution; its total is the area of the shape.
+    pub fn area_distribution(&self) -> Discrete {
+        match &self.geometry {
+            Geometry::Mesh { mesh, .. } => Discrete::new((0..mesh.triangles.len() as u32).map(|i| {
+                let [a, b, c] = self.triangle(i).map(Vec3::as_dvec3);
+                0.5 * (b - a).cross(c - a).length()
+            })),
+            Geometry::Sphere(sphere) => Discrete::new([f64::from(sphere.area())]),
+        }
+    }
+}

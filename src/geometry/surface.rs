@@ -1,0 +1,90 @@
+//! The point where a ray meets a surface.
+
+use glam::{Vec2, Vec3};
+
+use super::accel::Hit;
+use super::shape::{Geometry, Shape};
+use super::Ray;
+use crate::math::Frame;
+use crate::math::error_bound::{gamma, offset_origin};
+
+/// A point of a surface with its local geometry.
+#[derive(Debug, Clone, Copy)]
+pub struct Surface {
+    /// World position.
+    pub point: Vec3,
+    /// Bound of the rounding error of each coordinate.
+    pub error: Vec3,
+    /// Unit geometric normal on the front side.
+    pub normal: Vec3,
+    /// Shading frame around the shading normal.
+    pub frame: Frame,
+    /// Texture coordinates.
+    pub uv: Vec2,
+    /// Distance from the ray's origin.
+    pub distance: f32,
+    /// Index of the shape.
+    pub shape: u32,
+}
+
+impl Surface {
+    /// The surface at `hit` on `shape`.
+    pub fn new(ray: &Ray, hit: &Hit, shape: &Shape) -> Self {
+        let sign = if shape.flip_normals { -1.0 } else { 1.0 };
+        match &shape.geometry {
+            Geometry::Mesh { .. } => Self::on_triangle(hit, shape, sign),
+            Geometry::Sphere(sphere) => {
+                // Projecting back onto the sphere removes the error that grows with the distance of the ray's origin.
+                let outward = (ray.at(hit.distance) - sphere.center).normalize_or(Vec3::Z);
+                let point = sphere.center + outward * sphere.radius;
+                let error = gamma(6) * (sphere.center.abs() + Vec3::splat(sphere.radius));
+                let normal = outward * sign;
+                let uv = super::sphere::Sphere::uv(outward);
+                Self { point, error, normal, frame: Frame::new(normal), uv, distance: hit.distance, shape: hit.shape }
+            }
+        }
+    }
+
+    fn on_triangle(hit: &Hit, shape: &Shape, sign: f32) -> Self {
+        let [a, b, c] = shape.triangle(hit.triangle);
+        let [b1, b2] = hit.barycentric;
+        let b0 = 1.0 - b1 - b2;
+        let point = a * b0 + b * b1 + c * b2;
+        let error = gamma(12) * ((a * b0).abs() + (b * b1).abs() + (c * b2).abs());
+        let normal = mirror(shape) * sign * (b - a).cross(c - a).normalize_or(Vec3::Z);
+        let [ta, tb, tc] = shape.triangle_uvs(hit.triangle);
+        let shading = shading_normal(shape, hit, [b0, b1, b2]).map_or(normal, |n| n * sign);
+        Self {
+            point,
+            error,
+            normal,
+            frame: Frame::new(shading),
+            uv: ta * b0 + tb * b1 + tc * b2,
+            distance: hit.distance,
+            shape: hit.shape,
+        }
+    }
+
+    /// The ray that leaves this point along the unit vector `direction` without hitting the surface again.
+    pub fn leave(&self, direction: Vec3) -> Ray {
+        Ray { origin: offset_origin(self.point, self.error, self.normal, direction), direction }
+    }
+}
+
+/// −1 where the placement mirrors the mesh and so turns its winding around.
+fn mirror(shape: &Shape) -> f32 {
+    match &shape.geometry {
+        Geometry::Mesh { to_world, .. } => to_world.matrix3.determinant().signum(),
+        Geometry::Sphere(_) => 1.0,
+    }
+}
+
+fn shading_normal(shape: &Shape, hit: &Hit, weights: [f32; 3]) -> Option<Vec3> {
+    let Geometry::Mesh { mesh, normal_to_world, .. } = &shape.geometry else { return None };
+    if mesh.normals.is_empty() {
+        return None;
+    }
+    let vertices = mesh.triangles[hit.triangle as usize];
+    let sum: Vec3 = vertices.iter().zip(weights).map(|(&v, w)| mesh.normals[v as usize] * w).sum();
+    (*normal_to_world * sum).try_normalize()
+}

@@ -1,0 +1,60 @@
+//! Watertight ray-triangle intersection (Woop, Benthin, Wald 2013): edges shared by two triangles are evaluated with the same
+//! operands, so a ray cannot slip between them.
+
+use glam::Vec3;
+
+/// Per-ray constants: the axis permutation and shear that take the ray to the unit ray along +z.
+#[derive(Debug, Clone, Copy)]
+pub struct Shear {
+    origin: Vec3,
+    axes: [usize; 3],
+    shear: Vec3,
+}
+
+impl Shear {
+    /// Constants of the ray from `origin` along `direction`.
+    pub fn new(origin: Vec3, direction: Vec3) -> Self {
+        let kz = direction.abs().max_position();
+        let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
+        if direction[kz] < 0.0 {
+            std::mem::swap(&mut kx, &mut ky);
+        }
+        let inverse = 1.0 / direction[kz];
+        Self {
+            origin,
+            axes: [kx, ky, kz],
+            shear: Vec3::new(direction[kx] * inverse, direction[ky] * inverse, inverse),
+        }
+    }
+
+    /// Distance and barycentric coordinates (b₁, b₂) of the hit in (0, `t_max`), from either side.
+    #[inline]
+    pub fn intersect(&self, [a, b, c]: &[Vec3; 3], t_max: f32) -> Option<(f32, [f32; 2])> {
+        let [kx, ky, kz] = self.axes;
+        let (a, b, c) = (*a - self.origin, *b - self.origin, *c - self.origin);
+        let ax = a[kx] - self.shear.x * a[kz];
+        let ay = a[ky] - self.shear.y * a[kz];
+        let bx = b[kx] - self.shear.x * b[kz];
+        let by = b[ky] - self.shear.y * b[kz];
+        let cx = c[kx] - self.shear.x * c[kz];
+        let cy = c[ky] - self.shear.y * c[kz];
+        let (mut u, mut v, mut w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
+        if u == 0.0 || v == 0.0 || w == 0.0 {
+            // On an edge in single precision: the products of two singles are exact in double precision.
+            let cross = |px: f32, qy: f32, py: f32, qx: f32| {
+                (f64::from(px) * f64::from(qy) - f64::from(py) * f64::from(qx)) as f32
+            };
+            (u, v, w) = (cross(cx, by, cy, bx), cross(ax, cy, ay, cx), cross(bx, ay, by, ax));
+        }
+        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+            return None;
+        }
+        let det = u + v + w;
+        if det == 0.0 {
+            return None;
+        }
+        let inverse = 1.0 / det;
+        let t = (u * a[kz] + v * b[kz] + w * c[kz]) * self.shear.z * inverse;
+        (t > 0.0 && t < t_max).then_some((t, [v * inverse, w * inverse]))
+    }
+}

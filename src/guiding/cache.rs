@@ -1,0 +1,192 @@
+//! The spatial cache: a hash grid of cubic cells, each refined by a kd-tree (Zhu 2021 §7).
+
+use glam::Vec3;
+use hashbrown::HashMap;
+
+/// Index of a voxel.
+pub type VoxelId = u32;
+
+#[derive(Debug, Clone, Copy)]
+enum Node {
+    Leaf(VoxelId),
+    Split { axis: u8, position: f32, low: u32 },
+}
+
+/// A voxel's box.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// Smallest corner.
+    pub low: Vec3,
+    /// Largest corner.
+    pub high: Vec3,
+    /// How often the cell has been halved to reach this voxel.
+    pub depth: u32,
+}
+
+impl Bounds {
+    /// Longest side.
+    pub fn size(&self) -> f32 {
+        (self.high - self.low).max_element()
+    }
+
+    /// Position inside the box as fractions in [0, 1]³.
+    pub fn local(&self, point: Vec3) -> Vec3 {
+        ((point - self.low) / (self.high - self.low)).clamp(Vec3::ZERO, Vec3::ONE)
+    }
+}
+
+/// A partition of the visited part of space into voxels.
+#[derive(Debug, Clone)]
+pub struct SpatialCache {
+    origin: Vec3,
+    cell: f32,
+    cells: HashMap<[i32; 3], u32>,
+    nodes: Vec<Node>,
+    bounds: Vec<Bounds>,
+}
+
+impl SpatialCache {
+    /// Cubic cells of side `cell` aligned to `origin`; no voxel yet.
+    pub fn new(origin: Vec3, cell: f32) -> Self {
+        let cell = if cell.is_finite() && cell > 0.0 { cell } else { 1.0 };
+        Self { origin, cell, cells: HashMap::new(), nodes: Vec::new(), bounds: Vec::new() }
+    }
+
+    /// Cells of 1/`resolution` of the diagonal of the box around `points` (Zhu 2021 §7). One point in two hundred is left
+    /// out at each end of each axis: a few far hits on a ground plane must not set the scale.
+    pub fn fit(points: &[Vec3], resolution: f32) -> Self {
+        let mut low = Vec3::ZERO;
+        let mut high = Vec3::ZERO;
+        let mut sorted: Vec<f32> = Vec::with_capacity(points.len());
+        for axis in 0..3 {
+            sorted.clear();
+            sorted.extend(points.iter().map(|p| p[axis]).filter(|x| x.is_finite()));
+            if sorted.is_empty() {
+                continue;
+            }
+            let skip = sorted.len() / 200;
+            let last = sorted.len() - 1;
+            low[axis] = *sorted.select_nth_unstable_by(skip, f32::total_cmp).1;
+            high[axis] = *sorted.select_nth_unstable_by(last - skip, f32::total_cmp).1;
+        }
+        Self::new(low, (high - low).length() / resolution)
+    }
+
+    /// Number of voxels.
+    pub fn len(&self) -> usize {
+        self.bounds.len()
+    }
+
+    /// Whether there are no voxels.
+    pub fn is_empty(&self) -> bool {
+        self.bounds.is_empty()
+    }
+
+    /// A voxel's box.
+    pub fn bounds(&self, voxel: VoxelId) -> Bounds {
+        self.bounds[voxel as usize]
+    }
+
+    fn key(&self, point: Vec3) -> [i32; 3] {
+        // Casting saturates, so a point at infinity has a key like any other.
+        ((point - self.origin) / self.cell).floor().to_array().map(|x| x as i32)
+    }
+
+    /// The voxel that holds `point`.
+    pub fn find(&self, point: Vec3) -> Option<VoxelId> {
+        let mut node = *self.cells.get(&self.key(point))?;
+        loop {
+            match self.nodes[node as usize] {
+                Node::Leaf(voxel) => return Some(voxel),
+                Node::Split { axis, position, low } => node = low + u32::from(point[axis as usize] >= position),
+            }
+        }
+    }
+
+    /// The voxel that holds `point`, made if there is none.
+    pub fn find_or_insert(&mut self, point: Vec3) -> VoxelId {
+        if let Some(voxel) = self.find(point) {
+            return voxel;
+        }
+        let key = self.key(point);
+        let voxel = self.bounds.len() as VoxelId;
+        let low = self.origin + Vec3::from_array(key.map(|k| k as f32)) * self.cell;
+        self.bounds.push(Bounds { low, high: low + Vec3::splat(self.cell), depth: 0 });
+        self.cells.insert(key, self.nodes.len() as u32);
+        self.nodes.push(Node::Leaf(voxel));
+        voxel
+    }
+
+    /// Halves every voxel for which `choose` says so, along alternating axes. The lower half keeps the voxel's number; the
+    /// upper half gets the next free one. Returns the pairs (old, new) in order.
+    pub fn split(&mut self, mut choose: impl FnMut(VoxelId) -> bool) -> Vec<(VoxelId, VoxelId)> {
+        let mut pairs = Vec::new();
+        for node in 0..self.nodes.len() {
+            let Node::Leaf(voxel) = self.nodes[node] else { continue };
+            if !choose(voxel) {
+                continue;
+            }
+            let bounds = self.bounds[voxel as usize];
+            let axis = (bounds.depth % 3) as usize;
+            let middle = 0.5 * (bounds.low[axis] + bounds.high[axis]);
+            if !(middle > bounds.low[axis] && middle < bounds.high[axis]) {
+                continue;
+            }
+            let upper = self.bounds.len() as VoxelId;
+            let (mut low, mut high) = (bounds, bounds);
+            low.high[axis] = middle;
+            high.low[axis] = middle;
+            low.depth += 1;
+            high.depth += 1;
+            self.bounds[voxel as usize] = low;
+            self.bounds.push(high);
+            let first = self.nodes.len() as u32;
+            self.nodes.extend([Node::Leaf(voxel), Node::Leaf(upper)]);
+            self.nodes[node] = Node::Split { axis: axis as u8, position: middle, low: first };
+            pairs.push((voxel, upper));
+        }
+        pairs
+    }
+
+    /// Bytes in use.
+    pub fn bytes(&self) -> usize {
+        self.nodes.len() * size_of::<Node>()
+            + self.bounds.len() * size_of::<Bounds>()
+            + self.cells.capacity() * (size_of::<([i32; 3], u32)>() + 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::Random;
+
+    #[test]
+    fn voxels_partition_space_and_survive_splitting() {
+        let mut random = Random::new(1, 0, 0);
+        let mut cache = SpatialCache::new(Vec3::splat(-0.3), 0.25);
+        let points: Vec<Vec3> =
+            (0..2000).map(|_| Vec3::new(random.next_f32(), random.next_f32(), random.next_f32())).collect();
+        points.iter().for_each(|&p| _ = cache.find_or_insert(p));
+        for round in 0..4 {
+            let pairs = cache.split(|v| v % 2 == round % 2);
+            assert!(!pairs.is_empty());
+            for &p in &points {
+                let b = cache.bounds(cache.find(p).unwrap());
+                assert!(p.cmpge(b.low - 1e-6).all() && p.cmple(b.high + 1e-6).all(), "{p} in {b:?}");
+            }
+        }
+        assert_eq!(cache.find(Vec3::splat(50.0)), None);
+    }
+
+    #[test]
+    fn extreme_points_have_a_voxel() {
+        let mut cache = SpatialCache::fit(&[Vec3::splat(1e6), Vec3::splat(1e6 + 1.0)], 20.0);
+        for p in [Vec3::INFINITY, Vec3::NEG_INFINITY, Vec3::splat(1e30), Vec3::splat(1e6)] {
+            let voxel = cache.find_or_insert(p);
+            assert_eq!(cache.find(p), Some(voxel));
+        }
+        assert!(SpatialCache::fit(&[], 20.0).find(Vec3::ZERO).is_none());
+        assert!(SpatialCache::fit(&[Vec3::ONE; 5], 20.0).find(Vec3::ONE).is_none());
+    }
+}

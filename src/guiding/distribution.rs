@@ -1,0 +1,272 @@
+//! A piecewise-constant distribution of directions over a quadtree, and how far two of them are apart.
+
+use super::topology::{NO_CHILD, Topology};
+
+/// Probability mass per node; constant in solid angle within a leaf, because the cylindrical map preserves area.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Distribution {
+    topology: Topology,
+    node_mass: Vec<f64>,
+}
+
+/// A cell on which two distributions are both constant: the mass that each has there, and the uniform distribution's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CommonCell {
+    /// Mass of the first distribution.
+    pub target: f64,
+    /// Mass of the second.
+    pub guide: f64,
+    /// Share of the sphere that the cell covers, 4^(−level).
+    pub area: f64,
+}
+
+impl Distribution {
+    /// The uniform distribution: a root alone.
+    pub fn uniform() -> Self {
+        Self { topology: Topology::root(), node_mass: vec![1.0] }
+    }
+
+    /// The distribution proportional to `weights`, one per leaf in the order of [`Topology::leaves`]. Weights that are
+    /// negative or not finite count as 0; without any positive weight the result is [`Distribution::uniform`].
+    pub fn from_leaf_weights(topology: Topology, weights: &[f64]) -> Self {
+        let usable = |w: f64| if w.is_finite() && w > 0.0 { w } else { 0.0 };
+        // Scaled by the largest first, so that neither the sum overflows nor tiny weights vanish.
+        let largest = weights.iter().copied().map(usable).fold(0.0, f64::max);
+        if largest == 0.0 {
+            return Self::uniform();
+        }
+        let mut node_mass = vec![0.0; topology.len()];
+        for (leaf, &weight) in topology.leaves().zip(weights) {
+            node_mass[leaf] = usable(weight) / largest;
+        }
+        for node in (1..topology.len()).rev() {
+            node_mass[topology.parent[node] as usize] += node_mass[node];
+        }
+        let total = node_mass[0];
+        node_mass.iter_mut().for_each(|m| *m /= total);
+        Self { topology, node_mass }
+    }
+
+    /// The distribution whose node masses are products of `shares` from the root down (Zhu 2021 §6.4); one share of its
+    /// parent per node, the root's is ignored. Four siblings are normalised; if none is positive each gets ¼.
+    pub fn from_shares(topology: Topology, shares: &[f32]) -> Self {
+        let mut node_mass = vec![1.0; topology.len()];
+        for parent in 0..topology.len() {
+            let first = topology.first_child[parent];
+            if first == NO_CHILD {
+                continue;
+            }
+            let first = first as usize;
+            let four = [0, 1, 2, 3].map(|k| {
+                let share = f64::from(shares.get(first + k).copied().unwrap_or(0.0));
+                if share.is_finite() { share.max(0.0) } else { 0.0 }
+            });
+            let sum: f64 = four.iter().sum();
+            for (k, share) in four.iter().enumerate() {
+                node_mass[first + k] = node_mass[parent] * if sum > 0.0 { share / sum } else { 0.25 };
+            }
+        }
+        Self { topology, node_mass }
+    }
+
+    /// The quadtree.
+    pub fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    /// Mass per node, breadth first: the root's is 1, an inner node's is the sum of its children's.
+    pub fn node_mass(&self) -> &[f64] {
+        &self.node_mass
+    }
+
+    /// Mass per leaf in the order of [`Topology::leaves`].
+    pub fn leaf_mass(&self) -> Vec<f64> {
+        self.topology.leaves().map(|n| self.node_mass[n]).collect()
+    }
+
+    /// Mass of the cell (x, y) at `level`: a node's mass, or its part of the leaf that contains it.
+    pub fn cell_mass(&self, level: usize, [x, y]: [u32; 2]) -> f64 {
+        let mut node = 0;
+        for l in 0..level {
+            let first = self.topology.first_child[node];
+            if first == NO_CHILD {
+                return self.node_mass[node] * 0.25f64.powi((level - l) as i32);
+            }
+            let shift = level - l - 1;
+            node = first as usize + ((x >> shift) & 1) as usize + 2 * ((y >> shift) & 1) as usize;
+        }
+        self.node_mass[node]
+    }
+
+    /// Half of each of two distributions, on the union of their trees.
+    pub fn average(a: &Self, b: &Self) -> Self {
+        if a.topology == b.topology {
+            let node_mass = a.node_mass.iter().zip(&b.node_mass).map(|(x, y)| 0.5 * (x + y)).collect();
+            return Self { topology: a.topology.clone(), node_mass };
+        }
+        Self::mean(&[a, b], usize::MAX)
+    }
+
+    /// The mean of several distributions on the union of their trees down to `max_level` (the 'mean tree' baseline). Empty
+    /// input gives the uniform distribution. The union must stay within the limits of [`Topology`]; levels past them end.
+    pub fn mean(all: &[&Self], max_level: usize) -> Self {
+        let mut split = Vec::new();
+        let mut masses = Vec::new();
+        let scale = 1.0 / all.len().max(1) as f64;
+        let mut level: Vec<Vec<Part>> = vec![all.iter().map(|d| Part { of: d, node: Some(0), mass: scale }).collect()];
+        for depth in 0.. {
+            let open = depth < max_level.min(super::topology::MAX_LEVEL);
+            let mut next = Vec::new();
+            let before = split.len() + level.len();
+            for parts in level {
+                let room = before + next.len() + 4 <= super::topology::MAX_NODES;
+                let splits = open && room && parts.iter().any(Part::has_children);
+                split.push(splits);
+                masses.push(parts.iter().map(|p| p.mass).sum::<f64>());
+                if splits {
+                    next.extend((0..4).map(|k| parts.iter().map(|p| p.child(k)).collect::<Vec<_>>()));
+                }
+            }
+            if next.is_empty() {
+                break;
+            }
+            level = next;
+        }
+        if all.is_empty() {
+            return Self::uniform();
+        }
+        // The flags were made level by level from whole groups of four within the limits, so they are consistent.
+        match Topology::from_split(&split) {
+            Ok(topology) => Self { topology, node_mass: masses },
+            Err(_) => Self::uniform(),
+        }
+    }
+
+    /// The cells of the union of both trees' leaves, without those where `target` has no mass.
+    pub fn common_cells(target: &Self, guide: &Self) -> Vec<CommonCell> {
+        let mut cells = Vec::with_capacity(target.topology.len().max(guide.topology.len()));
+        let start = |of| Part { of, node: Some(0), mass: 1.0 };
+        let mut open = vec![(start(target), start(guide), 1.0)];
+        while let Some((t, g, area)) = open.pop() {
+            if t.mass <= 0.0 {
+                continue;
+            }
+            if t.has_children() || g.has_children() {
+                open.extend((0..4).map(|k| (t.child(k), g.child(k), 0.25 * area)));
+            } else {
+                cells.push(CommonCell { target: t.mass, guide: g.mass, area });
+            }
+        }
+        cells
+    }
+}
+
+/// A distribution seen at one cell, which may lie inside a leaf.
+#[derive(Clone, Copy)]
+struct Part<'a> {
+    of: &'a Distribution,
+    node: Option<usize>,
+    mass: f64,
+}
+
+impl Part<'_> {
+    fn has_children(&self) -> bool {
+        self.node.is_some_and(|n| !self.of.topology.is_leaf(n))
+    }
+
+    fn child(&self, k: usize) -> Self {
+        match self.node {
+            Some(node) if self.has_children() => {
+                let child = self.of.topology.first_child[node] as usize + k;
+                // Rescaled so that a weight given at the root carries over to every node.
+                let of_parent = self.of.node_mass[node];
+                let mass = if of_parent > 0.0 { self.mass * self.of.node_mass[child] / of_parent } else { 0.0 };
+                Self { of: self.of, node: Some(child), mass }
+            }
+            _ => Self { of: self.of, node: None, mass: 0.25 * self.mass },
+        }
+    }
+}
+
+/// KL(target ‖ (1−u)·guide + u·uniform) in nats, exact; infinite only where the mixture is 0 and the target is not.
+pub fn kl(target: &Distribution, guide: &Distribution, uniform: f64) -> f64 {
+    kl_of_cells(&Distribution::common_cells(target, guide), uniform)
+}
+
+/// [`kl`] from cells that are already at hand, for trying many values of the uniform part.
+pub fn kl_of_cells(cells: &[CommonCell], uniform: f64) -> f64 {
+    let term = |c: &CommonCell| c.target * (c.target / ((1.0 - uniform) * c.guide + uniform * c.area)).ln();
+    cells.iter().map(term).sum::<f64>().max(0.0)
+}
+
+/// Relative variance ∫ t² / (½·uniform + ½·q) − 1 of the one-sample estimator whose integrand is the target `t` and which
+/// draws half from the guide q, itself mixed with a uniform part, and half uniformly: a proxy in which the uniform sphere
+/// stands for the BSDF, whose shape a tree does not know.
+pub fn relative_variance(cells: &[CommonCell], uniform: f64) -> f64 {
+    let term = |c: &CommonCell| {
+        let guide = (1.0 - uniform) * c.guide + uniform * c.area;
+        c.target * c.target / (0.5 * c.area + 0.5 * guide)
+    };
+    cells.iter().map(term).sum::<f64>() - 1.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DEEP: [bool; 9] = [true, false, true, false, false, false, false, false, false];
+
+    fn deep(weights: [f64; 7]) -> Distribution {
+        Distribution::from_leaf_weights(Topology::from_split(&DEEP).unwrap(), &weights)
+    }
+
+    #[test]
+    fn masses_sum_to_one_whatever_the_scale() {
+        for scale in [1e-300, 1.0, 1e300] {
+            let d = deep([1., 2., 3., 4., 5., 6., 7.].map(|w| w * scale));
+            assert!((d.leaf_mass().iter().sum::<f64>() - 1.0).abs() < 1e-12);
+            assert!((d.node_mass()[2] - 22.0 / 28.0).abs() < 1e-12);
+        }
+        assert_eq!(deep([0.0; 7]), Distribution::uniform());
+        assert_eq!(deep([f64::NAN; 7]), Distribution::uniform());
+    }
+
+    #[test]
+    fn kl_is_zero_for_equal_functions_and_exact_otherwise() {
+        let flat = deep([4., 4., 4., 1., 1., 1., 1.]);
+        assert!(kl(&flat, &Distribution::uniform(), 0.0) < 1e-12, "different trees, the same function");
+        let d = deep([0., 0., 0., 1., 0., 0., 0.]);
+        assert!((kl(&d, &Distribution::uniform(), 0.0) - 16f64.ln()).abs() < 1e-12);
+        assert!((kl(&Distribution::uniform(), &d, 0.5) - expected_half()).abs() < 1e-12);
+        assert!(kl(&Distribution::uniform(), &d, 0.0).is_infinite());
+    }
+
+    /// 15/16 of the sphere at density ½, 1/16 at ½ + 8.
+    fn expected_half() -> f64 {
+        15.0 / 16.0 * 2f64.ln() - 1.0 / 16.0 * 8.5f64.ln()
+    }
+
+    #[test]
+    fn shares_multiply_and_bad_ones_become_quarters() {
+        let t = Topology::from_split(&DEEP).unwrap();
+        let d = Distribution::from_shares(t, &[9., 0.1, 0.7, 0.1, 0.1, f32::NAN, 0., 0., 0.]);
+        assert!((d.node_mass()[5] - 0.7 / 4.0).abs() < 1e-6);
+        assert!((d.leaf_mass().iter().sum::<f64>() - 1.0).abs() < 1e-9);
+        assert!((d.cell_mass(3, [7, 7]) - 0.1 / 16.0).abs() < 1e-7);
+    }
+
+    #[test]
+    fn mean_is_on_the_union() {
+        let a = deep([0., 0., 0., 1., 0., 0., 0.]);
+        let m = Distribution::mean(&[&a, &Distribution::uniform()], 20);
+        assert_eq!(m.topology(), a.topology());
+        assert!((m.node_mass()[5] - (0.5 + 0.5 / 16.0)).abs() < 1e-12);
+        assert_eq!(Distribution::mean(&[&a], 1).topology().levels(), 2);
+    }
+
+    #[test]
+    fn variance_of_a_uniform_target_is_zero() {
+        let u = Distribution::uniform();
+        assert!(relative_variance(&Distribution::common_cells(&u, &u), 0.1).abs() < 1e-12);
+    }
+}

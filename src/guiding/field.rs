@@ -1,0 +1,61 @@
+//! The guiding field: what a pass samples from, frozen while the pass runs.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+use super::cache::SpatialCache;
+use super::sampler::SamplingTree;
+
+/// The distribution of one voxel.
+#[derive(Debug, Clone)]
+pub struct VoxelGuide {
+    /// The distribution of directions; none while nothing is known, then the BSDF samples alone.
+    pub tree: Option<SamplingTree>,
+    /// Probability α of sampling the BSDF instead of the tree, in (0, 1].
+    pub bsdf_fraction: f32,
+}
+
+/// Voxels with their distributions.
+#[derive(Debug, Clone)]
+pub struct GuideField {
+    cache: SpatialCache,
+    voxels: Vec<VoxelGuide>,
+}
+
+impl GuideField {
+    /// A field with one guide per voxel of `cache`.
+    pub fn new(cache: SpatialCache, voxels: Vec<VoxelGuide>) -> Self {
+        Self { cache, voxels }
+    }
+
+    /// The field that knows nothing.
+    pub fn empty() -> Self {
+        Self::new(SpatialCache::new(Vec3::ZERO, 1.0), Vec::new())
+    }
+
+    /// The guide at a point, if there is anything to guide by.
+    pub fn at(&self, point: Vec3) -> Option<(&SamplingTree, f32)> {
+        let guide = self.voxels.get(self.cache.find(point)? as usize)?;
+        guide.tree.as_ref().map(|tree| (tree, guide.bsdf_fraction))
+    }
+
+    /// The voxels' guides.
+    pub fn voxels(&self) -> &[VoxelGuide] {
+        &self.voxels
+    }
+
+    /// Bytes in use: cache and trees.
+    pub fn bytes(&self) -> usize {
+        let trees: usize = self.voxels.iter().filter_map(|v| v.tree.as_ref()).map(SamplingTree::bytes).sum();
+        self.cache.bytes() + self.voxels.len() * size_of::<VoxelGuide>() + trees
+    }
+
+    /// Quadtree nodes of all trees.
+    pub fn nodes(&self) -> usize {
+        self.voxels.iter().filter_map(|v| v.tree.as_ref()).map(SamplingTree::len).sum()
+    }
+}
+
+/// Density of the uniform sphere, w.r.t. solid angle.
+pub const UNIFORM_PDF: f32 = 1.0 / (4.0 * PI);

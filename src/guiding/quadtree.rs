@@ -1,0 +1,189 @@
+//! Q_h: the quadtree that accumulates hybrid samples (Zhu 2021 §5).
+
+use glam::Vec3;
+
+use super::cache::Bounds;
+use super::features::{PATH_CHANNELS, RAW_CHANNELS, node_weights};
+use super::record::{PathRecord, PhotonRecord};
+use super::topology::{MAX_LEVEL, MAX_NODES, NO_CHILD, Topology};
+use crate::math::cylindrical;
+
+/// A quadtree with raw feature sums at its leaves.
+///
+/// Sample values are divided by a scale of the tree's own, the largest it has seen, so that their squares neither overflow
+/// nor vanish; nothing that is learned depends on the scale.
+#[derive(Debug, Clone)]
+pub struct Quadtree {
+    topology: Topology,
+    /// Row of each node in `sums`; meaningful for leaves.
+    row: Vec<u32>,
+    /// [`RAW_CHANNELS`] per leaf, breadth first.
+    sums: Vec<f32>,
+    path_scale: f32,
+    photon_scale: f32,
+    path_count: u32,
+    photon_count: u32,
+}
+
+impl Default for Quadtree {
+    fn default() -> Self {
+        Self::new(Topology::root())
+    }
+}
+
+impl Quadtree {
+    /// An empty tree of the given shape.
+    pub fn new(topology: Topology) -> Self {
+        let mut row = vec![0; topology.len()];
+        let mut leaves = 0;
+        for leaf in topology.leaves() {
+            row[leaf] = leaves;
+            leaves += 1;
+        }
+        let sums = vec![0.0; leaves as usize * RAW_CHANNELS];
+        Self { topology, row, sums, path_scale: 0.0, photon_scale: 0.0, path_count: 0, photon_count: 0 }
+    }
+
+    /// The shape.
+    pub fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    /// Raw sums of the leaves, [`RAW_CHANNELS`] each, breadth first.
+    pub fn leaf_sums(&self) -> &[f32] {
+        &self.sums
+    }
+
+    /// Number of path samples and of photons since the last clearing.
+    pub fn counts(&self) -> [u32; 2] {
+        [self.path_count, self.photon_count]
+    }
+
+    /// Forgets all samples, keeps the shape.
+    pub fn clear(&mut self) {
+        self.sums.fill(0.0);
+        (self.path_scale, self.photon_scale) = (0.0, 0.0);
+        (self.path_count, self.photon_count) = (0, 0);
+    }
+
+    fn leaf_sums_at(&mut self, direction: Vec3) -> &mut [f32] {
+        let [x, y] = cylindrical::to_cell(direction);
+        let mut node = 0;
+        let mut bit = MAX_LEVEL;
+        while self.topology.first_child[node] != NO_CHILD {
+            bit -= 1;
+            let child = ((x >> bit) & 1) | (((y >> bit) & 1) << 1);
+            node = (self.topology.first_child[node] + child) as usize;
+        }
+        &mut self.sums[self.row[node] as usize * RAW_CHANNELS..][..RAW_CHANNELS]
+    }
+
+    /// Adds path samples that fell into the voxel `bounds`, in the order given.
+    pub fn deposit_paths<'a>(&mut self, bounds: &Bounds, records: impl Iterator<Item = &'a PathRecord> + Clone) {
+        let largest = records.clone().fold(0.0f32, |m, r| m.max(r.root_value()));
+        if largest > self.path_scale {
+            self.rescale(0, (self.path_scale / largest).powi(2));
+            self.path_scale = largest;
+        }
+        let inverse = if self.path_scale > 0.0 { 1.0 / self.path_scale } else { 0.0 };
+        for record in records {
+            self.path_count += 1;
+            let root = record.root_value() * inverse;
+            let value = if root.is_finite() { root * root } else { 0.0 };
+            let local = bounds.local(record.point);
+            let distance = scaled_distance(record.distance, bounds);
+            let sums = &mut self.leaf_sums_at(record.direction)[..PATH_CHANNELS];
+            let normals = [record.normal, record.next_normal];
+            add(sums, value, record.direction, local, distance, normals);
+            sums[PATH_CHANNELS - 1] += record.bsdf;
+        }
+    }
+
+    /// Adds photons that fell into the voxel `bounds`, in the order given.
+    pub fn deposit_photons<'a>(&mut self, bounds: &Bounds, records: impl Iterator<Item = &'a PhotonRecord> + Clone) {
+        let largest = records.clone().fold(0.0f32, |m, r| m.max(r.power));
+        if largest > self.photon_scale {
+            self.rescale(PATH_CHANNELS, self.photon_scale / largest);
+            self.photon_scale = largest;
+        }
+        let inverse = if self.photon_scale > 0.0 { 1.0 / self.photon_scale } else { 0.0 };
+        for record in records {
+            self.photon_count += 1;
+            let value = record.power * inverse;
+            let local = bounds.local(record.point);
+            let distance = scaled_distance(record.distance, bounds);
+            let sums = &mut self.leaf_sums_at(record.direction)[PATH_CHANNELS..];
+            let normals = [record.normal, record.previous_normal];
+            add(sums, if value.is_finite() { value } else { 0.0 }, record.direction, local, distance, normals);
+        }
+    }
+
+    /// Multiplies the value sums of one kind of sample, which start at `channel`.
+    fn rescale(&mut self, channel: usize, factor: f32) {
+        for sums in self.sums.chunks_exact_mut(RAW_CHANNELS) {
+            sums[channel] *= factor;
+        }
+    }
+
+    /// An empty tree whose nodes are split while their share of the path weight or of the photon weight exceeds `share`,
+    /// and joined where neither does (Müller 2017 §3.2). A leaf that has to be split is taken as uniform inside. Where the
+    /// tree holds no energy, its shape is kept.
+    pub fn refined(&self, share: f64) -> Self {
+        let weights = node_weights(&self.topology, &self.sums);
+        let [path, photon] = weights[0];
+        if path <= 0.0 && photon <= 0.0 {
+            return Self::new(self.topology.clone());
+        }
+        let relative = |[a, b]: [f64; 2]| [if path > 0.0 { a / path } else { 0.0 }, if photon > 0.0 { b / photon } else { 0.0 }];
+        let mut queue = vec![(Some(0usize), relative(weights[0]), 0usize)];
+        let mut flags = Vec::new();
+        let mut next = 0;
+        while next < queue.len() {
+            let (node, shares, level) = queue[next];
+            next += 1;
+            let wanted = shares[0] > share || shares[1] > share;
+            let split = wanted && level < MAX_LEVEL && queue.len() + 4 <= MAX_NODES;
+            flags.push(split);
+            if !split {
+                continue;
+            }
+            let first = node.map(|n| self.topology.first_child[n]).filter(|&c| c != NO_CHILD);
+            queue.extend((0..4).map(|k| match first {
+                Some(first) => {
+                    let child = first as usize + k;
+                    (Some(child), relative(weights[child]), level + 1)
+                }
+                None => (None, shares.map(|s| 0.25 * s), level + 1),
+            }));
+        }
+        // The flags were produced breadth first with every limit observed, which is all that from_split checks.
+        Self::new(Topology::from_split(&flags).unwrap_or_else(|_| Topology::root()))
+    }
+
+    /// Bytes in use.
+    pub fn bytes(&self) -> usize {
+        self.topology.len() * 20 + self.sums.len() * 4
+    }
+}
+
+fn add(sums: &mut [f32], value: f32, direction: Vec3, local: Vec3, distance: f32, normals: [Vec3; 2]) {
+    sums[0] += value;
+    let vectors = [direction, local];
+    for (i, v) in vectors.iter().enumerate() {
+        for axis in 0..3 {
+            sums[1 + 3 * i + axis] += v[axis];
+        }
+    }
+    sums[7] += distance;
+    for (i, v) in normals.iter().enumerate() {
+        for axis in 0..3 {
+            sums[8 + 3 * i + axis] += v[axis];
+        }
+    }
+    sums[14] += 1.0;
+}
+
+/// ln(1 + distance / voxel size), at most 16: finite for the background.
+fn scaled_distance(distance: f32, bounds: &Bounds) -> f32 {
+    (distance / bounds.size()).ln_1p().clamp(0.0, 16.0)
+}

@@ -1,0 +1,50 @@
+//! What paths leave behind for learning: plain records, merged later in a fixed order.
+
+use glam::Vec3;
+
+/// A camera path's sampled direction at one vertex, with what the rest of the path brought back along it.
+#[derive(Debug, Clone, Copy)]
+pub struct PathRecord {
+    /// World position of the vertex.
+    pub point: Vec3,
+    /// Unit direction that was sampled, away from the vertex.
+    pub direction: Vec3,
+    /// Channel mean of f·|cos θ|·L̂ / p, radiance.
+    pub estimate: f32,
+    /// Density p of the whole mixture that drew the direction, times the probability of surviving roulette, sr⁻¹.
+    pub pdf: f32,
+    /// Part of the mixture density that is the BSDF's, in [0, 1].
+    pub bsdf_share: f32,
+    /// Channel mean of the BSDF's value without the cosine, sr⁻¹.
+    pub bsdf: f32,
+    /// Distance to the next vertex; infinite for the background.
+    pub distance: f32,
+    /// Shading normal at the vertex.
+    pub normal: Vec3,
+    /// Shading normal at the next vertex; zero for the background.
+    pub next_normal: Vec3,
+}
+
+impl PathRecord {
+    /// √V with V = (f·cos θ·L̂)²/p (Zhu 2021 eq. 7; Rath 2020): kept as a root so that squares cannot overflow.
+    pub fn root_value(&self) -> f32 {
+        self.estimate * self.pdf.sqrt()
+    }
+}
+
+/// A photon that arrived at a surface.
+#[derive(Debug, Clone, Copy)]
+pub struct PhotonRecord {
+    /// World position of the surface point.
+    pub point: Vec3,
+    /// Unit direction towards where the photon came from.
+    pub direction: Vec3,
+    /// Channel mean of the photon's power, W.
+    pub power: f32,
+    /// Distance to the previous vertex; infinite from a light at infinity.
+    pub distance: f32,
+    /// Shading normal at the point.
+    pub normal: Vec3,
+    /// Normal at the previous vertex.
+    pub previous_normal: Vec3,
+}

@@ -1,0 +1,102 @@
+//! One-sample multiple importance sampling of BSDF and guide (Müller 2017 §3.3; Zhu 2021 eq. 5):
+//! p = α·p_bsdf + (1 − α)·p_guide.
+
+use glam::Vec3;
+
+use crate::base::random::Random;
+use crate::geometry::Surface;
+use crate::guiding::field::GuideField;
+use crate::guiding::sampler::SamplingTree;
+use crate::materials::{Material, Transport};
+
+/// How directions are sampled at one vertex.
+pub struct Mixture<'a> {
+    surface: &'a Surface,
+    material: &'a Material,
+    wo: Vec3,
+    guide: Option<(&'a SamplingTree, f32)>,
+}
+
+/// A direction drawn from a [`Mixture`].
+#[derive(Debug, Clone, Copy)]
+pub struct MixtureSample {
+    /// Unit direction in the world.
+    pub direction: Vec3,
+    /// f·|cos θ| / p.
+    pub weight: Vec3,
+    /// f·|cos θ|; zero for a delta lobe, where it has no finite value.
+    pub value: Vec3,
+    /// |cos θ| to the shading normal.
+    pub cos: f32,
+    /// Density p of the mixture w.r.t. solid angle; for a delta lobe its probability.
+    pub pdf: f32,
+    /// Part of p that is the BSDF's.
+    pub bsdf_share: f32,
+    /// Whether the direction came from a delta lobe.
+    pub delta: bool,
+}
+
+impl<'a> Mixture<'a> {
+    /// The mixture at `surface` for light that leaves in the world direction `out`. Delta materials are never guided.
+    pub fn new(surface: &'a Surface, material: &'a Material, out: Vec3, field: Option<&'a GuideField>) -> Self {
+        let guide = field.filter(|_| !material.is_delta()).and_then(|field| field.at(surface.point));
+        Self { surface, material, wo: surface.frame.to_local(out), guide }
+    }
+
+    /// f·|cos θ| towards the world direction `wi`, and the density with which [`Mixture::sample`] chooses it.
+    pub fn eval(&self, wi: Vec3) -> (Vec3, f32) {
+        let local = self.surface.frame.to_local(wi);
+        let value = self.material.eval(self.surface.uv, self.wo, local);
+        let pdf = self.material.pdf(self.wo, local);
+        match self.guide {
+            Some((tree, alpha)) => (value, alpha * pdf + (1.0 - alpha) * tree.pdf(wi)),
+            None => (value, pdf),
+        }
+    }
+
+    /// Draws a direction; none where the surface absorbs.
+    pub fn sample(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
+        let Some((tree, alpha)) = self.guide else { return self.sample_bsdf(random, transport) };
+        if random.next_f32() < alpha {
+            let sample = self.material.sample(self.surface.uv, self.wo, random.next_2d(), transport)?;
+            let direction = self.surface.frame.to_world(sample.wi);
+            return self.combine(direction, sample.weight * sample.pdf, sample.pdf, sample.wi.z, tree, alpha);
+        }
+        let direction = tree.sample(random);
+        let local = self.surface.frame.to_local(direction);
+        let value = self.material.eval(self.surface.uv, self.wo, local);
+        let bsdf_pdf = self.material.pdf(self.wo, local);
+        self.combine(direction, value, bsdf_pdf, local.z, tree, alpha)
+    }
+
+    fn combine(
+        &self,
+        direction: Vec3,
+        value: Vec3,
+        bsdf_pdf: f32,
+        z: f32,
+        tree: &SamplingTree,
+        alpha: f32,
+    ) -> Option<MixtureSample> {
+        let pdf = alpha * bsdf_pdf + (1.0 - alpha) * tree.pdf(direction);
+        if value == Vec3::ZERO {
+            return None;
+        }
+        let bsdf_share = alpha * bsdf_pdf / pdf;
+        Some(MixtureSample { direction, weight: value / pdf, value, cos: z.abs(), pdf, bsdf_share, delta: false })
+    }
+
+    fn sample_bsdf(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
+        let sample = self.material.sample(self.surface.uv, self.wo, random.next_2d(), transport)?;
+        let value = if sample.delta { Vec3::ZERO } else { sample.weight * sample.pdf };
+        Some(MixtureSample {
+            direction: self.surface.frame.to_world(sample.wi),
+            weight: sample.weight,
+            value,
+            cos: sample.wi.z.abs(),
+            pdf: sample.pdf,
+            bsdf_share: 1.0,
+            delta: sample.delta,
+        })
+    }
+}

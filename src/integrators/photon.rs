@@ -1,0 +1,123 @@
+//! The photon tracer: light paths whose power is deposited in the voxels that camera paths have reached.
+
+use glam::Vec3;
+
+use super::mixture::Mixture;
+use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
+use crate::base::random::Random;
+use crate::geometry::Surface;
+use crate::guiding::record::PhotonRecord;
+use crate::integrators::path::RayCount;
+use crate::lights::Emission;
+use crate::materials::Transport;
+use crate::math::channel_mean;
+use crate::scene::Scene;
+
+/// Traces light paths.
+pub struct PhotonTracer<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Settings, the same as the path tracer's.
+    pub settings: TransportSettings,
+}
+
+/// A photon on its way.
+struct Photon {
+    power: Vec3,
+    previous_normal: Vec3,
+    /// Whether it has been scattered by a surface that is not a delta surface.
+    scattered: bool,
+    /// Number of delta surfaces since it was emitted or last scattered.
+    delta_chain: u32,
+    /// Whether a ray can hit the light that emitted it.
+    reachable: bool,
+    at_infinity: bool,
+}
+
+impl Photon {
+    /// A guided camera ray is rewarded for leaving in this photon's direction only if it can still reach the light by BSDF
+    /// sampling or next event estimation at a later vertex (see SEMANTICS: what a light path deposits).
+    fn is_useful(&self, nee: bool) -> bool {
+        self.scattered || (self.reachable && (self.delta_chain > 0 || !nee))
+    }
+}
+
+impl PhotonTracer<'_> {
+    /// Traces one light path of `paths` in the pass and adds a record per useful arrival. Powers are those of a pass whose
+    /// light paths together carry the power of the scene.
+    pub fn trace(&self, random: &mut Random, paths: u64, records: &mut Vec<PhotonRecord>, count: &mut RayCount) {
+        let Some((emission, mut photon)) = self.emit(random) else { return };
+        photon.power /= paths as f32;
+        let start = channel_mean(photon.power);
+        let mut ray = emission.ray;
+        // A light path of n segments continues to the camera with at least one more: n + 1 vertices after the light.
+        for depth in 1..self.settings.max_depth {
+            count.rays += 1;
+            let Some(surface) = self.scene.intersect(&ray) else { return };
+            let material = self.scene.material(&surface);
+            if !material.is_delta() && photon.is_useful(self.settings.nee) {
+                self.deposit(&surface, -ray.direction, &photon, records);
+            }
+            let mixture = Mixture::new(&surface, material, -ray.direction, None);
+            let Some(sample) = mixture.sample(random, Transport::Importance) else { return };
+            photon.power *= sample.weight * shading_correction(&surface, -ray.direction, sample.direction);
+            let survival = self.survival(depth, channel_mean(photon.power) / start);
+            if !(survival > 0.0 && random.next_f32() < survival) {
+                return;
+            }
+            photon.power /= survival;
+            photon.previous_normal = surface.frame.n;
+            photon.at_infinity = false;
+            photon.delta_chain = if sample.delta { photon.delta_chain + 1 } else { 0 };
+            photon.scattered |= !sample.delta;
+            ray = surface.leave(sample.direction);
+        }
+    }
+
+    fn emit(&self, random: &mut Random) -> Option<(Emission, Photon)> {
+        let lights = &self.scene.lights;
+        if lights.lights.is_empty() || lights.emission.total() <= 0.0 {
+            return None;
+        }
+        let (index, _) = lights.emission.sample(random.next_f64());
+        let light = &lights.lights[index];
+        let emission = light.emit(&self.scene.bounds, random.next_2d(), random.next_2d())?;
+        let photon = Photon {
+            power: emission.power / lights.emission.probability(index) as f32,
+            previous_normal: emission.normal,
+            scattered: false,
+            delta_chain: 0,
+            reachable: light.is_reachable(),
+            at_infinity: light.is_at_infinity(),
+        };
+        (photon.power.is_finite() && photon.power != Vec3::ZERO).then_some((emission, photon))
+    }
+
+    fn survival(&self, depth: u32, relative: f32) -> f32 {
+        if !self.settings.roulette || depth < ROULETTE_START { 1.0 } else { relative.clamp(0.0, ROULETTE_MOST) }
+    }
+
+    fn deposit(&self, surface: &Surface, direction: Vec3, photon: &Photon, records: &mut Vec<PhotonRecord>) {
+        let power = channel_mean(photon.power);
+        if !(power.is_finite() && power > 0.0) {
+            return;
+        }
+        records.push(PhotonRecord {
+            point: surface.point,
+            direction,
+            power,
+            distance: if photon.at_infinity { f32::INFINITY } else { surface.distance },
+            normal: surface.frame.n,
+            previous_normal: photon.previous_normal,
+        });
+    }
+}
+
+/// Adjoint correction for shading normals (Veach 1997, eq. 5.19): power is carried by the geometric cosine, the BSDF's
+/// cosine is the shading one.
+fn shading_correction(surface: &Surface, arriving: Vec3, leaving: Vec3) -> f32 {
+    let ratio = |w: Vec3| surface.frame.n.dot(w).abs() / surface.normal.dot(w).abs();
+    let correction = ratio(arriving) / ratio(leaving);
+    // The ratio is unbounded at grazing angles; photons only steer sampling, so the tail is cut.
+    if correction.is_finite() { correction.min(10.0) } else { 0.0 }
+}

@@ -1,0 +1,115 @@
+//! Emitting surfaces.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+use super::{Emission, LightSample};
+use crate::geometry::{Geometry, Ray, Shape, Surface};
+use crate::math::Frame;
+use crate::math::error_bound::{gamma, offset_origin};
+use crate::sampling::discrete::Discrete;
+use crate::sampling::warp;
+
+/// A shape whose front emits the same radiance everywhere and in every direction.
+#[derive(Debug, Clone)]
+pub struct AreaLight {
+    shape: Shape,
+    radiance: Vec3,
+    triangles: Discrete,
+}
+
+impl AreaLight {
+    /// The emitting `shape` with `radiance` in W·m⁻²·sr⁻¹.
+    pub fn new(shape: Shape, radiance: Vec3) -> Self {
+        let triangles = shape.area_distribution();
+        Self { shape, radiance, triangles }
+    }
+
+    /// Radiance that leaves the surface point towards the unit direction `out`.
+    pub fn emitted(&self, surface: &Surface, out: Vec3) -> Vec3 {
+        if surface.normal.dot(out) > 0.0 { self.radiance } else { Vec3::ZERO }
+    }
+
+    /// Density with which [`AreaLight::sample`] from `point` chooses the direction of `surface`, w.r.t. solid angle.
+    pub fn pdf(&self, point: Vec3, surface: &Surface) -> f32 {
+        match &self.shape.geometry {
+            Geometry::Sphere(sphere) => sphere.direction_pdf(point),
+            Geometry::Mesh { .. } => {
+                let to = surface.point - point;
+                let squared = to.length_squared();
+                let cos = surface.normal.dot(to).abs() / squared.sqrt();
+                squared / (cos * self.triangles.total() as f32)
+            }
+        }
+    }
+
+    /// A direction towards the emitting side, uniform over the area of a mesh or the visible cap of a sphere.
+    pub fn sample(&self, point: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        match &self.shape.geometry {
+            Geometry::Sphere(sphere) => {
+                let (wi, pdf) = sphere.sample_direction(point, u);
+                let inside = (point - sphere.center).length_squared() < sphere.radius * sphere.radius;
+                // A direction on the rim may miss by rounding: then the nearest point of the line to the centre serves.
+                let distance =
+                    sphere.intersect(point, wi, f32::INFINITY).unwrap_or_else(|| (sphere.center - point).dot(wi));
+                let front = inside == self.shape.flip_normals;
+                (front && distance > 0.0).then_some(LightSample {
+                    wi,
+                    distance,
+                    radiance: self.radiance,
+                    pdf,
+                    delta: false,
+                })
+            }
+            Geometry::Mesh { .. } => {
+                let (target, normal, _) = self.sample_point(u);
+                let to = target - point;
+                let squared = to.length_squared();
+                let distance = squared.sqrt();
+                let wi = to / distance;
+                let cos = -normal.dot(wi);
+                if cos <= 0.0 || !wi.is_finite() {
+                    return None;
+                }
+                let pdf = squared / (cos * self.triangles.total() as f32);
+                Some(LightSample { wi, distance, radiance: self.radiance, pdf, delta: false })
+            }
+        }
+    }
+
+    /// Uniform point, front normal and error bound.
+    fn sample_point(&self, u: [f32; 2]) -> (Vec3, Vec3, Vec3) {
+        let sign = if self.shape.flip_normals { -1.0 } else { 1.0 };
+        match &self.shape.geometry {
+            Geometry::Sphere(sphere) => {
+                let normal = warp::square_to_sphere(u);
+                let error = gamma(6) * (sphere.center.abs() + Vec3::splat(sphere.radius));
+                (sphere.center + normal * sphere.radius, normal * sign, error)
+            }
+            Geometry::Mesh { to_world, .. } => {
+                let (triangle, inside) = self.triangles.sample(f64::from(u[0]));
+                let [a, b, c] = self.shape.triangle(triangle as u32);
+                let [b1, b2] = warp::square_to_triangle([inside as f32, u[1]]);
+                let b0 = 1.0 - b1 - b2;
+                let winding = to_world.matrix3.determinant().signum();
+                let normal = (b - a).cross(c - a).normalize_or(Vec3::Z) * (sign * winding);
+                let error = gamma(12) * ((a * b0).abs() + (b * b1).abs() + (c * b2).abs());
+                (a * b0 + b * b1 + c * b2, normal, error)
+            }
+        }
+    }
+
+    /// A photon: uniform over the area, cosine-distributed.
+    pub fn emit(&self, u: [f32; 2], v: [f32; 2]) -> Option<Emission> {
+        let (point, normal, error) = self.sample_point(u);
+        let direction = Frame::new(normal).to_world(warp::square_to_cosine_hemisphere(v));
+        let origin = offset_origin(point, error, normal, direction);
+        Some(Emission { ray: Ray { origin, direction }, power: self.power(), normal })
+    }
+
+    /// π·A·L.
+    pub fn power(&self) -> Vec3 {
+        self.radiance * (PI * self.triangles.total() as f32)
+    }
+}

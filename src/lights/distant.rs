@@ -1,0 +1,86 @@
+//! Light from infinitely far away: parallel, or the same from everywhere.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+use super::{BoundingSphere, Emission, LightSample};
+use crate::geometry::Ray;
+use crate::math::Frame;
+use crate::sampling::warp;
+
+/// A ray along `direction` that starts outside the sphere at a uniform point of the disk which the sphere covers.
+pub fn ray_through(bounds: &BoundingSphere, direction: Vec3, u: [f32; 2]) -> Ray {
+    let disk = warp::square_to_disk(u) * bounds.radius;
+    let frame = Frame::new(direction);
+    Ray { origin: bounds.center + frame.s * disk.x + frame.t * disk.y - direction * bounds.radius, direction }
+}
+
+/// π·r², the area that a sphere covers.
+pub fn cross_section(bounds: &BoundingSphere) -> f32 {
+    PI * bounds.radius * bounds.radius
+}
+
+/// Parallel light.
+#[derive(Debug, Clone, Copy)]
+pub struct Directional {
+    /// Unit direction in which the light travels.
+    pub direction: Vec3,
+    /// Irradiance across the direction, W·m⁻².
+    pub irradiance: Vec3,
+}
+
+impl Directional {
+    /// The only direction.
+    pub fn sample(&self) -> LightSample {
+        LightSample {
+            wi: -self.direction,
+            distance: f32::INFINITY,
+            radiance: self.irradiance,
+            pdf: 1.0,
+            delta: true,
+        }
+    }
+
+    /// A photon through the scene.
+    pub fn emit(&self, bounds: &BoundingSphere, u: [f32; 2]) -> Emission {
+        let ray = ray_through(bounds, self.direction, u);
+        Emission { ray, power: self.power(bounds), normal: self.direction }
+    }
+
+    /// Irradiance times the cross-section of the scene.
+    pub fn power(&self, bounds: &BoundingSphere) -> Vec3 {
+        self.irradiance * cross_section(bounds)
+    }
+}
+
+/// Constant light from everywhere.
+#[derive(Debug, Clone, Copy)]
+pub struct Constant {
+    /// Radiance, W·m⁻²·sr⁻¹.
+    pub radiance: Vec3,
+}
+
+impl Constant {
+    /// A uniform direction.
+    pub fn sample(&self, u: [f32; 2]) -> LightSample {
+        let wi = warp::square_to_sphere(u);
+        LightSample { wi, distance: f32::INFINITY, radiance: self.radiance, pdf: Self::pdf(), delta: false }
+    }
+
+    /// Density of [`Constant::sample`] w.r.t. solid angle.
+    pub fn pdf() -> f32 {
+        warp::square_to_sphere_pdf()
+    }
+
+    /// A photon through the scene.
+    pub fn emit(&self, bounds: &BoundingSphere, u: [f32; 2], v: [f32; 2]) -> Emission {
+        let direction = warp::square_to_sphere(u);
+        Emission { ray: ray_through(bounds, direction, v), power: self.power(bounds), normal: direction }
+    }
+
+    /// 4π²r²·L.
+    pub fn power(&self, bounds: &BoundingSphere) -> Vec3 {
+        self.radiance * (4.0 * PI * cross_section(bounds))
+    }
+}

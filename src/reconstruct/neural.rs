@@ -1,0 +1,111 @@
+//! Reconstruction by the network (Zhu 2021 §6): encode Q_h from its leaves to the root, decode Q_r from the root down.
+
+use rayon::prelude::*;
+
+use super::growth::Growth;
+use super::{Reconstructed, TreeInput};
+use crate::base::{Error, Result};
+use crate::guiding::features::{FEATURES, RAW_CHANNELS, node_features, node_log_shares};
+use crate::guiding::topology::{MAX_LEVEL, Topology};
+use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
+use crate::network::batch::{Batch, DecodeLevel};
+use crate::network::config::Config;
+use crate::network::weights::Model;
+
+/// Nodes that are reconstructed together: enough to keep calls few, few enough to stay in the cache.
+const BATCH_NODES: usize = 50_000;
+/// A small tree may grow: it counts as at least this many nodes.
+const TREE_NODES: usize = 400;
+
+/// Reconstructs all trees; the result's order is that of `inputs`, and does not depend on the number of threads.
+///
+/// Every root is split. A decoded node is split while its leaf probability is below the configured threshold, its share of
+/// the tree above the configured minimum, and its level above [`MAX_LEVEL`]; of more splits than
+/// [`MAX_NODES`](crate::guiding::topology::MAX_NODES) allow, the most energetic remain.
+///
+/// # Errors
+/// [`Error::Backend`] if the backend fails or a tree's sums do not match its leaves.
+pub fn reconstruct_batch(model: &Model, backend: &dyn Backend, inputs: &[TreeInput]) -> Result<Vec<Reconstructed>> {
+    let parts: Vec<_> = partition(inputs).par_iter().map(|part| reconstruct(&model.config, backend, part)).collect();
+    let parts = parts.into_iter().collect::<Result<Vec<_>>>()?;
+    Ok(parts.into_iter().flatten().collect())
+}
+
+/// Consecutive trees of about [`BATCH_NODES`] nodes; a function of the trees alone.
+fn partition<'a, 'b>(inputs: &'b [TreeInput<'a>]) -> Vec<&'b [TreeInput<'a>]> {
+    let (mut parts, mut start, mut nodes) = (vec![], 0, 0);
+    for (i, input) in inputs.iter().enumerate() {
+        nodes += input.topology.len().max(TREE_NODES);
+        if nodes >= BATCH_NODES || i + 1 == inputs.len() {
+            parts.push(&inputs[start..=i]);
+            (start, nodes) = (i + 1, 0);
+        }
+    }
+    parts
+}
+
+fn reconstruct(config: &Config, backend: &dyn Backend, inputs: &[TreeInput]) -> Result<Vec<Reconstructed>> {
+    let fail = |message| Error::Backend { backend: backend.name(), message };
+    for (i, input) in inputs.iter().enumerate() {
+        let (leaves, values) = (input.topology.leaves().count(), input.leaf_sums.len());
+        if values != leaves * RAW_CHANNELS {
+            return Err(fail(format!("tree {i} has {values} sums for {leaves} leaves of {RAW_CHANNELS} channels")));
+        }
+    }
+    let topologies: Vec<&Topology> = inputs.iter().map(|input| input.topology).collect();
+    let batch = Batch::new(&topologies);
+    let encoded = encode(config, backend, &batch, inputs)?;
+    let log_shares: Vec<_> = inputs.iter().flat_map(|input| node_log_shares(input.topology, input.leaf_sums)).collect();
+
+    let mut growth = Growth::roots(inputs.len());
+    let mut above = DecodeLevel::roots(&batch);
+    let mut parents = encoded.first().cloned().unwrap_or_default();
+    loop {
+        let mut level = above.grow(&batch, growth.split());
+        if level.rows.is_empty() {
+            return growth.finish(fail);
+        }
+        let output = decode(config, backend, &level, &parents, encoded.get(level.level), &log_shares)?;
+        growth.add(&level.rows.tree, &level.rows.parent, &output.share, |row, mass| {
+            output.leaf[row] < config.leaf_threshold && mass > config.min_split_share && level.level < MAX_LEVEL
+        });
+        parents = output.decoded;
+        std::mem::swap(&mut above, &mut level);
+    }
+}
+
+/// The encoder's output of every level, from the root down.
+fn encode(config: &Config, backend: &dyn Backend, batch: &Batch, inputs: &[TreeInput]) -> Result<Vec<Vec<f32>>> {
+    let features: Vec<f32> = inputs.iter().flat_map(|input| node_features(input.topology, input.leaf_sums)).collect();
+    let mut encoded = vec![vec![]; batch.levels.len()];
+    for level in (0..batch.levels.len()).rev() {
+        let below = encoded.get(level + 1).map_or(&[][..], Vec::as_slice);
+        let step = EncodeInputs {
+            rows: batch.len(level),
+            features: &batch.gather(level, &features, FEATURES),
+            pooled: &batch.pool(level, below, config.width),
+            neighbours: &batch.levels[level].rows.neighbours,
+        };
+        encoded[level] = backend.encode(level, &step)?;
+    }
+    Ok(encoded)
+}
+
+fn decode(
+    config: &Config,
+    backend: &dyn Backend,
+    level: &DecodeLevel,
+    parents: &[f32],
+    encoded: Option<&Vec<f32>>,
+    log_shares: &[[f32; 2]],
+) -> Result<DecodeOutput> {
+    let step = DecodeInputs {
+        rows: level.rows.len(),
+        parents,
+        parent_index: &level.rows.parent,
+        skip: &level.skip_rows(encoded.map_or(&[], Vec::as_slice), config.width),
+        geometry: &level.geometry(log_shares),
+        neighbours: &level.rows.neighbours,
+    };
+    backend.decode(level.level, &step)
+}

@@ -1,0 +1,213 @@
+//! The onnxruntime backend: runs a model folder's `encode_step.onnx` and `decode_step.onnx`.
+//!
+//! The shared library is loaded at run time. onnxruntime's sessions are not used from two threads at once: each step has a
+//! lock, and onnxruntime itself spreads a step over threads.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use ort::session::{Session, SessionInputValue};
+use ort::value::TensorRef;
+
+use crate::base::files::read_bytes;
+use crate::base::{Error, Place, Result};
+use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
+use crate::network::batch::SLOTS;
+use crate::network::config::{Config, VERSION};
+use crate::network::program::GEOMETRY;
+use crate::network::weights::CONFIG_FILE;
+
+/// Name of this backend in messages.
+const NAME: &str = "onnx";
+/// The encoder's file in a model folder.
+pub const ENCODE_FILE: &str = "encode_step.onnx";
+/// The decoder's file in a model folder.
+pub const DECODE_FILE: &str = "decode_step.onnx";
+/// Names the library; takes precedence over the usual places.
+pub const LIBRARY_VARIABLE: &str = "ORT_DYLIB_PATH";
+/// Folders where systems keep shared libraries.
+const FOLDERS: [&str; 6] = [
+    "/usr/local/lib",
+    "/usr/lib",
+    "/usr/lib64",
+    "/usr/lib/x86_64-linux-gnu",
+    "/usr/lib/aarch64-linux-gnu",
+    "/opt/homebrew/lib",
+];
+
+fn fail(message: String) -> Error {
+    Error::Backend { backend: NAME, message }
+}
+
+/// A model's two steps in onnxruntime.
+pub struct OnnxBackend {
+    config: Config,
+    encode: Mutex<Session>,
+    decode: Mutex<Session>,
+}
+
+impl OnnxBackend {
+    /// Loads a model folder with the library that [`LIBRARY_VARIABLE`] names, or else the first found beside the program or
+    /// in the system's folders.
+    ///
+    /// # Errors
+    /// [`Error::Backend`] if the library is missing, too old or refuses the model; [`Error::Model`] and [`Error::Malformed`]
+    /// for the folder's content; [`Error::Unsupported`] for a model with separate weights per level.
+    pub fn load(folder: &Path) -> Result<Self> {
+        let library = match std::env::var_os(LIBRARY_VARIABLE).filter(|path| !path.is_empty()) {
+            Some(path) => PathBuf::from(path),
+            None => find_library().ok_or_else(|| missing("no onnxruntime library was found".into()))?,
+        };
+        Self::load_with(folder, &library)
+    }
+
+    /// As [`OnnxBackend::load`] with the library at `library`. A process keeps the first library that it loaded.
+    ///
+    /// # Errors
+    /// As [`OnnxBackend::load`].
+    pub fn load_with(folder: &Path, library: &Path) -> Result<Self> {
+        let config = read_config(folder)?;
+        let library = std::path::absolute(library).map_err(|e| Error::io(library, e))?;
+        if !library.is_file() {
+            return Err(missing(format!("there is no library {}", library.display())));
+        }
+        let environment = ort::init_from(&library).map_err(|e| missing(e.to_string()))?;
+        let environment = environment.with_name("fanal").build().map_err(|e| fail(e.to_string()))?;
+        let session = |file: &str| -> Result<Mutex<Session>> {
+            let path = folder.join(file);
+            if !path.is_file() {
+                let message = format!("{file} is missing; `fanal-training export` writes it");
+                return Err(Error::Model { path: folder.to_owned(), message });
+            }
+            let fail =
+                |e: ort::Error| Error::Model { path: path.clone(), message: format!("onnxruntime refuses it: {e}") };
+            let session = Session::builder(&environment).and_then(|mut b| b.commit_from_file(&path)).map_err(fail)?;
+            check_metadata(&session, &config, &path)?;
+            Ok(Mutex::new(session))
+        };
+        Ok(Self { encode: session(ENCODE_FILE)?, decode: session(DECODE_FILE)?, config })
+    }
+}
+
+fn missing(problem: String) -> Error {
+    let least = ort::MINOR_VERSION;
+    fail(format!(
+        "{problem}. Install the shared library of onnxruntime 1.{least} or newer (it is also in the Python package \
+         `onnxruntime`, folder capi) and set {LIBRARY_VARIABLE} to its path, or use the embedded backend"
+    ))
+}
+
+/// The first file named like the library beside the program or in the system's folders.
+fn find_library() -> Option<PathBuf> {
+    let name = format!("{}onnxruntime{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX);
+    let beside = std::env::current_exe().ok().and_then(|exe| Some(exe.parent()?.to_owned()));
+    let folders = beside.into_iter().chain(FOLDERS.map(PathBuf::from));
+    folders.map(|folder| folder.join(&name)).find(|path| path.is_file())
+}
+
+fn read_config(folder: &Path) -> Result<Config> {
+    let path = folder.join(CONFIG_FILE);
+    let config: Config = serde_json::from_slice(&read_bytes(&path, 1 << 20)?)
+        .map_err(|e| Error::malformed(Place::line(&path, e.line() as u32), e.to_string()))?;
+    config.validate(&path)?;
+    if config.per_level {
+        return Err(Error::Unsupported {
+            place: Place::part(&path, "per_level"),
+            what: "a model with separate weights per level in the onnx backend".into(),
+            supported: "shared weights here; any model in the embedded backend".into(),
+        });
+    }
+    Ok(config)
+}
+
+/// The exported file must belong to the configuration beside it.
+fn check_metadata(session: &Session, config: &Config, path: &Path) -> Result<()> {
+    let metadata = session.metadata().map_err(|e| fail(e.to_string()))?;
+    let expected = [("version", VERSION as usize), ("width", config.width), ("features", config.features)];
+    for (key, value) in expected {
+        let found = metadata.custom(key).unwrap_or_default();
+        if found != value.to_string() {
+            let message = format!("its {key} is '{found}', {CONFIG_FILE} says {value}; export the model again");
+            return Err(Error::Model { path: path.to_owned(), message });
+        }
+    }
+    Ok(())
+}
+
+/// Runs a session; returns the outputs of these names, each of `rows` times its columns.
+fn run(
+    session: &Mutex<Session>,
+    inputs: Vec<(&str, SessionInputValue)>,
+    rows: usize,
+    outputs: &[(&str, usize)],
+) -> Result<Vec<Vec<f32>>> {
+    // A panic in another thread leaves no half-written state behind: sessions hold weights only.
+    let mut session = session.lock().unwrap_or_else(PoisonError::into_inner);
+    let results = session.run(inputs).map_err(|e| fail(format!("onnxruntime failed: {e}")))?;
+    let take = |&(name, columns): &(&str, usize)| {
+        let value = results.get(name).ok_or_else(|| fail(format!("the model has no output {name}")))?;
+        let (_, data) = value.try_extract_tensor::<f32>().map_err(|e| fail(format!("output {name}: {e}")))?;
+        if data.len() != rows * columns {
+            return Err(fail(format!("output {name} has {} values for {rows} rows of {columns}", data.len())));
+        }
+        Ok(data.to_vec())
+    };
+    outputs.iter().map(take).collect()
+}
+
+fn floats<'a>(rows: usize, data: &'a [f32], columns: usize) -> Result<SessionInputValue<'a>> {
+    let tensor = TensorRef::from_array_view(([rows, columns], data)).map_err(|e| fail(e.to_string()))?;
+    Ok(tensor.into())
+}
+
+fn indices(data: &[u32]) -> Vec<i64> {
+    data.iter().map(|&row| i64::from(row)).collect()
+}
+
+fn integers<'a>(shape: &[usize], data: &'a [i64]) -> Result<SessionInputValue<'a>> {
+    let tensor = TensorRef::from_array_view((shape.to_vec(), data)).map_err(|e| fail(e.to_string()))?;
+    Ok(tensor.into())
+}
+
+impl Backend for OnnxBackend {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    fn encode(&self, _level: usize, inputs: &EncodeInputs) -> Result<Vec<f32>> {
+        let (n, width) = (inputs.rows, self.config.width);
+        if n == 0 {
+            return Ok(vec![]);
+        }
+        let neighbours = indices(inputs.neighbours);
+        let values = vec![
+            ("features", floats(n, inputs.features, self.config.features)?),
+            ("pooled", floats(n, inputs.pooled, width)?),
+            ("neighbours", integers(&[n, SLOTS], &neighbours)?),
+        ];
+        Ok(run(&self.encode, values, n, &[("encoded", width)])?.swap_remove(0))
+    }
+
+    fn decode(&self, _level: usize, inputs: &DecodeInputs) -> Result<DecodeOutput> {
+        let (n, width) = (inputs.rows, self.config.width);
+        if n == 0 {
+            return Ok(DecodeOutput::default());
+        }
+        let (parent_index, neighbours) = (indices(inputs.parent_index), indices(inputs.neighbours));
+        let values = vec![
+            ("parents", floats(inputs.parents.len() / width, inputs.parents, width)?),
+            ("parent_index", integers(&[n], &parent_index)?),
+            ("skip", floats(n, inputs.skip, width)?),
+            ("geometry", floats(n, inputs.geometry, GEOMETRY)?),
+            ("neighbours", integers(&[n, SLOTS], &neighbours)?),
+        ];
+        let names = [("decoded", width), ("share_logit", 1), ("share", 1), ("leaf_logit", 1), ("leaf", 1)];
+        let outputs = run(&self.decode, values, n, &names)?;
+        match <[_; 5]>::try_from(outputs) {
+            Ok([decoded, share_logit, share, leaf_logit, leaf]) => {
+                Ok(DecodeOutput { decoded, share_logit, share, leaf_logit, leaf })
+            }
+            Err(_) => Err(fail("the decoder does not have five outputs".into())),
+        }
+    }
+}

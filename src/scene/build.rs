@@ -1,0 +1,161 @@
+//! From a loaded file to the immutable scene.
+
+use std::collections::BTreeMap;
+
+use glam::{Affine3A, Mat3, Mat4, Vec3};
+
+use super::Scene;
+use super::file::{Distribution, GeometryFile, LightFile, MaterialFile, Matrix, ShapeFile, TextureFile};
+use super::readers::LoadedScene;
+use crate::base::{Error, Place, Result};
+use crate::camera::Camera;
+use crate::geometry::{Accel, Shape};
+use crate::lights::area::AreaLight;
+use crate::lights::distant::{Constant, Directional};
+use crate::lights::envmap::Envmap;
+use crate::lights::point::{Point, Spot};
+use crate::lights::{BoundingSphere, Light, LightSet};
+use crate::materials::conductor::Conductor;
+use crate::materials::dielectric::Dielectric;
+use crate::materials::diffuse::Diffuse;
+use crate::materials::fresnel::Metal;
+use crate::materials::microfacet::{Microfacets, SMOOTH, Shape as FacetShape};
+use crate::materials::rough_conductor::RoughConductor;
+use crate::materials::texture::Texture;
+use crate::materials::{Kind, Material};
+
+impl Scene {
+    /// Builds the scene for a picture of `size` (columns, rows).
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] where a name does not resolve; the readers have checked all values.
+    pub fn build(loaded: &LoadedScene, size: [u32; 2]) -> Result<Self> {
+        let file = &loaded.file;
+        let names: BTreeMap<&str, u32> = file.materials.keys().map(String::as_str).zip(0..).collect();
+        let materials =
+            file.materials.values().map(|m| material(m, loaded)).collect::<Result<Vec<Material>>>()?;
+        let mut shapes = Vec::with_capacity(file.shapes.len());
+        let mut shape_material = Vec::with_capacity(file.shapes.len());
+        let mut shape_light = Vec::with_capacity(file.shapes.len());
+        let mut lights = Vec::new();
+        for shape_file in &file.shapes {
+            let shape = shape(shape_file, loaded)?;
+            let name = shape_file.material.as_str();
+            shape_material.push(*names.get(name).ok_or_else(|| unresolved(loaded, "material", name))?);
+            let emission = shape_file.emission.map(Vec3::from_array).filter(|e| *e != Vec3::ZERO);
+            shape_light.push(emission.map(|_| lights.len() as u32));
+            lights.extend(emission.map(|radiance| Light::Area(AreaLight::new(shape.clone(), radiance))));
+            shapes.push(shape);
+        }
+        let accel = Accel::new(&shapes);
+        let camera_file = &file.camera;
+        let focus = camera_file.focus_distance.unwrap_or(1.0);
+        let to_world = affine(&camera_file.to_world);
+        let camera = Camera::new(to_world, camera_file.fov, size, camera_file.aperture_radius, focus);
+        let bounds = bounding_sphere(accel.bounds(), camera.position());
+        for light in &file.lights {
+            lights.push(self::light(light, loaded)?);
+        }
+        Ok(Self {
+            name: file.name.clone(),
+            size,
+            camera,
+            lights: LightSet::new(lights, &bounds),
+            bounds,
+            accel,
+            shapes,
+            shape_material,
+            shape_light,
+            materials,
+        })
+    }
+}
+
+fn unresolved(loaded: &LoadedScene, kind: &str, name: &str) -> Error {
+    Error::malformed(Place::file(&loaded.directory), format!("there is no {kind} named \"{name}\""))
+}
+
+fn affine(matrix: &Matrix) -> Affine3A {
+    Affine3A::from_mat4(Mat4::from_cols_array(matrix).transpose())
+}
+
+/// The sphere around the box of all shapes; around the camera where there are none.
+fn bounding_sphere([low, high]: [Vec3; 2], camera: Vec3) -> BoundingSphere {
+    if !(low.is_finite() && high.is_finite()) {
+        return BoundingSphere { center: camera, radius: 1.0 };
+    }
+    BoundingSphere { center: 0.5 * (low + high), radius: (0.5 * (high - low).length()).max(f32::MIN_POSITIVE) }
+}
+
+fn shape(file: &ShapeFile, loaded: &LoadedScene) -> Result<Shape> {
+    let to_world = affine(&file.to_world);
+    match &file.geometry {
+        GeometryFile::Mesh { mesh } => {
+            let found = loaded.meshes.get(mesh).ok_or_else(|| unresolved(loaded, "mesh", mesh))?;
+            Ok(Shape::mesh(found.clone(), to_world, file.flip_normals))
+        }
+        GeometryFile::Sphere { center, radius } => {
+            let scale = to_world.transform_vector3(Vec3::X).length();
+            let mirrored = to_world.matrix3.determinant() < 0.0;
+            let center = to_world.transform_point3(Vec3::from_array(*center));
+            Ok(Shape::sphere(center, radius * scale, file.flip_normals != mirrored))
+        }
+    }
+}
+
+fn texture(file: &TextureFile, loaded: &LoadedScene) -> Result<Texture> {
+    Texture::new(file, &loaded.images)
+}
+
+fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
+    let metal = |eta: &[f32; 3], k: &[f32; 3], reflectance: &TextureFile| -> Result<Metal> {
+        Ok(Metal { eta: Vec3::from_array(*eta), k: Vec3::from_array(*k), reflectance: texture(reflectance, loaded)? })
+    };
+    let kind = match file {
+        MaterialFile::TwoSided { material: inner } => {
+            return Ok(Material { two_sided: true, ..material(inner, loaded)? });
+        }
+        MaterialFile::Diffuse { reflectance } => Kind::Diffuse(Diffuse { reflectance: texture(reflectance, loaded)? }),
+        MaterialFile::Conductor { eta, k, specular_reflectance } => {
+            Kind::Conductor(Conductor { metal: metal(eta, k, specular_reflectance)? })
+        }
+        MaterialFile::RoughConductor { alpha, eta, k, specular_reflectance, .. } if *alpha < SMOOTH => {
+            Kind::Conductor(Conductor { metal: metal(eta, k, specular_reflectance)? })
+        }
+        MaterialFile::RoughConductor { alpha, distribution, eta, k, specular_reflectance } => {
+            let shape = match distribution {
+                Distribution::Beckmann => FacetShape::Beckmann,
+                Distribution::Ggx => FacetShape::Ggx,
+            };
+            let facets = Microfacets { shape, alpha: *alpha };
+            Kind::RoughConductor(RoughConductor { metal: metal(eta, k, specular_reflectance)?, facets })
+        }
+        MaterialFile::Dielectric { int_ior, ext_ior } => Kind::Dielectric(Dielectric { eta: int_ior / ext_ior }),
+    };
+    Ok(Material { two_sided: false, kind })
+}
+
+fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {
+    Ok(match file {
+        LightFile::Point { position, intensity } => {
+            Light::Point(Point { position: Vec3::from_array(*position), intensity: Vec3::from_array(*intensity) })
+        }
+        LightFile::Spot { to_world, intensity, cutoff_angle, beam_width } => Light::Spot(Spot::new(
+            affine(to_world),
+            Vec3::from_array(*intensity),
+            cutoff_angle.to_radians(),
+            beam_width.to_radians(),
+        )),
+        LightFile::Directional { direction, irradiance } => Light::Directional(Directional {
+            direction: Vec3::from_array(*direction).normalize_or(Vec3::NEG_Y),
+            irradiance: Vec3::from_array(*irradiance),
+        }),
+        LightFile::Constant { radiance } => Light::Constant(Constant { radiance: Vec3::from_array(*radiance) }),
+        LightFile::Envmap { file, scale, to_world } => {
+            let image = loaded.images.get(file).ok_or_else(|| unresolved(loaded, "picture", file))?;
+            let [x, y, z] = Mat3::from(affine(to_world).matrix3).to_cols_array_2d().map(Vec3::from_array);
+            let rotation = Mat3::from_cols(x.normalize_or(Vec3::X), y.normalize_or(Vec3::Y), z.normalize_or(Vec3::Z));
+            Light::Envmap(Envmap::new(image.clone(), *scale, rotation))
+        }
+    })
+}
