@@ -1,4 +1,3 @@
-<<<<<<< HEAD
 //! The perspective camera with an optional thin lens.
 
 use glam::{Affine3A, Vec3};
@@ -71,6 +70,3 @@ mod tests {
         assert!((at([0.1, 0.2]) - at([0.9, 0.7])).length() < 1e-4);
     }
 }
-=======
-
->>>>>>> training

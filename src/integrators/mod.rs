@@ -1,4 +1,3 @@
-<<<<<<< HEAD
 //! Light transport: the path tracer, the photon tracer, and the mixture that guides both decisions of where to go.
 
 pub mod mixture;
@@ -21,6 +20,3 @@ const ROULETTE_START: u32 = 4;
 
 /// Highest probability of surviving roulette: even a path without loss must end.
 const ROULETTE_MOST: f32 = 0.95;
-=======
-
->>>>>>> training

@@ -1,4 +1,3 @@
-<<<<<<< HEAD
 //! Light sources: what arrives from them at a point, and how photons leave them.
 
 pub mod area;
@@ -177,6 +176,3 @@ impl LightSet {
         sum
     }
 }
-=======
-
->>>>>>> training

@@ -1,4 +1,3 @@
-<<<<<<< HEAD
 //! Small geometric mathematics: frames, the cylindrical map of directions, error-bounded ray origins, special functions.
 
 pub mod cylindrical;
@@ -12,6 +11,3 @@ pub use frame::Frame;
 pub fn channel_mean(c: glam::Vec3) -> f32 {
     (c.x + c.y + c.z) * (1.0 / 3.0)
 }
-=======
-
->>>>>>> training
