@@ -4,19 +4,19 @@
 //! network, reconstruct, integrators, render, generate, report, cli. A test holds every `use` against this order.
 
 pub mod base;
-pub mod camera;
-pub mod cli;
-pub mod film;
-pub mod generate;
-pub mod geometry;
-pub mod guiding;
-pub mod integrators;
-pub mod lights;
-pub mod materials;
 pub mod math;
+pub mod sampling;
+pub mod geometry;
+pub mod materials;
+pub mod lights;
+pub mod camera;
+pub mod scene;
+pub mod film;
+pub mod guiding;
 pub mod network;
 pub mod reconstruct;
+pub mod integrators;
 pub mod render;
+pub mod generate;
 pub mod report;
-pub mod sampling;
-pub mod scene;
+pub mod cli;

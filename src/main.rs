@@ -1,2 +1,5 @@
 //! The `fanal` command.
-fn main() {}
+
+fn main() -> std::process::ExitCode {
+    fanal::cli::main()
+}

@@ -1,1 +1,39 @@
+//! The command line: parse (`args`), resolve against the scene (`resolve`), work (`commands`), report (`print`, `progress`).
 
+pub mod args;
+pub mod commands;
+pub mod fail;
+pub mod interrupt;
+pub mod print;
+pub mod progress;
+pub mod resolve;
+
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::Parser;
+
+use args::{Cli, Command};
+
+/// Runs the command line of this process. The exit code is 0 on success, 2 for wrong usage, 1 for everything else.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return fail::usage(&error),
+    };
+    match execute(cli.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => fail::report(&error),
+    }
+}
+
+fn execute(command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Render(args) => {
+            commands::render::run(&args).with_context(|| format!("cannot render {}", args.scene.display()))
+        }
+        Command::Plan(args) => commands::plan::run(&args).context("cannot plan"),
+        Command::Error(args) => commands::error::run(&args).context("cannot compare"),
+        Command::Dataset(args) => commands::dataset::run(&args).context("no data set"),
+    }
+}

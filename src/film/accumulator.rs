@@ -185,7 +185,7 @@ pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
         if total > 0.0 { Vec3::from_array(sum.map(|s| (s / total) as f32)) } else { Vec3::ZERO }
     };
     let pixels: Vec<Vec3> = (0..first.means.len()).map(pixel).collect();
-    let height = if first.width > 0 { pixels.len() / first.width } else { 0 };
+    let height = pixels.len().checked_div(first.width).unwrap_or(0);
     Ok(Image { width: first.width, height, pixels })
 }
 

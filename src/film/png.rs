@@ -56,12 +56,12 @@ mod tests {
 
     #[test]
     fn exposure_and_curve_as_decoded() {
-        let pixels = vec![Vec3::new(0.0, 0.109, 0.5), Vec3::new(-1.0, f32::NAN, 9.0)];
+        let pixels = vec![Vec3::new(0.0, 0.107_93, 0.5), Vec3::new(-1.0, f32::NAN, 9.0)];
         let bytes = encode(&Image { width: 2, height: 1, pixels }, 1.0).unwrap();
         let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
         let mut data = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut data).unwrap();
-        // 0.218 is 8-bit value 128 or 129 in every sRGB table; here it is 0.5028 * 255 = 128.2.
+        // 0.21586 is the linear value of 128 in every sRGB table.
         assert_eq!(data, [0, 128, 255, 0, 0, 255]);
     }
 }

@@ -1,4 +1,79 @@
-//! Training data: procedural scenes, and the shards in which pairs of noisy and converged quadtrees are stored.
+//! Procedural scenes, our own scenes, and training data: recipes, and the shards in which pairs of noisy and converged
+//! quadtrees are stored.
+//!
+//! A scene is a pure function of its family and seed: it needs no file and is the same everywhere.
 
+pub mod build;
+pub mod caustics;
 pub mod dataset;
+pub mod draw;
+pub mod own;
+pub mod primitives;
+pub mod recipe;
+pub mod revolve;
+pub mod rooms;
 pub mod shard;
+pub mod solids;
+pub mod text;
+pub mod walls;
+
+use serde::{Deserialize, Serialize};
+
+use crate::scene::file::SceneFile;
+use build::Builder;
+use draw::Draw;
+
+/// Picture size of generated scenes unless asked otherwise.
+pub const DEFAULT_SIZE: [u32; 2] = [64, 64];
+
+/// A family of random scenes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Family {
+    /// Random primitives under area lights.
+    Primitives,
+    /// Rooms lit through openings.
+    Rooms,
+    /// Glass and metal near small lights.
+    Caustics,
+}
+
+impl Family {
+    /// All families.
+    pub const ALL: [Self; 3] = [Self::Primitives, Self::Rooms, Self::Caustics];
+
+    /// Its name in recipes.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Primitives => "primitives",
+            Self::Rooms => "rooms",
+            Self::Caustics => "caustics",
+        }
+    }
+
+    /// Its stream of random numbers; fixed for good, since data depends on it.
+    pub fn id(self) -> u64 {
+        match self {
+            Self::Primitives => 1,
+            Self::Rooms => 2,
+            Self::Caustics => 3,
+        }
+    }
+}
+
+/// The scene of a family and seed, with a picture of `size` (columns, rows).
+pub fn scene(family: Family, seed: u64, size: [u32; 2]) -> SceneFile {
+    let mut draw = Draw::new(family.id(), seed);
+    let mut builder = Builder::new(format!("{}-{seed:016x}", family.name()), size);
+    match family {
+        Family::Primitives => primitives::build(&mut draw, &mut builder),
+        Family::Rooms => rooms::build(&mut draw, &mut builder),
+        Family::Caustics => caustics::build(&mut draw, &mut builder),
+    }
+    builder.render(draw.integer(8, 12), 64);
+    draw.scatter_world(&mut builder);
+    builder.finish()
+}
+
+#[cfg(test)]
+mod tests;

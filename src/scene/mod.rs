@@ -2,6 +2,7 @@
 
 pub mod build;
 pub mod file;
+pub mod plan;
 pub mod readers;
 
 use crate::camera::Camera;

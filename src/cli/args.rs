@@ -1,0 +1,255 @@
+//! What can be written on the command line. Nothing here looks at a file; see [`super::resolve`].
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// A physically based renderer that learns where light comes from.
+#[derive(Debug, Parser)]
+#[command(
+    name = "fanal",
+    version,
+    after_help = "Examples:\n  fanal render scenes/door-ajar -o out.exr\n  fanal render --help"
+)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Render a scene to a picture
+    Render(RenderArgs),
+    /// Say which effects a scene calls for, which are off, and why
+    Plan(PlanArgs),
+    /// Measure how far a picture is from a reference
+    Error(ErrorArgs),
+    /// Generate training data, or check it
+    Dataset(DatasetArgs),
+}
+
+/// Options of every command.
+#[derive(Debug, Clone, Args)]
+pub struct Common {
+    /// Threads to use [default: all cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// No progress and no warnings
+    #[arg(long)]
+    pub quiet: bool,
+}
+
+/// How camera rays find light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Guide {
+    /// Path tracing with next event estimation and multiple importance sampling
+    None,
+    /// Guided by path and photon samples in per-voxel quadtrees
+    Hybrid,
+    /// The same, reconstructed by the network
+    Neural,
+}
+
+impl Guide {
+    /// Its name on the command line and in statistics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Hybrid => "hybrid",
+            Self::Neural => "neural",
+        }
+    }
+}
+
+/// Where guiding samples come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Samples {
+    /// Camera paths only
+    Path,
+    /// Light paths only
+    Photon,
+    /// Both
+    Both,
+}
+
+/// Who executes the network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Backend {
+    /// The forward pass built into this program
+    Embedded,
+    /// onnxruntime, whose shared library must be installed
+    Onnx,
+}
+
+/// A switch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Switch {
+    /// Yes
+    On,
+    /// No
+    Off,
+}
+
+impl Switch {
+    /// Whether it is on.
+    pub fn is_on(self) -> bool {
+        self == Self::On
+    }
+}
+
+const RENDER_EXAMPLES: &str = "Examples:
+  fanal render scenes/door-ajar -o out.exr
+  fanal render scenes/cornell/scene.json -o out.png --guide none --spp 256 --size 128x128
+  fanal render scene.xml -o out.exr --time 60 --stats stats.json --reference reference.exr
+  fanal render scenes/lamp-room -o out.exr --model models/mine --backend onnx";
+
+/// `fanal render`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = RENDER_EXAMPLES)]
+pub struct RenderArgs {
+    /// Scene: our JSON, Mitsuba XML, or a folder with scene.json or scene.xml
+    pub scene: PathBuf,
+    /// Picture to write, .exr or .png
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// How camera rays find light
+    #[arg(long, value_enum, default_value = "neural")]
+    pub guide: Guide,
+    /// Where guiding samples come from [default: path for --guide none, otherwise both]
+    #[arg(long, value_enum)]
+    pub samples: Option<Samples>,
+    /// Ceiling of the sampling field in MB
+    #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub guide_memory: u32,
+    /// Russian roulette
+    #[arg(long, value_enum, default_value = "on")]
+    pub roulette: Switch,
+    /// Samples per pixel, camera and light paths together [default: the scene's]
+    #[arg(long, value_name = "N", conflicts_with = "time", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    pub spp: Option<u32>,
+    /// Render for so many seconds
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
+    pub time: Option<f64>,
+    /// Next event estimation
+    #[arg(long, value_enum, default_value = "on")]
+    pub nee: Switch,
+    /// 1 = emission only, 2 = direct light, n = n-1 bounces [default: the scene's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    pub max_depth: Option<u32>,
+    /// Size of the picture in pixels [default: the scene's]
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<[u32; 2]>,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", default_value = "0")]
+    pub seed: u64,
+    /// Folder of the network's model, for --guide neural [default: the model inside this program]
+    #[arg(long, value_name = "DIR")]
+    pub model: Option<PathBuf>,
+    /// Who executes the network, for --guide neural
+    #[arg(long, value_enum, default_value = "embedded")]
+    pub backend: Backend,
+    /// Write statistics as JSON
+    #[arg(long, value_name = "FILE")]
+    pub stats: Option<PathBuf>,
+    /// Picture to measure errors against; they go into the statistics
+    #[arg(long, value_name = "FILE")]
+    pub reference: Option<PathBuf>,
+    /// Options of every command.
+    #[command(flatten)]
+    pub common: Common,
+}
+
+const PLAN_EXAMPLES: &str = "Examples:
+  fanal plan scenes/door-ajar
+  fanal plan scene.xml --json";
+
+/// `fanal plan`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = PLAN_EXAMPLES)]
+pub struct PlanArgs {
+    /// Scene: our JSON, Mitsuba XML, or a folder with scene.json or scene.xml
+    pub scene: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Options of every command.
+    #[command(flatten)]
+    pub common: Common,
+}
+
+const ERROR_EXAMPLES: &str = "Examples:
+  fanal error out.exr reference.exr
+  fanal error out.exr reference.exr --json";
+
+/// `fanal error`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = ERROR_EXAMPLES)]
+pub struct ErrorArgs {
+    /// The picture
+    #[arg(value_name = "A")]
+    pub picture: PathBuf,
+    /// What it should be
+    #[arg(value_name = "REF")]
+    pub reference: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Options of every command.
+    #[command(flatten)]
+    pub common: Common,
+}
+
+const DATASET_EXAMPLES: &str = "Examples:
+  fanal dataset datasets/small.toml -o data/small
+  fanal dataset --check data/small";
+
+/// `fanal dataset`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = DATASET_EXAMPLES, override_usage = "fanal dataset RECIPE.toml -o DIR\n       fanal dataset --check DIR")]
+pub struct DatasetArgs {
+    /// Recipe to follow
+    #[arg(value_name = "RECIPE", required_unless_present = "check", conflicts_with = "check", requires = "output")]
+    pub recipe: Option<PathBuf>,
+    /// Folder to write; what is there already is kept, what is missing is made
+    #[arg(short, long, value_name = "DIR", conflicts_with = "check")]
+    pub output: Option<PathBuf>,
+    /// Check a folder of data instead
+    #[arg(long, value_name = "DIR")]
+    pub check: Option<PathBuf>,
+    /// Options of every command.
+    #[command(flatten)]
+    pub common: Common,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds > 0.0 && seconds <= 1e7 => Ok(seconds),
+        _ => Err("expected a number of seconds above 0 and at most 10000000".into()),
+    }
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    sides.ok_or_else(|| "expected columns and rows, for example 640x480".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn definitions_are_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn sizes() {
+        assert_eq!(size("640x480"), Ok([640, 480]));
+        for bad in ["640", "x", "640x", "-1x5", "640x480x3", "99999999999x1"] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,45 @@
+//! `fanal dataset`.
+
+use std::path::Path;
+
+use super::{in_pool, not_built_yet};
+use crate::base::{Error, Progress, Result};
+use crate::cli::args::DatasetArgs;
+use crate::cli::{print, progress};
+use crate::film::check_folder;
+use crate::generate::dataset::{Summary, check};
+use crate::generate::recipe::Recipe;
+
+/// Follows a recipe, or checks what one has made.
+///
+/// # Errors
+/// Everything that recipe, generation and data folder can say.
+pub fn run(args: &DatasetArgs) -> Result<()> {
+    let watcher = progress::progress(args.common.quiet);
+    match (&args.check, &args.recipe, &args.output) {
+        (Some(folder), _, _) => told(&in_pool(&args.common, || check(folder))?),
+        (None, Some(recipe), Some(output)) => {
+            let recipe = Recipe::read(recipe)?;
+            std::fs::create_dir_all(output).map_err(|e| Error::io(output, e))?;
+            check_folder(&output.join("index.jsonl"))?;
+            in_pool(&args.common, || generate(&recipe, output, &*watcher))
+        }
+        _ => Err(Error::Options("give a recipe and -o DIR, or --check DIR".into())),
+    }
+}
+
+/// SEAM: here the recipe's jobs become shards.
+fn generate(_recipe: &Recipe, _output: &Path, _progress: &dyn Progress) -> Result<()> {
+    Err(not_built_yet("generating data"))
+}
+
+fn told(found: &Summary) -> Result<()> {
+    print::line(&format!(
+        "{} shards of {} scenes in {} families are sound",
+        found.shards, found.scenes, found.families
+    ))?;
+    print::line(&format!("trees: {} to train on, {} held out", found.train, found.held_out))?;
+    print::line(&format!("nodes per tree: input {:.1}, target {:.1}", found.input_nodes, found.target_nodes))?;
+    print::line(&format!("samples per input: {:.1} paths, {:.1} photons", found.path_samples, found.photon_samples))?;
+    print::line(&format!("KL between independent targets: {:.4} nats", found.floor_kl))
+}

@@ -1,0 +1,22 @@
+//! `fanal plan`.
+
+use super::{in_pool, load_scene};
+use crate::base::Result;
+use crate::cli::args::PlanArgs;
+use crate::cli::print;
+use crate::scene::plan::plan;
+
+/// Prints what a scene calls for.
+///
+/// # Errors
+/// What reading the scene says.
+pub fn run(args: &PlanArgs) -> Result<()> {
+    let plan = plan(&in_pool(&args.common, || load_scene(&args.scene, &args.common))?.file);
+    if args.json {
+        return print::json(&plan);
+    }
+    plan.effects.iter().try_for_each(|effect| {
+        let state = if effect.on { "on " } else { "off" };
+        print::line(&format!("{state}  {:<20}  {}", effect.name, effect.cause))
+    })
+}

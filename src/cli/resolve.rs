@@ -1,0 +1,135 @@
+//! From arguments and scene to the one description of what to render.
+
+use std::path::PathBuf;
+
+use super::args::{Backend, Guide, RenderArgs, Samples};
+use crate::base::{Error, Result};
+use crate::film::check_size;
+use crate::scene::file::SceneFile;
+
+/// When rendering ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum StopRule {
+    /// After so many samples per pixel, camera and light paths together.
+    Spp(u32),
+    /// After so many seconds.
+    Time(f64),
+}
+
+/// Everything that a render depends on beside the scene. All values are in range.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RenderRequest {
+    /// The scene as given by the user, for reports.
+    pub scene: PathBuf,
+    /// The picture to write.
+    pub output: PathBuf,
+    /// Columns and rows.
+    pub size: [u32; 2],
+    /// 1 = emission only, n = n−1 bounces.
+    pub max_depth: u32,
+    /// When to stop.
+    pub stop: StopRule,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Next event estimation.
+    pub nee: bool,
+    /// Russian roulette.
+    pub roulette: bool,
+    /// How camera rays find light.
+    pub guide: Guide,
+    /// Where guiding samples come from.
+    pub samples: Samples,
+    /// Ceiling of the sampling field, bytes.
+    pub guide_memory: u64,
+    /// The model's folder; `None` is the model inside the program.
+    pub model: Option<PathBuf>,
+    /// Who executes the network.
+    pub backend: Backend,
+    /// Where statistics go.
+    pub stats: Option<PathBuf>,
+    /// The picture that errors are measured against.
+    pub reference: Option<PathBuf>,
+}
+
+/// Combines arguments with the scene's defaults.
+///
+/// # Errors
+/// [`Error::Options`] naming the options that contradict one another or the value that is out of range.
+pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
+    let size = args.size.unwrap_or([scene.film.width, scene.film.height]);
+    check_size(size[0], size[1])?;
+    let max_depth = args.max_depth.unwrap_or(scene.render.max_depth);
+    let stop = match (args.spp, args.time) {
+        (Some(_), Some(_)) => {
+            return Err(Error::Options("--spp and --time are both given; only one can end the render".into()));
+        }
+        (Some(spp), None) => StopRule::Spp(spp),
+        (None, Some(seconds)) => StopRule::Time(seconds),
+        (None, None) => StopRule::Spp(scene.render.spp),
+    };
+    if stop == StopRule::Spp(0) || max_depth == 0 {
+        return Err(Error::Options(
+            "the scene asks for 0 samples per pixel or depth 0; give --spp and --max-depth".into(),
+        ));
+    }
+    Ok(RenderRequest {
+        scene: args.scene.clone(),
+        output: args.output.clone(),
+        size,
+        max_depth,
+        stop,
+        seed: args.seed,
+        nee: args.nee.is_on(),
+        roulette: args.roulette.is_on(),
+        guide: args.guide,
+        samples: samples(args)?,
+        guide_memory: u64::from(args.guide_memory) * 1_000_000,
+        model: args.model.clone(),
+        backend: args.backend,
+        stats: args.stats.clone(),
+        reference: args.reference.clone(),
+    })
+}
+
+fn samples(args: &RenderArgs) -> Result<Samples> {
+    match (args.guide, args.samples) {
+        (Guide::None, None | Some(Samples::Path)) => Ok(Samples::Path),
+        (Guide::None, Some(_)) => {
+            Err(Error::Options("--guide none has no use for photons; leave --samples out".into()))
+        }
+        (_, given) => Ok(given.unwrap_or(Samples::Both)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::args::{Cli, Command};
+    use crate::generate::{Family, scene};
+    use clap::Parser;
+
+    fn request(options: &[&str]) -> Result<RenderRequest> {
+        let Command::Render(args) =
+            Cli::parse_from(["fanal", "render", "s.json", "-o", "o.exr"].iter().chain(options)).command
+        else {
+            unreachable!("the words above are a render command")
+        };
+        resolve(&args, &scene(Family::Rooms, 1, [40, 30]))
+    }
+
+    #[test]
+    fn the_scene_is_the_default() {
+        let plain = request(&[]).unwrap();
+        assert_eq!((plain.size, plain.stop, plain.samples), ([40, 30], StopRule::Spp(64), Samples::Both));
+        let given = request(&["--size", "8x4", "--time", "2.5", "--guide", "none", "--max-depth", "3"]).unwrap();
+        assert_eq!((given.size, given.stop, given.samples), ([8, 4], StopRule::Time(2.5), Samples::Path));
+        assert_eq!(given.max_depth, 3);
+    }
+
+    #[test]
+    fn contradictions_are_errors() {
+        assert!(request(&["--size", "0x4"]).is_err());
+        assert!(request(&["--size", "4000000000x4000000000"]).is_err());
+        assert!(request(&["--guide", "none", "--samples", "photon"]).is_err());
+    }
+}

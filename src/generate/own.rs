@@ -1,0 +1,195 @@
+//! The scenes in `scenes/`, as the code that they were written by. A test keeps the two equal.
+
+use std::f32::consts::FRAC_PI_2;
+
+use glam::{Mat4, Quat, Vec3};
+
+use super::build::{Builder, diffuse, glass};
+use super::revolve::{bowl, ring};
+use super::text::{json, obj, rounded};
+use super::walls::{Opening, Room, Side};
+use crate::base::Result;
+use crate::scene::file::{Distribution, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
+
+const GOLD: [[f32; 3]; 2] = [[0.143, 0.375, 1.442], [3.983, 2.386, 1.603]];
+const SPP: u32 = 128;
+
+/// A folder of `scenes/`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OwnScene {
+    /// Name of the folder.
+    pub folder: &'static str,
+    /// Name and text of each file in it; the scene is `scene.json`.
+    pub files: Vec<(&'static str, String)>,
+}
+
+/// All of them.
+///
+/// # Errors
+/// As [`json`].
+pub fn all() -> Result<Vec<OwnScene>> {
+    let with = |folder, builder: Builder, mesh: Option<(&'static str, String)>| -> Result<OwnScene> {
+        let files = std::iter::once(("scene.json", json(&tidy(builder.finish()))?)).chain(mesh).collect();
+        Ok(OwnScene { folder, files })
+    };
+    Ok(vec![
+        with("cornell", cornell(), None)?,
+        with("door-ajar", door_ajar(), None)?,
+        with("glass-caustic", glass_caustic(), Some(("ring.obj", obj(&ring(1.0, 0.05, 0.22)))))?,
+        with("lamp-room", lamp_room(), Some(("shade.obj", obj(&bowl(1.0, 0.04, FRAC_PI_2 * 0.8)))))?,
+        with("white-furnace", white_furnace(), None)?,
+    ])
+}
+
+/// Rounds all matrices.
+fn tidy(mut scene: SceneFile) -> SceneFile {
+    scene.camera.to_world = scene.camera.to_world.map(rounded);
+    scene.shapes.iter_mut().for_each(|s| s.to_world = s.to_world.map(rounded));
+    scene
+}
+
+/// A mesh file beside the scene.
+fn file(name: &str) -> MeshFile {
+    MeshFile::Obj { file: name.into(), face_normals: false }
+}
+
+fn gold(alpha: Option<f32>) -> MaterialFile {
+    let [eta, k] = GOLD;
+    let specular_reflectance = TextureFile::rgb([1.0; 3]);
+    match alpha {
+        None => MaterialFile::Conductor { eta, k, specular_reflectance },
+        Some(alpha) => {
+            MaterialFile::RoughConductor { alpha, distribution: Distribution::Ggx, eta, k, specular_reflectance }
+        }
+    }
+}
+
+/// A diffuse box, 2 m wide, with two blocks under a square lamp.
+fn cornell() -> Builder {
+    let mut b = Builder::new("cornell", [256, 256]);
+    b.render(12, SPP);
+    let white = b.add_material("white", diffuse([0.72, 0.7, 0.66]));
+    let red = b.add_material("red", diffuse([0.6, 0.07, 0.05]));
+    let green = b.add_material("green", diffuse([0.12, 0.45, 0.1]));
+    b.add_quad("floor", Vec3::ZERO, [Vec3::Z, Vec3::X], &white, None);
+    b.add_quad("ceiling", Vec3::Y * 2.0, [Vec3::X, Vec3::Z], &white, None);
+    b.add_quad("back", Vec3::new(0.0, 1.0, -1.0), [Vec3::X, Vec3::Y], &white, None);
+    b.add_quad("left", Vec3::new(-1.0, 1.0, 0.0), [Vec3::Y, Vec3::Z], &red, None);
+    b.add_quad("right", Vec3::new(1.0, 1.0, 0.0), [Vec3::Z, Vec3::Y], &green, None);
+    let tall = Quat::from_rotation_y(0.3);
+    b.add_box("tall block", Vec3::new(-0.36, 0.601, -0.32), Vec3::new(0.28, 0.6, 0.28), tall, &white);
+    let low = Quat::from_rotation_y(-0.28);
+    b.add_box("low block", Vec3::new(0.38, 0.281, 0.32), Vec3::new(0.28, 0.28, 0.28), low, &white);
+    b.add_quad("lamp", Vec3::new(0.0, 1.99, 0.0), [Vec3::X * 0.25, Vec3::Z * 0.25], &white, Some([17.0, 13.0, 7.5]));
+    b.look_at(Vec3::new(0.0, 1.0, 4.8), Vec3::new(0.0, 1.0, 0.0), Vec3::Y, 38.0);
+    b
+}
+
+/// Two rooms. The lamp stands in the far one and shines at its far wall; the near one gets only what comes back through a door
+/// that is 10 degrees ajar (after a scene in Veach 1997).
+fn door_ajar() -> Builder {
+    let mut b = Builder::new("door-ajar", [256, 192]);
+    b.render(20, SPP);
+    let near = Room { low: Vec3::ZERO, high: Vec3::new(3.0, 2.6, 4.0), wall: 0.1 };
+    let far = Room { low: Vec3::new(3.1, 0.0, 0.0), high: Vec3::new(6.1, 2.6, 4.0), wall: 0.1 };
+    let plaster = b.add_material("plaster", diffuse([0.7, 0.68, 0.63]));
+    let blue = b.add_material("blue plaster", diffuse([0.35, 0.45, 0.6]));
+    let floor = b.add_material("floor", diffuse([0.45, 0.33, 0.22]));
+    let wood = b.add_material("wood", diffuse([0.5, 0.3, 0.16]));
+    Room { high: far.high, ..near }.add_floor_and_ceiling(&mut b, &floor, &plaster);
+    let door = Opening { low: [1.4, 0.0], high: [2.3, 2.05] };
+    near.add_wall(&mut b, Side::East, &[door], &plaster);
+    for (side, paint) in [(Side::West, &blue), (Side::North, &plaster), (Side::South, &plaster)] {
+        near.add_wall(&mut b, side, &[], paint);
+    }
+    for side in [Side::East, Side::North, Side::South] {
+        far.add_wall(&mut b, side, &[], &plaster);
+    }
+    let turn = Quat::from_rotation_y(-10f32.to_radians());
+    let hinge = Vec3::new(3.03, 1.025, 1.4);
+    b.add_box("door", hinge + turn * Vec3::Z * 0.45, Vec3::new(0.02, 1.02, 0.45), turn, &wood);
+    let lamp = b.add_material("lamp", diffuse([0.2; 3]));
+    b.add_quad("lamp", Vec3::new(4.4, 1.3, 2.6), [Vec3::Y * 0.4, Vec3::Z * 0.4], &lamp, Some([1000.0, 880.0, 700.0]));
+    set_table(&mut b, &wood);
+    b.look_at(Vec3::new(0.4, 1.6, 3.7), Vec3::new(2.5, 0.8, 1.6), Vec3::Y, 58.0);
+    b
+}
+
+/// A table with a jug of blocks, a ball of rough gold and one of glass.
+fn set_table(b: &mut Builder, wood: &str) {
+    b.add_block("table", Vec3::new(1.4, 0.72, 1.5), Vec3::new(2.3, 0.76, 2.5), wood);
+    for (x, z) in [(1.45, 1.55), (2.2, 1.55), (1.45, 2.4), (2.2, 2.4)] {
+        b.add_block("leg", Vec3::new(x, 0.001, z), Vec3::new(x + 0.05, 0.72, z + 0.05), wood);
+    }
+    let red = b.add_material("red", diffuse([0.65, 0.12, 0.1]));
+    let white = b.add_material("white", diffuse([0.8, 0.8, 0.78]));
+    b.add_box("box", Vec3::new(1.65, 0.841, 1.75), Vec3::new(0.1, 0.08, 0.13), Quat::from_rotation_y(0.5), &red);
+    b.add_box("bottle", Vec3::new(1.98, 0.921, 1.65), Vec3::new(0.05, 0.16, 0.05), Quat::from_rotation_y(0.2), &white);
+    let metal = b.add_material("rough gold", gold(Some(0.2)));
+    b.add_sphere("gold ball", Vec3::new(2.08, 0.871, 1.98), 0.11, &metal, None);
+    let clear = b.add_material("glass", glass(1.5));
+    b.add_sphere("glass ball", Vec3::new(1.72, 0.861, 2.15), 0.1, &clear, None);
+}
+
+/// A glass ball and a gold ring on the floor of a box without front and lid, near a lamp of 8 cm.
+fn glass_caustic() -> Builder {
+    let mut b = Builder::new("glass-caustic", [256, 192]);
+    b.render(16, SPP);
+    let white = b.add_material("white", diffuse([0.75, 0.74, 0.7]));
+    let green = b.add_material("green", diffuse([0.2, 0.45, 0.3]));
+    b.add_quad("floor", Vec3::ZERO, [Vec3::Z * 1.2, Vec3::X * 1.2], &white, None);
+    b.add_quad("back", Vec3::new(0.0, 0.7, -1.2), [Vec3::X * 1.2, Vec3::Y * 0.7], &white, None);
+    b.add_quad("left", Vec3::new(-1.2, 0.7, 0.0), [Vec3::Y * 0.7, Vec3::Z * 1.2], &green, None);
+    b.add_quad("right", Vec3::new(1.2, 0.7, 0.0), [Vec3::Z * 1.2, Vec3::Y * 0.7], &white, None);
+    let clear = b.add_material("glass", glass(1.5));
+    b.add_sphere("glass ball", Vec3::new(-0.32, 0.301, -0.1), 0.3, &clear, None);
+    let smooth = b.add_material("gold", gold(None));
+    let place = Mat4::from_scale_rotation_translation(Vec3::splat(0.34), Quat::IDENTITY, Vec3::new(0.45, 0.076, 0.3));
+    b.add_mesh("ring", file("ring.obj"), place, (Vec3::ZERO, 1.05), &smooth);
+    let turn = Quat::from_rotation_arc(Vec3::Z, Vec3::new(0.6, -1.2, 0.4).normalize());
+    let half = [turn * Vec3::X * 0.04, turn * Vec3::Y * 0.04];
+    let lamp = b.add_material("lamp", diffuse([0.2; 3]));
+    b.add_quad("lamp", Vec3::new(-0.6, 1.3, -0.35), half, &lamp, Some([420.0, 390.0, 330.0]));
+    b.look_at(Vec3::new(0.25, 1.35, 2.4), Vec3::new(0.05, 0.15, 0.05), Vec3::Y, 46.0);
+    b
+}
+
+/// A room whose only lamp stands in an opaque shade that opens upwards.
+fn lamp_room() -> Builder {
+    let mut b = Builder::new("lamp-room", [256, 192]);
+    b.render(16, SPP);
+    let room = Room { low: Vec3::ZERO, high: Vec3::new(4.0, 2.5, 3.6), wall: 0.1 };
+    let wall = b.add_material("wall", diffuse([0.66, 0.6, 0.5]));
+    let ceiling = b.add_material("ceiling", diffuse([0.82, 0.82, 0.8]));
+    let floor = b.add_material("floor", diffuse([0.3, 0.22, 0.17]));
+    room.add_floor_and_ceiling(&mut b, &floor, &ceiling);
+    for side in Side::ALL {
+        room.add_wall(&mut b, side, &[], &wall);
+    }
+    let cloth = b.add_material("cloth", diffuse([0.16, 0.25, 0.4]));
+    b.add_block("seat", Vec3::new(0.9, 0.05, 0.15), Vec3::new(2.7, 0.42, 0.95), &cloth);
+    b.add_block("back rest", Vec3::new(0.9, 0.42, 0.15), Vec3::new(2.7, 0.85, 0.35), &cloth);
+    let wood = b.add_material("wood", diffuse([0.42, 0.26, 0.13]));
+    b.add_block("low table", Vec3::new(1.3, 0.36, 1.5), Vec3::new(2.3, 0.4, 2.1), &wood);
+    b.add_block("foot", Vec3::new(1.7, 0.001, 1.7), Vec3::new(1.9, 0.36, 1.9), &wood);
+    let metal = b.add_material("rough gold", gold(Some(0.15)));
+    b.add_sphere("gold ball", Vec3::new(1.95, 0.521, 1.8), 0.12, &metal, None);
+    b.add_block("pole", Vec3::new(3.19, 0.001, 0.49), Vec3::new(3.21, 1.4, 0.51), &metal);
+    let shade = b.add_material("shade", diffuse([0.55, 0.5, 0.42]));
+    let place = Mat4::from_scale_rotation_translation(Vec3::splat(0.2), Quat::IDENTITY, Vec3::new(3.2, 1.6, 0.5));
+    b.add_mesh("shade", file("shade.obj"), place, (Vec3::ZERO, 1.0), &shade);
+    b.add_sphere("bulb", Vec3::new(3.2, 1.58, 0.5), 0.04, &wall, Some([900.0, 760.0, 520.0]));
+    b.look_at(Vec3::new(0.5, 1.45, 3.3), Vec3::new(2.3, 0.85, 0.7), Vec3::Y, 62.0);
+    b
+}
+
+/// A ball of albedo 0.8 under a sky of radiance 1: its own radiance must be 0.8, everywhere else 1.
+fn white_furnace() -> Builder {
+    let mut b = Builder::new("white-furnace", [64, 64]);
+    b.render(20, SPP);
+    let grey = b.add_material("grey", MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.8; 3]) });
+    b.add_sphere("ball", Vec3::ZERO, 1.0, &grey, None);
+    b.add_light(LightFile::Constant { radiance: [1.0; 3] });
+    b.look_at(Vec3::Z * 4.0, Vec3::ZERO, Vec3::Y, 40.0);
+    b
+}

@@ -1,0 +1,184 @@
+//! Recipes for training data: which scenes, seen how often, at what resolution. Everything is counted, nothing timed, so the
+//! same recipe gives the same data anywhere.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::Family;
+use crate::base::error::At;
+use crate::base::files::read_bytes;
+use crate::base::random::Random;
+use crate::base::{Error, Place, Result};
+
+/// Largest accepted recipe file, bytes.
+const MAX_BYTES: u64 = 1 << 20;
+/// Largest accepted number of scenes in a recipe.
+const MAX_SCENES: u32 = 100_000;
+
+/// Content of a `RECIPE.toml`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// Name of the data set.
+    pub name: String,
+    /// Seed of everything in it.
+    pub seed: u64,
+    /// Share of scenes that are never trained on, in [0, 1).
+    #[serde(default = "default_held_out")]
+    pub held_out: f64,
+    /// Columns and rows of the pictures that trees are collected in.
+    #[serde(default = "default_resolution")]
+    pub resolution: [u32; 2],
+    /// Iterations t after which inputs are taken; each counts 2^(t+1) − 1 samples per pixel.
+    pub iterations: Vec<u32>,
+    /// Cells of the spatial cache along the scene's longest side, one set of trees for each.
+    #[serde(default = "default_grids")]
+    pub grids: Vec<u32>,
+    /// Camera paths per pixel that targets are collected from.
+    pub target_spp: u32,
+    /// At most so many trees are kept of a scene, drawn evenly.
+    pub max_trees_per_scene: u32,
+    /// The families of scenes.
+    pub family: Vec<FamilyRecipe>,
+}
+
+/// How much of one family there is.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FamilyRecipe {
+    /// The family.
+    pub name: Family,
+    /// Number of scenes.
+    pub scenes: u32,
+}
+
+/// One scene of a recipe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Job {
+    /// Its family.
+    pub family: Family,
+    /// 0-based number within the family.
+    pub index: u32,
+    /// Seed of the scene.
+    pub seed: u64,
+    /// Whether it is kept from training.
+    pub held_out: bool,
+}
+
+fn default_held_out() -> f64 {
+    0.15
+}
+
+fn default_resolution() -> [u32; 2] {
+    [64, 64]
+}
+
+fn default_grids() -> Vec<u32> {
+    vec![16]
+}
+
+impl Recipe {
+    /// Reads and checks a recipe.
+    ///
+    /// # Errors
+    /// [`Error::Io`], or [`Error::Malformed`] with the line or the key that is wrong.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = read_bytes(path, MAX_BYTES)?;
+        let text = String::from_utf8(bytes).map_err(|e| {
+            Error::malformed(Place::byte(path, e.utf8_error().valid_up_to() as u64), "this is not UTF-8")
+        })?;
+        Self::parse(&text, path)
+    }
+
+    /// Checks the text of a recipe; `path` is for messages.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] with the line or the key that is wrong.
+    pub fn parse(text: &str, path: &Path) -> Result<Self> {
+        let recipe: Self = toml::from_str(text).map_err(|e| {
+            let line =
+                e.span().map(|span| At::Line(1 + text[..span.start.min(text.len())].matches('\n').count() as u32));
+            Error::malformed(Place { path: path.to_owned(), at: line }, e.message())
+        })?;
+        match recipe.fault() {
+            Some((key, message)) => Err(Error::malformed(Place::part(path, key), message)),
+            None => Ok(recipe),
+        }
+    }
+
+    /// The first key whose value is out of range, and why.
+    fn fault(&self) -> Option<(&'static str, String)> {
+        let scenes: u64 = self.family.iter().map(|f| u64::from(f.scenes)).sum();
+        let checks = [
+            ("name", !self.name.is_empty(), "must not be empty"),
+            ("held_out", (0.0..1.0).contains(&self.held_out), "must be at least 0 and below 1"),
+            ("resolution", self.resolution.iter().all(|&n| (1..=1024).contains(&n)), "sides must be 1 to 1024 pixels"),
+            (
+                "iterations",
+                !self.iterations.is_empty() && self.iterations.iter().all(|&t| t <= 16),
+                "need one or more of 0 to 16",
+            ),
+            (
+                "grids",
+                !self.grids.is_empty() && self.grids.iter().all(|g| (1..=1024).contains(g)),
+                "need one or more of 1 to 1024",
+            ),
+            ("target_spp", (1..=1 << 24).contains(&self.target_spp), "must be 1 to 16777216"),
+            ("max_trees_per_scene", self.max_trees_per_scene > 0, "must not be 0"),
+            ("family", (1..=u64::from(MAX_SCENES)).contains(&scenes), "all families together need 1 to 100000 scenes"),
+        ];
+        checks.into_iter().find(|(_, good, _)| !good).map(|(key, _, message)| (key, message.to_owned()))
+    }
+
+    /// All scenes in the order in which they are made. Held-out ones are spread evenly over each family.
+    pub fn jobs(&self) -> Vec<Job> {
+        let mut jobs = Vec::new();
+        for part in &self.family {
+            for index in 0..part.scenes {
+                let seed = Random::new(self.seed, part.name.id(), u64::from(index)).next_u64();
+                let before = |i: u32| (f64::from(i) * self.held_out + 0.5).floor();
+                jobs.push(Job { family: part.name, index, seed, held_out: before(index + 1) > before(index) });
+            }
+        }
+        jobs
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = "name = \"a\"\nseed = 1\nheld_out = 0.25\niterations = [1, 2]\ntarget_spp = 64\n\
+                        max_trees_per_scene = 8\n[[family]]\nname = \"rooms\"\nscenes = 10\n\
+                        [[family]]\nname = \"caustics\"\nscenes = 4\n";
+
+    fn parse(text: &str) -> Result<Recipe> {
+        Recipe::parse(text, Path::new("r.toml"))
+    }
+
+    #[test]
+    fn jobs_are_distinct_and_split_as_asked() {
+        let jobs = parse(GOOD).unwrap().jobs();
+        let seeds: std::collections::BTreeSet<u64> = jobs.iter().map(|j| j.seed).collect();
+        assert_eq!(seeds.len(), 14);
+        let held_out = |family| jobs.iter().filter(|j| j.family == family && j.held_out).count();
+        assert_eq!((held_out(Family::Rooms), held_out(Family::Caustics)), (3, 1));
+        assert_eq!(jobs, parse(GOOD).unwrap().jobs());
+    }
+
+    #[test]
+    fn faults_name_their_place() {
+        for (from, to, place) in [
+            ("seed = 1", "seed = -1", "r.toml:2"),
+            ("seed = 1", "seed = 1\nsede = 2", "r.toml:3"),
+            ("\"rooms\"", "\"halls\"", "r.toml:8"),
+            ("0.25", "1.0", "r.toml (held_out)"),
+            ("[1, 2]", "[]", "r.toml (iterations)"),
+            ("scenes = 10", "scenes = 4000000000", "r.toml (family)"),
+        ] {
+            let message = parse(&GOOD.replace(from, to)).unwrap_err().to_string();
+            assert!(message.starts_with(place), "{message} should start with {place}");
+        }
+    }
+}

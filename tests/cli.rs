@@ -1,0 +1,124 @@
+//! The `fanal` program from outside: help, exit codes, and what a user reads when something is wrong.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn fanal(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_fanal")).args(arguments).output().expect("the program was built for this test")
+}
+
+fn scene(name: &str) -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).display().to_string()
+}
+
+/// Runs a command that must fail with `code` and one paragraph without panic that holds all of `words`; `output` must not exist
+/// afterwards.
+fn fails(code: i32, arguments: &[&str], output: Option<&Path>, words: &[&str]) {
+    let result = fanal(arguments);
+    let told = String::from_utf8_lossy(&result.stderr);
+    assert_eq!(result.status.code(), Some(code), "{arguments:?}: {told}");
+    assert!(result.stdout.is_empty(), "{arguments:?}: an error is no result");
+    assert!(!told.contains("panicked"), "{arguments:?}: {told}");
+    assert_eq!(told.trim_end().lines().count(), 1, "{arguments:?}: {told}");
+    for word in words {
+        assert!(told.contains(word), "{arguments:?}: {word:?} is missing in {told:?}");
+    }
+    if let Some(output) = output {
+        assert!(!output.exists(), "{arguments:?} left {}", output.display());
+    }
+}
+
+#[test]
+fn every_help_has_examples() {
+    for command in [&[][..], &["render"], &["plan"], &["error"], &["dataset"]] {
+        let result = fanal(&[command, &["--help"]].concat());
+        let text = String::from_utf8_lossy(&result.stdout);
+        assert!(result.status.success());
+        assert!(text.contains("Examples:\n  fanal "), "{command:?}: {text}");
+    }
+}
+
+#[test]
+fn contradictions_and_bad_values_are_usage_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out.exr");
+    let name = out.display().to_string();
+    let base = ["render", &scene("cornell"), "-o", &name];
+    for (options, words) in [
+        (&["--spp", "8", "--time", "2"][..], &["--spp", "--time"][..]),
+        (&["--spp", "0"], &["--spp"]),
+        (&["--time", "-1"], &["--time"]),
+        (&["--time", "NaN"], &["--time"]),
+        (&["--size", "12"], &["--size", "640x480"]),
+        (&["--guide", "magic"], &["--guide", "hybrid"]),
+        (&["--threads", "0"], &["--threads"]),
+        (&["--lanterns"], &["--lanterns"]),
+    ] {
+        fails(2, &[&base, options].concat(), Some(&out), words);
+    }
+    fails(2, &["render", &scene("cornell")], None, &["--output"]);
+    fails(2, &["dataset", "recipe.toml"], None, &["--output"]);
+    fails(2, &["dataset", "recipe.toml", "--check", "data"], None, &["--check"]);
+}
+
+#[test]
+fn bad_input_is_one_readable_paragraph() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out.exr");
+    let name = out.display().to_string();
+    let cornell = scene("cornell");
+    let broken = folder.path().join("broken.json");
+    std::fs::write(&broken, "{\n\"version\": 1,\n\"camera\": 7\n}").unwrap();
+    let broken = broken.display().to_string();
+    let missing = folder.path().join("missing/out.exr").display().to_string();
+    for (arguments, words) in [
+        (&["render", "no-such-scene.json", "-o", &name][..], &["no-such-scene.json"][..]),
+        (&["render", &broken, "-o", &name], &["broken.json", "3"]),
+        (&["render", &cornell, "-o", &name, "--size", "4000000000x4000000000"], &["4000000000x4000000000"]),
+        (&["render", &cornell, "-o", &name, "--size", "0x5"], &["0x5"]),
+        (&["render", &cornell, "-o", &name, "--guide", "none", "--samples", "both"], &["--samples"]),
+        (&["render", &cornell, "-o", &name, "--reference", "no-such.exr"], &["no-such.exr"]),
+        (&["render", &cornell, "-o", &name, "--stats", &missing], &["missing"]),
+        (&["render", &cornell, "-o", "out.jpg"], &["out.jpg", ".exr"]),
+        (&["render", &cornell, "-o", &missing], &["missing"]),
+        (&["plan", "no-such-scene.xml"], &["no-such-scene.xml"]),
+        (&["error", "a.exr", "b.exr"], &["a.exr"]),
+        (&["dataset", "no-such.toml", "-o", &name], &["no-such.toml"]),
+        (&["dataset", "--check", &missing], &["missing"]),
+    ] {
+        fails(1, arguments, Some(&out), words);
+    }
+}
+
+#[test]
+fn errors_between_pictures() {
+    use fanal::materials::image::Image;
+    let folder = tempfile::tempdir().unwrap();
+    let picture = |name: &str, value: f32| {
+        let path = folder.path().join(name);
+        let image = Image { width: 3, height: 2, pixels: vec![glam::Vec3::splat(value); 6] };
+        fanal::film::write(&path, &image, &[]).unwrap();
+        path.display().to_string()
+    };
+    let (a, b) = (picture("a.exr", 0.3), picture("b.exr", 0.1));
+    let result = fanal(&["error", &a, &b, "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&result.stdout).unwrap();
+    assert!((json["relmse"].as_f64().unwrap() - 2.0).abs() < 1e-5, "{json}");
+    let text = fanal(&["error", &a, &a]);
+    assert!(String::from_utf8_lossy(&text.stdout).contains("relMSE            0.000000"));
+}
+
+#[test]
+fn plans_of_our_scenes() {
+    let on = |name: &str| -> Vec<String> {
+        let result = fanal(&["plan", &scene(name), "--json"]);
+        assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
+        let json: serde_json::Value = serde_json::from_slice(&result.stdout).unwrap();
+        let effects = json["effects"].as_array().unwrap();
+        effects.iter().filter(|e| e["on"] == true).map(|e| e["name"].as_str().unwrap().to_owned()).collect()
+    };
+    assert!(on("door-ajar").contains(&"guiding".into()));
+    assert!(on("glass-caustic").contains(&"refraction".into()));
+    assert!(on("white-furnace").contains(&"environment".into()));
+    assert!(!on("cornell").contains(&"refraction".into()));
+}
