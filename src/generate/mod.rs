@@ -5,6 +5,7 @@
 
 pub mod build;
 pub mod caustics;
+pub mod collect;
 pub mod dataset;
 pub mod draw;
 pub mod own;

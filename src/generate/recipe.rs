@@ -32,7 +32,7 @@ pub struct Recipe {
     pub resolution: [u32; 2],
     /// Iterations t after which inputs are taken; each counts 2^(t+1) − 1 samples per pixel.
     pub iterations: Vec<u32>,
-    /// Cells of the spatial cache along the scene's longest side, one set of trees for each.
+    /// Cells of the spatial cache along the diagonal of what the camera sees; scenes of a family take them in turn.
     #[serde(default = "default_grids")]
     pub grids: Vec<u32>,
     /// Camera paths per pixel that targets are collected from.

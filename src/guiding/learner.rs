@@ -2,7 +2,6 @@
 //!
 //! Everything is merged in a fixed order (by voxel, then by path), so the result does not depend on the number of threads.
 
-use glam::Vec3;
 use rayon::prelude::*;
 
 use super::cache::{SpatialCache, VoxelId};
@@ -50,6 +49,7 @@ pub struct Learner {
     settings: LearnerSettings,
     cache: Option<SpatialCache>,
     voxels: Vec<Voxel>,
+    frozen: bool,
 }
 
 /// Bounds of the learned fraction of BSDF samples.
@@ -58,7 +58,7 @@ const FRACTION: [f64; 2] = [0.1, 0.9];
 impl Learner {
     /// A learner that has seen nothing.
     pub fn new(settings: LearnerSettings) -> Self {
-        Self { settings, cache: None, voxels: Vec::new() }
+        Self { settings, cache: None, voxels: Vec::new(), frozen: false }
     }
 
     /// Number of voxels.
@@ -69,6 +69,16 @@ impl Learner {
     /// The spatial cache, once samples have arrived.
     pub fn cache(&self) -> Option<&SpatialCache> {
         self.cache.as_ref()
+    }
+
+    /// Changes ρ for the passes to come.
+    pub fn set_split_share(&mut self, share: f64) {
+        self.settings.split_share = share;
+    }
+
+    /// From now on trees keep their shape: samples of several passes can be compared leaf by leaf.
+    pub fn freeze_shapes(&mut self) {
+        self.frozen = true;
     }
 
     /// The quadtrees Q_h, one per voxel.
@@ -94,7 +104,7 @@ impl Learner {
         let paths_by_voxel = Groups::new(&path_voxels, self.voxels.len());
         let photons_by_voxel = Groups::new(&photon_voxels, self.voxels.len());
         let cache = &*cache;
-        let share = self.settings.split_share;
+        let (share, frozen) = (self.settings.split_share, self.frozen);
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
             let bounds = cache.bounds(v as VoxelId);
             let own_paths = paths_by_voxel.group(v).iter().map(|&i| &paths[i as usize]);
@@ -115,7 +125,7 @@ impl Learner {
             };
             deposit(&mut voxel.tree);
             // A tree that is only a root first becomes equal leaves; the second round gives it direction.
-            let rounds = if voxel.shaped { 0 } else { 1 + usize::from(voxel.tree.topology().len() == 1) };
+            let rounds = if voxel.shaped || frozen { 0 } else { 1 + usize::from(voxel.tree.topology().len() == 1) };
             for _ in 0..rounds {
                 voxel.tree = voxel.tree.refined(share);
                 deposit(&mut voxel.tree);
@@ -236,10 +246,4 @@ impl Groups {
     fn group(&self, g: usize) -> &[u32] {
         &self.order[self.start[g] as usize..self.start[g + 1] as usize]
     }
-}
-
-/// Boxes of the voxels, for data sets.
-pub fn voxel_corners(cache: &SpatialCache, voxel: VoxelId) -> [Vec3; 2] {
-    let b = cache.bounds(voxel);
-    [b.low, b.high]
 }

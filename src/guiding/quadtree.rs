@@ -54,6 +54,12 @@ impl Quadtree {
         &self.sums
     }
 
+    /// ΣV of path samples per leaf, without the tree's own scale, so that trees can be added up.
+    pub fn path_values(&self) -> Vec<f64> {
+        let scale = f64::from(self.path_scale).powi(2);
+        self.sums.chunks_exact(RAW_CHANNELS).map(|row| f64::from(row[0]) * scale).collect()
+    }
+
     /// Number of path samples and of photons since the last clearing.
     pub fn counts(&self) -> [u32; 2] {
         [self.path_count, self.photon_count]

@@ -35,8 +35,12 @@ fn column(leaf_sums: &[f32], channel: usize) -> impl Iterator<Item = f64> + '_ {
 
 /// The distribution of the path samples alone; `leaf_sums` is [leaves, [`RAW_CHANNELS`]]. Uniform without samples.
 pub fn path_distribution(topology: &Topology, leaf_sums: &[f32]) -> Distribution {
-    let weights: Vec<f64> =
-        column(leaf_sums, PATH_VALUE).zip(leaf_levels(topology)).map(|(v, level)| path_weight(v, level)).collect();
+    path_distribution_of(topology, &column(leaf_sums, PATH_VALUE).collect::<Vec<_>>())
+}
+
+/// The distribution of path samples with ΣV per leaf given, in the order of [`Topology::leaves`].
+pub fn path_distribution_of(topology: &Topology, values: &[f64]) -> Distribution {
+    let weights: Vec<f64> = values.iter().zip(leaf_levels(topology)).map(|(&v, level)| path_weight(v, level)).collect();
     Distribution::from_leaf_weights(topology.clone(), &weights)
 }
 

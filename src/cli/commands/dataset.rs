@@ -1,12 +1,11 @@
 //! `fanal dataset`.
 
-use std::path::Path;
-
-use super::{in_pool, not_built_yet};
-use crate::base::{Error, Progress, Result};
+use super::in_pool;
+use crate::base::{Error, Result};
 use crate::cli::args::DatasetArgs;
-use crate::cli::{print, progress};
+use crate::cli::{interrupt, print, progress};
 use crate::film::check_folder;
+use crate::generate::collect::generate;
 use crate::generate::dataset::{Summary, check};
 use crate::generate::recipe::Recipe;
 
@@ -22,15 +21,11 @@ pub fn run(args: &DatasetArgs) -> Result<()> {
             let recipe = Recipe::read(recipe)?;
             std::fs::create_dir_all(output).map_err(|e| Error::io(output, e))?;
             check_folder(&output.join("index.jsonl"))?;
-            in_pool(&args.common, || generate(&recipe, output, &*watcher))
+            let stop = interrupt::flag()?;
+            in_pool(&args.common, || generate(&recipe, output, &*watcher, &stop))
         }
         _ => Err(Error::Options("give a recipe and -o DIR, or --check DIR".into())),
     }
-}
-
-/// SEAM: here the recipe's jobs become shards.
-fn generate(_recipe: &Recipe, _output: &Path, _progress: &dyn Progress) -> Result<()> {
-    Err(not_built_yet("generating data"))
 }
 
 fn told(found: &Summary) -> Result<()> {
