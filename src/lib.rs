@@ -1,6 +1,8 @@
 //! fanal: a physically based renderer that learns where light comes from.
 //!
-//! Modules are listed in dependency order; each may use only those above it.
+//! Dependencies run one way: base, math, sampling, geometry, then materials, lights and camera, then scene, film, guiding,
+//! network, reconstruct, integrators, render, generate, report, cli. A test holds every `use` against this order.
+
 pub mod base;
 pub mod math;
 pub mod sampling;

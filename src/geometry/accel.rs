@@ -237,3 +237,62 @@ fn world_to_mesh(shape: &Shape) -> Affine3A {
         Geometry::Sphere(_) => Affine3A::IDENTITY,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::Random;
+    use crate::sampling::warp;
+
+    fn soup(random: &mut Random, triangles: usize, size: f32) -> Mesh {
+        let mut mesh = Mesh::default();
+        for i in 0..triangles as u32 {
+            let center = Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
+            for _ in 0..3 {
+                mesh.positions.push(center + size * (warp::square_to_sphere(random.next_2d())));
+            }
+            mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+        }
+        mesh
+    }
+
+    /// HARD_CASES S7: the same hits as testing every primitive, for placed meshes, instances and spheres.
+    #[test]
+    fn hierarchy_equals_brute_force() {
+        let mut random = Random::new(11, 0, 0);
+        let shared = Arc::new(soup(&mut random, 40, 0.2));
+        let turned = Affine3A::from_scale_rotation_translation(
+            Vec3::new(0.5, -0.7, 1.2),
+            glam::Quat::from_rotation_x(0.8),
+            Vec3::new(0.3, 0.5, -0.2),
+        );
+        let shapes = [
+            Shape::mesh(Arc::new(soup(&mut random, 300, 0.1)), Affine3A::IDENTITY, false),
+            Shape::mesh(shared.clone(), Affine3A::from_translation(Vec3::splat(0.5)), false),
+            Shape::mesh(shared, turned, false),
+            Shape::sphere(Vec3::splat(0.4), 0.2, false),
+        ];
+        let accel = Accel::new(&shapes);
+        assert!(!accel.meshes.is_empty());
+        for i in 0..20_000 {
+            let origin = 2.0 * warp::square_to_sphere(random.next_2d()) + Vec3::splat(0.5);
+            let target = Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
+            let mut direction = (target - origin).normalize();
+            if i % 10 == 0 {
+                direction[i % 3] = 0.0;
+                direction = direction.normalize();
+            }
+            let ray = Ray { origin, direction };
+            let shear = Shear::new(ray.origin, ray.direction);
+            let brute = (accel.primitives.iter())
+                .filter_map(|p| accel.hit(p, &ray, &shear, f32::INFINITY))
+                .min_by(|a, b| a.distance.total_cmp(&b.distance));
+            let fast = accel.intersect(&ray);
+            assert_eq!(fast.map(|h| h.distance), brute.map(|h| h.distance), "{ray:?}");
+            if let Some(hit) = brute {
+                assert!(accel.occluded(&ray, hit.distance * 1.001));
+                assert!(!accel.occluded(&ray, hit.distance * 0.999));
+            }
+        }
+    }
+}

@@ -3,6 +3,8 @@
 
 use glam::Vec3;
 
+use crate::math::error_bound::gamma;
+
 /// Per-ray constants: the axis permutation and shear that take the ray to the unit ray along +z.
 #[derive(Debug, Clone, Copy)]
 pub struct Shear {
@@ -54,7 +56,21 @@ impl Shear {
             return None;
         }
         let inverse = 1.0 / det;
-        let t = (u * a[kz] + v * b[kz] + w * c[kz]) * self.shear.z * inverse;
-        (t > 0.0 && t < t_max).then_some((t, [v * inverse, w * inverse]))
+        let [az, bz, cz] = [a[kz], b[kz], c[kz]].map(|z| z * self.shear.z);
+        let t = (u * az + v * bz + w * cz) * inverse;
+        if !(t > 0.0 && t < t_max) {
+            return None;
+        }
+        let largest = |x: f32, y: f32, z: f32| x.abs().max(y.abs()).max(z.abs());
+        let extent = [largest(ax, bx, cx), largest(ay, by, cy), largest(az, bz, cz)];
+        (t > distance_error(extent, largest(u, v, w)) * inverse.abs()).then_some((t, [v * inverse, w * inverse]))
     }
+}
+
+/// Bound of the rounding error of u·az + v·bz + w·cz, given the largest sheared coordinates and the largest edge function
+/// (Pharr, Jakob, Humphreys 2016, §3.9.6). A distance below it may belong to the surface that the ray leaves.
+fn distance_error([x, y, z]: [f32; 3], edge: f32) -> f32 {
+    let (dx, dy, dz) = (gamma(5) * (x + z), gamma(5) * (y + z), gamma(3) * z);
+    let edge_error = 2.0 * (gamma(2) * x * y + dy * x + dx * y);
+    3.0 * (gamma(3) * edge * z + edge_error * z + dz * edge)
 }

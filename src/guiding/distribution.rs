@@ -193,6 +193,32 @@ pub fn kl(target: &Distribution, guide: &Distribution, uniform: f64) -> f64 {
     kl_of_cells(&Distribution::common_cells(target, guide), uniform)
 }
 
+/// [`kl`] divided into what each level adds by how it shares out its parents' mass (the chain rule); entry 0 is level 1.
+pub fn kl_by_level(target: &Distribution, guide: &Distribution, uniform: f64) -> Vec<f64> {
+    let mut levels = vec![];
+    let start = |of| Part { of, node: Some(0), mass: 1.0 };
+    let mixed = |g: &Part, area: f64| (1.0 - uniform) * g.mass + uniform * area;
+    let mut open = vec![(start(target), start(guide), 0usize)];
+    while let Some((t, g, level)) = open.pop() {
+        if t.mass <= 0.0 || !(t.has_children() || g.has_children()) {
+            continue;
+        }
+        if levels.len() == level {
+            levels.push(0.0);
+        }
+        let area = 0.25f64.powi(level as i32);
+        for k in 0..4 {
+            let (child, guess) = (t.child(k), g.child(k));
+            if child.mass > 0.0 {
+                let ratio = child.mass / t.mass * mixed(&g, area) / mixed(&guess, 0.25 * area);
+                levels[level] += child.mass * ratio.ln();
+                open.push((child, guess, level + 1));
+            }
+        }
+    }
+    levels
+}
+
 /// [`kl`] from cells that are already at hand, for trying many values of the uniform part.
 pub fn kl_of_cells(cells: &[CommonCell], uniform: f64) -> f64 {
     let term = |c: &CommonCell| c.target * (c.target / ((1.0 - uniform) * c.guide + uniform * c.area)).ln();
@@ -244,6 +270,16 @@ mod tests {
     /// 15/16 of the sphere at density ½, 1/16 at ½ + 8.
     fn expected_half() -> f64 {
         15.0 / 16.0 * 2f64.ln() - 1.0 / 16.0 * 8.5f64.ln()
+    }
+
+    #[test]
+    fn levels_add_up() {
+        let (a, b) = (deep([1., 2., 3., 4., 5., 6., 7.]), deep([3., 1., 1., 9., 5., 1., 2.]));
+        for guide in [&b, &Distribution::uniform()] {
+            let levels = kl_by_level(&a, guide, 0.1);
+            assert_eq!(levels.len(), 2);
+            assert!((levels.iter().sum::<f64>() - kl(&a, guide, 0.1)).abs() < 1e-12);
+        }
     }
 
     #[test]

@@ -78,7 +78,8 @@ impl Learner {
 
     /// Adds one chunk of records. Path samples make voxels where there are none; photons only enter voxels that exist. The
     /// first chunk of a pass also gives the trees their shape: deposit, split, deposit again.
-    pub fn absorb(&mut self, paths: &[PathRecord], photons: &[PhotonRecord]) {
+    /// Where `deposit_paths` is off, path samples make voxels and are not learned from.
+    pub fn absorb(&mut self, paths: &[PathRecord], photons: &[PhotonRecord], deposit_paths: bool) {
         if paths.is_empty() && self.cache.is_none() {
             return;
         }
@@ -107,7 +108,9 @@ impl Learner {
                 return;
             }
             let deposit = |tree: &mut Quadtree| {
-                tree.deposit_paths(&bounds, own_paths.clone());
+                if deposit_paths {
+                    tree.deposit_paths(&bounds, own_paths.clone());
+                }
                 tree.deposit_photons(&bounds, own_photons.clone());
             };
             deposit(&mut voxel.tree);

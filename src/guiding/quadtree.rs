@@ -59,6 +59,11 @@ impl Quadtree {
         [self.path_count, self.photon_count]
     }
 
+    /// Whether any sample had a value: otherwise there is nothing to learn from.
+    pub fn has_energy(&self) -> bool {
+        self.path_scale > 0.0 || self.photon_scale > 0.0
+    }
+
     /// Forgets all samples, keeps the shape.
     pub fn clear(&mut self) {
         self.sums.fill(0.0);

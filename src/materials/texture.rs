@@ -1,8 +1,132 @@
-//! stub
-use glam::{Vec2, Vec3};
-/// Texture
+//! Colours that vary over a surface.
+
+use std::sync::Arc;
+
+use glam::{Affine2, Vec2, Vec3};
+
+use super::image::Image;
+
+/// A colour as a function of texture coordinates.
 #[derive(Debug, Clone)]
-pub enum Texture { /// c
- Constant(Vec3) }
-impl Texture { /// e
- pub fn eval(&self, _: Vec2) -> Vec3 { let Self::Constant(c) = self; *c } }
+pub enum Texture {
+    /// One colour everywhere.
+    Constant(Vec3),
+    /// A picture repeated without end, filtered bilinearly between pixel centres.
+    Bitmap {
+        /// The picture; it must not be empty.
+        image: Arc<Image>,
+        /// Texture coordinates to picture coordinates; there (0, 0) is the picture's top left and (1, 1) its bottom right.
+        to_uv: Affine2,
+        /// Factor on every value.
+        scale: f32,
+    },
+    /// Two colours in squares of half a unit.
+    Checkerboard {
+        /// Colour where both coordinates are in the same half of their unit.
+        color0: Vec3,
+        /// The other colour.
+        color1: Vec3,
+        /// Texture coordinates to board coordinates.
+        to_uv: Affine2,
+    },
+}
+
+impl Texture {
+    /// The colour at `uv`, which must be finite.
+    pub fn eval(&self, uv: Vec2) -> Vec3 {
+        match self {
+            Self::Constant(color) => *color,
+            Self::Bitmap { image, to_uv, scale } => bilinear(image, to_uv.transform_point2(uv)) * *scale,
+            Self::Checkerboard { color0, color1, to_uv } => {
+                let uv = to_uv.transform_point2(uv);
+                let upper = uv - uv.floor();
+                if (upper.x > 0.5) == (upper.y > 0.5) { *color0 } else { *color1 }
+            }
+        }
+    }
+
+    /// The mean colour over a period.
+    pub fn mean(&self) -> Vec3 {
+        match self {
+            Self::Constant(color) => *color,
+            Self::Bitmap { image, scale, .. } => {
+                let sum: glam::DVec3 = image.pixels.iter().map(|pixel| pixel.as_dvec3()).sum();
+                (sum / image.pixels.len().max(1) as f64).as_vec3() * *scale
+            }
+            Self::Checkerboard { color0, color1, .. } => (*color0 + *color1) / 2.0,
+        }
+    }
+}
+
+fn bilinear(image: &Image, uv: Vec2) -> Vec3 {
+    let size = Vec2::new(image.width as f32, image.height as f32);
+    // Wrapping before scaling keeps precision far from the origin.
+    let position = (uv - uv.floor()) * size - 0.5;
+    let corner = position.floor();
+    let weight = position - corner;
+    let column = |step: i64| (corner.x as i64 + step).rem_euclid(image.width as i64) as usize;
+    let row = |step: i64| (corner.y as i64 + step).rem_euclid(image.height as i64) as usize;
+    let pixel = |x: usize, y: usize| image.pixels[y * image.width + x];
+    let [x0, x1, y0, y1] = [column(0), column(1), row(0), row(1)];
+    let upper = pixel(x0, y0).lerp(pixel(x1, y0), weight.x);
+    let lower = pixel(x0, y1).lerp(pixel(x1, y1), weight.x);
+    upper.lerp(lower, weight.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::Random;
+
+    fn picture() -> Texture {
+        let pixels = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::ZERO, Vec3::splat(0.5)].to_vec();
+        let image = Arc::new(Image { width: 3, height: 2, pixels });
+        Texture::Bitmap { image, to_uv: Affine2::IDENTITY, scale: 2.0 }
+    }
+
+    #[test]
+    fn bitmap_centres_edges_and_repetition() {
+        let texture = picture();
+        let at = |u: f32, v: f32| texture.eval(Vec2::new(u, v));
+        let near = |a: Vec3, b: Vec3| assert!(a.distance(b) < 1e-5, "{a} {b}");
+        near(at(1.0 / 6.0, 0.25), 2.0 * Vec3::X);
+        near(at(5.0 / 6.0, 0.75), Vec3::ONE);
+        near(at(1.0 / 3.0, 0.25), Vec3::X + Vec3::Y);
+        near(at(0.0, 0.25), Vec3::X + Vec3::Z);
+        near(at(1.0 / 6.0, 0.0), Vec3::X + Vec3::ONE);
+        near(at(-5.0 + 1.0 / 6.0, 7.25), 2.0 * Vec3::X);
+    }
+
+    /// The mean is the integral over a period: 2¹⁶ random points agree with it within five standard deviations.
+    #[test]
+    fn mean_is_the_integral() {
+        let board = Texture::Checkerboard {
+            color0: Vec3::X,
+            color1: Vec3::new(0.2, 0.4, 0.6),
+            to_uv: Affine2::from_scale(Vec2::new(3.0, 2.0)),
+        };
+        for texture in [picture(), board, Texture::Constant(Vec3::new(0.1, 0.2, 0.3))] {
+            let mut random = Random::new(1, 2, 3);
+            let n = 1 << 16;
+            let mut sum = glam::DVec3::ZERO;
+            (0..n).for_each(|_| sum += texture.eval(Vec2::from_array(random.next_2d())).as_dvec3());
+            // Values lie in [0, 2], so one standard deviation is at most 1.
+            let bound = 5.0 / f64::from(n).sqrt();
+            assert!((sum / f64::from(n) - texture.mean().as_dvec3()).abs().max_element() < bound);
+        }
+    }
+
+    #[test]
+    fn checkerboard_halves() {
+        let board = Texture::Checkerboard {
+            color0: Vec3::ONE,
+            color1: Vec3::ZERO,
+            to_uv: Affine2::from_scale(Vec2::splat(2.0)),
+        };
+        for (u, v, color) in
+            [(0.1, 0.1, Vec3::ONE), (0.4, 0.1, Vec3::ZERO), (0.4, 0.4, Vec3::ONE), (-0.1, 0.1, Vec3::ZERO)]
+        {
+            assert_eq!(board.eval(Vec2::new(u, v)), color);
+        }
+    }
+}

@@ -18,6 +18,10 @@ use crate::base::{Error, Place, Result};
 pub const CONFIG_FILE: &str = "config.json";
 /// Name of the weights in a model folder.
 pub const WEIGHTS_FILE: &str = "weights.safetensors";
+/// Name of the exported encoder in a model folder.
+pub const ENCODE_FILE: &str = "encode_step.onnx";
+/// Name of the exported decoder in a model folder.
+pub const DECODE_FILE: &str = "decode_step.onnx";
 /// Largest accepted weights file in bytes; the largest valid one (width 64, 4 convolutions, per level) has about 28 MB.
 const WEIGHTS_LIMIT: u64 = 64 << 20;
 /// Largest accepted configuration in bytes.

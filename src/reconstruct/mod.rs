@@ -7,7 +7,12 @@ pub mod onnx;
 
 mod growth;
 
+use crate::base::Result;
+use crate::guiding::distribution::Distribution;
+use crate::guiding::targets;
 use crate::guiding::topology::Topology;
+use crate::network::backend::Backend;
+use crate::network::weights::Model;
 
 /// A tree to reconstruct.
 #[derive(Debug, Clone, Copy)]
@@ -25,4 +30,70 @@ pub struct Reconstructed {
     pub topology: Topology,
     /// Per node its share of the parent, ≥ 0; four siblings' sum to 1 up to rounding, the root's is 1.
     pub node_share: Vec<f32>,
+}
+
+/// Makes sampling distributions of accumulated trees.
+pub trait Reconstructor: Sync {
+    /// Its name in statistics.
+    fn name(&self) -> &'static str;
+
+    /// The part of the uniform distribution that has to be mixed into its results, in (0, 1].
+    fn uniform(&self) -> f32;
+
+    /// One distribution per tree, in the same order.
+    ///
+    /// # Errors
+    /// Whatever the inference backend reports.
+    fn reconstruct(&self, trees: &[TreeInput]) -> Result<Vec<Distribution>>;
+}
+
+/// No reconstruction: half path tree, half photon tree, as counted.
+#[derive(Debug, Clone, Copy)]
+pub struct Counted {
+    /// Uniform part.
+    pub uniform: f32,
+}
+
+impl Default for Counted {
+    fn default() -> Self {
+        Self { uniform: 0.1 }
+    }
+}
+
+impl Reconstructor for Counted {
+    fn name(&self) -> &'static str {
+        "none"
+    }
+
+    fn uniform(&self) -> f32 {
+        self.uniform
+    }
+
+    fn reconstruct(&self, trees: &[TreeInput]) -> Result<Vec<Distribution>> {
+        use rayon::prelude::*;
+        Ok(trees.par_iter().map(|t| targets::hybrid_distribution(t.topology, t.leaf_sums)).collect())
+    }
+}
+
+/// Reconstruction by the network.
+pub struct Neural {
+    /// The model.
+    pub model: Model,
+    /// What runs it.
+    pub backend: Box<dyn Backend + Send>,
+}
+
+impl Reconstructor for Neural {
+    fn name(&self) -> &'static str {
+        "neural"
+    }
+
+    fn uniform(&self) -> f32 {
+        self.model.config.uniform
+    }
+
+    fn reconstruct(&self, trees: &[TreeInput]) -> Result<Vec<Distribution>> {
+        let reconstructed = neural::reconstruct_batch(&self.model, self.backend.as_ref(), trees)?;
+        Ok(reconstructed.into_iter().map(|r| Distribution::from_shares(r.topology, &r.node_share)).collect())
+    }
 }

@@ -15,14 +15,10 @@ use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs}
 use crate::network::batch::SLOTS;
 use crate::network::config::{Config, VERSION};
 use crate::network::program::GEOMETRY;
-use crate::network::weights::CONFIG_FILE;
+use crate::network::weights::{CONFIG_FILE, DECODE_FILE, ENCODE_FILE};
 
 /// Name of this backend in messages.
 const NAME: &str = "onnx";
-/// The encoder's file in a model folder.
-pub const ENCODE_FILE: &str = "encode_step.onnx";
-/// The decoder's file in a model folder.
-pub const DECODE_FILE: &str = "decode_step.onnx";
 /// Names the library; takes precedence over the usual places.
 pub const LIBRARY_VARIABLE: &str = "ORT_DYLIB_PATH";
 /// Folders where systems keep shared libraries.

@@ -96,9 +96,8 @@ fn shape(file: &ShapeFile, loaded: &LoadedScene) -> Result<Shape> {
         }
         GeometryFile::Sphere { center, radius } => {
             let scale = to_world.transform_vector3(Vec3::X).length();
-            let mirrored = to_world.matrix3.determinant() < 0.0;
             let center = to_world.transform_point3(Vec3::from_array(*center));
-            Ok(Shape::sphere(center, radius * scale, file.flip_normals != mirrored))
+            Ok(Shape::sphere(center, radius * scale, file.flip_normals))
         }
     }
 }

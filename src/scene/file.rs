@@ -114,14 +114,14 @@ pub enum TextureFile {
         /// Linear RGB.
         value: [f32; 3],
     },
-    /// A picture (EXR or PNG) repeated over the texture coordinates, filtered bilinearly.
+    /// A picture (EXR or PNG) repeated over the texture coordinates, filtered bilinearly; (0, 0) is its top left.
     Bitmap {
         /// Path relative to the scene file.
         file: String,
         /// Texture coordinates to picture coordinates, 3×3 row by row.
         #[serde(default = "identity3")]
         to_uv: [f32; 9],
-        /// Data, not colour: an 8-bit picture is not converted from sRGB.
+        /// Data, not colour: a PNG is not converted from sRGB.
         #[serde(default, skip_serializing_if = "is_default")]
         raw: bool,
         /// Factor on every value.
@@ -219,11 +219,11 @@ pub enum MaterialFile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum MeshFile {
-    /// A Wavefront OBJ file, all its groups together.
+    /// A Wavefront OBJ file, all its groups together. v is turned around, since OBJ counts it from a picture's bottom.
     Obj {
         /// Path relative to the scene file.
         file: String,
-        /// Ignore vertex normals.
+        /// Shade every face flat. Otherwise a file without vertex normals gets smooth ones.
         #[serde(default, skip_serializing_if = "is_default")]
         face_normals: bool,
     },
@@ -231,7 +231,7 @@ pub enum MeshFile {
     Ply {
         /// Path relative to the scene file.
         file: String,
-        /// Ignore vertex normals.
+        /// Shade every face flat. Otherwise a file without vertex normals gets smooth ones.
         #[serde(default, skip_serializing_if = "is_default")]
         face_normals: bool,
     },
@@ -242,7 +242,7 @@ pub enum MeshFile {
         /// 0-based index of the shape.
         #[serde(default, skip_serializing_if = "is_default")]
         index: u32,
-        /// Ignore vertex normals.
+        /// Shade every face flat. Otherwise a file without vertex normals gets smooth ones.
         #[serde(default, skip_serializing_if = "is_default")]
         face_normals: bool,
     },

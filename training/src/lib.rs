@@ -1,1 +1,19 @@
-//! Training of fanal's reconstruction network.
+//! Training of fanal's reconstruction network: the network in burn, its loss, the loop, evaluation and export.
+
+pub mod augment;
+pub mod backend;
+pub mod batch;
+pub mod cases;
+pub mod checkpoint;
+pub mod cli;
+pub mod evaluate;
+pub mod forward;
+pub mod journal;
+pub mod loader;
+pub mod loss;
+pub mod model;
+pub mod onnx;
+pub mod optimise;
+pub mod synthetic;
+pub mod train;
+pub mod tuning;

@@ -1,0 +1,185 @@
+//! One pass over the picture: camera paths into the film, records into the learner, in chunks of a fixed size.
+//!
+//! A chunk is a range of linear sample indices (sample · pixels + pixel); blocks of it run in parallel and are merged in
+//! order, so neither the picture nor what is learned depends on the number of threads, and memory not on the samples.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::learning::Learning;
+use super::settings::RenderSettings;
+use super::statistics::Statistics;
+use crate::base::progress::Progress;
+use crate::base::random::Random;
+use crate::film::Pass;
+use crate::guiding::field::GuideField;
+use crate::guiding::record::{PathRecord, PhotonRecord};
+use crate::integrators::path::{PathScratch, PathTracer, RayCount};
+use crate::integrators::photon::PhotonTracer;
+use crate::scene::Scene;
+
+/// Paths per chunk: with about four records of 68 bytes each, a chunk holds some 70 MB.
+const CHUNK: u64 = 1 << 18;
+/// Paths per unit of parallel work.
+const BLOCK: u64 = 1 << 10;
+/// Makes the random numbers of light paths differ from those of camera paths.
+const PHOTON_STREAM: u64 = 1 << 63;
+
+/// Records of one chunk.
+#[derive(Default)]
+pub struct Records {
+    /// Of camera paths.
+    pub paths: Vec<PathRecord>,
+    /// Of light paths.
+    pub photons: Vec<PhotonRecord>,
+}
+
+/// Traces a pass.
+pub struct PassTracer<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Settings.
+    pub settings: &'a RenderSettings,
+    /// What guides.
+    pub field: Option<&'a GuideField>,
+    /// Camera samples per pixel of the passes before, so that no random number is used twice.
+    pub first_sample: u32,
+    /// Camera paths per pixel, and light paths per pixel where photons are on.
+    pub spp: u32,
+    /// Ends the pass at the next chunk.
+    pub stop: &'a AtomicBool,
+}
+
+#[derive(Default)]
+struct Block {
+    radiance: Vec<Vec3>,
+    records: Vec<PathRecord>,
+    photons: Vec<PhotonRecord>,
+    rays: RayCount,
+}
+
+impl PassTracer<'_> {
+    fn pixels(&self) -> u64 {
+        u64::from(self.scene.size[0]) * u64::from(self.scene.size[1])
+    }
+
+    /// Adds the pass's samples to `pass` and, where there is one, gives its records to `learning`. Returns whether it was
+    /// completed.
+    pub fn run(
+        &self,
+        pass: &mut Pass,
+        mut learning: Option<&mut Learning>,
+        statistics: &mut Statistics,
+        progress: &dyn Progress,
+    ) -> bool {
+        let total = self.pixels() * u64::from(self.spp);
+        let mut start = 0;
+        while start < total {
+            if self.stop.load(Ordering::Relaxed) && start > 0 {
+                return false;
+            }
+            let end = (start + CHUNK).min(total);
+            let mut records = Records::default();
+            let kinds = self.settings.samples;
+            let wants_paths = learning.is_some();
+            self.camera_chunk(start..end, pass, wants_paths.then_some(&mut records.paths), statistics);
+            progress.advance(end - start);
+            if let Some(learning) = learning.as_deref_mut() {
+                if kinds.photons() {
+                    self.photon_chunk(start..end, total, &mut records.photons, statistics);
+                    progress.advance(end - start);
+                }
+                learning.absorb(&records, kinds, &mut statistics.seconds);
+            }
+            start = end;
+        }
+        true
+    }
+
+    fn camera_chunk(
+        &self,
+        range: std::ops::Range<u64>,
+        pass: &mut Pass,
+        records: Option<&mut Vec<PathRecord>>,
+        statistics: &mut Statistics,
+    ) {
+        let begun = Instant::now();
+        let start = range.start;
+        let keep = records.is_some();
+        let blocks = self.blocks(range, |i, scratch, block| self.camera_path(i, keep, scratch, block));
+        let mut index = start;
+        let pixels = self.pixels();
+        let film = pass.pixels_mut();
+        for block in &blocks {
+            statistics.rays += block.rays.rays;
+            for &radiance in &block.radiance {
+                if radiance.is_finite() {
+                    film[(index % pixels) as usize].add(radiance);
+                } else {
+                    statistics.dropped_samples += 1;
+                }
+                index += 1;
+            }
+        }
+        statistics.samples += index - start;
+        if let Some(records) = records {
+            records.reserve(blocks.iter().map(|b| b.records.len()).sum());
+            blocks.into_iter().for_each(|b| records.extend(b.records));
+        }
+        statistics.seconds.trace += begun.elapsed().as_secs_f64();
+    }
+
+    fn photon_chunk(
+        &self,
+        range: std::ops::Range<u64>,
+        total: u64,
+        records: &mut Vec<PhotonRecord>,
+        statistics: &mut Statistics,
+    ) {
+        let begun = Instant::now();
+        statistics.samples += range.end - range.start;
+        let tracer = PhotonTracer { scene: self.scene, settings: self.settings.transport };
+        let first = u64::from(self.first_sample) * self.pixels();
+        let blocks = self.blocks(range, |i, _, block| {
+            let mut random = Random::new(self.settings.seed, PHOTON_STREAM, first + i);
+            tracer.trace(&mut random, total, &mut block.photons, &mut block.rays);
+        });
+        for block in blocks {
+            statistics.rays += block.rays.rays;
+            records.extend(block.photons);
+        }
+        statistics.seconds.photons += begun.elapsed().as_secs_f64();
+    }
+
+    /// Runs `work` for every index of the range, in parallel blocks that come back in order.
+    fn blocks(&self, range: std::ops::Range<u64>, work: impl Fn(u64, &mut PathScratch, &mut Block) + Sync) -> Vec<Block> {
+        let count = (range.end - range.start).div_ceil(BLOCK);
+        (0..count)
+            .into_par_iter()
+            .map_init(PathScratch::default, |scratch, b| {
+                let mut block = Block::default();
+                let first = range.start + b * BLOCK;
+                for i in first..(first + BLOCK).min(range.end) {
+                    work(i, scratch, &mut block);
+                }
+                block
+            })
+            .collect()
+    }
+
+    fn camera_path(&self, index: u64, keep: bool, scratch: &mut PathScratch, block: &mut Block) {
+        let (pixel, sample) = (index % self.pixels(), index / self.pixels());
+        let mut random = Random::new(self.settings.seed, pixel, u64::from(self.first_sample) + sample);
+        let [dx, dy] = random.next_2d();
+        let width = u64::from(self.scene.size[0]);
+        let film = [(pixel % width) as f32 + dx, (pixel / width) as f32 + dy];
+        let ray = self.scene.camera.ray(film, random.next_2d());
+        let tracer = PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field };
+        let records = keep.then_some(&mut block.records);
+        let radiance = tracer.trace(ray, &mut random, scratch, records, &mut block.rays);
+        block.radiance.push(radiance);
+    }
+}

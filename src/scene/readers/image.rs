@@ -1,0 +1,142 @@
+//! Pictures: EXR and PNG.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use glam::Vec3;
+
+use crate::base::files::read_bytes;
+use crate::base::{Error, Place, Result};
+use crate::materials::image::Image;
+
+use super::exr;
+
+/// Largest picture file in bytes.
+pub(super) const LARGEST_FILE: u64 = 2 << 30;
+/// Most pixels of a picture.
+pub(super) const MOST_PIXELS: u64 = 1 << 27;
+
+const EXR_MAGIC: [u8; 4] = [0x76, 0x2F, 0x31, 0x01];
+const PNG_MAGIC: [u8; 4] = [0x89, b'P', b'N', b'G'];
+
+/// Reads an EXR or PNG picture as linear RGB; the content decides, not the name. A PNG holds sRGB values, unless `raw` says
+/// that they are data. Alpha is ignored.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] (also for NaN or infinite pixels), [`Error::Unsupported`].
+pub fn read_image(path: &Path, raw: bool) -> Result<Image> {
+    let bytes = read_bytes(path, LARGEST_FILE)?;
+    let image = match bytes.first_chunk() {
+        Some(&EXR_MAGIC) => exr::read_color(path, &bytes)?,
+        Some(&PNG_MAGIC) => read_png(path, &bytes, raw)?,
+        _ => {
+            return Err(Error::Unsupported {
+                place: Place::file(path),
+                what: "this picture format".into(),
+                supported: "EXR and PNG".into(),
+            });
+        }
+    };
+    if let Some(i) = image.pixels.iter().position(|pixel| !pixel.is_finite()) {
+        let (x, y) = (i % image.width, i / image.width);
+        return Err(Error::malformed(Place::part(path, format!("pixel {x}, {y}")), "the pixel is not finite"));
+    }
+    Ok(image)
+}
+
+fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Image> {
+    let fail = |why: String| Error::malformed(Place::file(path), format!("not a readable PNG file: {why}"));
+    let mut decoder = png::Decoder::new(Cursor::new(bytes));
+    // Palettes and fewer than 8 bits become 8 bits per channel.
+    decoder.set_transformations(png::Transformations::EXPAND);
+    let info = decoder.read_header_info().map_err(|error| fail(error.to_string()))?;
+    let pixels = u64::from(info.width) * u64::from(info.height);
+    if pixels > MOST_PIXELS {
+        let (place, what) = (Place::file(path), "number of pixels".into());
+        return Err(Error::Limit { place, what, value: pixels, limit: MOST_PIXELS });
+    }
+    // DEFLATE expands at most 1032-fold, and a pixel has at least one bit.
+    if pixels / 8 > 1032 * bytes.len() as u64 {
+        return Err(fail(format!("{pixels} pixels cannot be in {} bytes", bytes.len())));
+    }
+    let mut reader = decoder.read_info().map_err(|error| fail(error.to_string()))?;
+    let size = reader.output_buffer_size().ok_or_else(|| fail("it is too large".into()))?;
+    let mut samples = vec![0; size];
+    let frame = reader.next_frame(&mut samples).map_err(|error| fail(error.to_string()))?;
+    let value = |sample: f32| if raw { sample } else { linear_from_srgb(sample) };
+    let values: Vec<f32> = match frame.bit_depth {
+        png::BitDepth::Sixteen => {
+            let (pairs, _) = samples.as_chunks::<2>();
+            pairs.iter().map(|pair| value(f32::from(u16::from_be_bytes(*pair)) / 65535.0)).collect()
+        }
+        _ => {
+            let table: Vec<f32> = (0..=255u8).map(|sample| value(f32::from(sample) / 255.0)).collect();
+            samples.iter().map(|&sample| table[usize::from(sample)]).collect()
+        }
+    };
+    let channels = frame.color_type.samples();
+    let grey = channels < 3;
+    let pixel = |v: &[f32]| if grey { Vec3::splat(v[0]) } else { Vec3::from_slice(v) };
+    let pixels = values.chunks_exact(channels).map(pixel).collect();
+    Ok(Image { width: frame.width as usize, height: frame.height as usize, pixels })
+}
+
+/// IEC 61966-2-1, for a value in [0, 1].
+fn linear_from_srgb(value: f32) -> f32 {
+    if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn png_file(color: png::ColorType, depth: png::BitDepth, data: &[u8]) -> Vec<u8> {
+        let mut out = Vec::new();
+        let mut encoder = png::Encoder::new(&mut out, 2, 1);
+        encoder.set_color(color);
+        encoder.set_depth(depth);
+        encoder.write_header().unwrap().write_image_data(data).unwrap();
+        out
+    }
+
+    fn parse(bytes: &[u8], raw: bool) -> Result<Image> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), bytes).unwrap();
+        read_image(file.path(), raw)
+    }
+
+    #[test]
+    fn png_kinds() {
+        let rgb = png_file(png::ColorType::Rgb, png::BitDepth::Eight, &[255, 0, 188, 51, 102, 204]);
+        let image = parse(&rgb, true).unwrap();
+        assert_eq!((image.width, image.height), (2, 1));
+        assert!(image.pixels[1].distance(Vec3::new(0.2, 0.4, 0.8)) < 1e-6);
+        // sRGB 188 is the middle grey: about half the light.
+        let image = parse(&rgb, false).unwrap();
+        assert!((image.pixels[0] - Vec3::new(1.0, 0.0, 0.5029)).length() < 1e-3, "{}", image.pixels[0]);
+        let grey = png_file(png::ColorType::GrayscaleAlpha, png::BitDepth::Sixteen, &[0x80, 0, 0, 0, 0xFF, 0xFF, 0, 0]);
+        let image = parse(&grey, true).unwrap();
+        assert!(image.pixels[0].distance(Vec3::splat(0.5)) < 1e-4 && image.pixels[1] == Vec3::ONE);
+    }
+
+    /// Claims 2³¹ × 2³¹ pixels, then 10000 × 10000, in fifty bytes.
+    #[test]
+    fn png_sizes_are_not_believed() {
+        for side in [i32::MAX as u32, 11_000] {
+            let mut bytes = png_file(png::ColorType::Grayscale, png::BitDepth::Eight, &[0, 0]);
+            bytes[16..20].copy_from_slice(&side.to_be_bytes());
+            bytes[20..24].copy_from_slice(&side.to_be_bytes());
+            let mut crc = flate2::Crc::new();
+            crc.update(&bytes[12..29]);
+            bytes[29..33].copy_from_slice(&crc.sum().to_be_bytes());
+            let error = parse(&bytes, true).unwrap_err();
+            assert!(matches!(error, Error::Limit { .. } | Error::Malformed { .. }), "{error}");
+        }
+    }
+
+    #[test]
+    fn other_content_is_named() {
+        assert!(matches!(parse(b"GIF89a", false), Err(Error::Unsupported { .. })));
+        assert!(matches!(parse(b"", false), Err(Error::Unsupported { .. })));
+    }
+}

@@ -1,0 +1,143 @@
+//! Loading one mesh and making it sound: every index in range, every number finite, every triangle with an area.
+
+use std::path::Path;
+
+use glam::{DVec3, Vec2, Vec3};
+
+use crate::base::{Error, Place, Result};
+use crate::geometry::mesh::Mesh;
+use crate::scene::file::MeshFile;
+
+use super::{builtin, normals, obj, path, ply, serialized};
+
+/// Meshes may be large, but a scene must not exhaust memory before anything is known about it.
+pub(super) const LARGEST_FILE: u64 = 4 << 30;
+/// Most vertices, and most triangles, of one mesh.
+pub(super) const MOST_ELEMENTS: u64 = 1 << 28;
+
+/// What becomes of vertex normals.
+#[derive(Clone, Copy, PartialEq)]
+enum Shading {
+    /// Dropped.
+    Flat,
+    /// Kept; where the file has none, they are made from the faces, as Mitsuba does.
+    Smooth,
+    /// Kept, or flat where there are none.
+    AsGiven,
+}
+
+/// Loads a mesh of the scene in `directory`, and counts the triangles that were left out. `place` is that of the mesh in the
+/// scene file.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Malformed`], [`Error::Unsupported`], [`Error::Limit`].
+pub fn load(file: &MeshFile, directory: &Path, place: &Place) -> Result<(Mesh, usize)> {
+    let flat_if = |face_normals: bool| if face_normals { Shading::Flat } else { Shading::Smooth };
+    let open = |file: &str| path::resolve(directory, file, place);
+    match file {
+        MeshFile::Obj { file, face_normals } => {
+            let path = open(file)?;
+            finish(obj::read(&path)?, flat_if(*face_normals), &Place::file(path))
+        }
+        MeshFile::Ply { file, face_normals } => {
+            let path = open(file)?;
+            finish(ply::read(&path)?, flat_if(*face_normals), &Place::file(path))
+        }
+        MeshFile::Serialized { file, index, face_normals } => {
+            let path = open(file)?;
+            let (mesh, wants_flat) = serialized::read(&path, *index)?;
+            finish(mesh, flat_if(*face_normals || wants_flat), &Place::part(path, format!("shape {index}")))
+        }
+        MeshFile::Rectangle => finish(builtin::rectangle(), Shading::AsGiven, place),
+        MeshFile::Cube => finish(builtin::cube(), Shading::AsGiven, place),
+        MeshFile::Inline { positions, normals, uvs, triangles } => {
+            let mesh = Mesh {
+                positions: positions.iter().map(|&p| Vec3::from_array(p)).collect(),
+                normals: normals.iter().map(|&n| Vec3::from_array(n)).collect(),
+                uvs: uvs.iter().map(|&uv| Vec2::from_array(uv)).collect(),
+                triangles: triangles.clone(),
+            };
+            finish(mesh, Shading::AsGiven, place)
+        }
+    }
+}
+
+fn finish(mut mesh: Mesh, shading: Shading, place: &Place) -> Result<(Mesh, usize)> {
+    check(&mesh, place)?;
+    let before = mesh.triangles.len();
+    let positions = &mesh.positions;
+    mesh.triangles.retain(|triangle| has_area(triangle.map(|i| positions[i as usize])));
+    let skipped = before - mesh.triangles.len();
+    if mesh.triangles.is_empty() {
+        let message = match skipped {
+            0 => "the mesh has no triangles".to_owned(),
+            _ => format!("the mesh has no triangles with an area ({skipped} without)"),
+        };
+        return Err(Error::malformed(place.clone(), message));
+    }
+    match shading {
+        Shading::Flat => mesh.normals = Vec::new(),
+        Shading::AsGiven if mesh.normals.is_empty() => {}
+        Shading::AsGiven | Shading::Smooth => normals::complete(&mut mesh),
+    }
+    Ok((mesh, skipped))
+}
+
+fn check(mesh: &Mesh, place: &Place) -> Result<()> {
+    let vertices = mesh.positions.len();
+    let fail = |message: String| Err(Error::malformed(place.clone(), message));
+    if let Some(i) = mesh.positions.iter().position(|p| !p.is_finite()) {
+        return fail(format!("vertex {i} has the position {}, which is not finite", mesh.positions[i]));
+    }
+    if let Some(i) = mesh.normals.iter().position(|n| !n.is_finite()) {
+        return fail(format!("vertex {i} has the normal {}, which is not finite", mesh.normals[i]));
+    }
+    if let Some(i) = mesh.uvs.iter().position(|uv| !uv.is_finite()) {
+        return fail(format!("vertex {i} has the texture coordinates {}, which are not finite", mesh.uvs[i]));
+    }
+    if let Some(i) = mesh.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= vertices)) {
+        return fail(format!("triangle {i} uses the vertices {:?}, but there are only {vertices}", mesh.triangles[i]));
+    }
+    Ok(())
+}
+
+/// Edges are subtracted in double precision, so only triangles that truly collapse are lost. The bound keeps what would
+/// underflow when normals are computed in single precision.
+fn has_area(corners: [Vec3; 3]) -> bool {
+    const SMALLEST_CROSS: f64 = 1e-30;
+    let [a, b, c]: [DVec3; 3] = corners.map(|p| p.as_dvec3());
+    (b - a).cross(c - a).length() > SMALLEST_CROSS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn inline(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<(Mesh, usize)> {
+        let file = MeshFile::Inline { positions, normals: vec![], uvs: vec![], triangles };
+        load(&file, Path::new(""), &Place::part("scene.json", "meshes.m"))
+    }
+
+    #[test]
+    fn drops_and_counts_triangles_without_area() {
+        let corners = vec![[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [2., 0., 0.]];
+        let (mesh, skipped) = inline(corners.clone(), vec![[0, 1, 2], [0, 1, 1], [0, 1, 3]]).unwrap();
+        assert_eq!((mesh.triangles, skipped), (vec![[0, 1, 2]], 2));
+        assert!(mesh.normals.is_empty(), "written out without normals means flat");
+        assert!(matches!(inline(corners, vec![[0, 1, 3]]), Err(Error::Malformed { .. })));
+    }
+
+    #[test]
+    fn refuses_what_cannot_be_repaired() {
+        let corners = vec![[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]];
+        for (positions, triangles) in [
+            (corners.clone(), vec![[0, 1, 3]]),
+            (corners.clone(), vec![]),
+            (vec![[0., 0., 0.], [f32::NAN, 0., 0.], [0., 1., 0.]], vec![[0, 1, 2]]),
+            (vec![[0., 0., 0.], [f32::INFINITY, 0., 0.], [0., 1., 0.]], vec![[0, 1, 2]]),
+        ] {
+            let error = inline(positions, triangles).unwrap_err();
+            assert!(matches!(error, Error::Malformed { .. }), "{error}");
+        }
+    }
+}

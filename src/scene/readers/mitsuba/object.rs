@@ -1,0 +1,211 @@
+//! An element that stands for an object, with its named properties and the objects inside it. What is not expected is refused.
+
+use std::collections::BTreeMap;
+
+use glam::DMat4;
+
+use crate::base::Result;
+use crate::scene::file::Matrix;
+
+use super::element::Element;
+use super::transform;
+
+const PROPERTY_TAGS: [&str; 9] =
+    ["float", "integer", "boolean", "string", "rgb", "spectrum", "point", "vector", "transform"];
+
+/// Elements by their id.
+pub type Ids<'a> = BTreeMap<&'a str, &'a Element>;
+
+/// An object with its parts sorted out.
+pub struct Object<'a> {
+    /// The element itself.
+    pub element: &'a Element,
+    /// Objects inside it, references followed.
+    pub nested: Vec<&'a Element>,
+    properties: BTreeMap<&'a str, &'a Element>,
+}
+
+/// The `type` of an object.
+pub fn kind(element: &Element) -> Result<&str> {
+    element.required("type")
+}
+
+impl<'a> Object<'a> {
+    /// Sorts the children of `element`: `properties` are the names that it may have, `nested` the tags of objects.
+    pub fn new(element: &'a Element, ids: &Ids<'a>, properties: &[&str], nested: &[&str]) -> Result<Self> {
+        element.only_attributes(&["type", "id", "name"])?;
+        let mut object = Self { element, nested: Vec::new(), properties: BTreeMap::new() };
+        for child in &element.children {
+            let target = follow(child, ids)?;
+            let is_property = PROPERTY_TAGS.contains(&target.tag.as_str()) || target.tag == "texture";
+            if is_property {
+                // A reference is named where it stands, not where it points.
+                object.add_property(child.required("name")?, target, properties)?;
+            } else if nested.contains(&target.tag.as_str()) {
+                object.nested.push(target);
+            } else {
+                let what = format!("<{}> inside <{}>", target.tag, element.tag);
+                let known: Vec<&str> = nested.iter().copied().chain(["named properties"]).collect();
+                return Err(child.unsupported(what, &known));
+            }
+        }
+        Ok(object)
+    }
+
+    fn add_property(&mut self, name: &'a str, value: &'a Element, known: &[&str]) -> Result<()> {
+        if !known.contains(&name) {
+            let kind = self.element.attribute("type").unwrap_or_default();
+            let what = format!("property \"{name}\" of the {} \"{kind}\"", self.element.tag);
+            return Err(value.unsupported(what, if known.is_empty() { &["none"] } else { known }));
+        }
+        match self.properties.insert(name, value) {
+            Some(_) => Err(value.malformed(format!("property \"{name}\" is given twice"))),
+            None => Ok(()),
+        }
+    }
+
+    /// The only nested object with this tag, if any.
+    pub fn single(&self, tag: &str) -> Result<Option<&'a Element>> {
+        let mut found = self.nested.iter().copied().filter(|element| element.tag == tag);
+        let first = found.next();
+        match found.next() {
+            Some(second) => Err(second.malformed(format!("a second <{tag}> inside <{}>", self.element.tag))),
+            None => Ok(first),
+        }
+    }
+
+    /// The element of a property.
+    pub fn property(&self, name: &str) -> Option<&'a Element> {
+        self.properties.get(name).copied()
+    }
+
+    /// A number.
+    pub fn float(&self, name: &str) -> Result<Option<f64>> {
+        self.typed(name, &["float", "integer"], |element| number(element, value(element)?))
+    }
+
+    /// A whole number.
+    pub fn integer(&self, name: &str) -> Result<Option<i64>> {
+        self.typed(name, &["integer"], |element| {
+            let text = value(element)?;
+            text.trim().parse().map_err(|_| element.malformed(format!("\"{text}\" is not a whole number")))
+        })
+    }
+
+    /// True or false.
+    pub fn boolean(&self, name: &str) -> Result<Option<bool>> {
+        self.typed(name, &["boolean"], |element| match value(element)?.to_ascii_lowercase().as_str() {
+            "true" => Ok(true),
+            "false" => Ok(false),
+            other => Err(element.malformed(format!("\"{other}\" is neither true nor false"))),
+        })
+    }
+
+    /// A text.
+    pub fn string(&self, name: &str) -> Result<Option<&'a str>> {
+        self.typed(name, &["string"], value)
+    }
+
+    /// A text that must be given.
+    pub fn required_string(&self, name: &str) -> Result<&'a str> {
+        let missing = || self.element.malformed(format!("the {} lacks the property \"{name}\"", self.element.tag));
+        self.string(name)?.ok_or_else(missing)
+    }
+
+    /// A point or vector.
+    pub fn vector(&self, name: &str) -> Result<Option<[f64; 3]>> {
+        self.typed(name, &["point", "vector"], |element| {
+            element.only_attributes(&["name", "x", "y", "z", "value"])?;
+            element.no_children()?;
+            for axis in ["x", "y", "z"] {
+                if element.attribute("value").is_none() {
+                    element.required(axis)?;
+                }
+            }
+            xyz(element, 0.0)
+        })
+    }
+
+    /// A colour: rgb, one number, or a spectrum that is one number.
+    pub fn color(&self, name: &str) -> Result<Option<[f32; 3]>> {
+        self.typed(name, &["rgb", "spectrum", "float", "integer"], |element| {
+            let numbers = numbers(element, value(element)?)?;
+            match (element.tag.as_str(), numbers.as_slice()) {
+                (_, [grey]) => Ok([*grey as f32; 3]),
+                ("rgb", [r, g, b]) => Ok([*r as f32, *g as f32, *b as f32]),
+                _ => Err(element.unsupported(
+                    format!("<{}> with {} numbers", element.tag, numbers.len()),
+                    &["one number", "<rgb> with three"],
+                )),
+            }
+        })
+    }
+
+    /// A transform in double precision.
+    pub fn transform(&self, name: &str) -> Result<Option<DMat4>> {
+        self.typed(name, &["transform"], transform::read)
+    }
+
+    /// `to_world`, or the identity.
+    pub fn to_world(&self) -> Result<Matrix> {
+        Ok(transform::rounded(self.transform("to_world")?.unwrap_or(DMat4::IDENTITY)))
+    }
+
+    fn typed<T>(&self, name: &str, tags: &[&str], read: impl FnOnce(&'a Element) -> Result<T>) -> Result<Option<T>> {
+        let Some(element) = self.property(name) else { return Ok(None) };
+        if !tags.contains(&element.tag.as_str()) {
+            return Err(element.unsupported(format!("<{}> for the property \"{name}\"", element.tag), tags));
+        }
+        read(element).map(Some)
+    }
+}
+
+/// The element that a reference means, or the element itself.
+fn follow<'a>(element: &'a Element, ids: &Ids<'a>) -> Result<&'a Element> {
+    if element.tag != "ref" {
+        return Ok(element);
+    }
+    element.only_attributes(&["id", "name"])?;
+    element.no_children()?;
+    let id = element.required("id")?;
+    ids.get(id).copied().ok_or_else(|| element.malformed(format!("nothing has the id \"{id}\"")))
+}
+
+/// The `value` of a property.
+fn value(element: &Element) -> Result<&str> {
+    element.only_attributes(&["name", "value"])?;
+    element.no_children()?;
+    element.required("value")
+}
+
+/// One finite number.
+pub fn number(element: &Element, text: &str) -> Result<f64> {
+    match text.trim().parse::<f64>() {
+        // What overflows single precision is as good as infinite.
+        Ok(value) if (value as f32).is_finite() => Ok(value),
+        Ok(_) => Err(element.malformed(format!("\"{text}\" is not a finite number"))),
+        Err(_) => Err(element.malformed(format!("\"{text}\" is not a number"))),
+    }
+}
+
+/// Numbers separated by spaces or commas.
+pub fn numbers(element: &Element, text: &str) -> Result<Vec<f64>> {
+    let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
+    words.map(|word| number(element, word)).collect()
+}
+
+/// `x`, `y`, `z`, each `default` if absent; or `value` with one or three numbers.
+pub fn xyz(element: &Element, default: f64) -> Result<[f64; 3]> {
+    if let Some(text) = element.attribute("value") {
+        if ["x", "y", "z"].iter().any(|axis| element.attribute(axis).is_some()) {
+            return Err(element.malformed("\"value\" together with \"x\", \"y\" or \"z\""));
+        }
+        return match numbers(element, text)?.as_slice() {
+            [all] => Ok([*all; 3]),
+            [x, y, z] => Ok([*x, *y, *z]),
+            other => Err(element.malformed(format!("expected one or three numbers, found {}", other.len()))),
+        };
+    }
+    let axis = |name| element.attribute(name).map_or(Ok(default), |text| number(element, text));
+    Ok([axis("x")?, axis("y")?, axis("z")?])
+}

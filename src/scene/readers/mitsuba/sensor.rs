@@ -1,0 +1,126 @@
+//! Sensors, films and samplers.
+
+use crate::base::Result;
+use crate::scene::file::{CameraFile, FilmFile};
+
+use super::Reader;
+use super::element::Element;
+use super::object::{Object, kind};
+
+/// Mitsuba's `far_clip`, which is also where a lens without `focus_distance` is focused.
+const FAR_CLIP: f64 = 1e4;
+
+impl<'a> Reader<'a> {
+    pub(super) fn sensor(&mut self, element: &'a Element) -> Result<()> {
+        if std::mem::replace(&mut self.has_sensor, true) {
+            return Err(element.unsupported("a second sensor", &["one sensor"]));
+        }
+        let lens = match kind(element)? {
+            "perspective" => false,
+            "thinlens" => true,
+            other => return Err(element.unsupported(format!("sensor \"{other}\""), &["perspective", "thinlens"])),
+        };
+        let mut known = vec!["to_world", "fov", "fov_axis", "focal_length", "near_clip", "far_clip", "focus_distance"];
+        known.extend(lens.then_some("aperture_radius"));
+        let object = Object::new(element, &self.ids, &known, &["film", "sampler"])?;
+        let sampler = object.single("sampler")?;
+        if let Some(sampler) = sampler {
+            self.sampler(sampler)?;
+        }
+        if let Some(film) = object.single("film")? {
+            self.film(film)?;
+        }
+        object.float("near_clip")?;
+        let far = object.float("far_clip")?.unwrap_or(FAR_CLIP);
+        let focus = object.float("focus_distance")?.unwrap_or(far) as f32;
+        let aperture = match (lens, object.float("aperture_radius")?) {
+            (true, None) => return Err(element.malformed("a thinlens needs an aperture_radius")),
+            (_, radius) => radius.unwrap_or(0.0) as f32,
+        };
+        self.file.camera = CameraFile {
+            to_world: object.to_world()?,
+            fov: horizontal_fov(&object, &self.file.film)? as f32,
+            aperture_radius: aperture,
+            focus_distance: lens.then_some(focus),
+        };
+        self.places.set("camera", element.place.clone());
+        Ok(())
+    }
+
+    fn sampler(&mut self, element: &'a Element) -> Result<()> {
+        // Which numbers are drawn is the renderer's own affair; how many samples is the scene's wish.
+        kind(element)?;
+        let object = Object::new(element, &self.ids, &["sample_count", "seed", "jitter"], &[])?;
+        if let Some(count) = object.integer("sample_count")? {
+            let invalid = |_| element.malformed(format!("sample_count is {count}, expected at least 1"));
+            self.file.render.spp = u32::try_from(count).map_err(invalid)?;
+        }
+        self.places.set("render.spp", element.place.clone());
+        Ok(())
+    }
+
+    fn film(&mut self, element: &'a Element) -> Result<()> {
+        match kind(element)? {
+            "hdrfilm" => {}
+            other => return Err(element.unsupported(format!("film \"{other}\""), &["hdrfilm"])),
+        }
+        // The output file's format is chosen when rendering.
+        let known = ["width", "height", "pixel_format", "component_format", "file_format"];
+        let object = Object::new(element, &self.ids, &known, &["rfilter"])?;
+        let side = |name: &str, default: u32| match object.integer(name)? {
+            Some(side) => u32::try_from(side).map_err(|_| element.malformed(format!("{name} is {side}"))),
+            None => Ok(default),
+        };
+        let default = &self.file.film;
+        self.file.film = FilmFile { width: side("width", default.width)?, height: side("height", default.height)? };
+        self.places.set("film", element.place.clone());
+        let filter = object.single("rfilter")?;
+        let filter_kind = filter.map_or(Ok("gaussian"), |filter| kind(filter))?;
+        if filter_kind != "box" {
+            let place = &filter.unwrap_or(element).place;
+            self.warnings.push(format!("{place}: the box filter is used instead of \"{filter_kind}\""));
+        }
+        Ok(())
+    }
+}
+
+/// In degrees. Without `fov`, from the focal length for a 36 mm × 24 mm film, which sets the angle of the diagonal.
+fn horizontal_fov(object: &Object, film: &FilmFile) -> Result<f64> {
+    let element = object.element;
+    let aspect = f64::from(film.width) / f64::from(film.height.max(1));
+    let half_tangent = |degrees: f64| {
+        // Beyond this range the tangent below would turn into another angle.
+        if degrees > 0.0 && degrees < 180.0 {
+            return Ok((degrees.to_radians() / 2.0).tan());
+        }
+        Err(element.malformed(format!("the field of view is {degrees}°, expected one between 0° and 180°")))
+    };
+    let from_diagonal = |half: f64| half / (1.0 + 1.0 / (aspect * aspect)).sqrt();
+    let fov = object.float("fov")?;
+    let half = match (fov, object.string("focal_length")?) {
+        (Some(_), Some(_)) => return Err(element.malformed("fov and focal_length exclude each other")),
+        (Some(fov), None) => {
+            let half = half_tangent(fov)?;
+            match object.string("fov_axis")?.unwrap_or("x").to_ascii_lowercase().as_str() {
+                "x" => return Ok(fov),
+                "larger" if aspect > 1.0 => return Ok(fov),
+                "smaller" if aspect <= 1.0 => return Ok(fov),
+                "y" | "larger" | "smaller" => half * aspect,
+                "diagonal" => from_diagonal(half),
+                other => {
+                    let known = ["x", "y", "diagonal", "smaller", "larger"];
+                    return Err(element.unsupported(format!("fov_axis \"{other}\""), &known));
+                }
+            }
+        }
+        (None, focal_length) => {
+            let text = focal_length.unwrap_or("50mm");
+            let millimetres = super::object::number(element, text.strip_suffix("mm").unwrap_or(text))?;
+            if millimetres <= 0.0 {
+                return Err(element.malformed(format!("focal_length is \"{text}\", expected a positive length")));
+            }
+            from_diagonal(36f64.hypot(24.0) / (2.0 * millimetres))
+        }
+    };
+    Ok(2.0 * half.atan().to_degrees())
+}

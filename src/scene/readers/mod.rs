@@ -1,0 +1,186 @@
+//! Readers: from files on disk to a [`SceneFile`] with its meshes and pictures in memory.
+//!
+//! Every reader translates to the same [`SceneFile`], which is checked in one place. Sizes are compared with the file's own
+//! size or a stated limit before memory is asked for.
+
+mod builtin;
+mod exr;
+mod image;
+mod json;
+mod mesh;
+mod mitsuba;
+mod normals;
+mod obj;
+mod path;
+mod places;
+mod ply;
+mod serialized;
+mod textures;
+mod validate;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use crate::base::{Error, Place, Result};
+use crate::geometry::mesh::Mesh;
+use crate::materials::image::Image;
+use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
+
+pub use exr::{Channels, read_exr_channels};
+pub use image::read_image;
+pub use json::save;
+pub use textures::image_key;
+
+use places::Places;
+
+/// A scene file with everything that it refers to.
+#[derive(Debug, Clone)]
+pub struct LoadedScene {
+    /// The checked scene file.
+    pub file: SceneFile,
+    /// The folder that its paths are relative to.
+    pub directory: PathBuf,
+    /// Meshes by their name in the scene file.
+    pub meshes: BTreeMap<String, Arc<Mesh>>,
+    /// Pictures by [`image_key`]: the `file` string of the scene file, with a mark where it is read as raw data.
+    pub images: BTreeMap<String, Arc<Image>>,
+    /// Triangles left out because they have no area or use a vertex twice.
+    pub skipped_triangles: usize,
+    /// What was understood in another way than it may have been meant.
+    pub warnings: Vec<String>,
+}
+
+/// Loads a scene: a `.json` file in our own format, a Mitsuba `.xml` file, or a folder that holds `scene.json` or `scene.xml`.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Malformed`], [`Error::Unsupported`] and [`Error::Limit`], naming file and place.
+pub fn load(path: &Path) -> Result<LoadedScene> {
+    let path = document(path)?;
+    let directory = path.parent().unwrap_or(Path::new("")).to_owned();
+    match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
+        Some("json") => resolve_at(json::read(&path)?, &directory, &Places::new(&path), Vec::new()),
+        Some("xml") => {
+            let mitsuba::Translation { file, places, warnings } = mitsuba::read(&path)?;
+            resolve_at(file, &directory, &places, warnings)
+        }
+        _ => Err(Error::Unsupported {
+            place: Place::file(&path),
+            what: "this kind of scene file".into(),
+            supported: ".json (fanal), .xml (Mitsuba 3), or a folder with scene.json or scene.xml".into(),
+        }),
+    }
+}
+
+/// The scene document that `path` means.
+fn document(path: &Path) -> Result<PathBuf> {
+    if !path.is_dir() {
+        return Ok(path.to_owned());
+    }
+    let candidates = ["scene.json", "scene.xml"].map(|name| path.join(name));
+    candidates
+        .into_iter()
+        .find(|candidate| candidate.is_file())
+        .ok_or_else(|| Error::malformed(Place::file(path), "the folder holds neither scene.json nor scene.xml"))
+}
+
+/// Checks a scene file and loads its meshes and pictures. `source` only names it in messages; a scene that was made up, with
+/// all its meshes written out, needs no folder.
+///
+/// # Errors
+/// As [`load`]; places are key paths such as `shapes[3].material`.
+pub fn resolve(file: SceneFile, directory: &Path, source: &Path) -> Result<LoadedScene> {
+    resolve_at(file, directory, &Places::new(source), Vec::new())
+}
+
+fn resolve_at(file: SceneFile, directory: &Path, places: &Places, mut warnings: Vec<String>) -> Result<LoadedScene> {
+    validate::validate(&file, places)?;
+    let mut skipped_triangles = 0;
+    let mut meshes = BTreeMap::new();
+    for (name, (mesh, skipped)) in load_meshes(&file.meshes, directory, places)? {
+        skipped_triangles += skipped;
+        meshes.insert(name, Arc::new(mesh));
+    }
+    if skipped_triangles > 0 {
+        warnings.push(format!("{skipped_triangles} triangles without area were left out"));
+    }
+    let images = load_images(&file, directory, places, &mut warnings)?;
+    Ok(LoadedScene { file, directory: directory.to_owned(), meshes, images, skipped_triangles, warnings })
+}
+
+type Cleaned = (Mesh, usize);
+
+/// In parallel; of several errors the first by name is reported, whatever the scheduling.
+fn load_meshes(
+    files: &BTreeMap<String, MeshFile>,
+    directory: &Path,
+    places: &Places,
+) -> Result<Vec<(String, Cleaned)>> {
+    let loaded: Vec<Result<(String, Cleaned)>> = files
+        .par_iter()
+        .map(|(name, file)| {
+            let place = places.at(&format!("meshes.{name}"));
+            mesh::load(file, directory, &place).map(|cleaned| (name.clone(), cleaned))
+        })
+        .collect();
+    loaded.into_iter().collect()
+}
+
+/// Each picture once per way of reading it.
+fn load_images(
+    scene: &SceneFile,
+    directory: &Path,
+    places: &Places,
+    warnings: &mut Vec<String>,
+) -> Result<BTreeMap<String, Arc<Image>>> {
+    let mut images = BTreeMap::new();
+    let mut add = |file: &str, raw: bool, place: Place| -> Result<Arc<Image>> {
+        let key = image_key(file, raw);
+        if let Some(image) = images.get(&key) {
+            return Ok(Arc::clone(image));
+        }
+        let image = Arc::new(read_image(&path::resolve(directory, file, &place)?, raw)?);
+        images.insert(key, Arc::clone(&image));
+        Ok(image)
+    };
+    for (name, material) in &scene.materials {
+        if let Some(TextureFile::Bitmap { file, raw, .. }) = texture_of(material) {
+            add(file, *raw, places.at(&format!("materials.{name}")))?;
+        }
+    }
+    for (index, light) in scene.lights.iter().enumerate() {
+        if let LightFile::Envmap { file, .. } = light {
+            let place = places.at(&format!("lights[{index}]"));
+            let image = add(file, false, place.clone())?;
+            check_envmap(&image, file, place, warnings)?;
+        }
+    }
+    Ok(images)
+}
+
+/// The one texture that a material may have.
+fn texture_of(material: &MaterialFile) -> Option<&TextureFile> {
+    match material {
+        MaterialFile::Diffuse { reflectance } => Some(reflectance),
+        MaterialFile::Conductor { specular_reflectance, .. }
+        | MaterialFile::RoughConductor { specular_reflectance, .. } => Some(specular_reflectance),
+        MaterialFile::Dielectric { .. } => None,
+        MaterialFile::TwoSided { material } => texture_of(material),
+    }
+}
+
+fn check_envmap(image: &Image, file: &str, place: Place, warnings: &mut Vec<String>) -> Result<()> {
+    // Rows are interpolated from pole to pole and columns around: fewer do not span the sphere.
+    if image.width < 2 || image.height < 3 {
+        let message =
+            format!("\"{file}\" has {}×{} pixels, an environment needs at least 2×3", image.width, image.height);
+        return Err(Error::malformed(place, message));
+    }
+    let negative = image.pixels.iter().filter(|pixel| pixel.min_element() < 0.0).count();
+    if negative > 0 {
+        warnings.push(format!("{file}: {negative} pixels are negative"));
+    }
+    Ok(())
+}

@@ -1,0 +1,52 @@
+//! Where in its source each part of a [`SceneFile`](crate::scene::file::SceneFile) came from, for error messages.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::base::Place;
+
+/// Maps key paths such as `shapes[3].material` to places.
+#[derive(Debug, Clone)]
+pub struct Places {
+    source: PathBuf,
+    known: BTreeMap<String, Place>,
+}
+
+impl Places {
+    /// No place known but the file itself: messages name the key path.
+    pub fn new(source: &Path) -> Self {
+        Self { source: source.to_owned(), known: BTreeMap::new() }
+    }
+
+    /// The part `key` stands at `place`.
+    pub fn set(&mut self, key: impl Into<String>, place: Place) {
+        self.known.insert(key.into(), place);
+    }
+
+    /// The place of `key`, or of the innermost known part that holds it.
+    pub fn at(&self, key: &str) -> Place {
+        let mut prefix = key;
+        loop {
+            if let Some(place) = self.known.get(prefix) {
+                return place.clone();
+            }
+            match prefix.rfind(['.', '[']) {
+                Some(end) => prefix = &prefix[..end],
+                None => return Place::part(&self.source, key),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn innermost_known_part() {
+        let mut places = Places::new(Path::new("a.xml"));
+        places.set("shapes[3]", Place::line("b.xml", 7));
+        assert_eq!(places.at("shapes[3].geometry.radius").to_string(), "b.xml:7");
+        assert_eq!(places.at("shapes[33].geometry").to_string(), "a.xml (shapes[33].geometry)");
+    }
+}

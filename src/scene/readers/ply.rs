@@ -1,0 +1,256 @@
+//! PLY, text or binary, by the crate `ply-rs-bw`.
+
+use std::path::Path;
+
+use glam::{Vec2, Vec3};
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use ply_rs_bw::ply::{
+    ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
+};
+
+use crate::base::files::read_bytes;
+use crate::base::{Error, Place, Result};
+use crate::geometry::mesh::Mesh;
+
+use super::mesh::{LARGEST_FILE, MOST_ELEMENTS};
+
+/// Reads a PLY file; polygons become fans of triangles. Texture coordinates are called `u v`, `s t` or `texture_u texture_v`.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the file and, where known, the line.
+pub fn read(path: &Path) -> Result<Mesh> {
+    let bytes = read_bytes(path, LARGEST_FILE)?;
+    let mut reader = Reader::new(bytes.as_slice());
+    let fail = |error: ParseError| explain(path, &error);
+    let header = Parser::<Ignored>::new().read_header(&mut reader).map_err(fail)?;
+    check_counts(path, &header, reader.get_ref().len())?;
+    let (mut vertices, mut faces): (Vec<Vertex>, Vec<Face>) = (Vec::new(), Vec::new());
+    for (name, element) in &header.elements {
+        match name.as_str() {
+            "vertex" => {
+                vertices = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(fail)?
+            }
+            "face" => faces = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(fail)?,
+            _ => drop(Parser::<Ignored>::new().read_payload_for_element(&mut reader, element, &header).map_err(fail)?),
+        }
+    }
+    build(path, &header, &vertices, &faces)
+}
+
+fn explain(path: &Path, error: &ParseError) -> Error {
+    let place = match error.line().and_then(|line| u32::try_from(line).ok()) {
+        Some(line) => Place::line(path, line),
+        None => Place::file(path),
+    };
+    Error::malformed(place, format!("not a readable PLY file: {error}"))
+}
+
+/// The body must be long enough for the counts in the header, before anything is allocated by them.
+fn check_counts(path: &Path, header: &Header, body: usize) -> Result<()> {
+    let mut least = 0u64;
+    for (name, element) in &header.elements {
+        let count = element.count as u64;
+        if count > MOST_ELEMENTS {
+            let (place, what) = (Place::part(path, name), format!("number of {name} elements"));
+            return Err(Error::Limit { place, what, value: count, limit: MOST_ELEMENTS });
+        }
+        least += count * smallest_size(element, header.encoding);
+    }
+    // The last line of a text may lack its end.
+    if least > body as u64 + 1 {
+        let message = format!("the header promises at least {least} bytes, but only {body} follow");
+        return Err(Error::malformed(Place::file(path), message));
+    }
+    Ok(())
+}
+
+/// Fewest bytes that one element can take; never 0, or the count would be free.
+fn smallest_size(element: &ElementDef, encoding: Encoding) -> u64 {
+    let of = |property: &PropertyType| match (encoding, property) {
+        (Encoding::Ascii, _) => 2,
+        (_, PropertyType::Scalar(scalar) | PropertyType::List(scalar, _)) => scalar_size(scalar),
+    };
+    element.properties.iter().map(|(_, property)| of(&property.data_type)).sum::<u64>().max(1)
+}
+
+fn scalar_size(scalar: &ScalarType) -> u64 {
+    match scalar {
+        ScalarType::Char | ScalarType::UChar => 1,
+        ScalarType::Short | ScalarType::UShort => 2,
+        ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
+        ScalarType::Double => 8,
+    }
+}
+
+#[derive(Default)]
+struct Vertex {
+    position: Vec3,
+    normal: Vec3,
+    uv: Vec2,
+}
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        let slot = match name {
+            "x" => &mut self.position.x,
+            "y" => &mut self.position.y,
+            "z" => &mut self.position.z,
+            "nx" => &mut self.normal.x,
+            "ny" => &mut self.normal.y,
+            "nz" => &mut self.normal.z,
+            "u" | "s" | "texture_u" => &mut self.uv.x,
+            "v" | "t" | "texture_v" => &mut self.uv.y,
+            _ => return PropertyAccessResult::Ignored,
+        };
+        match property.to_f32_lossy() {
+            Some(value) => {
+                *slot = value;
+                PropertyAccessResult::Set
+            }
+            None => PropertyAccessResult::Ignored,
+        }
+    }
+}
+
+/// A polygon, or nothing where an index is negative.
+#[derive(Default)]
+struct Face {
+    corners: Option<Vec<u32>>,
+}
+
+impl PropertyAccess for Face {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        fn corners<T: TryInto<u32>>(list: Vec<T>) -> Option<Vec<u32>> {
+            list.into_iter().map(|i| i.try_into().ok()).collect()
+        }
+        if !matches!(name, "vertex_index" | "vertex_indices") {
+            return PropertyAccessResult::Ignored;
+        }
+        self.corners = match property {
+            Property::ListChar(list) => corners(list),
+            Property::ListUChar(list) => corners(list),
+            Property::ListShort(list) => corners(list),
+            Property::ListUShort(list) => corners(list),
+            Property::ListInt(list) => corners(list),
+            Property::ListUInt(list) => Some(list),
+            _ => None,
+        };
+        PropertyAccessResult::Set
+    }
+}
+
+struct Ignored;
+
+impl PropertyAccess for Ignored {
+    fn new() -> Self {
+        Self
+    }
+
+    fn set_property(&mut self, _: &str, _: Property) -> PropertyAccessResult {
+        PropertyAccessResult::Ignored
+    }
+}
+
+fn build(path: &Path, header: &Header, vertices: &[Vertex], faces: &[Face]) -> Result<Mesh> {
+    let has = |names: &[&str]| match header.elements.get("vertex") {
+        Some(element) => names.iter().all(|&name| element.properties.get(name).is_some()),
+        None => false,
+    };
+    if !has(&["x", "y", "z"]) {
+        return Err(Error::malformed(Place::part(path, "vertex"), "there are no vertices with x, y and z"));
+    }
+    let mut mesh = Mesh { positions: vertices.iter().map(|v| v.position).collect(), ..Mesh::default() };
+    if has(&["nx", "ny", "nz"]) {
+        mesh.normals = vertices.iter().map(|v| v.normal).collect();
+    }
+    if has(&["u", "v"]) || has(&["s", "t"]) || has(&["texture_u", "texture_v"]) {
+        mesh.uvs = vertices.iter().map(|v| v.uv).collect();
+    }
+    for (index, face) in faces.iter().enumerate() {
+        let Some(corners) = &face.corners else {
+            let place = Place::part(path, format!("face {index}"));
+            return Err(Error::malformed(place, "expected a list vertex_indices of indices from 0"));
+        };
+        mesh.triangles.extend(corners.windows(2).skip(1).map(|pair| [corners[0], pair[0], pair[1]]));
+    }
+    Ok(mesh)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(bytes: &[u8]) -> Result<Mesh> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), bytes).unwrap();
+        read(file.path())
+    }
+
+    const HEADER: &str = "element vertex 4\nproperty float x\nproperty float y\nproperty double z\nproperty uchar red\n\
+        property float s\nproperty float t\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+
+    #[test]
+    fn text_and_both_byte_orders_agree() {
+        let corners = [[0f32, 0.], [1., 0.], [1., 1.], [0., 1.]];
+        let mut text = format!("ply\nformat ascii 1.0\n{HEADER}");
+        let mut little = format!("ply\nformat binary_little_endian 1.0\n{HEADER}").into_bytes();
+        let mut big = format!("ply\nformat binary_big_endian 1.0\n{HEADER}").into_bytes();
+        for [x, y] in corners {
+            text += &format!("{x} {y} 2 255 {x} {y}\n");
+            for value in [x, y] {
+                little.extend(value.to_le_bytes());
+                big.extend(value.to_be_bytes());
+            }
+            little.extend(2f64.to_le_bytes());
+            big.extend(2f64.to_be_bytes());
+            little.push(255);
+            big.push(255);
+            for value in [x, y] {
+                little.extend(value.to_le_bytes());
+                big.extend(value.to_be_bytes());
+            }
+        }
+        text += "4 0 1 2 3\n";
+        little.push(4);
+        big.push(4);
+        for i in 0..4i32 {
+            little.extend(i.to_le_bytes());
+            big.extend(i.to_be_bytes());
+        }
+        let mesh = parse(text.as_bytes()).unwrap();
+        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(mesh.positions[2], Vec3::new(1., 1., 2.));
+        assert_eq!(mesh.uvs[2], Vec2::ONE);
+        assert!(mesh.normals.is_empty());
+        assert_eq!(parse(&little).unwrap(), mesh);
+        assert_eq!(parse(&big).unwrap(), mesh);
+        for cut in 0..little.len() {
+            assert!(parse(&little[..cut]).is_err(), "cut at {cut}");
+        }
+    }
+
+    #[test]
+    fn counts_are_checked_first() {
+        let vertex =
+            |count: &str| format!("ply\nformat ascii 1.0\nelement vertex {count}\nproperty float x\nend_header\n");
+        assert!(matches!(parse(vertex("99999999999").as_bytes()), Err(Error::Limit { .. })));
+        assert!(matches!(parse(vertex("100000000").as_bytes()), Err(Error::Malformed { .. })));
+        let free = "ply\nformat binary_little_endian 1.0\nelement nothing 200000000\nend_header\n";
+        assert!(matches!(parse(free.as_bytes()), Err(Error::Malformed { .. })));
+    }
+
+    #[test]
+    fn negative_index_is_an_error() {
+        let text = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+            element face 1\nproperty list uchar int vertex_index\nend_header\n0 0 0\n3 0 0 -1\n";
+        assert!(matches!(parse(text.as_bytes()), Err(Error::Malformed { .. })));
+    }
+}

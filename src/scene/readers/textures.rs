@@ -1,0 +1,43 @@
+//! From a texture in a scene file to one that can be evaluated. Here, because materials know nothing of scene files.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glam::{Affine2, Mat2, Vec2, Vec3};
+
+use crate::base::{Error, Result};
+use crate::materials::image::Image;
+use crate::materials::texture::Texture;
+use crate::scene::file::TextureFile;
+
+/// The key of a picture in [`LoadedScene::images`](super::LoadedScene::images): its `file`, marked where it is read as raw
+/// data, because that gives other values.
+pub fn image_key(file: &str, raw: bool) -> String {
+    if raw { format!("{file} (raw)") } else { file.to_owned() }
+}
+
+impl Texture {
+    /// The texture that `file` describes, with the pictures of its loaded scene.
+    ///
+    /// # Errors
+    /// [`Error::Options`] if `images` lacks the picture; loading puts every picture there.
+    pub fn new(file: &TextureFile, images: &BTreeMap<String, Arc<Image>>) -> Result<Self> {
+        Ok(match file {
+            TextureFile::Rgb { value } => Self::Constant(Vec3::from_array(*value)),
+            TextureFile::Bitmap { file, to_uv, raw, scale } => {
+                let image = images.get(&image_key(file, *raw));
+                let image = image.ok_or_else(|| Error::Options(format!("the picture \"{file}\" was not loaded")))?;
+                Self::Bitmap { image: Arc::clone(image), to_uv: affine(to_uv), scale: *scale }
+            }
+            TextureFile::Checkerboard { color0, color1, to_uv } => Self::Checkerboard {
+                color0: Vec3::from_array(*color0),
+                color1: Vec3::from_array(*color1),
+                to_uv: affine(to_uv),
+            },
+        })
+    }
+}
+
+fn affine(m: &[f32; 9]) -> Affine2 {
+    Affine2::from_mat2_translation(Mat2::from_cols_array(&[m[0], m[3], m[1], m[4]]), Vec2::new(m[2], m[5]))
+}

@@ -1,0 +1,144 @@
+//! Checks of a [`SceneFile`]'s values and references. Nothing after this has to doubt them.
+
+mod lights;
+mod materials;
+mod number;
+
+use glam::DMat3;
+
+use crate::base::{Error, Result};
+use crate::scene::file::{
+    CameraFile, FilmFile, GeometryFile, LightFile, Matrix, MeshFile, RenderFile, SceneFile, ShapeFile, VERSION,
+};
+
+use super::json::unsupported_version;
+use super::places::Places;
+use number::Checker;
+
+/// Longest side of a picture in pixels.
+const LARGEST_SIDE: u32 = 16384;
+/// Most pixels of a picture.
+const MOST_PIXELS: u64 = 1 << 26;
+
+/// Checks everything that can be known without opening another file.
+///
+/// # Errors
+/// [`Error::Malformed`], [`Error::Unsupported`] or [`Error::Limit`] at the offending key's place.
+pub fn validate(file: &SceneFile, places: &Places) -> Result<()> {
+    let check = Checker::new(places);
+    if file.version != VERSION {
+        return Err(unsupported_version(places.at("version"), file.version));
+    }
+    camera(&check, &file.camera)?;
+    film(&check, &file.film)?;
+    render(&check, &file.render)?;
+    for (name, material) in &file.materials {
+        materials::material(&check, &format!("materials.{name}"), material)?;
+    }
+    for (name, mesh) in &file.meshes {
+        inline_mesh(&check, &format!("meshes.{name}"), mesh)?;
+    }
+    for (index, shape_file) in file.shapes.iter().enumerate() {
+        shape(&check, &format!("shapes[{index}]"), shape_file, file)?;
+    }
+    for (index, light) in file.lights.iter().enumerate() {
+        lights::light(&check, &format!("lights[{index}]"), light)?;
+    }
+    one_environment(&check, &file.lights)
+}
+
+fn camera(check: &Checker, camera: &CameraFile) -> Result<()> {
+    check.transform("camera.to_world", &camera.to_world)?;
+    if !(camera.fov > 0.0 && camera.fov < 180.0) {
+        return check
+            .fail("camera.fov", format!("the field of view is {}°, expected one between 0° and 180°", camera.fov));
+    }
+    check.at_least("camera.aperture_radius", camera.aperture_radius, 0.0)?;
+    match camera.focus_distance {
+        Some(distance) => check.positive("camera.focus_distance", distance),
+        None if camera.aperture_radius > 0.0 => check.fail("camera", "a lens needs a focus_distance"),
+        None => Ok(()),
+    }
+}
+
+fn film(check: &Checker, film: &FilmFile) -> Result<()> {
+    for (key, side) in [("film.width", film.width), ("film.height", film.height)] {
+        if side == 0 {
+            return check.fail(key, format!("{key} is 0, expected at least one pixel"));
+        }
+        check.limit(key, u64::from(side), u64::from(LARGEST_SIDE))?;
+    }
+    let pixels = u64::from(film.width) * u64::from(film.height);
+    check.limit("film", pixels, MOST_PIXELS)
+}
+
+fn render(check: &Checker, render: &RenderFile) -> Result<()> {
+    for (key, value) in [("render.max_depth", render.max_depth), ("render.spp", render.spp)] {
+        if value == 0 {
+            return check.fail(key, format!("{key} is 0, expected at least 1"));
+        }
+    }
+    Ok(())
+}
+
+fn inline_mesh(check: &Checker, key: &str, mesh: &MeshFile) -> Result<()> {
+    let MeshFile::Inline { positions, normals, uvs, .. } = mesh else { return Ok(()) };
+    for (what, count) in [("normals", normals.len()), ("uvs", uvs.len())] {
+        if count != 0 && count != positions.len() {
+            let vertices = positions.len();
+            return check.fail(
+                &format!("{key}.{what}"),
+                format!("{count} {what} for {vertices} vertices; expected as many, or none"),
+            );
+        }
+    }
+    Ok(())
+}
+
+fn shape(check: &Checker, key: &str, shape: &ShapeFile, file: &SceneFile) -> Result<()> {
+    check.transform(&format!("{key}.to_world"), &shape.to_world)?;
+    if !file.materials.contains_key(&shape.material) {
+        return check.fail(&format!("{key}.material"), format!("there is no material \"{}\"", shape.material));
+    }
+    if let Some(emission) = &shape.emission {
+        check.color(&format!("{key}.emission"), emission)?;
+    }
+    match &shape.geometry {
+        GeometryFile::Mesh { mesh } if !file.meshes.contains_key(mesh) => {
+            check.fail(&format!("{key}.geometry.mesh"), format!("there is no mesh \"{mesh}\""))
+        }
+        GeometryFile::Mesh { .. } => Ok(()),
+        GeometryFile::Sphere { center, radius } => {
+            check.finite(&format!("{key}.geometry.center"), center)?;
+            check.positive(&format!("{key}.geometry.radius"), *radius)?;
+            uniform_scale(check, &format!("{key}.to_world"), &shape.to_world)
+        }
+    }
+}
+
+/// A sphere must stay one: columns of equal length at right angles, up to the rounding of a matrix written with six digits.
+fn uniform_scale(check: &Checker, key: &str, matrix: &Matrix) -> Result<()> {
+    let linear = number::linear(matrix);
+    let gram = linear.transpose() * linear;
+    let mean = (gram.x_axis.x + gram.y_axis.y + gram.z_axis.z) / 3.0;
+    let off = gram - DMat3::from_diagonal(glam::DVec3::splat(mean));
+    if off.to_cols_array().iter().any(|x| x.abs() > 1e-4 * mean) {
+        return check.fail(key, "a sphere's transform may scale only uniformly");
+    }
+    Ok(())
+}
+
+fn one_environment(check: &Checker, lights: &[LightFile]) -> Result<()> {
+    let is_environment = |light: &LightFile| matches!(light, LightFile::Constant { .. } | LightFile::Envmap { .. });
+    match lights.iter().enumerate().filter(|(_, light)| is_environment(light)).nth(1) {
+        Some((index, _)) => {
+            check.fail(&format!("lights[{index}]"), "a scene may have only one constant or envmap light")
+        }
+        None => Ok(()),
+    }
+}
+
+/// A quantity beyond its limit.
+fn beyond(check: &Checker, key: &str, value: u64, limit: u64) -> Error {
+    Error::Limit { place: check.place(key), what: key.to_owned(), value, limit }
+}

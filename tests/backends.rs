@@ -1,0 +1,225 @@
+//! The embedded backend against a plain interpreter in f64, and its answers to hostile weights and inputs.
+
+#[path = "support/network.rs"]
+mod support;
+
+use std::collections::HashMap;
+
+use fanal::base::{Error, Result};
+use fanal::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
+use fanal::network::embedded::Embedded;
+use fanal::network::program::{Op, Program, decode_program, encode_program};
+use fanal::network::weights::Model;
+use fanal::reconstruct::neural::reconstruct_batch;
+use fanal::reconstruct::{Reconstructed, TreeInput};
+use support::{Tree, assert_close, config, forward, model, trees};
+
+/// Executes programs operation by operation in f64, as their documentation reads.
+struct Reference(Model);
+
+type Rows = Vec<Vec<f64>>;
+
+impl Reference {
+    fn layer(&self, name: &str, x: &[f64]) -> Vec<f64> {
+        let layer = &self.0.weights.layers[name];
+        let column = |c: usize| {
+            let product = |(row, x): (usize, &f64)| x * f64::from(layer.weight[row * layer.columns + c]);
+            f64::from(layer.bias[c]) + x.iter().enumerate().map(product).sum::<f64>()
+        };
+        (0..layer.columns).map(column).collect()
+    }
+
+    fn run(&self, p: &Program, floats: &[(&str, &[f32])], indices: &[(&str, &[u32])]) -> Vec<Vec<f32>> {
+        let floats: HashMap<_, _> = floats.iter().copied().collect();
+        let indices: HashMap<_, _> = indices.iter().copied().collect();
+        let mut values: Vec<Rows> = vec![];
+        for (op, &columns) in p.ops.iter().zip(&p.columns) {
+            let rows = self.operation(op, columns, &values, &floats, &indices);
+            values.push(rows);
+        }
+        let flat = |v: usize| values[v].iter().flatten().map(|&x| x as f32).collect();
+        p.outputs.iter().map(|&(_, v)| flat(v)).collect()
+    }
+
+    fn operation(
+        &self,
+        op: &Op,
+        columns: usize,
+        values: &[Rows],
+        floats: &HashMap<&str, &[f32]>,
+        indices: &HashMap<&str, &[u32]>,
+    ) -> Rows {
+        let map = |v: usize, f: &dyn Fn(f64) -> f64| -> Rows {
+            values[v].iter().map(|row| row.iter().map(|&x| f(x)).collect()).collect()
+        };
+        match op {
+            Op::Input(name) => {
+                floats[name].chunks(columns).map(|row| row.iter().map(|&x| f64::from(x)).collect()).collect()
+            }
+            Op::Concat(parts) => (0..values[parts[0]].len())
+                .map(|row| parts.iter().flat_map(|&v| values[v][row].iter().copied()).collect())
+                .collect(),
+            Op::Select { x, index } => indices[index].iter().map(|&row| values[*x][row as usize].clone()).collect(),
+            Op::Linear { x, layer } => values[*x].iter().map(|row| self.layer(layer, row)).collect(),
+            Op::GatherLinear { x, layer } => {
+                let zero = vec![0.0; columns];
+                let row = |&r: &u32| values[*x].get(r as usize).unwrap_or(&zero).clone();
+                let nine = |slots: &[u32]| slots.iter().flat_map(row).collect::<Vec<f64>>();
+                indices["neighbours"].chunks(9).map(|slots| self.layer(layer, &nine(slots))).collect()
+            }
+            Op::Add(a, b) => {
+                let sum = |(a, b): (&Vec<f64>, &Vec<f64>)| a.iter().zip(b).map(|(a, b)| a + b).collect();
+                values[*a].iter().zip(&values[*b]).map(sum).collect()
+            }
+            Op::Relu(x) => map(*x, &|x| x.max(0.0)),
+            Op::Sigmoid(x) => map(*x, &|x| 1.0 / (1.0 + (-x).exp())),
+            Op::SoftmaxSiblings(x) => (values[*x].chunks(4))
+                .flat_map(|group| {
+                    let max = group.iter().map(|row| row[0]).fold(f64::NEG_INFINITY, f64::max);
+                    let sum: f64 = group.iter().map(|row| (row[0] - max).exp()).sum();
+                    group.iter().map(move |row| vec![(row[0] - max).exp() / sum])
+                })
+                .collect(),
+        }
+    }
+}
+
+impl Backend for Reference {
+    fn name(&self) -> &'static str {
+        "reference"
+    }
+
+    fn encode(&self, level: usize, i: &EncodeInputs) -> Result<Vec<f32>> {
+        let floats = [("features", i.features), ("pooled", i.pooled)];
+        Ok(self.run(&encode_program(&self.0.config, level), &floats, &[("neighbours", i.neighbours)]).remove(0))
+    }
+
+    fn decode(&self, level: usize, i: &DecodeInputs) -> Result<DecodeOutput> {
+        let floats = [("parents", i.parents), ("skip", i.skip), ("geometry", i.geometry)];
+        let indices = [("parent_index", i.parent_index), ("neighbours", i.neighbours)];
+        let outputs = self.run(&decode_program(&self.0.config, level), &floats, &indices);
+        let [decoded, share_logit, share, leaf_logit, leaf] = outputs.try_into().expect("five outputs");
+        Ok(DecodeOutput { decoded, share_logit, share, leaf_logit, leaf })
+    }
+}
+
+#[test]
+fn embedded_agrees_with_the_reference() {
+    for (width, convolutions, per_level) in
+        [(16, 2, false), (8, 1, true), (24, 1, false), (32, 1, false), (48, 4, false), (64, 1, false)]
+    {
+        let model = model(config(width, convolutions, per_level), 5);
+        let trees = if width == 16 {
+            trees()
+        } else {
+            trees().into_iter().skip(1).filter(|t| t.0.len() < 500).take(6).collect()
+        };
+        let found = forward(&model, &Embedded::new(&model).unwrap(), &trees);
+        assert!(found.iter().any(|(name, values)| name == "share 20" && values.len() >= 4));
+        assert_close(&found, &forward(&model, &Reference(model.clone()), &trees), 1e-4);
+    }
+}
+
+/// Each tree alone gives what it gives among others: nothing leaks between trees.
+#[test]
+fn trees_of_a_batch_are_independent() {
+    let model = model(config(16, 2, false), 6);
+    let backend = Embedded::new(&model).unwrap();
+    let trees = trees();
+    let together = reconstruct(&model, &backend, &trees);
+    for (tree, expected) in trees.iter().zip(together) {
+        assert_eq!(reconstruct(&model, &backend, std::slice::from_ref(tree)), [expected]);
+    }
+}
+
+fn reconstruct(model: &Model, backend: &dyn Backend, trees: &[Tree]) -> Vec<Reconstructed> {
+    let inputs: Vec<_> = trees.iter().map(|(topology, leaf_sums)| TreeInput { topology, leaf_sums }).collect();
+    let reconstructed = reconstruct_batch(model, backend, &inputs).unwrap();
+    for tree in &reconstructed {
+        assert_eq!(tree.node_share.len(), tree.topology.len());
+        assert_eq!(tree.node_share[0], 1.0);
+        for siblings in tree.node_share[1..].chunks(4) {
+            assert!(siblings.iter().all(|&s| s >= 0.0), "{siblings:?}");
+            assert!((siblings.iter().sum::<f32>() - 1.0).abs() < 1e-5, "{siblings:?}");
+        }
+    }
+    reconstructed
+}
+
+#[test]
+fn bits_do_not_depend_on_threads() {
+    let model = model(config(16, 2, false), 7);
+    let backend = Embedded::new(&model).unwrap();
+    let trees: Vec<Tree> = (0..20).flat_map(|_| trees()).collect();
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| reconstruct(&model, &backend, &trees))
+    };
+    let one = with(1);
+    assert!(one.iter().any(|tree| tree.topology.len() > 100));
+    assert!(one == with(2) && one == with(7));
+}
+
+#[test]
+fn extreme_weights_still_give_distributions() {
+    let trees = trees();
+    for scale in [0.0, 1e4, 1e38] {
+        let mut model = model(config(16, 1, false), 8);
+        for layer in ["decode.share", "decode.leaf"] {
+            let layer = model.weights.layers.get_mut(layer).unwrap();
+            layer.weight.iter_mut().for_each(|w| *w *= scale);
+        }
+        let backend = Embedded::new(&model).unwrap();
+        reconstruct(&model, &backend, &trees);
+        if scale < 1e30 {
+            let outputs = forward(&model, &backend, &trees);
+            assert!(outputs.iter().all(|(_, values)| values.iter().all(|x| x.is_finite())));
+        }
+    }
+}
+
+#[test]
+fn empty_inputs_are_fine_and_wrong_ones_are_refused() {
+    let model = model(config(16, 1, false), 9);
+    let backend = Embedded::new(&model).unwrap();
+    assert!(reconstruct_batch(&model, &backend, &[]).unwrap().is_empty());
+    let none = EncodeInputs { rows: 0, features: &[], pooled: &[], neighbours: &[] };
+    assert!(backend.encode(3, &none).unwrap().is_empty());
+    let features = vec![0.0; model.config.features];
+    let good = EncodeInputs { rows: 1, features: &features, pooled: &[0.0; 16], neighbours: &[1; 9] };
+    assert!(backend.encode(0, &good).is_ok());
+    let wrong = [
+        EncodeInputs { rows: 2, ..good },
+        EncodeInputs { neighbours: &[2; 9], ..good },
+        EncodeInputs { neighbours: &[0; 8], ..good },
+        EncodeInputs { pooled: &[0.0; 15], ..good },
+    ];
+    for inputs in wrong {
+        assert!(matches!(backend.encode(0, &inputs), Err(Error::Backend { .. })), "{inputs:?}");
+    }
+    assert!(backend.encode(21, &good).is_err());
+    let (topology, sums) = &trees()[1];
+    let short = TreeInput { topology, leaf_sums: &sums[1..] };
+    assert!(matches!(reconstruct_batch(&model, &backend, &[short]), Err(Error::Backend { .. })));
+}
+
+/// A missing or unusable library is a typed error that says what to install, and changes nothing for the embedded backend.
+#[cfg(feature = "onnx")]
+#[test]
+fn a_missing_library_is_explained() {
+    use fanal::reconstruct::onnx::OnnxBackend;
+    let folder = tempfile::tempdir().unwrap();
+    let model = model(config(8, 1, false), 10);
+    model.save(folder.path()).unwrap();
+    let text = folder.path().join("libonnxruntime.so");
+    std::fs::write(&text, "not a library").unwrap();
+    for library in [folder.path().join("missing.so"), folder.path().to_owned(), text] {
+        match OnnxBackend::load_with(folder.path(), &library) {
+            Err(Error::Backend { backend: "onnx", message }) => {
+                assert!(message.contains("onnxruntime") && message.contains("ORT_DYLIB_PATH"), "{message}");
+            }
+            other => panic!("{:?}", other.err()),
+        }
+    }
+    reconstruct(&model, &Embedded::new(&model).unwrap(), &trees()[..2]);
+}

@@ -1,0 +1,164 @@
+//! Models, trees of every shape, and a forward pass over a fixed structure, for tests that compare backends.
+
+use fanal::base::random::Random;
+use fanal::guiding::features::{FEATURES, PATH_CHANNELS, RAW_CHANNELS, node_features, node_log_shares};
+use fanal::guiding::topology::{MAX_LEVEL, MAX_NODES, Topology};
+use fanal::network::backend::{Backend, DecodeInputs, EncodeInputs};
+use fanal::network::batch::{Batch, DecodeLevel, NONE};
+use fanal::network::config::{Config, Mode, VERSION};
+use fanal::network::weights::{Model, Weights};
+
+/// A valid configuration.
+pub fn config(width: usize, convolutions: usize, per_level: bool) -> Config {
+    let mode = Mode { target: "variance".into(), nee: true, roulette: true, split_share: 0.01 };
+    Config {
+        version: VERSION,
+        name: "test".into(),
+        width,
+        convolutions,
+        features: FEATURES,
+        per_level,
+        leaf_threshold: 0.5,
+        min_split_share: 1e-3,
+        uniform: 0.1,
+        mode,
+    }
+}
+
+/// A model with random weights, the convolutions' scaled down so that activations stay of unit size over twenty levels, as
+/// a trained model's do.
+pub fn model(config: Config, seed: u64) -> Model {
+    let mut weights = Weights::random(&config, seed);
+    for (_, layer) in weights.layers.iter_mut().filter(|(name, _)| !name.ends_with(".leaf")) {
+        layer.weight.iter_mut().for_each(|w| *w *= 0.3);
+    }
+    Model { config, weights }
+}
+
+/// A tree and its leaf sums.
+pub type Tree = (Topology, Vec<f32>);
+
+/// Sums as a few random samples per leaf would give, some leaves without photons or without anything.
+pub fn filled(topology: Topology, seed: u64) -> Tree {
+    let mut random = Random::new(seed, 1, 0);
+    let mut sums = vec![];
+    for _ in topology.leaves() {
+        let counts = [random.below(5) as f32, random.below(4) as f32];
+        for channel in 0..RAW_CHANNELS {
+            let (count, offset) =
+                if channel < PATH_CHANNELS { (counts[0], channel) } else { (counts[1], channel - PATH_CHANNELS) };
+            sums.push(match offset {
+                0 => count * (-8.0 * random.next_f32()).exp(),
+                14 => count,
+                4..7 => count * random.next_f32(),
+                _ => count * random.range(-1.0, 1.0),
+            });
+        }
+    }
+    (topology, sums)
+}
+
+/// A tree of at most `nodes` nodes and `depth` levels below the root, each node split with `probability`.
+pub fn random_topology(seed: u64, nodes: usize, depth: usize, probability: f32) -> Topology {
+    let mut random = Random::new(seed, 2, 0);
+    let (mut flags, mut width, mut total) = (vec![], 1, 1);
+    for level in 0..=depth {
+        let mut below = 0;
+        for _ in 0..width {
+            let split = level < depth && total + 4 <= nodes && (level == 0 || random.next_f32() < probability);
+            flags.push(split);
+            below += 4 * usize::from(split);
+            total += 4 * usize::from(split);
+        }
+        width = below;
+    }
+    Topology::from_split(&flags).expect("the flags were counted level by level")
+}
+
+/// A tree that is split at one node per level, down to the deepest.
+pub fn chain() -> Topology {
+    let flags = (0..=4 * MAX_LEVEL).map(|i| i == 0 || (i % 4 == 2 && i < 4 * MAX_LEVEL - 3)).collect::<Vec<_>>();
+    Topology::from_split(&flags).expect("one split per level")
+}
+
+/// One node; twenty levels; as many nodes as allowed; no samples; some usual ones.
+pub fn trees() -> Vec<Tree> {
+    let empty = random_topology(9, 200, 6, 0.6);
+    let no_samples = vec![0.0; empty.leaves().count() * RAW_CHANNELS];
+    let mut trees = vec![
+        filled(Topology::root(), 1),
+        filled(chain(), 2),
+        filled(random_topology(3, MAX_NODES, MAX_LEVEL, 0.55), 3),
+        (empty, no_samples),
+    ];
+    trees.extend((10..30).map(|seed| filled(random_topology(seed, 400, 9, 0.6), seed)));
+    trees
+}
+
+/// Every output of every step over `trees` together, on a fixed structure: the trees' own, and a little beyond.
+pub fn forward(model: &Model, backend: &dyn Backend, trees: &[Tree]) -> Vec<(String, Vec<f32>)> {
+    let width = model.config.width;
+    let topologies: Vec<&Topology> = trees.iter().map(|(topology, _)| topology).collect();
+    let batch = Batch::new(&topologies);
+    let features: Vec<f32> = trees.iter().flat_map(|(topology, sums)| node_features(topology, sums)).collect();
+    let log_shares: Vec<_> = trees.iter().flat_map(|(topology, sums)| node_log_shares(topology, sums)).collect();
+    let mut encoded = vec![vec![]; batch.levels.len() + 1];
+    for level in (0..batch.levels.len()).rev() {
+        let inputs = EncodeInputs {
+            rows: batch.len(level),
+            features: &batch.gather(level, &features, FEATURES),
+            pooled: &batch.pool(level, &encoded[level + 1], width),
+            neighbours: &batch.levels[level].rows.neighbours,
+        };
+        encoded[level] = backend.encode(level, &inputs).expect("the inputs fit");
+    }
+    let mut outputs: Vec<_> = (encoded.iter().enumerate()).map(|(l, e)| (format!("encoded {l}"), e.clone())).collect();
+    let mut above = DecodeLevel::roots(&batch);
+    let mut parents = encoded[0].clone();
+    loop {
+        let split: Vec<bool> = (above.skip.iter().enumerate())
+            .map(|(row, &skip)| match skip {
+                NONE => false,
+                skip => batch.levels[above.level].rows.first_child[skip as usize] != NONE || row % 7 == 0,
+            })
+            .collect();
+        let level = above.grow(&batch, &split);
+        if level.rows.is_empty() {
+            return outputs;
+        }
+        let none = vec![];
+        let inputs = DecodeInputs {
+            rows: level.rows.len(),
+            parents: &parents,
+            parent_index: &level.rows.parent,
+            skip: &level.skip_rows(encoded.get(level.level).unwrap_or(&none), width),
+            geometry: &level.geometry(&log_shares),
+            neighbours: &level.rows.neighbours,
+        };
+        let output = backend.decode(level.level, &inputs).expect("the inputs fit");
+        let named = [
+            ("share_logit", output.share_logit),
+            ("share", output.share),
+            ("leaf_logit", output.leaf_logit),
+            ("leaf", output.leaf),
+            ("decoded", output.decoded.clone()),
+        ];
+        outputs.extend(named.map(|(name, values)| (format!("{name} {}", level.level), values)));
+        parents = output.decoded;
+        above = level;
+    }
+}
+
+/// Fails unless every value of `found` is within `tolerance` of `expected`, relative to itself plus its tensor's size.
+pub fn assert_close(found: &[(String, Vec<f32>)], expected: &[(String, Vec<f32>)], tolerance: f64) {
+    assert_eq!(found.len(), expected.len());
+    for ((name, found), (other, expected)) in found.iter().zip(expected) {
+        assert_eq!((name, found.len()), (other, expected.len()));
+        let squares: f64 = expected.iter().map(|&x| f64::from(x).powi(2)).sum();
+        let size = (squares / expected.len().max(1) as f64).sqrt();
+        for (i, (&a, &b)) in found.iter().zip(expected).enumerate() {
+            let (a, b) = (f64::from(a), f64::from(b));
+            assert!((a - b).abs() <= tolerance * (b.abs() + size), "{name}, value {i}: {a} instead of {b}");
+        }
+    }
+}

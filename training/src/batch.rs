@@ -1,0 +1,126 @@
+//! Training pairs laid out for one step, on the host: what a background thread can prepare.
+
+use fanal::generate::shard::TreeSample;
+use fanal::guiding::distribution::Distribution;
+use fanal::guiding::features::{FEATURES, node_features, node_log_shares};
+use fanal::guiding::topology::{NO_CHILD, Topology};
+use fanal::network::batch::{Batch, NONE};
+use rayon::prelude::*;
+
+/// Several pairs, merged level by level.
+#[derive(Debug, Clone)]
+pub struct HostBatch {
+    /// The input trees.
+    pub input: Batch,
+    /// Per level of the input [N, [`FEATURES`]].
+    pub features: Vec<Vec<f32>>,
+    /// Log-shares of all input nodes, trees concatenated.
+    pub log_shares: Vec<[f32; 2]>,
+    /// The converged trees.
+    pub target: Targets,
+}
+
+/// The converged trees of a batch, concatenated.
+#[derive(Debug, Clone, Default)]
+pub struct Targets {
+    /// Per node the concatenated index of its first child, or [`NONE`].
+    pub first_child: Vec<u32>,
+    /// Per node its share of the tree.
+    pub mass: Vec<f32>,
+    /// Per tree the index of its root.
+    pub root: Vec<u32>,
+}
+
+/// One pair, prepared.
+struct Prepared {
+    topology: Topology,
+    features: Vec<f32>,
+    log_shares: Vec<[f32; 2]>,
+    target: Distribution,
+}
+
+fn prepare(sample: &TreeSample) -> Result<Prepared, String> {
+    let topology = sample.input_topology()?;
+    let weights: Vec<f64> = sample.target.iter().map(|&m| f64::from(m)).collect();
+    Ok(Prepared {
+        features: node_features(&topology, &sample.input_sums),
+        log_shares: node_log_shares(&topology, &sample.input_sums),
+        target: Distribution::from_leaf_weights(sample.target_topology()?, &weights),
+        topology,
+    })
+}
+
+impl HostBatch {
+    /// Lays out `samples`, in parallel.
+    ///
+    /// # Errors
+    /// A sentence if a sample is not valid.
+    pub fn new(samples: &[TreeSample]) -> Result<Self, String> {
+        let prepared: Vec<Prepared> = samples.par_iter().map(prepare).collect::<Result<_, _>>()?;
+        let input = Batch::new(&prepared.iter().map(|p| &p.topology).collect::<Vec<_>>());
+        let per_node: Vec<f32> = prepared.iter().flat_map(|p| &p.features).copied().collect();
+        let features = (0..input.levels.len()).map(|level| input.gather(level, &per_node, FEATURES)).collect();
+        let log_shares = prepared.iter().flat_map(|p| &p.log_shares).copied().collect();
+        let mut target = Targets::default();
+        prepared.iter().for_each(|p| target.push(&p.target));
+        Ok(Self { input, features, log_shares, target })
+    }
+
+    /// Number of trees.
+    pub fn trees(&self) -> usize {
+        self.input.trees()
+    }
+}
+
+impl Targets {
+    fn push(&mut self, tree: &Distribution) {
+        let start = self.mass.len() as u32;
+        self.root.push(start);
+        self.mass.extend(tree.node_mass().iter().map(|&m| m as f32));
+        let children = tree.topology().first_child.iter();
+        self.first_child.extend(children.map(|&c| if c == NO_CHILD { NONE } else { start + c }));
+    }
+}
+
+/// Where the rows of a decoded level lie in the converged trees.
+#[derive(Debug, Clone, Default)]
+pub struct Aligned {
+    /// Per row the converged node of the same cell, or [`NONE`] below the converged tree's leaves.
+    pub node: Vec<u32>,
+    /// Per row the converged mass of its cell; below a leaf its part of the leaf.
+    pub mass: Vec<f32>,
+    /// Per row how many levels it lies below a converged leaf.
+    pub below: Vec<u8>,
+}
+
+impl Aligned {
+    /// The roots of all trees.
+    pub fn roots(targets: &Targets) -> Self {
+        let trees = targets.root.len();
+        Self { node: targets.root.clone(), mass: vec![1.0; trees], below: vec![0; trees] }
+    }
+
+    /// Whether the converged tree divides the cell of `row`.
+    pub fn has_children(&self, targets: &Targets, row: usize) -> bool {
+        self.node[row] != NONE && targets.first_child[self.node[row] as usize] != NONE
+    }
+
+    /// The level below, whose rows have these parents; siblings are adjacent in fours.
+    pub fn children(&self, targets: &Targets, parents: &[u32]) -> Self {
+        let mut next = Self::default();
+        for (row, &parent) in parents.iter().enumerate() {
+            let parent = parent as usize;
+            if self.has_children(targets, parent) {
+                let node = targets.first_child[self.node[parent] as usize] + row as u32 % 4;
+                next.node.push(node);
+                next.mass.push(targets.mass[node as usize]);
+                next.below.push(0);
+            } else {
+                next.node.push(NONE);
+                next.mass.push(0.25 * self.mass[parent]);
+                next.below.push(self.below[parent] + 1);
+            }
+        }
+        next
+    }
+}

@@ -1,0 +1,226 @@
+//! The `fanal-training` command line.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, Result, ensure};
+use burn::tensor::Device;
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use fanal::generate::dataset::{DatasetIndex, ShardEntry, read_dataset};
+use fanal::generate::shard::{VERSION, write_shard};
+use fanal::network::config::Mode;
+use fanal::network::weights::Model;
+
+use crate::evaluate::{Ablation, evaluate};
+use crate::loss::Loss;
+use crate::synthetic;
+use crate::train::{Settings, train};
+
+/// Trains, evaluates and exports fanal's reconstruction network.
+#[derive(Debug, Parser)]
+#[command(version)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Train a model on a data folder. Ctrl-C stops and keeps a checkpoint.
+    ///
+    /// Example: fanal-training train --data data/rooms -o models/rooms --minutes 30
+    Train(TrainArgs),
+    /// Compare a model with the baselines on held-out trees.
+    ///
+    /// Example: fanal-training eval --data data/rooms --model models/rooms --ablate neighbours --ablate photons
+    Eval(EvalArgs),
+    /// Write a model's ONNX files beside its weights.
+    Export {
+        /// The model folder.
+        #[arg(long)]
+        model: PathBuf,
+    },
+    /// Write a data folder of lobes on the sphere: for trying out the training without a renderer.
+    Synthetic {
+        /// The folder to write.
+        #[arg(short)]
+        output: PathBuf,
+        /// Trees to train on; a tenth as many are held out.
+        #[arg(long, default_value_t = 1000)]
+        trees: u32,
+        /// Seed.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
+}
+
+/// Where burn computes.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum DeviceName {
+    /// burn-flex.
+    Flex,
+    /// burn-ndarray.
+    Ndarray,
+}
+
+#[derive(Debug, Args)]
+struct TrainArgs {
+    /// The data folder.
+    #[arg(long)]
+    data: PathBuf,
+    /// The model folder.
+    #[arg(short)]
+    output: PathBuf,
+    /// Stop after so many minutes; 30 if no other limit is given.
+    #[arg(long)]
+    minutes: Option<f64>,
+    /// Stop after so many passes over the data.
+    #[arg(long)]
+    epochs: Option<u64>,
+    /// Go on from the checkpoint in the model folder.
+    #[arg(long)]
+    resume: bool,
+    /// Channels of the hidden layers.
+    #[arg(long, default_value_t = 16)]
+    width: usize,
+    /// Convolutions per level.
+    #[arg(long, default_value_t = 2)]
+    convolutions: usize,
+    /// What is minimised.
+    #[arg(long, value_enum, default_value_t = Loss::Kl)]
+    loss: Loss,
+    /// Separate weights for every level, as in Zhu 2021.
+    #[arg(long)]
+    per_level: bool,
+    /// Where burn computes.
+    #[arg(long, value_enum, default_value_t = DeviceName::Flex)]
+    device: DeviceName,
+    /// Seed of weights, order and augmentation.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Trees per step.
+    #[arg(long, default_value_t = 32)]
+    batch: usize,
+    /// Peak learning rate.
+    #[arg(long, default_value_t = 2e-3)]
+    rate: f64,
+    /// Interrupt after this step, as Ctrl-C would.
+    #[arg(long, hide = true)]
+    stop_after: Option<u64>,
+    /// No progress bar.
+    #[arg(long)]
+    quiet: bool,
+}
+
+#[derive(Debug, Args)]
+struct EvalArgs {
+    /// The data folder.
+    #[arg(long)]
+    data: PathBuf,
+    /// The model folder.
+    #[arg(long)]
+    model: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+    /// Also evaluate the network without this.
+    #[arg(long, value_enum)]
+    ablate: Vec<Ablation>,
+    /// Held-out trees at most.
+    #[arg(long, default_value_t = 2000)]
+    trees: usize,
+}
+
+/// Runs a parsed command line.
+///
+/// # Errors
+/// Whatever went wrong, in words for the user.
+pub fn run(cli: Cli) -> Result<()> {
+    match cli.command {
+        Command::Train(args) => run_train(args),
+        Command::Eval(args) => run_eval(&args),
+        Command::Export { model } => export(&model),
+        Command::Synthetic { output, trees, seed } => write_synthetic(&output, trees, seed),
+    }
+}
+
+static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+
+fn run_train(args: TrainArgs) -> Result<()> {
+    ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed)).context("cannot listen for Ctrl-C")?;
+    let unlimited = args.minutes.is_none() && args.epochs.is_none();
+    let settings = Settings {
+        data: args.data,
+        output: args.output,
+        minutes: if unlimited { Some(30.0) } else { args.minutes },
+        epochs: args.epochs,
+        resume: args.resume,
+        width: args.width,
+        convolutions: args.convolutions,
+        loss: args.loss,
+        per_level: args.per_level,
+        device: device(args.device),
+        seed: args.seed,
+        batch: args.batch,
+        rate: args.rate,
+        stop_after: args.stop_after,
+        quiet: args.quiet,
+    };
+    let outcome = train(&settings, &INTERRUPTED)?;
+    let (step, best, speed) = (outcome.step, outcome.best, outcome.trees_per_second);
+    println!("{step} steps, best validation KL {best:.4} nats, {speed:.0} trees/s");
+    Ok(())
+}
+
+fn device(name: DeviceName) -> Device {
+    match name {
+        DeviceName::Flex => Device::flex(),
+        // Deprecated by burn in favour of flex, but still what this project names; both are tested against each other.
+        #[allow(deprecated)]
+        DeviceName::Ndarray => Device::ndarray(),
+    }
+}
+
+fn run_eval(args: &EvalArgs) -> Result<()> {
+    let data = read_dataset(&args.data)?;
+    let model = Model::load(&args.model)?;
+    ensure!(model.config.mode == data.mode, "the model was trained for another mode than the data: {:?}", data.mode);
+    let evaluation = evaluate(&data, &model, &args.ablate, args.trees)?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&evaluation)?);
+    } else {
+        print!("{evaluation}");
+    }
+    Ok(())
+}
+
+fn export(folder: &Path) -> Result<()> {
+    crate::onnx::export(&Model::load(folder)?, folder)?;
+    Ok(())
+}
+
+/// Scenes of fifty trees, one shard for training and one held out.
+fn write_synthetic(folder: &Path, trees: u32, seed: u64) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    let mode = Mode { target: "variance".into(), nee: true, roulette: true, split_share: 0.01 };
+    let settings = synthetic::Settings::default();
+    let mut index = DatasetIndex::default();
+    for (file, held_out, first, count) in
+        [("train.safetensors", false, 0, trees), ("held-out.safetensors", true, 1 << 24, (trees / 10).max(1))]
+    {
+        let samples = synthetic::tree_samples(&settings, seed, first, count);
+        write_shard(&folder.join(file), &samples)?;
+        index.shards.push(ShardEntry {
+            version: VERSION,
+            file: file.into(),
+            scene: if held_out { "lobes held out" } else { "lobes" }.into(),
+            family: "synthetic".into(),
+            seed,
+            held_out,
+            samples: samples.len() as u64,
+            mode: mode.clone(),
+        });
+    }
+    index.write(folder)?;
+    Ok(())
+}

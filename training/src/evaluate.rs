@@ -1,0 +1,293 @@
+//! How far each method's distributions are from the converged ones, on trees of held-out scenes.
+
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use fanal::generate::dataset::Dataset;
+use fanal::guiding::distribution::{CommonCell, Distribution, kl_by_level, kl_of_cells, relative_variance};
+use fanal::guiding::features::{PATH_CHANNELS, RAW_CHANNELS};
+use fanal::guiding::targets::{hybrid_distribution, path_distribution, photon_distribution};
+use fanal::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
+use fanal::network::batch::{CENTRE, SLOTS};
+use fanal::network::embedded::Embedded;
+use fanal::network::weights::Model;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::cases::{Case, common, mean_kl, reconstruct, spread, tune_uniform};
+use crate::tuning::tune_gaussian;
+
+/// Lower bounds of the buckets by number of path samples.
+pub const BUCKETS: [u32; 5] = [0, 16, 64, 256, 1000];
+
+/// Training trees that parameters are tuned on.
+const TUNING_TREES: usize = 400;
+/// Training trees in the mean tree, and its deepest level.
+const MEAN_TREES: usize = 1000;
+const MEAN_LEVEL: usize = 5;
+
+/// What to take away from the network, to see that it uses it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Ablation {
+    /// Convolutions see only their own cell.
+    Neighbours,
+    /// No photons in the input.
+    Photons,
+    /// The input of another tree.
+    Shuffle,
+}
+
+/// One method's figures; KL in nats.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// The method.
+    pub name: String,
+    /// Uniform part, tuned on training trees.
+    pub uniform: f64,
+    /// Mean KL over held-out trees.
+    pub kl: f64,
+    /// Median KL.
+    pub median_kl: f64,
+    /// Mean KL above the convergence floor.
+    pub kl_above_floor: f64,
+    /// Median relative variance of the one-sample estimator (see `relative_variance`).
+    pub median_variance: f64,
+    /// Mean KL per bucket of path samples; none where it is empty.
+    pub buckets: [Option<f64>; 5],
+    /// Mean KL that each level adds.
+    pub levels: Vec<f64>,
+    /// Mean nodes.
+    pub nodes: f64,
+    /// Mean nodes that Q_h does not have.
+    pub nodes_added: f64,
+    /// Mean nodes of Q_h that are gone.
+    pub nodes_removed: f64,
+    /// Microseconds per tree, all threads together.
+    pub microseconds: f64,
+}
+
+/// The whole evaluation.
+#[derive(Debug, Clone, Serialize)]
+pub struct Evaluation {
+    /// Held-out trees.
+    pub trees: usize,
+    /// Trees per bucket.
+    pub bucket_trees: [usize; 5],
+    /// Mean nodes of Q_h.
+    pub input_nodes: f64,
+    /// Mean nodes of Q_gt.
+    pub target_nodes: f64,
+    /// Mean KL between two halves of the target: nothing can be measured below.
+    pub floor: f64,
+    /// The Gaussian's tuned parameters: σ in cells of a 32 × 32 map at 64 samples, exponent, fine σ.
+    pub gaussian: [f64; 3],
+    /// The methods.
+    pub rows: Vec<Row>,
+}
+
+/// Compares all methods; `limit` held-out trees at most.
+///
+/// # Errors
+/// When there are no held-out or training trees, or the network cannot be run.
+pub fn evaluate(data: &Dataset, model: &Model, ablations: &[Ablation], limit: usize) -> Result<Evaluation> {
+    if data.train.is_empty() || data.held_out.is_empty() {
+        bail!("evaluation needs trees to tune on and held-out trees");
+    }
+    let (tuning, cases) = (spread(&data.train, TUNING_TREES)?, spread(&data.held_out, limit)?);
+    let gaussian = tune_gaussian(&tuning);
+    let mean = mean_tree(&spread(&data.train, MEAN_TREES)?);
+    let backend = Embedded::new(model)?;
+    let bench = Bench { tuning: &tuning, cases: &cases };
+    let each = |f: &(dyn Fn(&Case) -> Distribution + Sync), cases: &[Case]| -> Result<Vec<Distribution>> {
+        Ok(cases.par_iter().map(f).collect())
+    };
+    let hybrid = |c: &Case| hybrid_distribution(&c.topology, &c.sums);
+    let smooth = |c: &Case| gaussian.reconstruct(&hybrid(c), u64::from(c.path_samples) + u64::from(c.photon_samples));
+    let mut rows = vec![
+        bench.row("uniform", |cases| each(&|_| Distribution::uniform(), cases))?,
+        bench.row("path only", |cases| each(&|c| path_distribution(&c.topology, &c.sums), cases))?,
+        bench.row("photons only", |cases| each(&|c| photon_distribution(&c.topology, &c.sums), cases))?,
+        bench.row("Q_h hybrid", |cases| each(&hybrid, cases))?,
+        bench.row("mean tree", |cases| each(&|_| mean.clone(), cases))?,
+        bench.row("Gaussian", |cases| each(&smooth, cases))?,
+        bench.row("network", |cases| reconstruct(model, &backend, cases))?,
+    ];
+    for ablation in ablations {
+        let (name, run): (_, Box<dyn Fn(&[Case]) -> Result<Vec<Distribution>>>) = match ablation {
+            Ablation::Neighbours => {
+                ("network, no neighbours", Box::new(|cases| reconstruct(model, &Alone(&backend), cases)))
+            }
+            Ablation::Photons => {
+                ("network, no photons", Box::new(|cases| reconstruct(model, &backend, &without_photons(cases))))
+            }
+            Ablation::Shuffle => {
+                ("network, other tree's input", Box::new(|cases| reconstruct(model, &backend, &shuffled(cases))))
+            }
+        };
+        rows.push(bench.row(name, run)?);
+    }
+    let mean_of = |f: &dyn Fn(&Case) -> f64| cases.iter().map(f).sum::<f64>() / cases.len() as f64;
+    Ok(Evaluation {
+        trees: cases.len(),
+        bucket_trees: std::array::from_fn(|b| cases.iter().filter(|c| bucket(c) == b).count()),
+        input_nodes: mean_of(&|c| c.topology.len() as f64),
+        target_nodes: mean_of(&|c| c.target.topology().len() as f64),
+        floor: mean_of(&|c| c.floor),
+        gaussian: [gaussian.sigma, gaussian.exponent, gaussian.fine_sigma],
+        rows,
+    })
+}
+
+fn mean_tree(cases: &[Case]) -> Distribution {
+    Distribution::mean(&cases.iter().map(|c| &c.target).collect::<Vec<_>>(), MEAN_LEVEL)
+}
+
+fn bucket(case: &Case) -> usize {
+    BUCKETS.iter().rposition(|&low| case.path_samples >= low).unwrap_or(0)
+}
+
+fn without_photons(cases: &[Case]) -> Vec<Case> {
+    let mut cases = cases.to_vec();
+    for case in &mut cases {
+        case.sums.chunks_exact_mut(RAW_CHANNELS).for_each(|row| row[PATH_CHANNELS..].fill(0.0));
+        case.photon_samples = 0;
+    }
+    cases
+}
+
+/// Every case with the input of the one half the list away.
+fn shuffled(cases: &[Case]) -> Vec<Case> {
+    let mut inputs = cases.to_vec();
+    inputs.rotate_left(cases.len() / 2);
+    inputs
+}
+
+/// A backend whose convolutions see only their own cell.
+struct Alone<'a>(&'a dyn Backend);
+
+impl Alone<'_> {
+    fn neighbours(neighbours: &[u32], rows: usize) -> Vec<u32> {
+        let own = |(i, &row): (usize, &u32)| if i % SLOTS == CENTRE { row } else { rows as u32 };
+        neighbours.iter().enumerate().map(own).collect()
+    }
+}
+
+impl Backend for Alone<'_> {
+    fn name(&self) -> &'static str {
+        self.0.name()
+    }
+
+    fn encode(&self, level: usize, inputs: &EncodeInputs) -> fanal::base::Result<Vec<f32>> {
+        let neighbours = Self::neighbours(inputs.neighbours, inputs.rows);
+        self.0.encode(level, &EncodeInputs { neighbours: &neighbours, ..*inputs })
+    }
+
+    fn decode(&self, level: usize, inputs: &DecodeInputs) -> fanal::base::Result<DecodeOutput> {
+        let neighbours = Self::neighbours(inputs.neighbours, inputs.rows);
+        self.0.decode(level, &DecodeInputs { neighbours: &neighbours, ..*inputs })
+    }
+}
+
+struct Bench<'a> {
+    tuning: &'a [Case],
+    cases: &'a [Case],
+}
+
+impl Bench<'_> {
+    fn row(&self, name: &str, method: impl Fn(&[Case]) -> Result<Vec<Distribution>>) -> Result<Row> {
+        let uniform = tune_uniform(&common(self.tuning, &method(self.tuning)?));
+        let start = Instant::now();
+        let guides = method(self.cases)?;
+        let microseconds = 1e6 * start.elapsed().as_secs_f64() / self.cases.len() as f64;
+        let cells = common(self.cases, &guides);
+        let kl: Vec<f64> = cells.iter().map(|c| kl_of_cells(c, uniform)).collect();
+        let variance: Vec<f64> = cells.iter().map(|c: &Vec<CommonCell>| relative_variance(c, uniform)).collect();
+        let in_bucket = |b: usize| -> Option<f64> {
+            let chosen: Vec<f64> = self.cases.iter().zip(&kl).filter(|(c, _)| bucket(c) == b).map(|(_, &k)| k).collect();
+            (!chosen.is_empty()).then(|| chosen.iter().sum::<f64>() / chosen.len() as f64)
+        };
+        let n = self.cases.len() as f64;
+        let floor = self.cases.iter().map(|c| c.floor).sum::<f64>() / n;
+        let changes = self.cases.iter().zip(&guides).map(|(c, g)| changed_nodes(c, g));
+        let [added, removed] = changes.fold([0.0, 0.0], |sum, c| [sum[0] + c[0], sum[1] + c[1]]);
+        Ok(Row {
+            name: name.to_owned(),
+            uniform,
+            kl: mean_kl(&cells, uniform),
+            median_kl: median(kl.clone()),
+            kl_above_floor: mean_kl(&cells, uniform) - floor,
+            median_variance: median(variance),
+            buckets: std::array::from_fn(in_bucket),
+            levels: self.levels(&guides, uniform),
+            nodes: guides.iter().map(|g| g.topology().len() as f64).sum::<f64>() / n,
+            nodes_added: added / n,
+            nodes_removed: removed / n,
+            microseconds,
+        })
+    }
+
+    fn levels(&self, guides: &[Distribution], uniform: f64) -> Vec<f64> {
+        let mut sums: Vec<f64> = vec![];
+        for (case, guide) in self.cases.iter().zip(guides) {
+            let levels = kl_by_level(&case.target, guide, uniform);
+            sums.resize(sums.len().max(levels.len()), 0.0);
+            sums.iter_mut().zip(&levels).for_each(|(sum, kl)| *sum += kl / self.cases.len() as f64);
+        }
+        sums
+    }
+}
+
+/// Nodes of the guide that Q_h does not have, and the other way round.
+fn changed_nodes(case: &Case, guide: &Distribution) -> [f64; 2] {
+    let (before, after) = (&case.topology, guide.topology());
+    let mut common = 1;
+    let mut open = vec![(0usize, 0usize)];
+    while let Some((a, b)) = open.pop() {
+        if !before.is_leaf(a) && !after.is_leaf(b) {
+            common += 4;
+            let (a, b) = (before.first_child[a] as usize, after.first_child[b] as usize);
+            open.extend((0..4).map(|k| (a + k, b + k)));
+        }
+    }
+    [after.len(), before.len()].map(|n| (n - common) as f64)
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+impl std::fmt::Display for Evaluation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(
+            f,
+            "{} held-out trees; mean nodes: Q_h {:.0}, Q_gt {:.0}; KL floor of the targets {:.4} nats",
+            self.trees, self.input_nodes, self.target_nodes, self.floor
+        )?;
+        let [sigma, exponent, fine] = self.gaussian;
+        writeln!(f, "Gaussian tuned to sigma {sigma} cells at 64 samples, exponent {exponent:.3}, fine sigma {fine}")?;
+        write!(f, "{:<28}{:>8}{:>8}{:>8}{:>8}{:>8} |", "KL in nats", "uniform", "mean", "median", "-floor", "V med")?;
+        for (low, n) in BUCKETS.iter().zip(self.bucket_trees) {
+            write!(f, "{:>14}", format!("N>={low} ({n})"))?;
+        }
+        writeln!(f, " | {:>7}{:>7}{:>8}{:>9}", "nodes", "added", "removed", "us/tree")?;
+        for row in &self.rows {
+            write!(
+                f,
+                "{:<28}{:>8.3}{:>8.4}{:>8.4}{:>8.4}{:>8.3} |",
+                row.name, row.uniform, row.kl, row.median_kl, row.kl_above_floor, row.median_variance
+            )?;
+            for kl in row.buckets {
+                write!(f, "{:>14}", kl.map_or("-".to_owned(), |kl| format!("{kl:.4}")))?;
+            }
+            let (added, removed) = (row.nodes_added, row.nodes_removed);
+            writeln!(f, " | {:>7.0}{added:>7.0}{removed:>8.0}{:>9.1}", row.nodes, row.microseconds)?;
+        }
+        writeln!(f, "\nKL that each level adds (1, 2, …)")?;
+        for row in &self.rows {
+            let levels: Vec<String> = row.levels.iter().map(|kl| format!("{kl:7.4}")).collect();
+            writeln!(f, "{:<28}{}", row.name, levels.join(" "))?;
+        }
+        Ok(())
+    }
+}

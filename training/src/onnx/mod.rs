@@ -1,0 +1,55 @@
+//! Export to ONNX: each step of the network as one model file, written by a small protobuf writer of our own.
+
+mod example;
+mod graph;
+mod protobuf;
+
+use std::path::Path;
+
+use fanal::base::files::write_bytes;
+use fanal::base::{Error, Place, Result};
+use fanal::network::config::Config;
+use fanal::network::program::{decode_program, encode_program};
+use fanal::network::weights::{DECODE_FILE, ENCODE_FILE, Model};
+
+pub use example::example;
+pub use graph::write_model;
+
+/// One call of each step with inputs and outputs.
+pub const EXAMPLE_FILE: &str = "example.safetensors";
+
+/// Writes `encode_step.onnx`, `decode_step.onnx` and `example.safetensors` into `folder`, which must exist, each atomically.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Unsupported`] for separate weights per level, which would be 41 files.
+pub fn export(model: &Model, folder: &Path) -> Result<()> {
+    if model.config.per_level {
+        return Err(Error::Unsupported {
+            place: Place::part(folder, "per_level"),
+            what: "ONNX export of a model with separate weights per level".into(),
+            supported: "shared weights".into(),
+        });
+    }
+    let metadata = metadata(&model.config);
+    let encode = write_model(&encode_program(&model.config, 1), &model.weights, &metadata, "encode_step")?;
+    let decode = write_model(&decode_program(&model.config, 1), &model.weights, &metadata, "decode_step")?;
+    write_bytes(&folder.join(ENCODE_FILE), &encode)?;
+    write_bytes(&folder.join(DECODE_FILE), &decode)?;
+    write_bytes(&folder.join(EXAMPLE_FILE), &example(model)?)
+}
+
+/// What a reader needs to know that the graph does not say.
+fn metadata(config: &Config) -> Vec<(String, String)> {
+    let entries = [
+        ("version", config.version.to_string()),
+        ("name", config.name.clone()),
+        ("width", config.width.to_string()),
+        ("convolutions", config.convolutions.to_string()),
+        ("features", config.features.to_string()),
+        ("target", config.mode.target.clone()),
+        ("nee", config.mode.nee.to_string()),
+        ("roulette", config.mode.roulette.to_string()),
+        ("split_share", config.mode.split_share.to_string()),
+    ];
+    entries.map(|(key, value)| (key.to_owned(), value)).to_vec()
+}

@@ -1,0 +1,116 @@
+//! The exported ONNX files in onnxruntime against the embedded backend. Without the library (`ORT_DYLIB_PATH`, which
+//! `tests/fetch-onnxruntime.sh` prints) these tests say so and check nothing.
+
+#[path = "../../tests/support/network.rs"]
+mod support;
+
+use std::path::{Path, PathBuf};
+
+use fanal::base::Error;
+use fanal::network::backend::{Backend, EncodeInputs};
+use fanal::network::embedded::Embedded;
+use fanal::network::weights::{CONFIG_FILE, ENCODE_FILE};
+use fanal::reconstruct::TreeInput;
+use fanal::reconstruct::neural::reconstruct_batch;
+use fanal::reconstruct::onnx::OnnxBackend;
+use fanal_training::onnx::{EXAMPLE_FILE, export};
+use safetensors::SafeTensors;
+use support::{Tree, assert_close, config, forward, model, trees};
+
+fn library() -> Option<PathBuf> {
+    let path = std::env::var_os("ORT_DYLIB_PATH").map(PathBuf::from);
+    if path.is_none() {
+        eprintln!("skipped: ORT_DYLIB_PATH is not set; tests/fetch-onnxruntime.sh prints its value");
+    }
+    path
+}
+
+fn exported(folder: &Path, width: usize, convolutions: usize) -> fanal::network::weights::Model {
+    let model = model(config(width, convolutions, false), 11);
+    model.save(folder).unwrap();
+    export(&model, folder).unwrap();
+    model
+}
+
+#[test]
+fn onnx_agrees_with_embedded() {
+    let Some(library) = library() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    for (width, convolutions) in [(16, 2), (8, 1), (24, 3)] {
+        let model = exported(folder.path(), width, convolutions);
+        let onnx = OnnxBackend::load_with(folder.path(), &library).unwrap();
+        let embedded = Embedded::new(&model).unwrap();
+        let trees = trees();
+        assert_close(&forward(&model, &onnx, &trees), &forward(&model, &embedded, &trees), 1e-4);
+        for tree in trees.chunks(1).take(4) {
+            assert_close(&forward(&model, &onnx, tree), &forward(&model, &embedded, tree), 1e-4);
+        }
+    }
+}
+
+#[test]
+fn reconstruction_runs_from_several_threads() {
+    let Some(library) = library() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let model = exported(folder.path(), 16, 1);
+    let onnx = OnnxBackend::load_with(folder.path(), &library).unwrap();
+    let trees: Vec<Tree> = (0..15).flat_map(|_| trees()).collect();
+    let inputs: Vec<_> = trees.iter().map(|(topology, leaf_sums)| TreeInput { topology, leaf_sums }).collect();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
+    let found = pool.install(|| reconstruct_batch(&model, &onnx, &inputs)).unwrap();
+    let expected = reconstruct_batch(&model, &Embedded::new(&model).unwrap(), &inputs).unwrap();
+    // Ties at the thresholds may fall either way; the first level has none.
+    let same = found.iter().zip(&expected).filter(|(a, b)| a.topology == b.topology).count();
+    assert!(same * 10 >= found.len() * 8, "{same} of {}", found.len());
+    for (a, b) in found.iter().zip(&expected) {
+        (1..5).for_each(|node| assert!((a.node_share[node] - b.node_share[node]).abs() < 1e-4));
+    }
+    assert!(onnx.encode(0, &EncodeInputs { rows: 0, features: &[], pooled: &[], neighbours: &[] }).unwrap().is_empty());
+}
+
+#[test]
+fn damaged_and_stale_exports_are_refused() {
+    let Some(library) = library() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    exported(folder.path(), 8, 1);
+    let path = folder.path().join(ENCODE_FILE);
+    let bytes = std::fs::read(&path).unwrap();
+    for damaged in [&bytes[..bytes.len() / 2], &bytes[..10], b"text", b""] {
+        std::fs::write(&path, damaged).unwrap();
+        let error = OnnxBackend::load_with(folder.path(), &library).err();
+        assert!(matches!(&error, Some(Error::Model { path: p, .. }) if *p == path), "{error:?}");
+    }
+    std::fs::remove_file(&path).unwrap();
+    assert!(matches!(OnnxBackend::load_with(folder.path(), &library), Err(Error::Model { .. })));
+    std::fs::write(&path, &bytes).unwrap();
+    assert!(OnnxBackend::load_with(folder.path(), &library).is_ok());
+    let other = serde_json::to_vec(&config(16, 1, false)).unwrap();
+    std::fs::write(folder.path().join(CONFIG_FILE), other).unwrap();
+    let error = OnnxBackend::load_with(folder.path(), &library).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(error.contains("width"), "{error}");
+}
+
+#[test]
+fn separate_weights_per_level_are_not_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = model(config(8, 1, true), 12);
+    assert!(matches!(export(&model, folder.path()), Err(Error::Unsupported { .. })));
+    model.save(folder.path()).unwrap();
+    let error = OnnxBackend::load_with(folder.path(), Path::new("any")).err();
+    assert!(matches!(error, Some(Error::Unsupported { .. })), "{error:?}");
+}
+
+/// The example has a step's call each, with finite outputs; `tests/check-onnx.py` runs it elsewhere.
+#[test]
+fn the_example_is_complete() {
+    let folder = tempfile::tempdir().unwrap();
+    exported(folder.path(), 16, 2);
+    let bytes = std::fs::read(folder.path().join(EXAMPLE_FILE)).unwrap();
+    let example = SafeTensors::deserialize(&bytes).unwrap();
+    let names =
+        ["encode.features", "encode.encoded", "decode.parents", "decode.parent_index", "decode.share", "decode.leaf"];
+    for name in names {
+        let tensor = example.tensor(name).unwrap();
+        assert!(tensor.shape()[0] >= 4, "{name}");
+    }
+}
