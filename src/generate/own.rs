@@ -81,7 +81,7 @@ fn cornell() -> Builder {
     let low = Quat::from_rotation_y(-0.28);
     b.add_box("low block", Vec3::new(0.38, 0.281, 0.32), Vec3::new(0.28, 0.28, 0.28), low, &white);
     b.add_quad("lamp", Vec3::new(0.0, 1.99, 0.0), [Vec3::X * 0.25, Vec3::Z * 0.25], &white, Some([17.0, 13.0, 7.5]));
-    b.look_at(Vec3::new(0.0, 1.0, 4.8), Vec3::new(0.0, 1.0, 0.0), Vec3::Y, 38.0);
+    b.look_at(Vec3::new(0.0, 1.0, 4.8), Vec3::new(0.0, 1.0, 0.0), Vec3::Y, 30.0);
     b
 }
 

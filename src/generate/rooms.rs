@@ -70,12 +70,15 @@ fn behind(draw: &mut Draw, room: &Room) -> Room {
     Room { low, high: Vec3::new(low.x + draw.log_range(0.4, 1.5), room.high.y, room.high.z), wall: room.wall }
 }
 
-/// A leaf in the doorway, nearly closed or half open.
+/// A leaf in the doorway, nearly closed or half open. It turns about the edge of that face of the wall to which it opens: about
+/// the middle of a thick wall it would stay within the frame and let nothing through.
 fn leaf(draw: &mut Draw, builder: &mut Builder, room: &Room, door: Opening) {
-    let angle = draw.log_range(3.0, 70.0).to_radians();
+    let angle = draw.log_range(6.0, 75.0).to_radians();
     let half = Vec3::new(0.15 * room.wall, 0.5 * (door.high[1] - door.low[1]), 0.5 * (door.high[0] - door.low[0]));
-    let hinge = room.on_wall(Side::East, [door.low[0], door.low[1] + half.y]) + Vec3::X * 0.5 * room.wall;
-    let turn = Quat::from_rotation_y(if draw.chance(0.5) { angle } else { -angle });
+    let outwards = draw.chance(0.5);
+    let face = if outwards { room.wall } else { 0.0 };
+    let hinge = room.on_wall(Side::East, [door.low[0], door.low[1] + half.y]) + Vec3::X * face;
+    let turn = Quat::from_rotation_y(if outwards { angle } else { -angle });
     let material = builder.add_material("door", draw.diffuse());
     // A little short of floor and lintel, so that no two faces lie in one plane.
     let size = half * Vec3::new(1.0, 0.995, 1.0);
