@@ -187,7 +187,8 @@ mod tests {
                     let (a, b) = (moved_features[new * FEATURES + channel], features[old * FEATURES + channel]);
                     let axis = signed.iter().find(|(c, _)| *c == channel).map(|&(_, axis)| axis);
                     // Normalised position sums change their maximum under 1 − p; their means are checked instead.
-                    let position = [0, PATH_CHANNELS].iter().any(|k| (k + POSITION..k + POSITION + 3).contains(&channel));
+                    let position =
+                        [0, PATH_CHANNELS].iter().any(|k| (k + POSITION..k + POSITION + 3).contains(&channel));
                     let sign = if axis.is_some_and(|axis| symmetry.flips()[axis]) { -1.0 } else { 1.0 };
                     assert!(position || (a - sign * b).abs() < 1e-3, "{symmetry:?} {channel}: {a} {b}");
                 }

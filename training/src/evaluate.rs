@@ -203,7 +203,8 @@ impl Bench<'_> {
         let kl: Vec<f64> = cells.iter().map(|c| kl_of_cells(c, uniform)).collect();
         let variance: Vec<f64> = cells.iter().map(|c: &Vec<CommonCell>| relative_variance(c, uniform)).collect();
         let in_bucket = |b: usize| -> Option<f64> {
-            let chosen: Vec<f64> = self.cases.iter().zip(&kl).filter(|(c, _)| bucket(c) == b).map(|(_, &k)| k).collect();
+            let chosen: Vec<f64> =
+                self.cases.iter().zip(&kl).filter(|(c, _)| bucket(c) == b).map(|(_, &k)| k).collect();
             (!chosen.is_empty()).then(|| chosen.iter().sum::<f64>() / chosen.len() as f64)
         };
         let n = self.cases.len() as f64;

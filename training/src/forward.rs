@@ -70,7 +70,13 @@ fn pool(below: Tensor<2>, first_child: &[u32]) -> Tensor<2> {
 }
 
 /// Decodes every level; `random` decides which common leaves are divided.
-pub fn decode(net: &Net, config: &Config, batch: &HostBatch, encoded: &[Tensor<2>], random: &mut Random) -> DecodedRows {
+pub fn decode(
+    net: &Net,
+    config: &Config,
+    batch: &HostBatch,
+    encoded: &[Tensor<2>],
+    random: &mut Random,
+) -> DecodedRows {
     let mut walk = Walk::new(batch, encoded);
     while walk.level.level < MAX_LEVEL {
         let below = walk.level.grow(&batch.input, &walk.split);

@@ -94,7 +94,7 @@ impl Journal {
                 .map_err(|e| fail(&e))?;
             let mesh = chart.configure_mesh().x_desc("epoch").y_desc("loss (grey), validation KL (blue)").draw();
             mesh.map_err(|e| fail(&e))?;
-            chart.draw_series(LineSeries::new(train, &BLACK.mix(0.4))).map_err(|e| fail(&e))?;
+            chart.draw_series(LineSeries::new(train, BLACK.mix(0.4))).map_err(|e| fail(&e))?;
             chart.draw_series(LineSeries::new(validation, BLUE.stroke_width(2))).map_err(|e| fail(&e))?;
             area.present().map_err(|e| fail(&e)).context("losses.svg")?;
         }

@@ -6,10 +6,10 @@ use std::collections::BTreeMap;
 
 use burn::tensor::activation::{relu, sigmoid, softmax};
 use burn::tensor::{Device, Int, Tensor, TensorData};
+use fanal::guiding::topology::MAX_LEVEL;
 use fanal::network::config::Config;
 use fanal::network::program::{Op, Program, all_layers, decode_program, encode_program};
 use fanal::network::weights::{LayerWeights, Weights};
-use fanal::guiding::topology::MAX_LEVEL;
 
 /// The parameters of one layer.
 #[derive(Debug, Clone)]
@@ -92,7 +92,13 @@ impl Net {
     }
 
     /// The encoder's step at `level`: features [N, F], pooled [N, C], neighbours [9N] → [N, C].
-    pub fn encode(&self, level: usize, features: Tensor<2>, pooled: Tensor<2>, neighbours: Tensor<1, Int>) -> Tensor<2> {
+    pub fn encode(
+        &self,
+        level: usize,
+        features: Tensor<2>,
+        pooled: Tensor<2>,
+        neighbours: Tensor<1, Int>,
+    ) -> Tensor<2> {
         let inputs = [
             ("features", Input::Rows(features)),
             ("pooled", Input::Rows(pooled)),
@@ -166,7 +172,7 @@ impl Net {
     fn linear(&self, x: Tensor<2>, layer: &str) -> Tensor<2> {
         // Built from the same configuration as the programs, so every layer is there.
         let p = &self.parameters[layer];
-        x.matmul(p.weight.clone()) + p.bias.clone().unsqueeze()
+        x.matmul(p.weight.clone()) + p.bias.clone().unsqueeze::<2>()
     }
 }
 
@@ -179,6 +185,22 @@ impl Parameter {
         }
         Self { weight: self.weight.autodiff().require_grad(), bias: self.bias.autodiff().require_grad() }
     }
+}
+
+/// Weights to start training from: [`Weights::random`], but the last convolution of each residual stack at a fifth, so that
+/// activations do not grow over twenty levels, and the two heads at a tenth, so that the first trees are nearly uniform.
+pub fn initial_weights(config: &Config, seed: u64) -> Weights {
+    let mut weights = Weights::random(config, seed);
+    let last = format!(".conv{}", config.convolutions.saturating_sub(1));
+    for (name, layer) in &mut weights.layers {
+        let scale = match name {
+            n if n.ends_with(&last) => 0.2,
+            n if n.ends_with(".share") || n.ends_with(".leaf") => 0.1,
+            _ => 1.0,
+        };
+        layer.weight.iter_mut().for_each(|w| *w *= scale);
+    }
+    weights
 }
 
 /// The nine neighbours' rows side by side, [N, 9C]; index N is a row of zeros.

@@ -57,8 +57,7 @@ impl Optimiser {
             let state = moments.map(|m| AdamWState::new(momentum(time, &m.weight)));
             let bias_state = moments.map(|m| AdamWState::new(momentum(time, &m.bias)));
             let Parameter { weight, bias } = net.parameters()[&name].clone();
-            let (weight, weight_moments) =
-                self.one(rate, weight.inner(), weight_gradient.mul_scalar(scale), state);
+            let (weight, weight_moments) = self.one(rate, weight.inner(), weight_gradient.mul_scalar(scale), state);
             let (bias, bias_moments) = self.one(rate, bias.inner(), bias_gradient.mul_scalar(scale), bias_state);
             self.moments.insert(name.clone(), Moments { time: time + 1, weight: weight_moments, bias: bias_moments });
             net.set(&name, Parameter { weight, bias });

@@ -75,7 +75,13 @@ fn sample_radiance(lobes: &[Lobe], random: &mut Random) -> [f64; 3] {
         return uniform_direction(random);
     }
     let mut u = random.next_f64() * lobes.iter().map(|l| l.weight).sum::<f64>();
-    let lobe = lobes.iter().find(|l| { u -= l.weight; u <= 0.0 }).unwrap_or(&lobes[0]);
+    let lobe = lobes
+        .iter()
+        .find(|l| {
+            u -= l.weight;
+            u <= 0.0
+        })
+        .unwrap_or(&lobes[0]);
     let [u, v] = [random.next_f64(), random.next_f64()];
     let cos = 1.0 + (u + (1.0 - u) * (-2.0 * lobe.kappa).exp()).ln() / lobe.kappa;
     let (sin, phi) = ((1.0 - cos * cos).max(0.0).sqrt(), TAU * v);
@@ -148,9 +154,8 @@ pub fn tree_sample(settings: &Settings, seed: u64, index: u32) -> TreeSample {
             record((radiance(&truth, w) * noise).powi(2) * 4.0 * PI, w)
         })
         .collect();
-    let photons: Vec<Record> = (0..photon_count)
-        .map(|_| record(0.5 + random.next_f64(), sample_radiance(&truth, &mut random)))
-        .collect();
+    let photons: Vec<Record> =
+        (0..photon_count).map(|_| record(0.5 + random.next_f64(), sample_radiance(&truth, &mut random))).collect();
     let (input_split, ranks) = build([&path, &photons], settings.split_share);
     let leaves = input_split.iter().filter(|s| !**s).count();
     let mut input_sums = vec![0.0; leaves * RAW_CHANNELS];

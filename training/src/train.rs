@@ -13,7 +13,7 @@ use fanal::generate::shard::TreeSample;
 use fanal::guiding::features::FEATURES;
 use fanal::network::config::{Config, VERSION};
 use fanal::network::embedded::Embedded;
-use fanal::network::weights::{Model, Weights};
+use fanal::network::weights::Model;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::batch::HostBatch;
@@ -23,7 +23,7 @@ use crate::forward::{decode, encode};
 use crate::journal::{Entry, Journal};
 use crate::loader::{self, Plan};
 use crate::loss::{Loss, losses};
-use crate::model::{Net, to_vec};
+use crate::model::{Net, initial_weights, to_vec};
 use crate::optimise::{Optimiser, beta, rate};
 
 /// What to train, on what, for how long.
@@ -195,7 +195,7 @@ impl<'a> Run<'a> {
             ensure!(progress == state, "{}: the checkpoint was made with other settings or data", path.display());
             (state, net, optimiser)
         } else {
-            let weights = Weights::random(&fresh.config, settings.seed);
+            let weights = initial_weights(&fresh.config, settings.seed);
             let net = Net::new(&fresh.config, &weights, &device)?;
             (fresh, net, Optimiser::default())
         };

@@ -17,7 +17,8 @@ pub fn tune_gaussian(cases: &[Case]) -> Gaussian {
     let hybrid: Vec<Distribution> = cases.par_iter().map(|c| hybrid_distribution(&c.topology, &c.sums)).collect();
     let score = |gaussian: Gaussian| {
         let samples = |c: &Case| u64::from(c.path_samples) + u64::from(c.photon_samples);
-        let smooth = cases.par_iter().zip(&hybrid).map(|(c, h)| gaussian.reconstruct(h, samples(c))).collect::<Vec<_>>();
+        let smooth =
+            cases.par_iter().zip(&hybrid).map(|(c, h)| gaussian.reconstruct(h, samples(c))).collect::<Vec<_>>();
         let cells = common(cases, &smooth);
         mean_kl(&cells, tune_uniform(&cells))
     };

@@ -1,0 +1,255 @@
+//! The network in burn: it learns, does the same on both backends and in the renderer, and goes on after an interruption.
+
+use std::sync::atomic::AtomicBool;
+
+use burn::tensor::Device;
+use fanal::base::random::Random;
+use fanal::generate::dataset::{DatasetIndex, ShardEntry};
+use fanal::generate::shard::{TreeSample, VERSION, write_shard};
+use fanal::guiding::features::FEATURES;
+use fanal::network::backend::Backend;
+use fanal::network::config::{Config, Mode};
+use fanal::network::embedded::Embedded;
+use fanal::network::weights::Model;
+use fanal_training::backend::Burn;
+use fanal_training::batch::HostBatch;
+use fanal_training::cases::{Case, common, mean_kl, reconstruct, tune_uniform};
+use fanal_training::forward::{decode, encode};
+use fanal_training::loss::{Loss, losses};
+use fanal_training::model::{Net, initial_weights, to_vec};
+use fanal_training::optimise::Optimiser;
+use fanal_training::synthetic::{self, tree_samples};
+use fanal_training::train::{self, train};
+use fanal_training::tuning::tune_gaussian;
+
+fn mode() -> Mode {
+    Mode { target: "variance".into(), nee: true, roulette: true, split_share: 0.01 }
+}
+
+fn config() -> Config {
+    Config {
+        version: 1,
+        name: "test".into(),
+        width: 16,
+        convolutions: 2,
+        features: FEATURES,
+        per_level: false,
+        leaf_threshold: 0.5,
+        min_split_share: 1e-3,
+        uniform: 0.05,
+        mode: mode(),
+    }
+}
+
+fn quick() -> synthetic::Settings {
+    synthetic::Settings { samples: [32, 300], target_samples: 4000, split_share: 0.02 }
+}
+
+#[allow(deprecated)]
+fn ndarray() -> Device {
+    Device::ndarray()
+}
+
+/// Some steps on one batch; returns the value losses.
+fn steps(net: &mut Net, batch: &HostBatch, count: usize, rate: f64, beta: f64) -> Vec<f32> {
+    let (config, mut optimiser) = (config(), Optimiser::default());
+    (0..count)
+        .map(|step| {
+            let encoded = encode(net, &config, batch);
+            let decoded = decode(net, &config, batch, &encoded, &mut Random::new(1, 0, step as u64));
+            let losses = losses(Loss::Kl, &decoded, beta);
+            let norm = optimiser.step(net, &losses.total.backward(), rate);
+            assert!(norm.is_finite());
+            to_vec(losses.value.inner())[0]
+        })
+        .collect()
+}
+
+#[test]
+fn overfits_a_few_trees() {
+    let samples = tree_samples(&quick(), 11, 0, 32);
+    let batch = HostBatch::new(&samples).unwrap();
+    let device = Device::flex().autodiff();
+    let mut net = Net::new(&config(), &initial_weights(&config(), 1), &device).unwrap();
+    let course = steps(&mut net, &batch, 300, 5e-3, 0.2);
+    let cases: Vec<Case> = samples.iter().map(|s| Case::new(s).unwrap()).collect();
+    let gaussian = tune_gaussian(&cases);
+    let smooth: Vec<_> = cases
+        .iter()
+        .map(|c| {
+            let hybrid = fanal::guiding::targets::hybrid_distribution(&c.topology, &c.sums);
+            gaussian.reconstruct(&hybrid, u64::from(c.path_samples + c.photon_samples))
+        })
+        .collect();
+    let model = Model { config: config(), weights: net.weights() };
+    let found = reconstruct(&model, &Embedded::new(&model).unwrap(), &cases).unwrap();
+    let [baseline, network] = [smooth, found].map(|guides| {
+        let cells = common(&cases, &guides);
+        mean_kl(&cells, tune_uniform(&cells))
+    });
+    assert!(course[299] < 0.3 * course[0], "{} {}", course[0], course[299]);
+    assert!(network < 0.5 * baseline, "network {network}, Gaussian {baseline}");
+}
+
+#[test]
+fn both_devices_agree_over_steps() {
+    let batch = HostBatch::new(&tree_samples(&quick(), 12, 0, 8)).unwrap();
+    let [flex, other] = [Device::flex(), ndarray()].map(|device| {
+        let mut net = Net::new(&config(), &initial_weights(&config(), 2), &device.autodiff()).unwrap();
+        (steps(&mut net, &batch, 4, 1e-3, 1.0), net.weights())
+    });
+    for (a, b) in flex.0.iter().zip(&other.0) {
+        assert!((a - b).abs() < 1e-4 * a.abs(), "{a} {b}");
+    }
+    for (name, layer) in &flex.1.layers {
+        for (a, b) in layer.weight.iter().zip(&other.1.layers[name].weight) {
+            assert!((a - b).abs() < 1e-3, "{name}: {a} {b}");
+        }
+    }
+}
+
+#[test]
+fn burn_agrees_with_the_renderer() {
+    for per_level in [false, true] {
+        let config = Config { per_level, ..config() };
+        let model = Model { weights: initial_weights(&config, 3), config };
+        let cases: Vec<Case> = tree_samples(&quick(), 13, 0, 6).iter().map(|s| Case::new(s).unwrap()).collect();
+        let embedded = Embedded::new(&model).unwrap();
+        for device in [Device::flex(), ndarray()] {
+            let burn = Burn::new(&model, &device).unwrap();
+            let [a, b] = [&embedded as &dyn Backend, &burn].map(|b| reconstruct(&model, b, &cases).unwrap());
+            for (a, b) in a.iter().zip(&b) {
+                assert_eq!(a.topology(), b.topology());
+                for (x, y) in a.node_mass().iter().zip(b.node_mass()) {
+                    assert!((x - y).abs() < 1e-4 * x.max(1e-3), "{x} {y}");
+                }
+            }
+        }
+    }
+}
+
+/// Degenerate batches: a tree that is only a root, without any sample, alone and beside others.
+#[test]
+fn roots_without_samples_train() {
+    let empty = TreeSample {
+        input_split: vec![false],
+        input_sums: vec![0.0; fanal::guiding::features::RAW_CHANNELS],
+        target_split: vec![false],
+        target: vec![1.0],
+        ..TreeSample::default()
+    };
+    let mut mixed = tree_samples(&quick(), 14, 0, 2);
+    mixed.push(empty.clone());
+    for (samples, device) in [(vec![empty.clone()], Device::flex()), (vec![empty], ndarray()), (mixed, ndarray())] {
+        let mut net = Net::new(&config(), &initial_weights(&config(), 4), &device.autodiff()).unwrap();
+        let course = steps(&mut net, &HostBatch::new(&samples).unwrap(), 3, 1e-3, 1.0);
+        assert!(course.iter().all(|l| l.is_finite()));
+    }
+}
+
+fn data_folder(trees: u32) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mut index = DatasetIndex::default();
+    for (held_out, first, count) in [(false, 0, trees), (true, 10_000, 12)] {
+        let file = format!("{first}.safetensors");
+        let samples = tree_samples(&quick(), 5, first, count);
+        write_shard(&folder.path().join(&file), &samples).unwrap();
+        let (scene, family) = (file.clone(), "lobes".into());
+        let samples = u64::from(count);
+        index.shards.push(ShardEntry {
+            version: VERSION,
+            file,
+            scene,
+            family,
+            seed: 5,
+            held_out,
+            samples,
+            mode: mode(),
+        });
+    }
+    index.write(folder.path()).unwrap();
+    folder
+}
+
+#[test]
+fn a_resumed_run_equals_an_uninterrupted_one() {
+    let data = data_folder(40);
+    let base = |name: &str| train::Settings {
+        data: data.path().to_owned(),
+        output: data.path().join(name),
+        minutes: None,
+        epochs: Some(2),
+        resume: false,
+        width: 8,
+        convolutions: 1,
+        loss: Loss::Kl,
+        per_level: false,
+        device: Device::flex(),
+        seed: 9,
+        batch: 8,
+        rate: 2e-3,
+        stop_after: None,
+        quiet: true,
+    };
+    let never = AtomicBool::new(false);
+    let whole = train(&base("whole"), &never).unwrap();
+    assert_eq!(whole.step, 10);
+    let first = train(&train::Settings { stop_after: Some(4), ..base("parts") }, &never).unwrap();
+    assert_eq!(first.step, 4);
+    train(&train::Settings { resume: true, ..base("parts") }, &never).unwrap();
+    let weights = |name: &str| {
+        let path = data.path().join(name).join(fanal_training::checkpoint::CHECKPOINT_FILE);
+        let (state, net, _) = fanal_training::checkpoint::load(&path, &Device::flex()).unwrap();
+        (state.step, net.weights())
+    };
+    let ((a, whole), (b, parts)) = (weights("whole"), weights("parts"));
+    assert_eq!(a, b);
+    for (name, layer) in &whole.layers {
+        for (x, y) in
+            layer.weight.iter().chain(&layer.bias).zip(parts.layers[name].weight.iter().chain(&parts.layers[name].bias))
+        {
+            assert!((x - y).abs() < 1e-6, "{name}: {x} {y}");
+        }
+    }
+    let other = train::Settings { resume: true, seed: 10, ..base("parts") };
+    assert!(train(&other, &never).is_err(), "another seed is another run");
+}
+
+#[test]
+fn the_command_line_trains_evaluates_and_exports() {
+    let data = data_folder(24);
+    let model = data.path().join("model");
+    let run = |arguments: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_fanal-training"));
+        let output = command.args(arguments).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let (data_arg, model_arg) = (data.path().to_str().unwrap(), model.to_str().unwrap());
+    run(&[
+        "train", "--data", data_arg, "-o", model_arg, "--epochs", "2", "--device", "ndarray", "--width", "8",
+        "--batch", "8",
+    ]);
+    for file in ["config.json", "weights.safetensors", "checkpoint.safetensors", "losses.jsonl"] {
+        assert!(model.join(file).is_file(), "{file}");
+    }
+    let json = run(&[
+        "eval",
+        "--data",
+        data_arg,
+        "--model",
+        model_arg,
+        "--json",
+        "--ablate",
+        "neighbours",
+        "--ablate",
+        "shuffle",
+    ]);
+    let evaluation: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let rows = evaluation["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 9);
+    assert!(rows.iter().all(|r| r["kl"].as_f64().is_some_and(|kl| kl.is_finite() && kl >= 0.0)));
+    assert!(run(&["eval", "--data", data_arg, "--model", model_arg]).contains("Gaussian"));
+    run(&["export", "--model", model_arg]);
+    assert!(model.join("decode_step.onnx").is_file());
+}
