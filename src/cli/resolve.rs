@@ -5,16 +5,8 @@ use std::path::PathBuf;
 use super::args::{Backend, Guide, RenderArgs, Samples};
 use crate::base::{Error, Result};
 use crate::film::check_size;
+use crate::render::{GuideMode, RenderSettings, SampleKinds, StopRule};
 use crate::scene::file::SceneFile;
-
-/// When rendering ends.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum StopRule {
-    /// After so many samples per pixel, camera and light paths together.
-    Spp(u32),
-    /// After so many seconds.
-    Time(f64),
-}
 
 /// Everything that a render depends on beside the scene. All values are in range.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,6 +41,29 @@ pub struct RenderRequest {
     pub stats: Option<PathBuf>,
     /// The picture that errors are measured against.
     pub reference: Option<PathBuf>,
+}
+
+impl RenderRequest {
+    /// The renderer's settings.
+    pub fn settings(&self) -> RenderSettings {
+        let guide = match self.guide {
+            Guide::None => GuideMode::None,
+            Guide::Hybrid => GuideMode::Hybrid,
+            Guide::Neural => GuideMode::Neural,
+        };
+        let mut settings = RenderSettings::new(guide, self.stop);
+        settings.transport.max_depth = self.max_depth;
+        settings.transport.nee = self.nee;
+        settings.transport.roulette = self.roulette;
+        settings.learner.memory = usize::try_from(self.guide_memory).unwrap_or(usize::MAX);
+        settings.seed = self.seed;
+        settings.samples = match self.samples {
+            Samples::Path => SampleKinds::Path,
+            Samples::Photon => SampleKinds::Photon,
+            Samples::Both => SampleKinds::Both,
+        };
+        settings
+    }
 }
 
 /// Combines arguments with the scene's defaults.

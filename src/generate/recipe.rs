@@ -131,11 +131,13 @@ impl Recipe {
         checks.into_iter().find(|(_, good, _)| !good).map(|(key, _, message)| (key, message.to_owned()))
     }
 
-    /// All scenes in the order in which they are made. Held-out ones are spread evenly over each family.
+    /// All scenes in the order in which they are made, the families in turn, so that an interrupted run has seen all of them.
+    /// Held-out ones are spread evenly over each family.
     pub fn jobs(&self) -> Vec<Job> {
         let mut jobs = Vec::new();
-        for part in &self.family {
-            for index in 0..part.scenes {
+        let most = self.family.iter().map(|part| part.scenes).max().unwrap_or(0);
+        for index in 0..most {
+            for part in self.family.iter().filter(|part| index < part.scenes) {
                 let seed = Random::new(self.seed, part.name.id(), u64::from(index)).next_u64();
                 let before = |i: u32| (f64::from(i) * self.held_out + 0.5).floor();
                 jobs.push(Job { family: part.name, index, seed, held_out: before(index + 1) > before(index) });

@@ -7,11 +7,15 @@ pub mod onnx;
 
 mod growth;
 
-use crate::base::Result;
+use std::path::Path;
+
+use crate::base::{Error, Result};
 use crate::guiding::distribution::Distribution;
 use crate::guiding::targets;
 use crate::guiding::topology::Topology;
 use crate::network::backend::Backend;
+use crate::network::config::Mode;
+use crate::network::embedded::Embedded;
 use crate::network::weights::Model;
 
 /// A tree to reconstruct.
@@ -81,6 +85,58 @@ pub struct Neural {
     pub model: Model,
     /// What runs it.
     pub backend: Box<dyn Backend + Send>,
+}
+
+impl Neural {
+    /// The model that was compiled into the program, run by the embedded backend.
+    ///
+    /// # Errors
+    /// [`Error::Model`] where the model is of another version than the program.
+    pub fn built_in() -> Result<Self> {
+        let config = b"{}";
+        let weights = b"";
+        Self::with_embedded(Model::from_bytes(config, weights)?)
+    }
+
+    /// The model in `folder`, run by the embedded backend.
+    ///
+    /// # Errors
+    /// As [`Model::load`].
+    pub fn embedded(folder: &Path) -> Result<Self> {
+        Self::with_embedded(Model::load(folder)?)
+    }
+
+    /// The model in `folder`, run by onnxruntime.
+    ///
+    /// # Errors
+    /// As [`Model::load`]; [`Error::Backend`] where onnxruntime or its model files are missing or fail.
+    #[cfg(feature = "onnx")]
+    pub fn onnx(folder: &Path) -> Result<Self> {
+        let model = Model::load(folder)?;
+        Ok(Self { model, backend: Box::new(onnx::OnnxBackend::load(folder)?) })
+    }
+
+    fn with_embedded(model: Model) -> Result<Self> {
+        let backend = Box::new(Embedded::new(&model)?);
+        Ok(Self { model, backend })
+    }
+
+    /// Refuses to work in a mode that the model was not trained in.
+    ///
+    /// # Errors
+    /// [`Error::Model`] naming both modes.
+    pub fn check_mode(&self, mode: &Mode) -> Result<()> {
+        if self.model.config.mode == *mode {
+            return Ok(());
+        }
+        Err(Error::Model {
+            path: self.model.config.name.clone().into(),
+            message: format!(
+                "was trained with {:?}, but is asked to work with {mode:?}; train another model or change the options",
+                self.model.config.mode
+            ),
+        })
+    }
 }
 
 impl Reconstructor for Neural {

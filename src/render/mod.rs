@@ -8,7 +8,7 @@ mod statistics;
 pub use learning::Learning;
 pub use pass::{PassTracer, Records};
 pub use settings::{GuideMode, RenderSettings, SampleKinds, StopRule};
-pub use statistics::{GuideStatistics, Iteration, Seconds, Statistics};
+pub use statistics::{ErrorPoint, GuideStatistics, Iteration, Seconds, Statistics};
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;

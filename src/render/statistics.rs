@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::settings::RenderSettings;
 use crate::scene::Scene;
+use crate::scene::plan::Effect;
 
 /// Seconds of wall time per kind of work.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
@@ -93,6 +94,32 @@ pub struct Statistics {
     pub guide: GuideStatistics,
     /// Learning.
     pub iterations: Vec<Iteration>,
+    /// Effects of the scene.
+    pub effects: Vec<Effect>,
+    /// Errors against the reference, where there is one.
+    pub errors: Vec<ErrorPoint>,
+    /// Most memory that the process held, where the system tells.
+    pub peak_rss_bytes: Option<u64>,
+}
+
+/// Error of a picture against a reference.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct ErrorPoint {
+    /// Wall time of the render.
+    pub seconds: f64,
+    /// Samples per pixel.
+    pub spp: u32,
+    /// Relative mean squared error.
+    pub relmse: f64,
+    /// The same without the worst 0.1 % of pixels.
+    pub relmse_trimmed: f64,
+}
+
+/// Peak resident memory of this process in bytes, from `/proc` where that exists.
+fn peak_rss() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    line.trim().trim_end_matches("kB").trim().parse::<u64>().ok().map(|kb| kb * 1024)
 }
 
 impl Statistics {
@@ -104,6 +131,7 @@ impl Statistics {
         self.threads = rayon::current_num_threads();
         [self.width, self.height] = scene.size;
         self.spp = spp;
+        self.peak_rss_bytes = peak_rss();
         let total = self.seconds.total.max(1e-9);
         self.rays_per_second = self.rays as f64 / total;
         self.samples_per_second = self.samples as f64 / total;

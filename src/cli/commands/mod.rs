@@ -25,8 +25,3 @@ fn in_pool<T: Send>(common: &Common, work: impl FnOnce() -> Result<T> + Send) ->
         .map_err(|e| Error::Options(format!("threads cannot be started: {e}")))?;
     pool.install(work)
 }
-
-/// SEAM: the only place where something is missing; goes away with the render loop and the collection of trees.
-fn not_built_yet(what: &str) -> Error {
-    Error::Options(format!("{what} is not built yet"))
-}
