@@ -1,7 +1,6 @@
 //! A folder of shards and its index: `index.jsonl`, one JSON object per shard.
 
 use std::collections::BTreeSet;
-use std::io::Write;
 use std::path::{Component, Path};
 
 use serde::{Deserialize, Serialize};
