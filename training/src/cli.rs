@@ -101,6 +101,9 @@ struct TrainArgs {
     /// Trees per step.
     #[arg(long, default_value_t = 32)]
     batch: usize,
+    /// Threads; a resumed run keeps the number that it began with.
+    #[arg(long)]
+    threads: Option<usize>,
     /// Peak learning rate.
     #[arg(long, default_value_t = 2e-3)]
     rate: f64,
@@ -162,6 +165,7 @@ fn run_train(args: TrainArgs) -> Result<()> {
         device: device(args.device),
         seed: args.seed,
         batch: args.batch,
+        parts: args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
         rate: args.rate,
         stop_after: args.stop_after,
         quiet: args.quiet,
