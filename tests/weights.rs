@@ -11,6 +11,8 @@ use fanal::network::config::Config;
 use fanal::network::weights::{Model, WEIGHTS_FILE, Weights};
 use support::{config, model};
 
+type Change<T> = fn(&mut T);
+
 fn json(config: &Config) -> Vec<u8> {
     serde_json::to_vec(config).unwrap()
 }
@@ -34,7 +36,7 @@ fn saved_models_are_loaded() {
 fn damaged_weights_name_the_tensor() {
     let config = config(16, 1, false);
     let good = model(config.clone(), 2).weights;
-    let damage: [(&str, fn(&mut Weights)); 6] = [
+    let damage: [(&str, Change<Weights>); 6] = [
         ("encode.in.weight", |w| w.layers.get_mut("encode.in").unwrap().weight[3] = f32::NAN),
         ("decode.leaf.bias", |w| w.layers.get_mut("decode.leaf").unwrap().bias[0] = f32::INFINITY),
         ("decode.share.weight", |w| drop(w.layers.remove("decode.share"))),
@@ -82,7 +84,7 @@ fn truncated_and_flipped_files_do_not_panic() {
 fn models_of_other_versions_and_features_are_refused() {
     let good = config(16, 1, false);
     let weights = model(good.clone(), 4).weights;
-    let changes: [(&str, fn(&mut Config)); 6] = [
+    let changes: [(&str, Change<Config>); 6] = [
         ("version 2", |c| c.version = 2),
         ("55 features", |c| c.features = 55),
         ("width 17", |c| c.width = 17),

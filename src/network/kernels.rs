@@ -236,3 +236,32 @@ fn multiply<const PANEL: usize, const FMA: bool>(
     }
     *sums = local;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::Random;
+
+    /// Odd row counts, missing neighbours, and every panel width.
+    #[test]
+    fn portable_and_vector_code_agree() {
+        let mut random = Random::new(1, 0, 0);
+        for (rows, channels, columns) in
+            [(1, 16, 16), (7, 8, 8), (1031, 24, 24), (50, 48, 48), (9, 64, 64), (33, 16, 1)]
+        {
+            let mut uniform = |n: usize| (0..n).map(|_| random.range(-1.0, 1.0)).collect::<Vec<f32>>();
+            let (x, residual) = (uniform(rows * channels), uniform(rows * columns));
+            let (weight, bias) = (uniform(9 * channels * columns), uniform(columns));
+            let packed = Packed::new(&LayerWeights { rows: 9 * channels, columns, weight, bias });
+            let index: Vec<u32> = (0..9 * rows).map(|_| random.below(2 * rows as u32).min(rows as u32)).collect();
+            let part = |offset| Part { x: &x, channels, index: Index::Gather { index: &index, stride: 9, offset } };
+            let parts: Vec<Part> = (0..9).map(part).collect();
+            let epilogue = Epilogue { residual: Some(&residual), relu: columns > 8 };
+            let vector = apply(&packed, &parts, epilogue, rows);
+            let portable = apply_portable(&packed, &parts, epilogue, rows);
+            for (a, b) in vector.iter().zip(&portable) {
+                assert!((a - b).abs() <= 1e-5 * (b.abs() + 1.0), "{a} {b}, {columns} columns");
+            }
+        }
+    }
+}

@@ -5,6 +5,11 @@ pub mod backend;
 pub mod batch;
 pub mod config;
 pub mod embedded;
+pub mod executable;
 pub mod kernels;
 pub mod program;
 pub mod weights;
+
+mod fusion;
+mod growing;
+mod rows;

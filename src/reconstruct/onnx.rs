@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use ort::environment::Environment;
 use ort::session::{Session, SessionInputValue};
 use ort::value::TensorRef;
 
@@ -63,12 +64,7 @@ impl OnnxBackend {
     /// As [`OnnxBackend::load`].
     pub fn load_with(folder: &Path, library: &Path) -> Result<Self> {
         let config = read_config(folder)?;
-        let library = std::path::absolute(library).map_err(|e| Error::io(library, e))?;
-        if !library.is_file() {
-            return Err(missing(format!("there is no library {}", library.display())));
-        }
-        let environment = ort::init_from(&library).map_err(|e| missing(e.to_string()))?;
-        let environment = environment.with_name("fanal").build().map_err(|e| fail(e.to_string()))?;
+        let environment = environment(library)?;
         let session = |file: &str| -> Result<Mutex<Session>> {
             let path = folder.join(file);
             if !path.is_file() {
@@ -83,6 +79,23 @@ impl OnnxBackend {
         };
         Ok(Self { encode: session(ENCODE_FILE)?, decode: session(DECODE_FILE)?, config })
     }
+}
+
+/// onnxruntime's environment, of which it allows one per process; the first library that loads stays.
+fn environment(library: &Path) -> Result<Environment> {
+    static SHARED: Mutex<Option<Environment>> = Mutex::new(None);
+    let library = std::path::absolute(library).map_err(|e| Error::io(library, e))?;
+    if !library.is_file() {
+        return Err(missing(format!("there is no library {}", library.display())));
+    }
+    // It is set only when complete, so a panic elsewhere cannot leave it broken.
+    let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(environment) = &*shared {
+        return Ok(environment.clone());
+    }
+    let builder = ort::init_from(&library).map_err(|e| missing(e.to_string()))?;
+    let environment = builder.with_name("fanal").build().map_err(|e| fail(e.to_string()))?;
+    Ok(shared.insert(environment).clone())
 }
 
 fn missing(problem: String) -> Error {

@@ -1,0 +1,83 @@
+//! Trees that are decoded, grown level by level beside the trees that were encoded.
+
+use super::batch::Batch;
+use super::program::GEOMETRY;
+use super::rows::{NONE, Rows};
+use crate::guiding::topology::MAX_LEVEL;
+
+/// One level of the trees that are decoded (Q_r), grown level by level from the roots.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DecodeLevel {
+    /// The level, 0 for the roots.
+    pub level: usize,
+    /// Cells and indices; `rows.parent` is the step's `parent_index`.
+    pub rows: Rows,
+    /// [N] row of the same cell in the same level of the encoded batch, or [`NONE`].
+    pub skip: Vec<u32>,
+    /// [N] the same node or, where the encoded tree ends above, its nearest ancestor, in the concatenation of all nodes.
+    pub ancestor: Vec<u32>,
+}
+
+impl DecodeLevel {
+    /// The roots of all trees of `batch`.
+    pub fn roots(batch: &Batch) -> Self {
+        let trees = batch.trees();
+        let ancestor = batch.tree_start[..trees].iter().map(|&start| start as u32).collect();
+        Self { level: 0, rows: Rows::roots(trees), skip: (0..trees as u32).collect(), ancestor }
+    }
+
+    /// The children of the rows whose flag in `split` [N] is set, siblings adjacent; sets `rows.first_child` of this level.
+    /// `batch` is the one that [`DecodeLevel::roots`] took. At [`MAX_LEVEL`] there are no children.
+    pub fn grow(&mut self, batch: &Batch, split: &[bool]) -> Self {
+        let may_split = self.level < MAX_LEVEL;
+        let rows = self.rows.split(self.level, split.iter().map(|&s| s && may_split));
+        let mut below = Self { level: self.level + 1, rows, skip: vec![], ancestor: vec![] };
+        for (row, &parent) in below.rows.parent.iter().enumerate() {
+            let parent = parent as usize;
+            let first = match self.skip[parent] {
+                NONE => NONE,
+                skip => batch.levels[self.level].rows.first_child[skip as usize],
+            };
+            if first == NONE {
+                below.skip.push(NONE);
+                below.ancestor.push(self.ancestor[parent]);
+            } else {
+                let skip = first + row as u32 % 4;
+                below.skip.push(skip);
+                below.ancestor.push(batch.levels[below.level].node[skip as usize]);
+            }
+        }
+        below
+    }
+
+    /// The step's `skip` input [N, channels] out of the encoder's output at the same level: zero where there is no such node.
+    pub fn skip_rows(&self, encoded: &[f32], channels: usize) -> Vec<f32> {
+        let mut rows = vec![0.0; self.rows.len() * channels];
+        for (to, &skip) in rows.chunks_exact_mut(channels).zip(&self.skip).filter(|(_, skip)| **skip != NONE) {
+            to.copy_from_slice(&encoded[skip as usize * channels..][..channels]);
+        }
+        rows
+    }
+
+    /// The step's `geometry` input [N, [`GEOMETRY`]]; `log_shares` are those of
+    /// [`node_log_shares`](crate::guiding::features::node_log_shares), all trees' concatenated.
+    pub fn geometry(&self, log_shares: &[[f32; 2]]) -> Vec<f32> {
+        let mut geometry = Vec::with_capacity(self.rows.len() * GEOMETRY);
+        for (row, &cell) in self.rows.cell.iter().enumerate() {
+            geometry.extend([f32::from(self.skip[row] != NONE), self.level as f32 / MAX_LEVEL as f32]);
+            geometry.extend((0..4).map(|k| f32::from(k == (cell[0] & 1) + 2 * (cell[1] & 1))));
+            geometry.extend(cell_centre(self.level, cell));
+            geometry.extend(log_shares[self.ancestor[row] as usize]);
+        }
+        geometry
+    }
+}
+
+/// The direction of a cell's centre under the cylindrical map.
+fn cell_centre(level: usize, cell: [u32; 2]) -> [f32; 3] {
+    let [u, v] = cell.map(|c| (f64::from(c) + 0.5) * 0.5f64.powi(level as i32));
+    let z = 2.0 * u - 1.0;
+    let radius = (1.0 - z * z).max(0.0).sqrt();
+    let (sin, cos) = (std::f64::consts::TAU * v).sin_cos();
+    [radius * cos, radius * sin, z].map(|x| x as f32)
+}

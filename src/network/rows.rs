@@ -1,0 +1,94 @@
+//! The cells of one level of many quadtrees, and how the level below follows from it.
+//!
+//! No hashing is needed to find neighbours: the parent of a cell's neighbour is the parent or one of the parent's neighbours,
+//! so each level follows from the one above in constant time per entry.
+
+/// Cells of a 3×3 neighbourhood; slot k is (dx, dy) = (k/3 − 1, k%3 − 1), x along z and y along φ.
+pub const SLOTS: usize = 9;
+
+/// The slot of the cell itself.
+pub const CENTRE: usize = 4;
+
+/// Marks an absent row, except in neighbours, where the level's row count does.
+pub const NONE: u32 = u32::MAX;
+
+/// The nodes of one level of all trees.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Rows {
+    /// [N] index of the tree.
+    pub tree: Vec<u32>,
+    /// [N] integer coordinates of the cell at this level.
+    pub cell: Vec<[u32; 2]>,
+    /// [N, 9] rows of the cells around each, N where there is none. φ wraps; across a pole the neighbour is the cell of the
+    /// same row at φ + π. At level 0 only the centre is present.
+    pub neighbours: Vec<u32>,
+    /// [N] row of the parent in the level above; 0 at level 0.
+    pub parent: Vec<u32>,
+    /// [N] row of the first of four children in the level below, or [`NONE`].
+    pub first_child: Vec<u32>,
+}
+
+impl Rows {
+    /// Number of rows, N.
+    pub fn len(&self) -> usize {
+        self.tree.len()
+    }
+
+    /// Whether the level has no rows.
+    pub fn is_empty(&self) -> bool {
+        self.tree.is_empty()
+    }
+
+    pub(super) fn roots(trees: usize) -> Self {
+        let mut neighbours = vec![trees as u32; trees * SLOTS];
+        neighbours.iter_mut().skip(CENTRE).step_by(SLOTS).zip(0..).for_each(|(slot, row)| *slot = row);
+        Self {
+            tree: (0..trees as u32).collect(),
+            cell: vec![[0, 0]; trees],
+            neighbours,
+            parent: vec![0; trees],
+            first_child: vec![NONE; trees],
+        }
+    }
+
+    /// Splits the rows whose flag is set; `level` is this level. Sets `first_child` and returns the level below.
+    pub(super) fn split(&mut self, level: usize, split: impl Iterator<Item = bool>) -> Self {
+        let mut below = Self::default();
+        for (row, is_split) in split.enumerate().take(self.len()) {
+            self.first_child[row] = if is_split { below.len() as u32 } else { NONE };
+            if !is_split {
+                continue;
+            }
+            let [x, y] = self.cell[row];
+            below.tree.extend([self.tree[row]; 4]);
+            below.parent.extend([row as u32; 4]);
+            below.cell.extend((0..4).map(|k| [2 * x + (k & 1), 2 * y + (k >> 1)]));
+        }
+        below.first_child = vec![NONE; below.len()];
+        below.neighbours = Vec::with_capacity(below.len() * SLOTS);
+        for row in 0..below.len() {
+            let found = self.neighbours_of_child(level, below.parent[row] as usize, below.cell[row]);
+            below.neighbours.extend(found.map(|child| child.unwrap_or(below.tree.len() as u32)));
+        }
+        below
+    }
+
+    /// The rows, in the level below this `level`, around the child `cell` of row `parent`.
+    fn neighbours_of_child(&self, level: usize, parent: usize, cell: [u32; 2]) -> [Option<u32>; SLOTS] {
+        let size = 2i64 << level;
+        let around = &self.neighbours[parent * SLOTS..][..SLOTS];
+        std::array::from_fn(|slot| {
+            let mut x = i64::from(cell[0]) + slot as i64 / 3 - 1;
+            let mut y = i64::from(cell[1]) + slot as i64 % 3 - 1;
+            // Taken before crossing a pole or wrapping: the parent's own slots cross and wrap in the same way.
+            let up = [(x >> 1) - i64::from(cell[0] >> 1), (y >> 1) - i64::from(cell[1] >> 1)];
+            if x < 0 || x >= size {
+                x = x.clamp(0, size - 1);
+                y += size / 2;
+            }
+            let row = if level == 0 { parent as u32 } else { around[((up[0] + 1) * 3 + up[1] + 1) as usize] };
+            let first = *self.first_child.get(row as usize)?;
+            (first != NONE).then(|| first + (x & 1) as u32 + 2 * (y & 1) as u32)
+        })
+    }
+}
