@@ -11,7 +11,8 @@ use fanal::generate::shard::{VERSION, write_shard};
 use fanal::network::config::Mode;
 use fanal::network::weights::Model;
 
-use crate::evaluate::{Ablation, evaluate};
+use crate::ablation::Ablation;
+use crate::evaluate::evaluate;
 use crate::loss::Loss;
 use crate::synthetic;
 use crate::train::{Settings, train};
@@ -99,7 +100,7 @@ struct TrainArgs {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Trees per step.
-    #[arg(long, default_value_t = 32)]
+    #[arg(long, default_value_t = 16)]
     batch: usize,
     /// Threads; a resumed run keeps the number that it began with.
     #[arg(long)]
