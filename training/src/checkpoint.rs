@@ -33,6 +33,8 @@ pub struct State {
     pub seed: u64,
     /// Pairs per step.
     pub batch: usize,
+    /// Parts that a step is divided into; sums of gradients depend on it in their last bits.
+    pub parts: usize,
     /// Pairs in the data.
     pub samples: usize,
     /// Steps done.

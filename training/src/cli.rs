@@ -11,7 +11,8 @@ use fanal::generate::shard::{VERSION, write_shard};
 use fanal::network::config::Mode;
 use fanal::network::weights::Model;
 
-use crate::evaluate::{Ablation, evaluate};
+use crate::ablation::Ablation;
+use crate::evaluate::evaluate;
 use crate::loss::Loss;
 use crate::synthetic;
 use crate::train::{Settings, train};
@@ -99,8 +100,11 @@ struct TrainArgs {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Trees per step.
-    #[arg(long, default_value_t = 32)]
+    #[arg(long, default_value_t = 16)]
     batch: usize,
+    /// Threads; a resumed run keeps the number that it began with.
+    #[arg(long)]
+    threads: Option<usize>,
     /// Peak learning rate.
     #[arg(long, default_value_t = 2e-3)]
     rate: f64,
@@ -162,6 +166,7 @@ fn run_train(args: TrainArgs) -> Result<()> {
         device: device(args.device),
         seed: args.seed,
         batch: args.batch,
+        parts: args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
         rate: args.rate,
         stop_after: args.stop_after,
         quiet: args.quiet,

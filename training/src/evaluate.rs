@@ -5,15 +5,13 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use fanal::generate::dataset::Dataset;
 use fanal::guiding::distribution::{CommonCell, Distribution, kl_by_level, kl_of_cells, relative_variance};
-use fanal::guiding::features::{PATH_CHANNELS, RAW_CHANNELS};
 use fanal::guiding::targets::{hybrid_distribution, path_distribution, photon_distribution};
-use fanal::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
-use fanal::network::batch::{CENTRE, SLOTS};
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::Model;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::ablation::Ablation;
 use crate::cases::{Case, common, mean_kl, reconstruct, spread, tune_uniform};
 use crate::tuning::tune_gaussian;
 
@@ -25,17 +23,6 @@ const TUNING_TREES: usize = 400;
 /// Training trees in the mean tree, and its deepest level.
 const MEAN_TREES: usize = 1000;
 const MEAN_LEVEL: usize = 5;
-
-/// What to take away from the network, to see that it uses it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Ablation {
-    /// Convolutions see only their own cell.
-    Neighbours,
-    /// No photons in the input.
-    Photons,
-    /// The input of another tree.
-    Shuffle,
-}
 
 /// One method's figures; KL in nats.
 #[derive(Debug, Clone, Serialize)]
@@ -112,19 +99,8 @@ pub fn evaluate(data: &Dataset, model: &Model, ablations: &[Ablation], limit: us
         bench.row("Gaussian", |cases| each(&smooth, cases))?,
         bench.row("network", |cases| reconstruct(model, &backend, cases))?,
     ];
-    for ablation in ablations {
-        let (name, run): (_, Box<dyn Fn(&[Case]) -> Result<Vec<Distribution>>>) = match ablation {
-            Ablation::Neighbours => {
-                ("network, no neighbours", Box::new(|cases| reconstruct(model, &Alone(&backend), cases)))
-            }
-            Ablation::Photons => {
-                ("network, no photons", Box::new(|cases| reconstruct(model, &backend, &without_photons(cases))))
-            }
-            Ablation::Shuffle => {
-                ("network, other tree's input", Box::new(|cases| reconstruct(model, &backend, &shuffled(cases))))
-            }
-        };
-        rows.push(bench.row(name, run)?);
+    for &ablation in ablations {
+        rows.push(bench.row(ablation.name(), |cases| ablation.reconstruct(model, &backend, cases))?);
     }
     let mean_of = |f: &dyn Fn(&Case) -> f64| cases.iter().map(f).sum::<f64>() / cases.len() as f64;
     Ok(Evaluation {
@@ -144,48 +120,6 @@ fn mean_tree(cases: &[Case]) -> Distribution {
 
 fn bucket(case: &Case) -> usize {
     BUCKETS.iter().rposition(|&low| case.path_samples >= low).unwrap_or(0)
-}
-
-fn without_photons(cases: &[Case]) -> Vec<Case> {
-    let mut cases = cases.to_vec();
-    for case in &mut cases {
-        case.sums.chunks_exact_mut(RAW_CHANNELS).for_each(|row| row[PATH_CHANNELS..].fill(0.0));
-        case.photon_samples = 0;
-    }
-    cases
-}
-
-/// Every case with the input of the one half the list away.
-fn shuffled(cases: &[Case]) -> Vec<Case> {
-    let mut inputs = cases.to_vec();
-    inputs.rotate_left(cases.len() / 2);
-    inputs
-}
-
-/// A backend whose convolutions see only their own cell.
-struct Alone<'a>(&'a dyn Backend);
-
-impl Alone<'_> {
-    fn neighbours(neighbours: &[u32], rows: usize) -> Vec<u32> {
-        let own = |(i, &row): (usize, &u32)| if i % SLOTS == CENTRE { row } else { rows as u32 };
-        neighbours.iter().enumerate().map(own).collect()
-    }
-}
-
-impl Backend for Alone<'_> {
-    fn name(&self) -> &'static str {
-        self.0.name()
-    }
-
-    fn encode(&self, level: usize, inputs: &EncodeInputs) -> fanal::base::Result<Vec<f32>> {
-        let neighbours = Self::neighbours(inputs.neighbours, inputs.rows);
-        self.0.encode(level, &EncodeInputs { neighbours: &neighbours, ..*inputs })
-    }
-
-    fn decode(&self, level: usize, inputs: &DecodeInputs) -> fanal::base::Result<DecodeOutput> {
-        let neighbours = Self::neighbours(inputs.neighbours, inputs.rows);
-        self.0.decode(level, &DecodeInputs { neighbours: &neighbours, ..*inputs })
-    }
 }
 
 struct Bench<'a> {
@@ -256,39 +190,4 @@ fn changed_nodes(case: &Case, guide: &Distribution) -> [f64; 2] {
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-impl std::fmt::Display for Evaluation {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        writeln!(
-            f,
-            "{} held-out trees; mean nodes: Q_h {:.0}, Q_gt {:.0}; KL floor of the targets {:.4} nats",
-            self.trees, self.input_nodes, self.target_nodes, self.floor
-        )?;
-        let [sigma, exponent, fine] = self.gaussian;
-        writeln!(f, "Gaussian tuned to sigma {sigma} cells at 64 samples, exponent {exponent:.3}, fine sigma {fine}")?;
-        write!(f, "{:<28}{:>8}{:>8}{:>8}{:>8}{:>8} |", "KL in nats", "uniform", "mean", "median", "-floor", "V med")?;
-        for (low, n) in BUCKETS.iter().zip(self.bucket_trees) {
-            write!(f, "{:>14}", format!("N>={low} ({n})"))?;
-        }
-        writeln!(f, " | {:>7}{:>7}{:>8}{:>9}", "nodes", "added", "removed", "us/tree")?;
-        for row in &self.rows {
-            write!(
-                f,
-                "{:<28}{:>8.3}{:>8.4}{:>8.4}{:>8.4}{:>8.3} |",
-                row.name, row.uniform, row.kl, row.median_kl, row.kl_above_floor, row.median_variance
-            )?;
-            for kl in row.buckets {
-                write!(f, "{:>14}", kl.map_or("-".to_owned(), |kl| format!("{kl:.4}")))?;
-            }
-            let (added, removed) = (row.nodes_added, row.nodes_removed);
-            writeln!(f, " | {:>7.0}{added:>7.0}{removed:>8.0}{:>9.1}", row.nodes, row.microseconds)?;
-        }
-        writeln!(f, "\nKL that each level adds (1, 2, …)")?;
-        for row in &self.rows {
-            let levels: Vec<String> = row.levels.iter().map(|kl| format!("{kl:7.4}")).collect();
-            writeln!(f, "{:<28}{}", row.name, levels.join(" "))?;
-        }
-        Ok(())
-    }
 }

@@ -1,6 +1,5 @@
 //! The course of a training run: `losses.jsonl` and `losses.svg`.
 
-use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, Result};

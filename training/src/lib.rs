@@ -1,5 +1,6 @@
 //! Training of fanal's reconstruction network: the network in burn, its loss, the loop, evaluation and export.
 
+pub mod ablation;
 pub mod augment;
 pub mod backend;
 pub mod batch;
@@ -14,6 +15,8 @@ pub mod loss;
 pub mod model;
 pub mod onnx;
 pub mod optimise;
+pub mod run;
 pub mod synthetic;
+pub mod table;
 pub mod train;
 pub mod tuning;

@@ -21,6 +21,8 @@ pub struct Plan {
     pub batch: usize,
     /// Pairs in the data.
     pub samples: usize,
+    /// Parts of a step that are computed side by side.
+    pub parts: usize,
 }
 
 impl Plan {
@@ -41,7 +43,7 @@ impl Plan {
 }
 
 /// Starts preparing steps from `first` on, without end; the thread stops when the receiver is dropped.
-pub fn start(data: Arc<Vec<TreeSample>>, plan: Plan, first: u64) -> Receiver<Result<HostBatch, String>> {
+pub fn start(data: Arc<Vec<TreeSample>>, plan: Plan, first: u64) -> Receiver<Result<Vec<HostBatch>, String>> {
     let (sender, receiver) = sync_channel(AHEAD);
     std::thread::spawn(move || {
         let mut order = (u64::MAX, vec![]);
@@ -52,7 +54,7 @@ pub fn start(data: Arc<Vec<TreeSample>>, plan: Plan, first: u64) -> Receiver<Res
             }
             let from = part as usize * plan.batch;
             let chosen = &order.1[from..(from + plan.batch).min(order.1.len())];
-            if sender.send(prepare(&data, chosen, plan.seed, epoch)).is_err() {
+            if sender.send(prepare(&data, chosen, &plan, epoch)).is_err() {
                 return;
             }
         }
@@ -60,9 +62,9 @@ pub fn start(data: Arc<Vec<TreeSample>>, plan: Plan, first: u64) -> Receiver<Res
     receiver
 }
 
-fn prepare(data: &[TreeSample], chosen: &[u32], seed: u64, epoch: u64) -> Result<HostBatch, String> {
+fn prepare(data: &[TreeSample], chosen: &[u32], plan: &Plan, epoch: u64) -> Result<Vec<HostBatch>, String> {
     use rayon::prelude::*;
-    let one = |&i: &u32| augment(&data[i as usize], &mut Random::new(seed, 2 + epoch, u64::from(i)));
+    let one = |&i: &u32| augment(&data[i as usize], &mut Random::new(plan.seed, 2 + epoch, u64::from(i)));
     let samples: Vec<TreeSample> = chosen.par_iter().map(one).collect::<Result<_, _>>()?;
-    HostBatch::new(&samples)
+    samples.chunks(samples.len().div_ceil(plan.parts.max(1)).max(1)).map(HostBatch::new).collect()
 }

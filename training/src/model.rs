@@ -70,6 +70,13 @@ impl Net {
         &self.device
     }
 
+    /// The same weights as leaves of a graph of its own, so that two threads can go backward at once.
+    pub fn replica(&self) -> Self {
+        let own = |p: &Parameter| Parameter { weight: p.weight.clone().inner(), bias: p.bias.clone().inner() };
+        let parameters = self.parameters.iter().map(|(name, p)| (name.clone(), own(p).tracked(&self.device))).collect();
+        Self { parameters, ..self.clone() }
+    }
+
     /// Every layer's parameters, by name.
     pub fn parameters(&self) -> &BTreeMap<String, Parameter> {
         &self.parameters

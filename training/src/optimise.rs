@@ -3,9 +3,31 @@
 use std::collections::BTreeMap;
 
 use burn::optim::{AdamW, AdamWConfig, AdamWState, AdaptiveMomentumState, Optimizer};
-use burn::tensor::{Gradients, Tensor};
+use burn::tensor::{Gradients as Graph, Tensor};
 
 use crate::model::{Net, Parameter, to_vec};
+
+/// Gradients of each layer's weight and bias.
+pub type Gradients = BTreeMap<String, (Tensor<2>, Tensor<1>)>;
+
+/// The gradients of `net`'s parameters out of a backward pass, times `scale`.
+pub fn collect(net: &Net, graph: &Graph, scale: f32) -> Gradients {
+    let of = |p: &Parameter| Some((p.weight.grad(graph)?.mul_scalar(scale), p.bias.grad(graph)?.mul_scalar(scale)));
+    net.parameters().iter().filter_map(|(name, p)| Some((name.clone(), of(p)?))).collect()
+}
+
+/// Sums of gradients, in the given order.
+pub fn sum(parts: Vec<Gradients>) -> Gradients {
+    let mut total = Gradients::new();
+    for (name, (weight, bias)) in parts.into_iter().flatten() {
+        let sum = match total.remove(&name) {
+            Some((w, b)) => (w + weight, b + bias),
+            None => (weight, bias),
+        };
+        total.insert(name, sum);
+    }
+    total
+}
 
 /// Largest norm of the gradient over all parameters together.
 const MAX_NORM: f32 = 1.0;
@@ -38,20 +60,15 @@ impl Default for Optimiser {
 impl Optimiser {
     /// Applies the gradients to `net` at learning rate `rate`; returns their norm before limiting. If it is not finite,
     /// nothing changes.
-    pub fn step(&mut self, net: &mut Net, gradients: &Gradients, rate: f64) -> f32 {
-        let found: Vec<_> = net
-            .parameters()
-            .iter()
-            .filter_map(|(name, p)| Some((name.clone(), p.weight.grad(gradients)?, p.bias.grad(gradients)?)))
-            .collect();
+    pub fn step(&mut self, net: &mut Net, gradients: Gradients, rate: f64) -> f32 {
         let square = |values: Vec<f32>| values.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>();
-        let norm = found.iter().map(|(_, w, b)| square(to_vec(w.clone())) + square(to_vec(b.clone()))).sum::<f64>();
+        let norm = gradients.values().map(|(w, b)| square(to_vec(w.clone())) + square(to_vec(b.clone()))).sum::<f64>();
         let norm = norm.sqrt() as f32;
         if !norm.is_finite() {
             return norm;
         }
         let scale = (MAX_NORM / norm.max(1e-12)).min(1.0);
-        for (name, weight_gradient, bias_gradient) in found {
+        for (name, (weight_gradient, bias_gradient)) in gradients {
             let moments = self.moments.get(&name);
             let time = moments.map_or(0, |m| m.time);
             let state = moments.map(|m| AdamWState::new(momentum(time, &m.weight)));

@@ -1,30 +1,20 @@
 //! The training loop.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use burn::tensor::Device;
-use fanal::base::random::Random;
 use fanal::generate::dataset::{Dataset, read_dataset};
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::features::FEATURES;
-use fanal::network::config::{Config, VERSION};
-use fanal::network::embedded::Embedded;
-use fanal::network::weights::Model;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::batch::HostBatch;
-use crate::cases::{Case, common, mean_kl, reconstruct, spread, tune_uniform};
-use crate::checkpoint::{self, CHECKPOINT_FILE, State};
-use crate::forward::{decode, encode};
-use crate::journal::{Entry, Journal};
+use crate::cases::spread;
 use crate::loader::{self, Plan};
-use crate::loss::{Loss, losses};
-use crate::model::{Net, initial_weights, to_vec};
-use crate::optimise::{Optimiser, beta, rate};
+use crate::loss::Loss;
+use crate::run::Run;
 
 /// What to train, on what, for how long.
 #[derive(Debug, Clone)]
@@ -53,6 +43,8 @@ pub struct Settings {
     pub seed: u64,
     /// Pairs per step.
     pub batch: usize,
+    /// Parts of a step that are computed side by side; a resumed run keeps its own.
+    pub parts: usize,
     /// Peak learning rate.
     pub rate: f64,
     /// Interrupt after this step, as Ctrl-C would.
@@ -63,13 +55,6 @@ pub struct Settings {
 
 /// Trees that validation looks at.
 const VALIDATION_TREES: usize = 384;
-/// Steps between lines of the log.
-const LOG_EVERY: u64 = 10;
-/// Time between checkpoints, and between validations.
-const CHECKPOINT_EVERY: Duration = Duration::from_secs(60);
-/// Least time between validations relative to what one takes.
-const VALIDATION_SHARE: u32 = 20;
-
 /// What a run ends with.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
@@ -93,13 +78,13 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     let (training, validation) = divide(data)?;
     std::fs::create_dir_all(&settings.output).with_context(|| settings.output.display().to_string())?;
     let mut run = Run::start(settings, mode, training.len(), spread(&validation, VALIDATION_TREES)?)?;
-    let plan = Plan { seed: settings.seed, batch: settings.batch, samples: training.len() };
+    let plan = Plan { seed: settings.seed, batch: settings.batch, samples: training.len(), parts: run.state.parts };
     let batches = loader::start(Arc::new(training), plan, run.state.step);
     let bar = progress_bar(settings.quiet);
     let mut trees = 0;
     while run.progress(&plan) < 1.0 {
         let batch = batches.recv().context("the thread that prepares data has stopped")?.map_err(|e| anyhow!(e))?;
-        trees += batch.trees();
+        trees += batch.iter().map(HostBatch::trees).sum::<usize>();
         run.step(&batch, &plan)?;
         bar.set_position((1000.0 * run.progress(&plan)) as u64);
         bar.set_message(run.message());
@@ -142,203 +127,4 @@ fn progress_bar(quiet: bool) -> ProgressBar {
     }
     let style = ProgressStyle::with_template("{wide_bar} {percent} %, {eta} left, {msg}");
     ProgressBar::new(1000).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
-}
-
-/// Sums since the last line of the log.
-#[derive(Default)]
-struct Sums {
-    steps: u64,
-    trees: usize,
-    seconds: f64,
-    value: f64,
-    class: f64,
-    norm: f64,
-}
-
-struct Run<'a> {
-    settings: &'a Settings,
-    state: State,
-    net: Net,
-    optimiser: Optimiser,
-    journal: Journal,
-    sums: Sums,
-    validation: Vec<Case>,
-    seconds_before: f64,
-    saved: Instant,
-    validated: Instant,
-    validation_time: Duration,
-}
-
-impl<'a> Run<'a> {
-    fn start(
-        settings: &'a Settings,
-        mode: fanal::network::config::Mode,
-        samples: usize,
-        validation: Vec<Case>,
-    ) -> Result<Self> {
-        let device = settings.device.clone().autodiff();
-        let fresh = State {
-            config: config(settings, mode),
-            loss: settings.loss,
-            seed: settings.seed,
-            batch: settings.batch,
-            samples,
-            step: 0,
-            seconds: 0.0,
-            best: None,
-        };
-        fresh.config.validate(&settings.output)?;
-        let (state, net, optimiser) = if settings.resume {
-            let path = settings.output.join(CHECKPOINT_FILE);
-            let (state, net, optimiser) = checkpoint::load(&path, &device)?;
-            let progress = State { step: state.step, seconds: state.seconds, best: state.best, ..fresh };
-            ensure!(progress == state, "{}: the checkpoint was made with other settings or data", path.display());
-            (state, net, optimiser)
-        } else {
-            let weights = initial_weights(&fresh.config, settings.seed);
-            let net = Net::new(&fresh.config, &weights, &device)?;
-            (fresh, net, Optimiser::default())
-        };
-        let journal = if settings.resume { Journal::read(&settings.output, state.step) } else { Journal::default() };
-        let seconds_before = state.seconds;
-        let (saved, validated) = (Instant::now(), Instant::now());
-        let (sums, validation_time) = (Sums::default(), Duration::ZERO);
-        Ok(Self {
-            settings,
-            state,
-            net,
-            optimiser,
-            journal,
-            sums,
-            validation,
-            seconds_before,
-            saved,
-            validated,
-            validation_time,
-        })
-    }
-
-    /// The share of the budget that is spent: the larger of epochs and time.
-    fn progress(&self, plan: &Plan) -> f64 {
-        let epochs = self.settings.epochs.map(|e| self.state.step as f64 / (e * plan.steps_per_epoch()).max(1) as f64);
-        let time = self.settings.minutes.map(|m| self.state.seconds / (60.0 * m));
-        epochs.unwrap_or(0.0).max(time.unwrap_or(0.0))
-    }
-
-    fn step(&mut self, batch: &HostBatch, plan: &Plan) -> Result<()> {
-        let start = Instant::now();
-        let progress = self.progress(plan);
-        let (rate, beta) = (rate(self.settings.rate, progress, self.state.step), beta(progress));
-        let mut random = Random::new(self.settings.seed, 0, self.state.step);
-        let encoded = encode(&self.net, &self.state.config, batch);
-        let decoded = decode(&self.net, &self.state.config, batch, &encoded, &mut random);
-        let losses = losses(self.settings.loss, &decoded, beta);
-        let gradients = losses.total.backward();
-        let norm = self.optimiser.step(&mut self.net, &gradients, rate);
-        self.state.step += 1;
-        let seconds = start.elapsed().as_secs_f64();
-        self.state.seconds += seconds;
-        if norm.is_finite() {
-            self.sums.steps += 1;
-            self.sums.value += f64::from(to_vec(losses.value.inner())[0]);
-            self.sums.class += f64::from(to_vec(losses.class.inner())[0]);
-            self.sums.norm += f64::from(norm);
-        }
-        self.sums.trees += batch.trees();
-        self.sums.seconds += seconds;
-        if self.state.step % LOG_EVERY == 0 || progress >= 1.0 {
-            self.log(plan, rate, beta);
-        }
-        if self.saved.elapsed() > CHECKPOINT_EVERY {
-            if self.validated.elapsed() > VALIDATION_SHARE * self.validation_time {
-                self.validate()?;
-            }
-            self.save()?;
-        }
-        Ok(())
-    }
-
-    fn log(&mut self, plan: &Plan, rate: f64, beta: f64) {
-        let n = self.sums.steps.max(1) as f64;
-        self.journal.entries.push(Entry {
-            step: self.state.step,
-            epoch: self.state.step as f64 / plan.steps_per_epoch() as f64,
-            seconds: self.state.seconds,
-            value: self.sums.value / n,
-            class: self.sums.class / n,
-            beta,
-            rate,
-            norm: self.sums.norm / n,
-            trees_per_second: self.sums.trees as f64 / self.sums.seconds.max(1e-9),
-            validation_kl: None,
-        });
-        self.sums = Sums::default();
-    }
-
-    fn message(&self) -> String {
-        let last = self.journal.entries.last();
-        let loss = last.map_or(String::new(), |e| format!("loss {:.3}, {:.0} trees/s", e.value, e.trees_per_second));
-        self.state.best.map_or(loss.clone(), |best| format!("{loss}, best KL {best:.4}"))
-    }
-
-    fn model(&self) -> Model {
-        Model { config: self.state.config.clone(), weights: self.net.weights() }
-    }
-
-    /// Measures the network on the validation trees; the best weights go into the model folder.
-    fn validate(&mut self) -> Result<()> {
-        let start = Instant::now();
-        let mut model = self.model();
-        let cells = common(&self.validation, &reconstruct(&model, &Embedded::new(&model)?, &self.validation)?);
-        let uniform = tune_uniform(&cells);
-        let kl = mean_kl(&cells, uniform);
-        if let Some(last) = self.journal.entries.last_mut() {
-            last.validation_kl = Some(kl);
-        }
-        if kl.is_finite() && self.state.best.is_none_or(|best| kl < best) {
-            self.state.best = Some(kl);
-            model.config.uniform = uniform as f32;
-            model.save(&self.settings.output)?;
-        }
-        (self.validated, self.validation_time) = (Instant::now(), start.elapsed());
-        Ok(())
-    }
-
-    fn save(&mut self) -> Result<()> {
-        let path = self.settings.output.join(CHECKPOINT_FILE);
-        checkpoint::save(&path, &self.state, &self.net, &self.optimiser)?;
-        self.journal.write(&self.settings.output)?;
-        self.saved = Instant::now();
-        Ok(())
-    }
-
-    /// After the last step: the uniform part of the best weights, tuned once more on all validation trees.
-    fn settle(&self) -> Result<()> {
-        let mut model = Model::load(&self.settings.output)?;
-        let guides = reconstruct(&model, &Embedded::new(&model)?, &self.validation)?;
-        model.config.uniform = tune_uniform(&common(&self.validation, &guides)) as f32;
-        model.save(&self.settings.output)?;
-        Ok(())
-    }
-}
-
-fn config(settings: &Settings, mode: fanal::network::config::Mode) -> Config {
-    let name = settings.output.file_name().and_then(|n| n.to_str()).unwrap_or("model").to_owned();
-    Config {
-        version: VERSION,
-        name,
-        width: settings.width,
-        convolutions: settings.convolutions,
-        features: FEATURES,
-        per_level: settings.per_level,
-        leaf_threshold: 0.5,
-        min_split_share: 1e-3,
-        uniform: 0.1,
-        mode,
-    }
-}
-
-/// Whether a model folder holds a checkpoint to go on from.
-pub fn has_checkpoint(folder: &Path) -> bool {
-    folder.join(CHECKPOINT_FILE).is_file()
 }

@@ -7,9 +7,9 @@ use rayon::prelude::*;
 
 use crate::cases::{Case, common, mean_kl, tune_uniform};
 
-const SIGMAS: [f64; 8] = [0.5, 0.8, 1.2, 1.7, 2.4, 3.4, 4.8, 6.8];
-const EXPONENTS: [f64; 5] = [0.0, 1.0 / 12.0, 1.0 / 6.0, 0.25, 0.35];
-const FINE_SIGMAS: [f64; 5] = [0.0, 0.5, 0.8, 1.2, 1.8];
+const SIGMAS: [f64; 9] = [0.5, 0.8, 1.2, 1.7, 2.4, 3.4, 4.8, 6.8, 9.6];
+const EXPONENTS: [f64; 7] = [0.0, 1.0 / 12.0, 1.0 / 6.0, 0.25, 0.35, 0.45, 0.6];
+const FINE_SIGMAS: [f64; 6] = [0.0, 0.5, 0.8, 1.2, 1.8, 2.7];
 
 /// The parameters with the lowest mean KL on `cases`, each at its own best uniform part; one coordinate after the other,
 /// twice.

@@ -17,7 +17,7 @@ use fanal_training::cases::{Case, common, mean_kl, reconstruct, tune_uniform};
 use fanal_training::forward::{decode, encode};
 use fanal_training::loss::{Loss, losses};
 use fanal_training::model::{Net, initial_weights, to_vec};
-use fanal_training::optimise::Optimiser;
+use fanal_training::optimise::{Optimiser, collect};
 use fanal_training::synthetic::{self, tree_samples};
 use fanal_training::train::{self, train};
 use fanal_training::tuning::tune_gaussian;
@@ -58,7 +58,8 @@ fn steps(net: &mut Net, batch: &HostBatch, count: usize, rate: f64, beta: f64) -
             let encoded = encode(net, &config, batch);
             let decoded = decode(net, &config, batch, &encoded, &mut Random::new(1, 0, step as u64));
             let losses = losses(Loss::Kl, &decoded, beta);
-            let norm = optimiser.step(net, &losses.total.backward(), rate);
+            let gradients = collect(net, &losses.total.backward(), 1.0);
+            let norm = optimiser.step(net, gradients, rate);
             assert!(norm.is_finite());
             to_vec(losses.value.inner())[0]
         })
@@ -187,6 +188,7 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
         device: Device::flex(),
         seed: 9,
         batch: 8,
+        parts: 2,
         rate: 2e-3,
         stop_after: None,
         quiet: true,

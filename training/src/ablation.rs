@@ -1,0 +1,86 @@
+//! The network with something taken away, to see that it uses it.
+
+use anyhow::Result;
+use fanal::guiding::distribution::Distribution;
+use fanal::guiding::features::{PATH_CHANNELS, RAW_CHANNELS};
+use fanal::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
+use fanal::network::batch::{CENTRE, SLOTS};
+use fanal::network::weights::Model;
+
+use crate::cases::{Case, reconstruct};
+
+/// What to take away.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Ablation {
+    /// Convolutions see only their own cell.
+    Neighbours,
+    /// No photons in the input.
+    Photons,
+    /// The input of another tree.
+    Shuffle,
+}
+
+impl Ablation {
+    /// What the row is called.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Neighbours => "network, no neighbours",
+            Self::Photons => "network, no photons",
+            Self::Shuffle => "network, other tree's input",
+        }
+    }
+
+    /// What the network makes of the cases without it.
+    ///
+    /// # Errors
+    /// Those of [`reconstruct`].
+    pub fn reconstruct(self, model: &Model, backend: &dyn Backend, cases: &[Case]) -> Result<Vec<Distribution>> {
+        match self {
+            Self::Neighbours => reconstruct(model, &Alone(backend), cases),
+            Self::Photons => reconstruct(model, backend, &without_photons(cases)),
+            Self::Shuffle => reconstruct(model, backend, &shuffled(cases)),
+        }
+    }
+}
+
+fn without_photons(cases: &[Case]) -> Vec<Case> {
+    let mut cases = cases.to_vec();
+    for case in &mut cases {
+        case.sums.chunks_exact_mut(RAW_CHANNELS).for_each(|row| row[PATH_CHANNELS..].fill(0.0));
+        case.photon_samples = 0;
+    }
+    cases
+}
+
+/// Every case with the input of the one half the list away.
+fn shuffled(cases: &[Case]) -> Vec<Case> {
+    let mut inputs = cases.to_vec();
+    inputs.rotate_left(cases.len() / 2);
+    inputs
+}
+
+/// A backend whose convolutions see only their own cell.
+struct Alone<'a>(&'a dyn Backend);
+
+impl Alone<'_> {
+    fn neighbours(neighbours: &[u32], rows: usize) -> Vec<u32> {
+        let own = |(i, &row): (usize, &u32)| if i % SLOTS == CENTRE { row } else { rows as u32 };
+        neighbours.iter().enumerate().map(own).collect()
+    }
+}
+
+impl Backend for Alone<'_> {
+    fn name(&self) -> &'static str {
+        self.0.name()
+    }
+
+    fn encode(&self, level: usize, inputs: &EncodeInputs) -> fanal::base::Result<Vec<f32>> {
+        let neighbours = Self::neighbours(inputs.neighbours, inputs.rows);
+        self.0.encode(level, &EncodeInputs { neighbours: &neighbours, ..*inputs })
+    }
+
+    fn decode(&self, level: usize, inputs: &DecodeInputs) -> fanal::base::Result<DecodeOutput> {
+        let neighbours = Self::neighbours(inputs.neighbours, inputs.rows);
+        self.0.decode(level, &DecodeInputs { neighbours: &neighbours, ..*inputs })
+    }
+}

@@ -1,0 +1,262 @@
+//! The state of one training run and what a step does to it.
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, anyhow, ensure};
+use burn::tensor::Tensor;
+use fanal::base::random::Random;
+use fanal::guiding::features::FEATURES;
+use fanal::network::config::{Config, Mode, VERSION};
+use fanal::network::embedded::Embedded;
+use fanal::network::weights::Model;
+
+use crate::batch::HostBatch;
+use crate::cases::{Case, common, mean_kl, reconstruct, tune_uniform};
+use crate::checkpoint::{self, CHECKPOINT_FILE, State};
+use crate::forward::{decode, encode};
+use crate::journal::{Entry, Journal};
+use crate::loader::Plan;
+use crate::loss::losses;
+use crate::model::{Net, initial_weights, to_vec};
+use crate::optimise::{Gradients, Optimiser, beta, collect, rate, sum};
+use crate::train::Settings;
+
+/// Steps between lines of the log.
+const LOG_EVERY: u64 = 10;
+/// Time between checkpoints, and between validations.
+const CHECKPOINT_EVERY: Duration = Duration::from_secs(60);
+/// Least time between validations relative to what one takes.
+const VALIDATION_SHARE: u32 = 20;
+
+/// Sums since the last line of the log.
+#[derive(Default)]
+struct Sums {
+    steps: u64,
+    trees: usize,
+    seconds: f64,
+    value: f64,
+    class: f64,
+    norm: f64,
+}
+
+/// A training run: the network, its optimiser, its log, and how far it is.
+pub struct Run<'a> {
+    settings: &'a Settings,
+    /// Configuration and progress.
+    pub state: State,
+    net: Net,
+    optimiser: Optimiser,
+    journal: Journal,
+    sums: Sums,
+    validation: Vec<Case>,
+    /// Seconds of training in earlier parts of the run.
+    pub seconds_before: f64,
+    saved: Instant,
+    validated: Instant,
+    validation_time: Duration,
+}
+
+impl<'a> Run<'a> {
+    /// A fresh run, or the one whose checkpoint lies in the model folder.
+    ///
+    /// # Errors
+    /// When the settings are not valid, or the checkpoint cannot be read or was made with other settings.
+    pub fn start(settings: &'a Settings, mode: Mode, samples: usize, validation: Vec<Case>) -> Result<Self> {
+        let device = settings.device.clone().autodiff();
+        let fresh = State {
+            config: config(settings, mode),
+            loss: settings.loss,
+            seed: settings.seed,
+            batch: settings.batch,
+            parts: settings.parts.max(1),
+            samples,
+            step: 0,
+            seconds: 0.0,
+            best: None,
+        };
+        fresh.config.validate(&settings.output)?;
+        let (state, net, optimiser) = if settings.resume {
+            let path = settings.output.join(CHECKPOINT_FILE);
+            let (state, net, optimiser) = checkpoint::load(&path, &device)?;
+            let progress =
+                State { step: state.step, seconds: state.seconds, best: state.best, parts: state.parts, ..fresh };
+            ensure!(progress == state, "{}: the checkpoint was made with other settings or data", path.display());
+            (state, net, optimiser)
+        } else {
+            let weights = initial_weights(&fresh.config, settings.seed);
+            let net = Net::new(&fresh.config, &weights, &device)?;
+            (fresh, net, Optimiser::default())
+        };
+        let journal = if settings.resume { Journal::read(&settings.output, state.step) } else { Journal::default() };
+        let seconds_before = state.seconds;
+        let (saved, validated) = (Instant::now(), Instant::now());
+        let (sums, validation_time) = (Sums::default(), Duration::ZERO);
+        Ok(Self {
+            settings,
+            state,
+            net,
+            optimiser,
+            journal,
+            sums,
+            validation,
+            seconds_before,
+            saved,
+            validated,
+            validation_time,
+        })
+    }
+
+    /// The share of the budget that is spent: the larger of epochs and time.
+    pub fn progress(&self, plan: &Plan) -> f64 {
+        let epochs = self.settings.epochs.map(|e| self.state.step as f64 / (e * plan.steps_per_epoch()).max(1) as f64);
+        let time = self.settings.minutes.map(|m| self.state.seconds / (60.0 * m));
+        epochs.unwrap_or(0.0).max(time.unwrap_or(0.0))
+    }
+
+    /// One step on the parts of a batch; now and then validates and saves.
+    ///
+    /// # Errors
+    /// When a thread panics or a file cannot be written.
+    pub fn step(&mut self, batch: &[HostBatch], plan: &Plan) -> Result<()> {
+        let start = Instant::now();
+        let progress = self.progress(plan);
+        let (rate, beta) = (rate(self.settings.rate, progress, self.state.step), beta(progress));
+        let trees: usize = batch.iter().map(HostBatch::trees).sum();
+        let (parts, value, class) = self.backward(batch, beta, trees)?;
+        let norm = self.optimiser.step(&mut self.net, sum(parts), rate);
+        self.state.step += 1;
+        let seconds = start.elapsed().as_secs_f64();
+        self.state.seconds += seconds;
+        if norm.is_finite() {
+            self.sums.steps += 1;
+            self.sums.value += value;
+            self.sums.class += class;
+            self.sums.norm += f64::from(norm);
+        }
+        self.sums.trees += trees;
+        self.sums.seconds += seconds;
+        if self.state.step.is_multiple_of(LOG_EVERY) || progress >= 1.0 {
+            self.log(plan, rate, beta);
+        }
+        if self.saved.elapsed() > CHECKPOINT_EVERY {
+            if self.validated.elapsed() > VALIDATION_SHARE * self.validation_time {
+                self.validate()?;
+            }
+            self.save()?;
+        }
+        Ok(())
+    }
+
+    /// Forward and backward, one thread for each part: gradients, and the value and class parts of the loss.
+    fn backward(&self, batch: &[HostBatch], beta: f64, trees: usize) -> Result<(Vec<Gradients>, f64, f64)> {
+        let one = &|(i, part): (usize, &HostBatch)| {
+            let net = self.net.replica();
+            let mut random = Random::new(self.settings.seed, 0, self.state.step * self.state.parts as u64 + i as u64);
+            let encoded = encode(&net, &self.state.config, part);
+            let decoded = decode(&net, &self.state.config, part, &encoded, &mut random);
+            let losses = losses(self.settings.loss, &decoded, beta);
+            let share = part.trees() as f32 / trees as f32;
+            let gradients = collect(&net, &losses.total.backward(), share);
+            let scalar = |loss: Tensor<1>| f64::from(share * to_vec(loss.inner()).first().copied().unwrap_or(f32::NAN));
+            (gradients, scalar(losses.value), scalar(losses.class))
+        };
+        let found: Vec<_> = std::thread::scope(|scope| {
+            let threads: Vec<_> = batch.iter().enumerate().map(|part| scope.spawn(move || one(part))).collect();
+            threads.into_iter().map(|t| t.join().map_err(|_| anyhow!("a training thread panicked"))).collect()
+        });
+        let found = found.into_iter().collect::<Result<Vec<_>>>()?;
+        let (value, class) = found.iter().fold((0.0, 0.0), |sum, part| (sum.0 + part.1, sum.1 + part.2));
+        Ok((found.into_iter().map(|part| part.0).collect(), value, class))
+    }
+
+    fn log(&mut self, plan: &Plan, rate: f64, beta: f64) {
+        let n = self.sums.steps.max(1) as f64;
+        self.journal.entries.push(Entry {
+            step: self.state.step,
+            epoch: self.state.step as f64 / plan.steps_per_epoch() as f64,
+            seconds: self.state.seconds,
+            value: self.sums.value / n,
+            class: self.sums.class / n,
+            beta,
+            rate,
+            norm: self.sums.norm / n,
+            trees_per_second: self.sums.trees as f64 / self.sums.seconds.max(1e-9),
+            validation_kl: None,
+        });
+        self.sums = Sums::default();
+    }
+
+    /// Loss, speed and best validation KL, for a progress bar.
+    pub fn message(&self) -> String {
+        let last = self.journal.entries.last();
+        let loss = last.map_or(String::new(), |e| format!("loss {:.3}, {:.0} trees/s", e.value, e.trees_per_second));
+        self.state.best.map_or(loss.clone(), |best| format!("{loss}, best KL {best:.4}"))
+    }
+
+    fn model(&self) -> Model {
+        Model { config: self.state.config.clone(), weights: self.net.weights() }
+    }
+
+    /// Measures the network on the validation trees; the best weights go into the model folder.
+    ///
+    /// # Errors
+    /// When the model cannot be run or written.
+    pub fn validate(&mut self) -> Result<()> {
+        let start = Instant::now();
+        let mut model = self.model();
+        let cells = common(&self.validation, &reconstruct(&model, &Embedded::new(&model)?, &self.validation)?);
+        let uniform = tune_uniform(&cells);
+        let kl = mean_kl(&cells, uniform);
+        if let Some(last) = self.journal.entries.last_mut() {
+            last.validation_kl = Some(kl);
+        }
+        if kl.is_finite() && self.state.best.is_none_or(|best| kl < best) {
+            self.state.best = Some(kl);
+            model.config.uniform = uniform as f32;
+            model.save(&self.settings.output)?;
+        }
+        (self.validated, self.validation_time) = (Instant::now(), start.elapsed());
+        Ok(())
+    }
+
+    /// Writes checkpoint, log and plot.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn save(&mut self) -> Result<()> {
+        let path = self.settings.output.join(CHECKPOINT_FILE);
+        checkpoint::save(&path, &self.state, &self.net, &self.optimiser)?;
+        self.journal.write(&self.settings.output)?;
+        self.saved = Instant::now();
+        Ok(())
+    }
+
+    /// After the last step: the uniform part of the best weights, tuned once more on all validation trees.
+    ///
+    /// # Errors
+    /// When the model cannot be read, run or written.
+    pub fn settle(&self) -> Result<()> {
+        let mut model = Model::load(&self.settings.output)?;
+        let guides = reconstruct(&model, &Embedded::new(&model)?, &self.validation)?;
+        model.config.uniform = tune_uniform(&common(&self.validation, &guides)) as f32;
+        model.save(&self.settings.output)?;
+        Ok(())
+    }
+}
+
+fn config(settings: &Settings, mode: Mode) -> Config {
+    let name = settings.output.file_name().and_then(|n| n.to_str()).unwrap_or("model").to_owned();
+    Config {
+        version: VERSION,
+        name,
+        width: settings.width,
+        convolutions: settings.convolutions,
+        features: FEATURES,
+        per_level: settings.per_level,
+        leaf_threshold: 0.5,
+        // Half of what the trees were split by: finer nodes cost time and, measured, gain nothing.
+        min_split_share: 0.5 * mode.split_share,
+        uniform: 0.1,
+        mode,
+    }
+}
