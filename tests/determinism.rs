@@ -40,9 +40,10 @@ fn check(guide: GuideMode, reconstructor: &dyn Reconstructor) {
         assert!(one == bits(&scene, guide, 1, reconstructor, threads), "{guide:?}: {threads} threads");
     }
     let other = bits(&scene, guide, 2, reconstructor, 2);
-    let equal = one.iter().zip(&other).filter(|(a, b)| a == b).count();
-    // Black pixels may be equal; most are not black.
-    assert!(equal < one.len() / 2, "{guide:?}: {equal} pixels are equal under another seed");
+    let lit = one.iter().zip(&other).filter(|(a, b)| **a != [0; 3] || **b != [0; 3]);
+    let (equal, all) = lit.fold((0, 0), |(equal, all), (a, b)| (equal + usize::from(a == b), all + 1));
+    // Many pixels of this dark room are black by chance; of the others hardly one has the same bits twice.
+    assert!(all > 50 && equal * 10 < all, "{guide:?}: {equal} of {all} pixels are equal under another seed");
 }
 
 #[test]
