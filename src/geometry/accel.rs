@@ -13,11 +13,11 @@ use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::builder::build_cwbvh;
 use obvhs::{BvhBuildParams, ray as obvhs_ray};
 
+use super::Ray;
 use super::mesh::Mesh;
 use super::shape::{Geometry, Shape};
 use super::sphere::Sphere;
 use super::triangle::Shear;
-use super::Ray;
 
 /// The nearest intersection of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -104,10 +104,10 @@ impl Accel {
         let mut found = None;
         let mut nearest = obvhs_ray::RayHit::none();
         self.bvh.ray_traverse(query(ray, f32::INFINITY), &mut nearest, |inner, id| {
-            let hit = self.hit(&self.primitives[id], ray, &shear, inner.tmax);
+            let hit = self.hit(&self.primitives[id], ray, &shear, inner.tmax / UNIT);
             hit.map_or(f32::INFINITY, |hit| {
                 found = Some(hit);
-                hit.distance
+                hit.distance * UNIT
             })
         });
         found
@@ -120,7 +120,7 @@ impl Accel {
         }
         let shear = Shear::new(ray.origin, ray.direction);
         !self.bvh.ray_traverse_miss(query(ray, t_max), |_, id| {
-            self.hit(&self.primitives[id], ray, &shear, t_max).map_or(f32::INFINITY, |hit| hit.distance)
+            self.hit(&self.primitives[id], ray, &shear, t_max).map_or(f32::INFINITY, |hit| hit.distance * UNIT)
         })
     }
 
@@ -164,17 +164,23 @@ impl MeshAccel {
         let mut nearest = obvhs_ray::RayHit::none();
         self.bvh.ray_traverse(query(ray, t_max), &mut nearest, |inner, id| {
             let (vertices, index) = &self.triangles[id];
-            shear.intersect(vertices, inner.tmax).map_or(f32::INFINITY, |(distance, barycentric)| {
+            shear.intersect(vertices, inner.tmax / UNIT).map_or(f32::INFINITY, |(distance, barycentric)| {
                 found = Some(Hit { distance, shape, triangle: *index, barycentric });
-                distance
+                distance * UNIT
             })
         });
         found
     }
 }
 
+/// Traversal skips boxes that end nearer than 1e-4, whatever the scene's size. Its distances are therefore in a unit of 2⁻⁴⁰:
+/// that limit becomes 1e-16, and a power of two rounds nothing.
+const UNIT: f32 = (1u64 << 40) as f32;
+
 fn query(ray: &Ray, t_max: f32) -> obvhs_ray::Ray {
-    obvhs_ray::Ray::new(ray.origin.into(), ray.direction.into(), 0.0, t_max)
+    let mut query = obvhs_ray::Ray::new(ray.origin.into(), ray.direction.into(), 0.0, t_max * UNIT);
+    query.inv_direction *= UNIT;
+    query
 }
 
 fn build(boxes: &[Aabb]) -> CwBvh {

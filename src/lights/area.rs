@@ -5,6 +5,7 @@ use std::f32::consts::PI;
 use glam::Vec3;
 
 use super::{Emission, LightSample};
+use crate::geometry::sphere::Sphere;
 use crate::geometry::{Geometry, Ray, Shape, Surface};
 use crate::math::Frame;
 use crate::math::error_bound::{gamma, offset_origin};
@@ -34,7 +35,9 @@ impl AreaLight {
     /// Density with which [`AreaLight::sample`] from `point` chooses the direction of `surface`, w.r.t. solid angle.
     pub fn pdf(&self, point: Vec3, surface: &Surface) -> f32 {
         match &self.shape.geometry {
-            Geometry::Sphere(sphere) => sphere.direction_pdf(point),
+            // Zero where `sample` refuses: a point of the sphere itself may lie on its dark side by rounding.
+            Geometry::Sphere(sphere) if self.faces(sphere, point) => sphere.direction_pdf(point),
+            Geometry::Sphere(_) => 0.0,
             Geometry::Mesh { .. } => {
                 let to = surface.point - point;
                 let squared = to.length_squared();
@@ -49,12 +52,10 @@ impl AreaLight {
         match &self.shape.geometry {
             Geometry::Sphere(sphere) => {
                 let (wi, pdf) = sphere.sample_direction(point, u);
-                let inside = (point - sphere.center).length_squared() < sphere.radius * sphere.radius;
                 // A direction on the rim may miss by rounding: then the nearest point of the line to the centre serves.
                 let distance =
                     sphere.intersect(point, wi, f32::INFINITY).unwrap_or_else(|| (sphere.center - point).dot(wi));
-                let front = inside == self.shape.flip_normals;
-                (front && distance > 0.0).then_some(LightSample {
+                (self.faces(sphere, point) && distance > 0.0).then_some(LightSample {
                     wi,
                     distance,
                     radiance: self.radiance,
@@ -76,6 +77,12 @@ impl AreaLight {
                 Some(LightSample { wi, distance, radiance: self.radiance, pdf, delta: false })
             }
         }
+    }
+
+    /// Whether the emitting side of a sphere is towards `point`.
+    fn faces(&self, sphere: &Sphere, point: Vec3) -> bool {
+        let inside = (point - sphere.center).length_squared() < sphere.radius * sphere.radius;
+        inside == self.shape.flip_normals
     }
 
     /// Uniform point, front normal and error bound.

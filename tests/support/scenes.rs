@@ -1,0 +1,66 @@
+//! Small scenes and renders for tests of light transport.
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use fanal::base::progress::Silent;
+use fanal::generate::build::Builder;
+use fanal::materials::image::Image;
+use fanal::reconstruct::Counted;
+use fanal::render::{GuideMode, RenderSettings, SampleKinds, StopRule, render};
+use fanal::scene::Scene;
+use fanal::scene::file::{MaterialFile, SceneFile, TextureFile};
+use fanal::scene::readers::{load, resolve};
+use glam::Vec3;
+
+/// A mode that directions are sampled in.
+pub type Guide = (GuideMode, SampleKinds);
+
+/// Unguided, and guided by what paths, photons or both have found.
+pub const GUIDES: [Guide; 4] = [
+    (GuideMode::None, SampleKinds::Both),
+    (GuideMode::Hybrid, SampleKinds::Both),
+    (GuideMode::Hybrid, SampleKinds::Photon),
+    (GuideMode::Hybrid, SampleKinds::Path),
+];
+
+pub fn settings((guide, samples): Guide, spp: u32, seed: u64) -> RenderSettings {
+    RenderSettings { samples, seed, ..RenderSettings::new(guide, StopRule::Spp(spp)) }
+}
+
+pub fn picture(scene: &Scene, settings: &RenderSettings) -> Image {
+    let outcome = render(scene, settings, &Counted::default(), &Silent, &AtomicBool::new(false));
+    outcome.expect("the settings are sound").image
+}
+
+/// Mean over pixels and channels.
+pub fn mean(image: &Image) -> f64 {
+    image.pixels.iter().map(|p| f64::from(p.element_sum()) / 3.0).sum::<f64>() / image.pixels.len() as f64
+}
+
+/// A diffuse material that is black at the back.
+pub fn one_sided(albedo: f32) -> MaterialFile {
+    MaterialFile::Diffuse { reflectance: TextureFile::rgb([albedo; 3]) }
+}
+
+/// Builds a scene that was made up here.
+pub fn built(file: SceneFile) -> Scene {
+    let size = [file.film.width, file.film.height];
+    let loaded = resolve(file, Path::new(""), Path::new("test")).expect("the scene is sound");
+    Scene::build(&loaded, size).expect("names resolve")
+}
+
+/// A scene of `scenes/`.
+pub fn committed(name: &str, size: [u32; 2]) -> Scene {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
+    Scene::build(&load(&folder).expect("a committed scene loads"), size).expect("a committed scene builds")
+}
+
+/// A floor of albedo 1/2 in y = 0, of half width `half`, seen from above in a small part around the origin.
+pub fn floor(size: [u32; 2], half: f32) -> Builder {
+    let mut b = Builder::new("floor", size);
+    let grey = b.add_material("grey", one_sided(0.5));
+    b.add_quad("floor", Vec3::ZERO, [Vec3::Z * half, Vec3::X * half], &grey, None);
+    b.look_at(Vec3::new(0.6, 0.8, 0.0), Vec3::ZERO, Vec3::Z, 0.5);
+    b
+}
