@@ -9,9 +9,9 @@ use std::sync::atomic::AtomicBool;
 use super::dataset::{DatasetIndex, ShardEntry};
 use super::recipe::{Job, Recipe};
 use super::shard::{TreeSample, write_shard};
+use crate::base::progress::Silent;
 use crate::base::random::Random;
 use crate::base::{Progress, Result};
-use crate::base::progress::Silent;
 use crate::film::Pass;
 use crate::guiding::cache::VoxelId;
 use crate::guiding::distribution::{Distribution, kl};
@@ -36,7 +36,8 @@ const FLOOR_UNIFORM: f64 = 0.02;
 /// # Errors
 /// Whatever building a scene, rendering it or writing says.
 pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &AtomicBool) -> Result<()> {
-    let mut index = if folder.join("index.jsonl").exists() { DatasetIndex::read(folder)? } else { DatasetIndex::default() };
+    let mut index =
+        if folder.join("index.jsonl").exists() { DatasetIndex::read(folder)? } else { DatasetIndex::default() };
     let jobs = recipe.jobs();
     progress.start(jobs.len() as u64, "scenes");
     for (number, job) in (0u32..).zip(&jobs) {

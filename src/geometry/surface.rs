@@ -2,9 +2,9 @@
 
 use glam::{Vec2, Vec3};
 
+use super::Ray;
 use super::accel::Hit;
 use super::shape::{Geometry, Shape};
-use super::Ray;
 use crate::math::Frame;
 use crate::math::error_bound::{gamma, offset_origin};
 

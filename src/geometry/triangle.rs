@@ -22,11 +22,7 @@ impl Shear {
             std::mem::swap(&mut kx, &mut ky);
         }
         let inverse = 1.0 / direction[kz];
-        Self {
-            origin,
-            axes: [kx, ky, kz],
-            shear: Vec3::new(direction[kx] * inverse, direction[ky] * inverse, inverse),
-        }
+        Self { origin, axes: [kx, ky, kz], shear: Vec3::new(direction[kx] * inverse, direction[ky] * inverse, inverse) }
     }
 
     /// Distance and barycentric coordinates (b₁, b₂) of the hit in (0, `t_max`), from either side.

@@ -94,9 +94,9 @@ impl Learner {
             return;
         }
         let resolution = self.settings.resolution;
-        let cache = self.cache.get_or_insert_with(|| {
-            SpatialCache::fit(&paths.iter().map(|r| r.point).collect::<Vec<_>>(), resolution)
-        });
+        let cache = self
+            .cache
+            .get_or_insert_with(|| SpatialCache::fit(&paths.iter().map(|r| r.point).collect::<Vec<_>>(), resolution));
         let path_voxels = voxels_of(cache, paths);
         self.voxels.resize_with(cache.len(), Voxel::default);
         let photon_voxels: Vec<VoxelId> =
@@ -204,10 +204,10 @@ impl Learner {
     /// The field to sample from: while `learning` half of the samples come from the BSDF, afterwards each voxel's own share.
     pub fn field(&self, learning: bool) -> GuideField {
         let Some(cache) = &self.cache else { return GuideField::empty() };
-        let voxels = self.voxels.iter().map(|v| VoxelGuide {
-            tree: v.guide.clone(),
-            bsdf_fraction: if learning { 0.5 } else { v.bsdf_fraction },
-        });
+        let voxels = self
+            .voxels
+            .iter()
+            .map(|v| VoxelGuide { tree: v.guide.clone(), bsdf_fraction: if learning { 0.5 } else { v.bsdf_fraction } });
         GuideField::new(cache.clone(), voxels.collect())
     }
 }

@@ -145,7 +145,8 @@ impl Quadtree {
         if path <= 0.0 && photon <= 0.0 {
             return Self::new(self.topology.clone());
         }
-        let relative = |[a, b]: [f64; 2]| [if path > 0.0 { a / path } else { 0.0 }, if photon > 0.0 { b / photon } else { 0.0 }];
+        let relative =
+            |[a, b]: [f64; 2]| [if path > 0.0 { a / path } else { 0.0 }, if photon > 0.0 { b / photon } else { 0.0 }];
         let mut queue = vec![(Some(0usize), relative(weights[0]), 0usize)];
         let mut flags = Vec::new();
         let mut next = 0;

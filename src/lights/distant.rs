@@ -33,13 +33,7 @@ pub struct Directional {
 impl Directional {
     /// The only direction.
     pub fn sample(&self) -> LightSample {
-        LightSample {
-            wi: -self.direction,
-            distance: f32::INFINITY,
-            radiance: self.irradiance,
-            pdf: 1.0,
-            delta: true,
-        }
+        LightSample { wi: -self.direction, distance: f32::INFINITY, radiance: self.irradiance, pdf: 1.0, delta: true }
     }
 
     /// A photon through the scene.

@@ -31,7 +31,8 @@ impl Envmap {
         let (width, height) = (image.width, image.height);
         let rows = (height - 1).max(1);
         let texel = |x: usize, y: usize| image.pixels[y.min(height - 1) * width + x % width];
-        let corners = |x: usize, y: usize| (texel(x, y) + texel(x + 1, y) + texel(x, y + 1) + texel(x + 1, y + 1)) / 4.0;
+        let corners =
+            |x: usize, y: usize| (texel(x, y) + texel(x + 1, y) + texel(x, y + 1) + texel(x + 1, y + 1)) / 4.0;
         // ∫ sin θ over a row of cells; the mean of the corners is zero only where the whole cell is black.
         let row_area = |y: usize| {
             let angle = |row: usize| std::f64::consts::PI * row as f64 / rows as f64;

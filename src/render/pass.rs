@@ -155,7 +155,11 @@ impl PassTracer<'_> {
     }
 
     /// Runs `work` for every index of the range, in parallel blocks that come back in order.
-    fn blocks(&self, range: std::ops::Range<u64>, work: impl Fn(u64, &mut PathScratch, &mut Block) + Sync) -> Vec<Block> {
+    fn blocks(
+        &self,
+        range: std::ops::Range<u64>,
+        work: impl Fn(u64, &mut PathScratch, &mut Block) + Sync,
+    ) -> Vec<Block> {
         let count = (range.end - range.start).div_ceil(BLOCK);
         (0..count)
             .into_par_iter()

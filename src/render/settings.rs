@@ -117,7 +117,9 @@ impl RenderSettings {
             StopRule::Time(seconds) => seconds > 0.0 && seconds.is_finite(),
         };
         if !usable {
-            return Err(Error::Options("the budget is zero: give at least 1 sample per pixel or a positive time".into()));
+            return Err(Error::Options(
+                "the budget is zero: give at least 1 sample per pixel or a positive time".into(),
+            ));
         }
         if self.transport.max_depth == 0 {
             return Err(Error::Options("max_depth must be at least 1 (emission only)".into()));

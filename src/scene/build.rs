@@ -32,8 +32,7 @@ impl Scene {
     pub fn build(loaded: &LoadedScene, size: [u32; 2]) -> Result<Self> {
         let file = &loaded.file;
         let names: BTreeMap<&str, u32> = file.materials.keys().map(String::as_str).zip(0..).collect();
-        let materials =
-            file.materials.values().map(|m| material(m, loaded)).collect::<Result<Vec<Material>>>()?;
+        let materials = file.materials.values().map(|m| material(m, loaded)).collect::<Result<Vec<Material>>>()?;
         let mut shapes = Vec::with_capacity(file.shapes.len());
         let mut shape_material = Vec::with_capacity(file.shapes.len());
         let mut shape_light = Vec::with_capacity(file.shapes.len());

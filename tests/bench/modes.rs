@@ -72,7 +72,15 @@ fn main() {
     let mut errors = vec![Vec::new(); options.modes.len()];
     for seed in 0..options.seeds {
         for (mode, errors) in options.modes.iter().zip(&mut errors) {
-            errors.push(run(&options, &scene, &reference, *mode, neural.as_ref(), 1000 + seed, loaded.file.render.max_depth));
+            errors.push(run(
+                &options,
+                &scene,
+                &reference,
+                *mode,
+                neural.as_ref(),
+                1000 + seed,
+                loaded.file.render.max_depth,
+            ));
         }
     }
     summary(&options.modes, &errors);

@@ -1,0 +1,83 @@
+//! From scenes to a picture with a model of one's own, through the public commands and interfaces only.
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use fanal::base::progress::Silent;
+use fanal::generate::collect::generate;
+use fanal::generate::dataset::check;
+use fanal::generate::recipe::Recipe;
+use fanal::generate::{Family, scene};
+use fanal::materials::image::Image;
+use fanal::reconstruct::Neural;
+use fanal::render::{GuideMode, RenderSettings, StopRule, render};
+use fanal::scene::{Scene, readers};
+
+/// A path below the repository's root.
+fn root(path: &str) -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path)
+}
+
+fn training(arguments: &[&str]) {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_fanal-training")).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+fn picture(neural: &Neural) -> Image {
+    let file = scene(Family::Rooms, 3, [24, 24]);
+    let loaded = readers::resolve(file, Path::new("."), Path::new("room")).unwrap();
+    let scene = Scene::build(&loaded, [24, 24]).unwrap();
+    let settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(16));
+    neural.check_mode(&settings.mode()).unwrap();
+    render(&scene, &settings, neural, &Silent, &AtomicBool::new(false)).unwrap().image
+}
+
+#[test]
+fn data_of_a_recipe_is_sound_and_made_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut recipe = Recipe::read(&root("datasets/test.toml")).unwrap();
+    recipe.family.iter_mut().for_each(|f| f.scenes = 1);
+    generate(&recipe, folder.path(), &Silent, &AtomicBool::new(false)).unwrap();
+    let made = check(folder.path()).unwrap();
+    assert_eq!((made.shards, made.families), (3, 3));
+    // Interrupted and started again, nothing is made twice.
+    generate(&recipe, folder.path(), &Silent, &AtomicBool::new(false)).unwrap();
+    assert_eq!(check(folder.path()).unwrap(), made);
+}
+
+#[test]
+fn trains_on_the_committed_shard_with_ndarray_and_renders() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("model");
+    let (data, model_arg) = (root("datasets/test"), model.to_str().unwrap());
+    let data = data.to_str().unwrap();
+    training(&[
+        "train",
+        "--data",
+        data,
+        "-o",
+        model_arg,
+        "--epochs",
+        "2",
+        "--device",
+        "ndarray",
+        "--width",
+        "8",
+        "--convolutions",
+        "1",
+        "--quiet",
+    ]);
+    training(&["eval", "--data", data, "--model", model_arg]);
+    training(&["export", "--model", model_arg]);
+    let embedded = picture(&Neural::embedded(&model).unwrap());
+    assert!(embedded.pixels.iter().all(|p| p.is_finite()));
+    assert!(embedded.pixels.iter().any(|p| p.length() > 0.0));
+    if std::env::var_os("ORT_DYLIB_PATH").is_none() {
+        println!("skipped: the onnxruntime part needs ORT_DYLIB_PATH; tests/run sets it");
+        return;
+    }
+    let onnx = picture(&Neural::onnx(&model).unwrap());
+    // Distributions differ by rounding, so a few samples fall elsewhere; the means must not.
+    let mean = |image: &Image| image.pixels.iter().map(|p| f64::from(p.element_sum())).sum::<f64>();
+    assert!((mean(&onnx) / mean(&embedded) - 1.0).abs() < 0.05);
+}
