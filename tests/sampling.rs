@@ -100,8 +100,8 @@ fn cases() -> Vec<(Material, Vec3)> {
     cases
 }
 
-/// Catches a sampler that returns another density than `pdf`, or a weight that is not f·cos θ over it. Single precision
-/// loses three digits where a narrow lobe is looked up again from the rounded direction, so 1e-3 for α = 0.05.
+/// Catches a sampler that returns another density than `pdf`, or a weight that is not f·cos θ over it. 1e-4 is some hundred
+/// roundings.
 #[test]
 fn samples_agree_with_density_and_value() {
     let mut random = Random::new(6, 0, 0);

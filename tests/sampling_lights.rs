@@ -39,7 +39,7 @@ fn sphere_lights_follow_their_density() {
     for (distance, radius, inside) in [(1.1, 1.0, false), (50.0, 0.5, false), (0.4, 1.0, true)] {
         let center = Vec3::new(0.3, -0.2, 0.9).normalize() * distance;
         let shape = Shape::sphere(center, radius, inside);
-        let (light, accel) = (AreaLight::new(shape.clone(), Vec3::ONE), Accel::new(&[shape.clone()]));
+        let (light, accel) = (AreaLight::new(shape.clone(), Vec3::ONE), Accel::new(std::slice::from_ref(&shape)));
         let chart = Chart::around(center.normalize(), if distance > 10.0 { 4.0 } else { 1.0 });
         let mass = chart.check(
             &format!("sphere at {distance}"),
@@ -68,7 +68,7 @@ fn triangles() -> Shape {
 #[test]
 fn mesh_lights_are_uniform_over_their_area() {
     let shape = triangles();
-    let (light, accel) = (AreaLight::new(shape.clone(), Vec3::ONE), Accel::new(&[shape.clone()]));
+    let (light, accel) = (AreaLight::new(shape.clone(), Vec3::ONE), Accel::new(std::slice::from_ref(&shape)));
     let areas: [f64; 3] = std::array::from_fn(|i| {
         let [a, b, c] = shape.triangle(i as u32);
         f64::from((b - a).cross(c - a).length()) / 2.0
@@ -101,7 +101,7 @@ fn mesh_lights_are_uniform_over_their_area() {
 #[test]
 fn mesh_lights_follow_their_density() {
     let shape = triangles();
-    let (light, accel) = (AreaLight::new(shape.clone(), Vec3::ONE), Accel::new(&[shape.clone()]));
+    let (light, accel) = (AreaLight::new(shape.clone(), Vec3::ONE), Accel::new(std::slice::from_ref(&shape)));
     let mass = Chart::around(Vec3::new(1.0, 0.5, 2.0).normalize(), 2.0).check(
         "mesh light by direction",
         [32, 32],
