@@ -116,7 +116,6 @@ fn scale_does_not_matter() {
 /// A scene of unit size at 1e6 units would be below the resolution of single precision (1/16 there), so it is made 1000 times
 /// larger first.
 #[test]
-#[ignore = "known fault: 5 % of the light is lost 500 scene sizes from the origin"]
 fn place_does_not_matter() {
     moved(1e3, 1e6);
 }

@@ -163,9 +163,7 @@ impl PathTracer<'_> {
         if value == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let ray = surface.leave(light.wi);
-        // The far end is known to within rounding; stopping just short of it misses only the light itself.
-        let t_max = light.distance * (1.0 - 64.0 * gamma(4)) - 4.0 * gamma(4) * surface.point.abs().max_element();
+        let (ray, t_max) = shadow_ray(surface, light.wi, light.distance);
         count.rays += 1;
         if t_max > 0.0 && self.scene.accel.occluded(&ray, t_max) {
             return Vec3::ZERO;
@@ -173,6 +171,21 @@ impl PathTracer<'_> {
         let weight = if light.delta { 1.0 } else { mis::balance(light.pdf, pdf) };
         value * light.radiance * (weight / light.pdf)
     }
+}
+
+/// The ray from `surface` to the light point at `distance` in direction `wi`, and where it stops. It is aimed from its offset
+/// origin, since at grazing angles the offset would otherwise carry it past the light, and ends short of the light by the
+/// rounding of both ends.
+fn shadow_ray(surface: &Surface, wi: Vec3, distance: f32) -> (Ray, f32) {
+    let ray = surface.leave(wi);
+    if distance.is_infinite() {
+        return (ray, distance);
+    }
+    let target = surface.point + wi * distance;
+    let to = target - ray.origin;
+    let length = to.length();
+    let rounding = gamma(16) * (surface.point.abs() + target.abs()).max_element();
+    (Ray { origin: ray.origin, direction: to / length }, length * (1.0 - gamma(256)) - rounding)
 }
 
 /// Radiance that arrives along a segment.
