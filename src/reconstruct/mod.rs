@@ -93,8 +93,8 @@ impl Neural {
     /// # Errors
     /// [`Error::Model`] where the model is of another version than the program.
     pub fn built_in() -> Result<Self> {
-        let config = b"{}";
-        let weights = b"";
+        let config = include_bytes!("../../models/default/config.json");
+        let weights = include_bytes!("../../models/default/weights.safetensors");
         Self::with_embedded(Model::from_bytes(config, weights)?)
     }
 

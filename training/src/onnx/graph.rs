@@ -27,8 +27,8 @@ const NEIGHBOURS: &str = "neighbours";
 /// # Errors
 /// [`fanal::base::Error::Model`] for a layer that is missing or misshapen.
 pub fn write_model(program: &Program, weights: &Weights, metadata: &[(String, String)], name: &str) -> Result<Vec<u8>> {
-    let mut graph = Graph::default();
-    graph.values = (0..program.ops.len()).map(|v| value_name(program, v)).collect();
+    let values = (0..program.ops.len()).map(|v| value_name(program, v)).collect();
+    let mut graph = Graph { values, ..Graph::default() };
     for layer in &program.layers {
         let w = weights.layer(layer)?;
         graph.floats(&format!("{}.weight", layer.name), &[layer.rows, layer.columns], &w.weight);
