@@ -106,7 +106,7 @@ struct TrainArgs {
     #[arg(long)]
     threads: Option<usize>,
     /// Peak learning rate.
-    #[arg(long, default_value_t = 2e-3)]
+    #[arg(long, default_value_t = 4e-3)]
     rate: f64,
     /// Interrupt after this step, as Ctrl-C would.
     #[arg(long, hide = true)]
