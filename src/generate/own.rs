@@ -105,11 +105,12 @@ fn door_ajar() -> Builder {
     for side in [Side::East, Side::North, Side::South] {
         far.add_wall(&mut b, side, &[], &plaster);
     }
-    let turn = Quat::from_rotation_y(-10f32.to_radians());
-    let hinge = Vec3::new(3.03, 1.025, 1.4);
-    b.add_box("door", hinge + turn * Vec3::Z * 0.45, Vec3::new(0.02, 1.02, 0.45), turn, &wood);
+    // Hinged at the jamb next to the camera, so that the light falls on what the camera sees.
+    let turn = Quat::from_rotation_y(15f32.to_radians());
+    let hinge = Vec3::new(3.03, 1.025, 2.3);
+    b.add_box("door", hinge - turn * Vec3::Z * 0.45, Vec3::new(0.02, 1.02, 0.45), turn, &wood);
     let lamp = b.add_material("lamp", diffuse([0.2; 3]));
-    b.add_quad("lamp", Vec3::new(4.4, 1.3, 2.6), [Vec3::Y * 0.4, Vec3::Z * 0.4], &lamp, Some([1000.0, 880.0, 700.0]));
+    b.add_quad("lamp", Vec3::new(4.4, 1.3, 2.6), [Vec3::Y * 0.4, Vec3::Z * 0.4], &lamp, Some([5000.0, 4400.0, 3500.0]));
     set_table(&mut b, &wood);
     b.look_at(Vec3::new(0.4, 1.6, 3.7), Vec3::new(2.5, 0.8, 1.6), Vec3::Y, 58.0);
     b
