@@ -1,10 +1,12 @@
 //! The network with something taken away, to see that it uses it.
 
 use anyhow::Result;
+use fanal::base::random::Random;
 use fanal::guiding::distribution::Distribution;
 use fanal::guiding::features::{PATH_CHANNELS, RAW_CHANNELS};
 use fanal::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use fanal::network::batch::{CENTRE, SLOTS};
+use fanal::network::embedded::Embedded;
 use fanal::network::weights::Model;
 
 use crate::cases::{Case, reconstruct};
@@ -18,6 +20,8 @@ pub enum Ablation {
     Photons,
     /// The input of another tree.
     Shuffle,
+    /// The weights of the decoder's first convolution in another order.
+    Layer,
 }
 
 impl Ablation {
@@ -27,6 +31,7 @@ impl Ablation {
             Self::Neighbours => "network, no neighbours",
             Self::Photons => "network, no photons",
             Self::Shuffle => "network, other tree's input",
+            Self::Layer => "network, one layer shuffled",
         }
     }
 
@@ -39,8 +44,26 @@ impl Ablation {
             Self::Neighbours => reconstruct(model, &Alone(backend), cases),
             Self::Photons => reconstruct(model, backend, &without_photons(cases)),
             Self::Shuffle => reconstruct(model, backend, &shuffled(cases)),
+            Self::Layer => {
+                let model = with_shuffled_layer(model);
+                reconstruct(&model, &Embedded::new(&model)?, cases)
+            }
         }
     }
+}
+
+/// A Fisher-Yates shuffle of one layer's weights, with a fixed seed: their distribution stays, what they learned goes.
+fn with_shuffled_layer(model: &Model) -> Model {
+    let mut model = model.clone();
+    let mut random = Random::new(1, 0, 0);
+    for (_, layer) in
+        model.weights.layers.iter_mut().filter(|(name, _)| name.starts_with("decode") && name.ends_with("conv0"))
+    {
+        for i in (1..layer.weight.len()).rev() {
+            layer.weight.swap(i, random.below(i as u32 + 1) as usize);
+        }
+    }
+    model
 }
 
 fn without_photons(cases: &[Case]) -> Vec<Case> {
