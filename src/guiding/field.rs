@@ -1,7 +1,5 @@
 //! The guiding field: what a pass samples from, frozen while the pass runs.
 
-use std::f32::consts::PI;
-
 use glam::Vec3;
 
 use super::cache::SpatialCache;
@@ -56,6 +54,3 @@ impl GuideField {
         self.voxels.iter().filter_map(|v| v.tree.as_ref()).map(SamplingTree::len).sum()
     }
 }
-
-/// Density of the uniform sphere, w.r.t. solid angle.
-pub const UNIFORM_PDF: f32 = 1.0 / (4.0 * PI);

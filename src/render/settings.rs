@@ -14,8 +14,6 @@ pub enum GuideMode {
     Hybrid,
     /// Trees reconstructed by the network.
     Neural,
-    /// Converged trees made beforehand: what any reconstruction could reach at most.
-    Oracle,
 }
 
 impl GuideMode {
@@ -25,7 +23,6 @@ impl GuideMode {
             Self::None => "none",
             Self::Hybrid => "hybrid",
             Self::Neural => "neural",
-            Self::Oracle => "oracle",
         }
     }
 }
