@@ -165,11 +165,11 @@ fn mixture_follows_its_density() {
     let kinds = [Kind::Diffuse(Diffuse { reflectance }), Kind::RoughConductor(RoughConductor { metal, facets })];
     for (i, kind) in kinds.into_iter().enumerate() {
         let mut cache = SpatialCache::new(Vec3::ZERO, 1.0);
-        cache.find_or_insert(surface.point);
+        let out = surface.frame.to_world(Vec3::new(0.6, 0.0, 0.8));
+        cache.find_or_insert(surface.point, surface.normal_towards(out));
         let tree = Some(SamplingTree::new(&random_tree(11, 5, 0.7), 0.1, usize::MAX));
         let field = GuideField::new(cache, vec![VoxelGuide { tree, bsdf_fraction: 0.3 }]);
         let material = Material { two_sided: i == 0, kind };
-        let out = surface.frame.to_world(Vec3::new(0.6, 0.0, 0.8));
         let mixture = Mixture::new(&surface, &material, out, Some(&field));
         let density = |wi| {
             let (value, pdf) = mixture.eval(wi);
@@ -183,6 +183,9 @@ fn mixture_follows_its_density() {
             let difference = (sample.weight * pdf - value).abs().max_element();
             assert!(difference <= 1e-3 * value.max_element() + 1e-6, "{value}");
             assert!((0.0..=1.0).contains(&sample.bsdf_share));
+            // What roulette goes by: a diffuse surface reflects all, wherever the guide wants to go.
+            let reflected = sample.bsdf_weight.max_element();
+            assert!(i == 1 || (reflected - 1.0).abs() < 1e-3, "{reflected}");
             Some(sample.direction)
         });
     }

@@ -138,7 +138,7 @@ fn deposited_flux(scene: &Scene) -> f64 {
     for i in 0..n {
         tracer.trace(&mut Random::new(5, 0, i), n, &mut records, &mut count);
     }
-    let front = records.iter().filter(|r| r.direction.dot(r.normal) > 0.0 && r.point.y < 0.1);
+    let front = records.iter().filter(|r| r.normal.y > 0.0 && r.point.y < 0.1);
     front.map(|r| f64::from(r.power)).sum()
 }
 

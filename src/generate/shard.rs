@@ -28,8 +28,8 @@ use crate::base::{Error, Place, Result};
 use crate::guiding::features::RAW_CHANNELS;
 use crate::guiding::topology::Topology;
 
-/// The only version of shards so far.
-pub const VERSION: u32 = 1;
+/// The version of shards that this program reads. 2: voxels are divided by facing, normals have the side of the path.
+pub const VERSION: u32 = 2;
 
 /// Largest accepted shard in bytes.
 pub const SHARD_LIMIT: u64 = 1 << 30;

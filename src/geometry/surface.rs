@@ -65,6 +65,11 @@ impl Surface {
         }
     }
 
+    /// The shading normal on the side that the unit direction `out` points to.
+    pub fn normal_towards(&self, out: Vec3) -> Vec3 {
+        if self.frame.n.dot(out) < 0.0 { -self.frame.n } else { self.frame.n }
+    }
+
     /// The ray that leaves this point along the unit vector `direction` without hitting the surface again.
     pub fn leave(&self, direction: Vec3) -> Ray {
         Ray { origin: offset_origin(self.point, self.error, self.normal, direction), direction }

@@ -1,4 +1,8 @@
 //! The spatial cache: a hash grid of cubic cells, each refined by a kd-tree (Zhu 2021 §7).
+//!
+//! A cell is divided by facing as well: surfaces that look along different axes, or away from each other like the two sides of
+//! a wall, receive different light and have voxels of their own. Without this the brighter side of a thin wall decides where
+//! the darker one looks for light.
 
 use glam::Vec3;
 use hashbrown::HashMap;
@@ -10,6 +14,17 @@ pub type VoxelId = u32;
 enum Node {
     Leaf(VoxelId),
     Split { axis: u8, position: f32, low: u32 },
+}
+
+/// Which of the six axis directions a normal is nearest to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Facing(u8);
+
+impl Facing {
+    fn of(normal: Vec3) -> Self {
+        let axis = normal.abs().max_position();
+        Self(2 * axis as u8 + u8::from(normal[axis] < 0.0))
+    }
 }
 
 /// A voxel's box.
@@ -40,7 +55,7 @@ impl Bounds {
 pub struct SpatialCache {
     origin: Vec3,
     cell: f32,
-    cells: HashMap<[i32; 3], u32>,
+    cells: HashMap<([i32; 3], Facing), u32>,
     nodes: Vec<Node>,
     bounds: Vec<Bounds>,
 }
@@ -92,9 +107,9 @@ impl SpatialCache {
         ((point - self.origin) / self.cell).floor().to_array().map(|x| x as i32)
     }
 
-    /// The voxel that holds `point`.
-    pub fn find(&self, point: Vec3) -> Option<VoxelId> {
-        let mut node = *self.cells.get(&self.key(point))?;
+    /// The voxel that holds `point` of a surface with this normal, on the side that the normal points to.
+    pub fn find(&self, point: Vec3, normal: Vec3) -> Option<VoxelId> {
+        let mut node = *self.cells.get(&(self.key(point), Facing::of(normal)))?;
         loop {
             match self.nodes[node as usize] {
                 Node::Leaf(voxel) => return Some(voxel),
@@ -103,16 +118,16 @@ impl SpatialCache {
         }
     }
 
-    /// The voxel that holds `point`, made if there is none.
-    pub fn find_or_insert(&mut self, point: Vec3) -> VoxelId {
-        if let Some(voxel) = self.find(point) {
+    /// The voxel that [`SpatialCache::find`] would find, made if there is none.
+    pub fn find_or_insert(&mut self, point: Vec3, normal: Vec3) -> VoxelId {
+        if let Some(voxel) = self.find(point, normal) {
             return voxel;
         }
         let key = self.key(point);
         let voxel = self.bounds.len() as VoxelId;
         let low = self.origin + Vec3::from_array(key.map(|k| k as f32)) * self.cell;
         self.bounds.push(Bounds { low, high: low + Vec3::splat(self.cell), depth: 0 });
-        self.cells.insert(key, self.nodes.len() as u32);
+        self.cells.insert((key, Facing::of(normal)), self.nodes.len() as u32);
         self.nodes.push(Node::Leaf(voxel));
         voxel
     }
@@ -152,7 +167,7 @@ impl SpatialCache {
     pub fn bytes(&self) -> usize {
         self.nodes.len() * size_of::<Node>()
             + self.bounds.len() * size_of::<Bounds>()
-            + self.cells.capacity() * (size_of::<([i32; 3], u32)>() + 1)
+            + self.cells.capacity() * (size_of::<([i32; 3], Facing, u32)>() + 1)
     }
 }
 
@@ -161,32 +176,45 @@ mod tests {
     use super::*;
     use crate::base::random::Random;
 
+    const UP: Vec3 = Vec3::Y;
+
+    #[test]
+    fn two_sides_of_a_wall_are_apart() {
+        let mut cache = SpatialCache::new(Vec3::ZERO, 1.0);
+        let voxels = [1.0, -1.0]
+            .map(|x| Vec3::new(x, 0.2, 0.0).normalize())
+            .map(|side| cache.find_or_insert(Vec3::splat(0.5), side));
+        assert_ne!(voxels[0], voxels[1]);
+        assert_eq!(cache.bounds(voxels[0]), cache.bounds(voxels[1]));
+        assert_eq!(cache.find(Vec3::splat(0.5), UP), None);
+    }
+
     #[test]
     fn voxels_partition_space_and_survive_splitting() {
         let mut random = Random::new(1, 0, 0);
         let mut cache = SpatialCache::new(Vec3::splat(-0.3), 0.25);
         let points: Vec<Vec3> =
             (0..2000).map(|_| Vec3::new(random.next_f32(), random.next_f32(), random.next_f32())).collect();
-        points.iter().for_each(|&p| _ = cache.find_or_insert(p));
+        points.iter().for_each(|&p| _ = cache.find_or_insert(p, UP));
         for round in 0..4 {
             let pairs = cache.split(|v| v % 2 == round % 2);
             assert!(!pairs.is_empty());
             for &p in &points {
-                let b = cache.bounds(cache.find(p).unwrap());
+                let b = cache.bounds(cache.find(p, UP).unwrap());
                 assert!(p.cmpge(b.low - 1e-6).all() && p.cmple(b.high + 1e-6).all(), "{p} in {b:?}");
             }
         }
-        assert_eq!(cache.find(Vec3::splat(50.0)), None);
+        assert_eq!(cache.find(Vec3::splat(50.0), UP), None);
     }
 
     #[test]
     fn extreme_points_have_a_voxel() {
         let mut cache = SpatialCache::fit(&[Vec3::splat(1e6), Vec3::splat(1e6 + 1.0)], 20.0);
         for p in [Vec3::INFINITY, Vec3::NEG_INFINITY, Vec3::splat(1e30), Vec3::splat(1e6)] {
-            let voxel = cache.find_or_insert(p);
-            assert_eq!(cache.find(p), Some(voxel));
+            let voxel = cache.find_or_insert(p, UP);
+            assert_eq!(cache.find(p, UP), Some(voxel));
         }
-        assert!(SpatialCache::fit(&[], 20.0).find(Vec3::ZERO).is_none());
-        assert!(SpatialCache::fit(&[Vec3::ONE; 5], 20.0).find(Vec3::ONE).is_none());
+        assert!(SpatialCache::fit(&[], 20.0).find(Vec3::ZERO, UP).is_none());
+        assert!(SpatialCache::fit(&[Vec3::ONE; 5], 20.0).find(Vec3::ONE, UP).is_none());
     }
 }

@@ -3,7 +3,8 @@
 //! Raw sums per leaf, [`RAW_CHANNELS`] in this order (Zhu 2021 eq. 11): [`PATH_CHANNELS`] of path samples
 //! `V, ωx, ωy, ωz, px, py, pz, d, nx, ny, nz, n'x, n'y, n'z, count, bsdf`, then [`PHOTON_CHANNELS`] of photons, the same
 //! without `bsdf`. V is the deposited value, ω the direction, p the voxel-local position in [0, 1]³, d the log-scaled distance
-//! relative to the voxel size, n the normal at the vertex, n' the normal at the next vertex; count is 1 per sample.
+//! relative to the voxel size, n the normal at the vertex, n' the normal at the next vertex, each on the side that light takes
+//! to or from it; count is 1 per sample.
 //!
 //! The network's input, [`FEATURES`] per node:
 //!

@@ -32,9 +32,9 @@ impl GuideField {
         Self::new(SpatialCache::new(Vec3::ZERO, 1.0), Vec::new())
     }
 
-    /// The guide at a point, if there is anything to guide by.
-    pub fn at(&self, point: Vec3) -> Option<(&SamplingTree, f32)> {
-        let guide = self.voxels.get(self.cache.find(point)? as usize)?;
+    /// The guide at a point of a surface, on the side that `normal` points to, if there is anything to guide by.
+    pub fn at(&self, point: Vec3, normal: Vec3) -> Option<(&SamplingTree, f32)> {
+        let guide = self.voxels.get(self.cache.find(point, normal)? as usize)?;
         guide.tree.as_ref().map(|tree| (tree, guide.bsdf_fraction))
     }
 

@@ -100,7 +100,7 @@ impl Learner {
         let path_voxels = voxels_of(cache, paths);
         self.voxels.resize_with(cache.len(), Voxel::default);
         let photon_voxels: Vec<VoxelId> =
-            photons.par_iter().map(|r| cache.find(r.point).unwrap_or(VoxelId::MAX)).collect();
+            photons.par_iter().map(|r| cache.find(r.point, r.normal).unwrap_or(VoxelId::MAX)).collect();
         let paths_by_voxel = Groups::new(&path_voxels, self.voxels.len());
         let photons_by_voxel = Groups::new(&photon_voxels, self.voxels.len());
         let cache = &*cache;
@@ -214,8 +214,9 @@ impl Learner {
 
 /// Voxels of the records' points; missing ones are made in the order of the records.
 fn voxels_of(cache: &mut SpatialCache, records: &[PathRecord]) -> Vec<VoxelId> {
-    let known: Vec<Option<VoxelId>> = records.par_iter().map(|r| cache.find(r.point)).collect();
-    let find = |(voxel, r): (Option<VoxelId>, &PathRecord)| voxel.unwrap_or_else(|| cache.find_or_insert(r.point));
+    let known: Vec<Option<VoxelId>> = records.par_iter().map(|r| cache.find(r.point, r.normal)).collect();
+    let find =
+        |(voxel, r): (Option<VoxelId>, &PathRecord)| voxel.unwrap_or_else(|| cache.find_or_insert(r.point, r.normal));
     known.into_iter().zip(records).map(find).collect()
 }
 

@@ -19,9 +19,9 @@ pub struct PathRecord {
     pub bsdf: f32,
     /// Distance to the next vertex; infinite for the background.
     pub distance: f32,
-    /// Shading normal at the vertex.
+    /// Shading normal at the vertex, on the side that the path arrived at.
     pub normal: Vec3,
-    /// Shading normal at the next vertex; zero for the background.
+    /// Shading normal at the next vertex, on the side of this one; zero for the background.
     pub next_normal: Vec3,
 }
 
@@ -43,8 +43,8 @@ pub struct PhotonRecord {
     pub power: f32,
     /// Distance to the previous vertex; infinite from a light at infinity.
     pub distance: f32,
-    /// Shading normal at the point.
+    /// Shading normal at the point, on the side that the photon arrived at.
     pub normal: Vec3,
-    /// Normal at the previous vertex.
+    /// Normal at the previous vertex, on the side that the photon left on.
     pub previous_normal: Vec3,
 }

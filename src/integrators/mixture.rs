@@ -24,6 +24,8 @@ pub struct MixtureSample {
     pub direction: Vec3,
     /// f·|cos θ| / p.
     pub weight: Vec3,
+    /// f·|cos θ| / p_bsdf: what the surface reflects, whoever proposed the direction.
+    pub bsdf_weight: Vec3,
     /// f·|cos θ|; zero for a delta lobe, where it has no finite value.
     pub value: Vec3,
     /// |cos θ| to the shading normal.
@@ -39,7 +41,9 @@ pub struct MixtureSample {
 impl<'a> Mixture<'a> {
     /// The mixture at `surface` for light that leaves in the world direction `out`. Delta materials are never guided.
     pub fn new(surface: &'a Surface, material: &'a Material, out: Vec3, field: Option<&'a GuideField>) -> Self {
-        let guide = field.filter(|_| !material.is_delta()).and_then(|field| field.at(surface.point));
+        let guide = field
+            .filter(|_| !material.is_delta())
+            .and_then(|field| field.at(surface.point, surface.normal_towards(out)));
         Self { surface, material, wo: surface.frame.to_local(out), guide }
     }
 
@@ -82,8 +86,10 @@ impl<'a> Mixture<'a> {
         if value == Vec3::ZERO {
             return None;
         }
+        let weight = value / pdf;
         let bsdf_share = alpha * bsdf_pdf / pdf;
-        Some(MixtureSample { direction, weight: value / pdf, value, cos: z.abs(), pdf, bsdf_share, delta: false })
+        let bsdf_weight = if bsdf_pdf > 0.0 { value / bsdf_pdf } else { weight };
+        Some(MixtureSample { direction, weight, bsdf_weight, value, cos: z.abs(), pdf, bsdf_share, delta: false })
     }
 
     fn sample_bsdf(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
@@ -92,6 +98,7 @@ impl<'a> Mixture<'a> {
         Some(MixtureSample {
             direction: self.surface.frame.to_world(sample.wi),
             weight: sample.weight,
+            bsdf_weight: sample.weight,
             value,
             cos: sample.wi.z.abs(),
             pdf: sample.pdf,

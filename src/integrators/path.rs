@@ -29,6 +29,8 @@ pub struct PathTracer<'a> {
 /// One vertex of a camera path, kept until the light it received is known.
 struct Vertex {
     surface: Surface,
+    /// Shading normal on the side that the path arrived at.
+    normal: Vec3,
     /// Emission towards the previous vertex, weighted against what light sampling does there.
     emission: Vec3,
     /// Whether `emission` was already sampled by next event estimation at the previous vertex.
@@ -86,6 +88,7 @@ impl PathTracer<'_> {
     fn walk(&self, mut ray: Ray, random: &mut Random, vertices: &mut Vec<Vertex>, count: &mut RayCount) -> Incoming {
         let mut previous: Option<Previous> = None;
         let mut throughput = Vec3::ONE;
+        let mut reflected = Vec3::ONE;
         for depth in 1.. {
             if depth > self.settings.max_depth {
                 break;
@@ -96,7 +99,8 @@ impl PathTracer<'_> {
             };
             let (emission, connected) = self.emission(&surface, &ray, previous);
             let material = self.scene.material(&surface);
-            let mut vertex = Vertex { surface, emission, connected, direct: Vec3::ZERO, step: None };
+            let normal = surface.normal_towards(-ray.direction);
+            let mut vertex = Vertex { surface, normal, emission, connected, direct: Vec3::ZERO, step: None };
             if depth == self.settings.max_depth {
                 vertices.push(vertex);
                 break;
@@ -110,7 +114,8 @@ impl PathTracer<'_> {
                 break;
             };
             throughput *= sample.weight;
-            let survival = self.survival(depth, throughput);
+            reflected *= sample.bsdf_weight;
+            let survival = self.survival(depth, throughput.max(reflected));
             let survives = survival >= 1.0 || random.next_f32() < survival;
             vertex.step = (survives || !sample.delta).then_some(Step { sample, survival });
             vertices.push(vertex);
@@ -118,12 +123,16 @@ impl PathTracer<'_> {
                 break;
             }
             throughput /= survival;
+            reflected /= survival;
             previous = Some(Previous { point: surface.point, pdf: sample.pdf, delta: sample.delta });
             ray = surface.leave(sample.direction);
         }
         Incoming::default()
     }
 
+    /// Probability that the path goes on. Where a guide chose the direction, f·cos/p is small because p is large, that is
+    /// because much light is expected there: ending such paths early would undo what guiding gains. So what counts is the
+    /// share that the surfaces reflect, as if their BSDFs had chosen the directions, or the throughput where that is larger.
     fn survival(&self, depth: u32, throughput: Vec3) -> f32 {
         if !self.settings.roulette || depth < ROULETTE_START {
             return 1.0;
@@ -226,7 +235,7 @@ fn record(vertex: &Vertex, step: &Step, next: Option<&Vertex>, learned: Vec3) ->
         bsdf_share: sample.bsdf_share,
         bsdf: if sample.cos > 0.0 { (channel_mean(sample.value) / sample.cos).min(1e6) } else { 0.0 },
         distance: next.map_or(f32::INFINITY, |n| n.surface.distance),
-        normal: vertex.surface.frame.n,
-        next_normal: next.map_or(Vec3::ZERO, |n| n.surface.frame.n),
+        normal: vertex.normal,
+        next_normal: next.map_or(Vec3::ZERO, |n| n.normal),
     }
 }

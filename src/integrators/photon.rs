@@ -66,7 +66,7 @@ impl PhotonTracer<'_> {
                 return;
             }
             photon.power /= survival;
-            photon.previous_normal = surface.frame.n;
+            photon.previous_normal = surface.normal_towards(sample.direction);
             photon.at_infinity = false;
             photon.delta_chain = if sample.delta { photon.delta_chain + 1 } else { 0 };
             photon.scattered |= !sample.delta;
@@ -107,7 +107,7 @@ impl PhotonTracer<'_> {
             direction,
             power,
             distance: if photon.at_infinity { f32::INFINITY } else { surface.distance },
-            normal: surface.frame.n,
+            normal: surface.normal_towards(direction),
             previous_normal: photon.previous_normal,
         });
     }

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use crate::base::{Error, Result};
 use crate::guiding::features::FEATURES;
 
-/// The only version of model folders so far.
-pub const VERSION: u32 = 1;
+/// The version of model folders that this program reads. 2: voxels are divided by facing, normals have the side of the path.
+pub const VERSION: u32 = 2;
 
 /// Content of a model's `config.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

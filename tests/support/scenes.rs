@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use fanal::base::progress::Silent;
 use fanal::generate::build::Builder;
 use fanal::materials::image::Image;
-use fanal::reconstruct::Counted;
+use fanal::reconstruct::{Counted, Neural, Reconstructor};
 use fanal::render::{GuideMode, RenderSettings, SampleKinds, StopRule, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{MaterialFile, SceneFile, TextureFile};
@@ -16,12 +16,13 @@ use glam::Vec3;
 /// A mode that directions are sampled in.
 pub type Guide = (GuideMode, SampleKinds);
 
-/// Unguided, and guided by what paths, photons or both have found.
-pub const GUIDES: [Guide; 4] = [
+/// Unguided, guided by what paths, photons or both have found, and by what the built-in network makes of both.
+pub const GUIDES: [Guide; 5] = [
     (GuideMode::None, SampleKinds::Both),
     (GuideMode::Hybrid, SampleKinds::Both),
     (GuideMode::Hybrid, SampleKinds::Photon),
     (GuideMode::Hybrid, SampleKinds::Path),
+    (GuideMode::Neural, SampleKinds::Both),
 ];
 
 pub fn settings((guide, samples): Guide, spp: u32, seed: u64) -> RenderSettings {
@@ -29,7 +30,11 @@ pub fn settings((guide, samples): Guide, spp: u32, seed: u64) -> RenderSettings 
 }
 
 pub fn picture(scene: &Scene, settings: &RenderSettings) -> Image {
-    let outcome = render(scene, settings, &Counted::default(), &Silent, &AtomicBool::new(false));
+    let reconstructor: Box<dyn Reconstructor> = match settings.guide {
+        GuideMode::Neural => Box::new(Neural::built_in().expect("the model fits the program")),
+        _ => Box::new(Counted::default()),
+    };
+    let outcome = render(scene, settings, reconstructor.as_ref(), &Silent, &AtomicBool::new(false));
     outcome.expect("the settings are sound").image
 }
 
