@@ -1,0 +1,183 @@
+//! Whether the modes are unbiased on a whole scene: means of blocks of 16 × 16 pixels over independent seeds against a
+//! reference, Welch's test in every block, Šidák's correction over the blocks (one false alarm in a hundred runs per mode).
+//!
+//!     cargo bench --bench blocks -- SCENE --reference REF.exr [--variance VAR.exr] [--spp 32] [--seeds 16] [--modes …]
+//!     cargo bench --bench blocks -- SCENE --reference-spp 1024 …        renders 8 references by `none` itself
+//!
+//! Also prints the mean of the picture relative to the reference's, and the same without the brightest 0.1 % of pixels of
+//! each, for scenes whose tails are too heavy for any test of means.
+
+#[path = "../support/statistics.rs"]
+#[allow(dead_code, reason = "shared with the tests")]
+mod statistics;
+
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+use clap::Parser;
+use fanal::base::progress::Silent;
+use fanal::materials::image::Image;
+use fanal::math::channel_mean;
+use fanal::reconstruct::{Counted, Neural, Reconstructor};
+use fanal::render::{GuideMode, RenderSettings, StopRule, render};
+use fanal::scene::Scene;
+use fanal::scene::readers::{load, read_image};
+use statistics::{Summary, sidak};
+
+/// Side of a block in pixels.
+const BLOCK: usize = 16;
+/// Probability of a false alarm per mode and run.
+const FALSE_ALARM: f64 = 0.01;
+/// References rendered where none is given.
+const REFERENCES: u64 = 8;
+
+#[derive(Parser)]
+struct Options {
+    /// Scene file or folder.
+    scene: PathBuf,
+    /// The truth, as EXR.
+    #[arg(long)]
+    reference: Option<PathBuf>,
+    /// Variance of the truth per pixel and channel, as EXR; without it the truth counts as exact.
+    #[arg(long, requires = "reference")]
+    variance: Option<PathBuf>,
+    /// Samples per pixel of each of 8 references that are rendered without guiding.
+    #[arg(long, default_value_t = 1024)]
+    reference_spp: u32,
+    #[arg(long, default_value_t = 32)]
+    spp: u32,
+    #[arg(long, default_value_t = 16)]
+    seeds: u64,
+    /// none, hybrid, neural.
+    #[arg(long, value_delimiter = ',', default_value = "none,hybrid,neural")]
+    modes: Vec<String>,
+    /// Given by cargo.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// A truth with its error.
+struct Truth {
+    blocks: Vec<Summary>,
+    mean: f64,
+    trimmed: f64,
+}
+
+fn main() {
+    if std::env::args().all(|a| a.starts_with('-') || a == std::env::args().next().unwrap_or_default()) {
+        println!("blocks: give SCENE; see the head of tests/bench/blocks.rs");
+        return;
+    }
+    let options = Options::parse();
+    let loaded = load(&options.scene).expect("a scene");
+    let scene = Scene::build(&loaded, [loaded.file.film.width, loaded.file.film.height]).expect("a scene");
+    let neural = Neural::built_in().expect("the model compiled in");
+    let pictures = |mode: &str, spp, seeds: std::ops::Range<u64>| -> Vec<Image> {
+        let guide = match mode {
+            "none" => GuideMode::None,
+            "hybrid" => GuideMode::Hybrid,
+            "neural" => GuideMode::Neural,
+            other => panic!("unknown mode {other}"),
+        };
+        let counted = Counted::default();
+        let reconstructor: &dyn Reconstructor = if guide == GuideMode::Neural { &neural } else { &counted };
+        let one = |seed| {
+            let mut settings = RenderSettings::new(guide, StopRule::Spp(spp));
+            settings.transport.max_depth = loaded.file.render.max_depth;
+            settings.seed = seed;
+            render(&scene, &settings, reconstructor, &Silent, &AtomicBool::new(false)).expect("a picture").image
+        };
+        seeds.map(one).collect()
+    };
+    let truth = match &options.reference {
+        Some(path) => given(path, options.variance.as_deref()),
+        None => rendered(&pictures("none", options.reference_spp, 900_000..900_000 + REFERENCES)),
+    };
+    let tail = sidak(FALSE_ALARM, truth.blocks.len());
+    for mode in &options.modes {
+        let pictures = pictures(mode, options.spp, 2000..2000 + options.seeds);
+        let blocks = summaries(&pictures);
+        let tests: Vec<f64> = blocks.iter().zip(&truth.blocks).map(|(a, b)| a.welch(b, tail)).collect();
+        let worst = (0..tests.len()).max_by(|&a, &b| tests[a].total_cmp(&tests[b])).expect("a block");
+        let means: Vec<f64> = pictures.iter().map(|p| channel_means(p).iter().sum::<f64>()).collect();
+        let mean = Summary::new(&means);
+        let pixels = channel_means(&pictures[0]).len() as f64;
+        println!(
+            "{mode:7} {} blocks, {} seeds of {} spp: worst |t| {:.3} of its limit (block {worst}: {:.5} ± {:.5}, truth \
+             {:.5}), {} | mean ratio {:.4} ± {:.4}, trimmed {:.4}",
+            tests.len(),
+            options.seeds,
+            options.spp,
+            tests[worst],
+            blocks[worst].mean,
+            blocks[worst].error(),
+            truth.blocks[worst].mean,
+            if tests[worst] <= 1.0 { "agrees" } else { "DIFFERS" },
+            mean.mean / pixels / truth.mean,
+            mean.error() / pixels / truth.mean,
+            trimmed(&average(&pictures)) / truth.trimmed
+        );
+    }
+}
+
+/// The truth from files: per-pixel variances add up over a block.
+fn given(reference: &std::path::Path, variance: Option<&std::path::Path>) -> Truth {
+    let image = read_image(reference, true).expect("a reference");
+    let variance = variance.map(|path| read_image(path, true).expect("a variance"));
+    let means = block_means(&image, &channel_means(&image));
+    // The channels come from the same paths: the standard deviation of their mean is at most the mean of their deviations.
+    let deviation = |v: &glam::Vec3| v.to_array().iter().map(|&x| f64::from(x.max(0.0)).sqrt()).sum::<f64>() / 3.0;
+    let spread = |v: &Image| -> Vec<f64> { v.pixels.iter().map(|p| deviation(p).powi(2)).collect() };
+    let errors = variance.map(|v| block_means(&v, &spread(&v)));
+    let blocks = means.iter().enumerate().map(|(i, &mean)| {
+        let pixels = (BLOCK * BLOCK) as f64;
+        Summary { mean, variance: errors.as_ref().map_or(0.0, |e| e[i] / pixels), freedom: 1e3 }
+    });
+    let all = channel_means(&image);
+    Truth { blocks: blocks.collect(), mean: all.iter().sum::<f64>() / all.len() as f64, trimmed: trimmed(&all) }
+}
+
+fn rendered(pictures: &[Image]) -> Truth {
+    let all = average(pictures);
+    Truth { blocks: summaries(pictures), mean: all.iter().sum::<f64>() / all.len() as f64, trimmed: trimmed(&all) }
+}
+
+/// Per block, over independent pictures.
+fn summaries(pictures: &[Image]) -> Vec<Summary> {
+    let all: Vec<Vec<f64>> = pictures.iter().map(|p| block_means(p, &channel_means(p))).collect();
+    (0..all[0].len()).map(|b| Summary::new(&all.iter().map(|p| p[b]).collect::<Vec<_>>())).collect()
+}
+
+fn channel_means(image: &Image) -> Vec<f64> {
+    image.pixels.iter().map(|p| f64::from(channel_mean(*p))).collect()
+}
+
+fn average(pictures: &[Image]) -> Vec<f64> {
+    let mut sum = vec![0.0; channel_means(&pictures[0]).len()];
+    for picture in pictures {
+        sum.iter_mut().zip(channel_means(picture)).for_each(|(s, x)| *s += x / pictures.len() as f64);
+    }
+    sum
+}
+
+/// Mean without the brightest 0.1 %.
+fn trimmed(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.truncate(sorted.len() - sorted.len() / 1000);
+    sorted.iter().sum::<f64>() / sorted.len() as f64
+}
+
+/// Means of whole blocks and of the narrower ones at the right and the lower edge.
+fn block_means(image: &Image, values: &[f64]) -> Vec<f64> {
+    let (width, height) = (image.width, image.height);
+    let mut means = Vec::new();
+    for y in (0..height).step_by(BLOCK) {
+        for x in (0..width).step_by(BLOCK) {
+            let rows = y..(y + BLOCK).min(height);
+            let (right, count) = ((x + BLOCK).min(width), (rows.len() * ((x + BLOCK).min(width) - x)) as f64);
+            means.push(rows.map(|r| values[r * width + x..r * width + right].iter().sum::<f64>()).sum::<f64>() / count);
+        }
+    }
+    means
+}
