@@ -1,7 +1,7 @@
 //! fanal: a physically based renderer that learns where light comes from.
 //!
 //! Dependencies run one way: base, math, sampling, geometry, then materials, lights and camera, then scene, film, guiding,
-//! network, reconstruct, integrators, render, generate, cli. A test holds every `use` against this order.
+//! network, reconstruct, integrators, render, generate, report, cli. A test holds every `use` against this order.
 
 pub mod base;
 pub mod math;
@@ -18,4 +18,5 @@ pub mod reconstruct;
 pub mod integrators;
 pub mod render;
 pub mod generate;
+pub mod report;
 pub mod cli;

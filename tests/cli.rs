@@ -30,7 +30,7 @@ fn fails(code: i32, arguments: &[&str], output: Option<&Path>, words: &[&str]) {
 
 #[test]
 fn every_help_has_examples() {
-    for command in [&[][..], &["render"], &["plan"], &["error"], &["dataset"]] {
+    for command in [&[][..], &["render"], &["plan"], &["compare"], &["error"], &["dataset"]] {
         let result = fanal(&[command, &["--help"]].concat());
         let text = String::from_utf8_lossy(&result.stdout);
         assert!(result.status.success());
@@ -49,6 +49,9 @@ fn contradictions_and_bad_values_are_usage_errors() {
         (&["--spp", "0"], &["--spp"]),
         (&["--time", "-1"], &["--time"]),
         (&["--time", "NaN"], &["--time"]),
+        (&["--spp", "8", "--target-error", "0.1"], &["--spp", "--target-error"]),
+        (&["--target-error", "0"], &["--target-error", "relMSE"]),
+        (&["--exposure", "NaN"], &["--exposure"]),
         (&["--size", "12"], &["--size", "640x480"]),
         (&["--guide", "magic"], &["--guide", "hybrid"]),
         (&["--threads", "0"], &["--threads"]),
@@ -58,6 +61,7 @@ fn contradictions_and_bad_values_are_usage_errors() {
     }
     fails(2, &["render", &scene("cornell")], None, &["--output"]);
     fails(2, &["dataset", "recipe.toml"], None, &["--output"]);
+    fails(2, &["compare", &scene("cornell"), "-o", &name], Some(&out), &["--time"]);
     fails(2, &["dataset", "recipe.toml", "--check", "data"], None, &["--check"]);
 }
 
@@ -97,7 +101,7 @@ fn errors_between_pictures() {
     let picture = |name: &str, value: f32| {
         let path = folder.path().join(name);
         let image = Image { width: 3, height: 2, pixels: vec![glam::Vec3::splat(value); 6] };
-        fanal::film::write(&path, &image, &[]).unwrap();
+        fanal::film::write(&path, &image, &[], 0.0).unwrap();
         path.display().to_string()
     };
     let (a, b) = (picture("a.exr", 0.3), picture("b.exr", 0.1));

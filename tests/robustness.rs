@@ -137,3 +137,21 @@ fn the_unit_of_radiance_does_not_matter() {
         }
     }
 }
+
+/// The ceiling of the field is kept, also one far below what the scene would like, and guiding goes on.
+#[test]
+fn the_field_stays_below_its_ceiling() {
+    let scene = built(room([64, 48], 10.0).finish());
+    let size = |memory: usize| {
+        let mut settings = settings(GUIDES[1], 128, 1);
+        settings.learner.memory = memory;
+        let outcome = render(&scene, &settings, &Counted::default(), &Silent, &AtomicBool::new(false));
+        outcome.expect("the settings are sound").statistics.guide
+    };
+    let free = size(24 << 20);
+    assert!(free.bytes > 2 << 20 && free.bytes <= 24 << 20, "{free:?}: the ceilings below must cut something off");
+    for memory in [1 << 20, 400 << 10] {
+        let guide = size(memory);
+        assert!(guide.bytes <= memory && guide.trees > 0 && guide.nodes > guide.trees, "{memory}: {guide:?}");
+    }
+}

@@ -1,7 +1,8 @@
-//! Foundations that know nothing of rendering: errors, atomic file writing, progress, random numbers.
+//! Foundations that know nothing of rendering: errors, atomic file writing, progress, the process, random numbers.
 
 pub mod error;
 pub mod files;
+pub mod process;
 pub mod progress;
 pub mod random;
 

@@ -24,6 +24,8 @@ pub enum Command {
     Render(RenderArgs),
     /// Say which effects a scene calls for, which are off, and why
     Plan(PlanArgs),
+    /// Compare methods on a scene: what accuracy costs in time
+    Compare(CompareArgs),
     /// Measure how far a picture is from a reference
     Error(ErrorArgs),
     /// Generate training data, or check it
@@ -102,6 +104,7 @@ impl Switch {
 const RENDER_EXAMPLES: &str = "Examples:
   fanal render scenes/door-ajar -o out.exr
   fanal render scenes/cornell/scene.json -o out.png --guide none --spp 256 --size 128x128
+  fanal render scenes/lamp-room -o out.exr --target-error 0.01
   fanal render scene.xml -o out.exr --time 60 --stats stats.json --reference reference.exr
   fanal render scenes/lamp-room -o out.exr --model models/mine --backend onnx";
 
@@ -127,11 +130,14 @@ pub struct RenderArgs {
     #[arg(long, value_enum, default_value = "on")]
     pub roulette: Switch,
     /// Samples per pixel, camera and light paths together [default: the scene's]
-    #[arg(long, value_name = "N", conflicts_with = "time", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    #[arg(long, value_name = "N", group = "stop", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     pub spp: Option<u32>,
-    /// Render for so many seconds
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
+    /// Render for so many seconds, learning included
+    #[arg(long, value_name = "SECONDS", group = "stop", allow_negative_numbers = true, value_parser = seconds)]
     pub time: Option<f64>,
+    /// Render until the estimated relMSE is so small
+    #[arg(long, value_name = "RELMSE", group = "stop", allow_negative_numbers = true, value_parser = error_target)]
+    pub target_error: Option<f64>,
     /// Next event estimation
     #[arg(long, value_enum, default_value = "on")]
     pub nee: Switch,
@@ -141,6 +147,9 @@ pub struct RenderArgs {
     /// Size of the picture in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<[u32; 2]>,
+    /// Stops by which a PNG file is brightened [default: 0]
+    #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = stops)]
+    pub exposure: Option<f32>,
     /// Seed of all random numbers
     #[arg(long, value_name = "N", default_value = "0")]
     pub seed: u64,
@@ -177,6 +186,73 @@ pub struct PlanArgs {
     /// Options of every command.
     #[command(flatten)]
     pub common: Common,
+}
+
+const COMPARE_EXAMPLES: &str = "Examples:
+  fanal compare scenes/door-ajar --time 5,10,20 -o out/door
+  fanal compare scenes/cornell --methods none,neural --spp 16,64 --seeds 8 -o out/cornell
+  fanal compare scene.xml --time 30 --reference ref.exr --reference-variance var.exr -o out/scene
+An interrupted comparison goes on where it was; so does one with more seeds or budgets.";
+
+/// `fanal compare`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = COMPARE_EXAMPLES)]
+pub struct CompareArgs {
+    /// Scene: our JSON, Mitsuba XML, or a folder with scene.json or scene.xml
+    pub scene: PathBuf,
+    /// Folder to write the page, the measurements and the pictures to
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Methods; ratios refer to the first
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "none,hybrid,neural")]
+    pub methods: Vec<MethodName>,
+    /// Budgets in seconds
+    #[arg(long, value_name = "S,…", value_delimiter = ',', allow_negative_numbers = true, value_parser = seconds,
+          conflicts_with = "spp", required_unless_present = "spp")]
+    pub time: Vec<f64>,
+    /// Budgets in samples per pixel
+    #[arg(long, value_name = "N,…", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    pub spp: Vec<u32>,
+    /// Seeds per method and budget
+    #[arg(long, value_name = "N", default_value = "4", value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub seeds: u64,
+    /// The truth, as EXR [default: rendered and rated here]
+    #[arg(long, value_name = "FILE")]
+    pub reference: Option<PathBuf>,
+    /// Variance of the reference per pixel and channel, as EXR; it is subtracted from the errors
+    #[arg(long, value_name = "FILE", requires = "reference")]
+    pub reference_variance: Option<PathBuf>,
+    /// Samples per pixel of each of the four parts of a reference that is rendered here
+    #[arg(long, value_name = "N", default_value = "1024", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    pub reference_spp: u32,
+    /// Samples per pixel that the oracle learns from
+    #[arg(long, value_name = "N", default_value = "512", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    pub oracle_spp: u32,
+    /// Size of the picture in pixels [default: the scene's]
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<[u32; 2]>,
+    /// 1 = emission only, 2 = direct light, n = n-1 bounces [default: the scene's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    pub max_depth: Option<u32>,
+    /// Folder of the network's model [default: the model inside this program]
+    #[arg(long, value_name = "DIR")]
+    pub model: Option<PathBuf>,
+    /// Options of every command.
+    #[command(flatten)]
+    pub common: Common,
+}
+
+/// A column of a comparison.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MethodName {
+    /// Path tracing with next event estimation and multiple importance sampling
+    None,
+    /// Guided by path and photon samples in per-voxel quadtrees
+    Hybrid,
+    /// The same, reconstructed by the network
+    Neural,
+    /// Guided by converged trees made beforehand: what reconstruction could reach at most
+    Oracle,
 }
 
 const ERROR_EXAMPLES: &str = "Examples:
@@ -227,6 +303,20 @@ fn seconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(seconds) if seconds > 0.0 && seconds <= 1e7 => Ok(seconds),
         _ => Err("expected a number of seconds above 0 and at most 10000000".into()),
+    }
+}
+
+fn error_target(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(error) if (1e-9..=1e9).contains(&error) => Ok(error),
+        _ => Err("expected a relMSE between 1e-9 and 1e9".into()),
+    }
+}
+
+fn stops(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(stops) if (-64.0..=64.0).contains(&stops) => Ok(stops),
+        _ => Err("expected a number of stops between -64 and 64".into()),
     }
 }
 

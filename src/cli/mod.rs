@@ -33,6 +33,9 @@ fn execute(command: Command) -> anyhow::Result<()> {
             commands::render::run(&args).with_context(|| format!("cannot render {}", args.scene.display()))
         }
         Command::Plan(args) => commands::plan::run(&args).context("cannot plan"),
+        Command::Compare(args) => {
+            commands::compare::run(&args).with_context(|| format!("cannot compare methods on {}", args.scene.display()))
+        }
         Command::Error(args) => commands::error::run(&args).context("cannot compare"),
         Command::Dataset(args) => commands::dataset::run(&args).context("no data set"),
     }

@@ -19,6 +19,8 @@ pub struct RenderRequest {
     pub size: [u32; 2],
     /// 1 = emission only, n = n−1 bounces.
     pub max_depth: u32,
+    /// Stops by which a PNG file is brightened.
+    pub exposure: f32,
     /// When to stop.
     pub stop: StopRule,
     /// Seed of all random numbers.
@@ -74,13 +76,16 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
     let size = args.size.unwrap_or([scene.film.width, scene.film.height]);
     check_size(size[0], size[1])?;
     let max_depth = args.max_depth.unwrap_or(scene.render.max_depth);
-    let stop = match (args.spp, args.time) {
-        (Some(_), Some(_)) => {
-            return Err(Error::Options("--spp and --time are both given; only one can end the render".into()));
+    let stop = match (args.spp, args.time, args.target_error) {
+        (None, None, None) => StopRule::Spp(scene.render.spp),
+        (Some(spp), None, None) => StopRule::Spp(spp),
+        (None, Some(seconds), None) => StopRule::Time(seconds),
+        (None, None, Some(error)) => StopRule::TargetError(error),
+        _ => {
+            return Err(Error::Options(
+                "give one of --spp, --time and --target-error; only one can end the render".into(),
+            ));
         }
-        (Some(spp), None) => StopRule::Spp(spp),
-        (None, Some(seconds)) => StopRule::Time(seconds),
-        (None, None) => StopRule::Spp(scene.render.spp),
     };
     if stop == StopRule::Spp(0) || max_depth == 0 {
         return Err(Error::Options(
@@ -92,6 +97,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         output: args.output.clone(),
         size,
         max_depth,
+        exposure: exposure(args)?,
         stop,
         seed: args.seed,
         nee: args.nee.is_on(),
@@ -104,6 +110,17 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         stats: args.stats.clone(),
         reference: args.reference.clone(),
     })
+}
+
+/// The exposure, refused where it would do nothing.
+fn exposure(args: &RenderArgs) -> Result<f32> {
+    let is_png = args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+    match args.exposure {
+        Some(_) if !is_png => Err(Error::Options(
+            "--exposure is for PNG files; an EXR file holds linear radiance, brighten it in the viewer".into(),
+        )),
+        given => Ok(given.unwrap_or(0.0)),
+    }
 }
 
 fn samples(args: &RenderArgs) -> Result<Samples> {
@@ -146,5 +163,6 @@ mod tests {
         assert!(request(&["--size", "0x4"]).is_err());
         assert!(request(&["--size", "4000000000x4000000000"]).is_err());
         assert!(request(&["--guide", "none", "--samples", "photon"]).is_err());
+        assert!(request(&["--exposure", "1"]).is_err());
     }
 }

@@ -90,6 +90,30 @@ impl Pass {
         &mut self.pixels
     }
 
+    /// Estimated relMSE (against the truth) of a picture with one sample per pixel: mean over pixels and channels of the sample
+    /// variance over m² + 0.01, where m is the mean of the 3 × 3 pixels around, since a pixel's own mean follows its samples:
+    /// the pixels that are too bright by chance would hide their error. 0 where no pixel has two samples.
+    pub fn relative_variance(&self) -> f64 {
+        let height = self.pixels.len().checked_div(self.width).unwrap_or(0);
+        let mut sum = 0.0;
+        let mut measured = 0u64;
+        for (i, pixel) in self.pixels.iter().enumerate() {
+            let Some(variance) = pixel.sample_variance() else { continue };
+            let (x, y) = (i % self.width, i / self.width);
+            let columns = x.saturating_sub(1)..(x + 2).min(self.width);
+            let around = (y.saturating_sub(1)..(y + 2).min(height))
+                .flat_map(|row| columns.clone().map(move |column| row * self.width + column));
+            let (mut mean, mut count) = ([0.0; 3], 0.0);
+            for neighbour in around {
+                mean.iter_mut().zip(self.pixels[neighbour].mean).for_each(|(m, x)| *m += x);
+                count += 1.0;
+            }
+            measured += 1;
+            sum += average([0, 1, 2].map(|c| variance[c] / ((mean[c] / count).powi(2) + super::error::FLOOR)));
+        }
+        if measured > 0 { sum / measured as f64 } else { 0.0 }
+    }
+
     /// Keeps of the pass what combining needs: the means in f32, the counts, and the pass's variance.
     pub fn finish(&self) -> FinishedPass {
         let mut finished = FinishedPass {
@@ -136,6 +160,11 @@ impl FinishedPass {
         self.mean_variance
     }
 
+    /// Variance of one sample, averaged over channels and pixels; `None` below two samples.
+    pub fn sample_variance(&self) -> Option<f64> {
+        (self.freedom > 0).then(|| self.spread / self.freedom as f64)
+    }
+
     /// Samples of all pixels together.
     pub fn samples(&self) -> u64 {
         self.counts.iter().map(|&c| u64::from(c)).sum()
@@ -169,14 +198,21 @@ pub fn weights(passes: &[FinishedPass]) -> Vec<f64> {
 /// # Errors
 /// [`Error::Options`] where passes differ in size or there is none.
 pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
+    combine_weighted(passes, &weights(passes))
+}
+
+/// The same with given weights, for passes whose sample counts were chosen by what others saw.
+///
+/// # Errors
+/// As [`combine`].
+pub fn combine_weighted(passes: &[FinishedPass], weights: &[f64]) -> Result<Image> {
     let first = passes.first().ok_or_else(|| Error::Options("no pass was rendered, so there is no picture".into()))?;
     if passes.iter().any(|p| p.width != first.width || p.means.len() != first.means.len()) {
         return Err(Error::Options("passes of different sizes cannot be combined".into()));
     }
-    let weights = weights(passes);
     let pixel = |i: usize| {
         let (mut sum, mut total) = ([0.0f64; 3], 0.0);
-        for (pass, weight) in passes.iter().zip(&weights).filter(|(pass, _)| pass.counts[i] > 0) {
+        for (pass, weight) in passes.iter().zip(weights).filter(|(pass, _)| pass.counts[i] > 0) {
             total += weight;
             for (sum, mean) in sum.iter_mut().zip(pass.means[i].to_array()) {
                 *sum += weight * f64::from(mean);

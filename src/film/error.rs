@@ -10,7 +10,7 @@ use crate::base::{Error, Result};
 use crate::materials::image::Image;
 
 /// Added to r² in relative errors, so that black pixels count finitely.
-const FLOOR: f64 = 0.01;
+pub(super) const FLOOR: f64 = 0.01;
 /// Share of pixels that the trimmed error drops.
 const TRIM: f64 = 0.001;
 
@@ -36,22 +36,48 @@ pub struct Measures {
 /// # Errors
 /// [`Error::Options`] where sizes differ, a picture is empty, or a pixel of either is not finite; the pixel is named.
 pub fn measure(picture: &Image, reference: &Image) -> Result<Measures> {
+    measure_noisy(picture, reference, None)
+}
+
+/// The same where the reference is itself an estimate with a known variance per pixel and channel: in both relative errors that
+/// variance is subtracted from (x−r)², so that what is left is the distance to the truth, on average over references. The other
+/// measures are those of [`measure`].
+///
+/// # Errors
+/// As [`measure`], for the variance too.
+pub fn measure_noisy(picture: &Image, reference: &Image, variance: Option<&Image>) -> Result<Measures> {
     check(picture, reference)?;
+    variance.map_or(Ok(()), |variance| check(variance, reference))?;
     let pairs = || picture.pixels.iter().zip(&reference.pixels);
     let mean =
         |f: fn(f64, f64) -> f64| pairs().map(|(&x, &r)| per_pixel(x, r, f)).sum::<f64>() / picture.pixels.len() as f64;
-    let mut relative: Vec<f64> = pairs().map(|(&x, &r)| per_pixel(x, r, relative_square)).collect();
-    let relmse = relative.iter().sum::<f64>() / relative.len() as f64;
-    relative.sort_unstable_by(f64::total_cmp);
+    // Error of each pixel, and the part of it that is the reference's own.
+    let own = |i: usize, r: Vec3| variance.map_or(0.0, |v| per_pixel(v.pixels[i], r, |v, r| v / (r * r + FLOOR)));
+    let mut relative: Vec<(f64, f64)> =
+        pairs().enumerate().map(|(i, (&x, &r))| (per_pixel(x, r, relative_square), own(i, r))).collect();
+    let mean_of = |all: &[(f64, f64)]| all.iter().map(|(e, own)| e - own).sum::<f64>() / all.len() as f64;
+    let relmse = mean_of(&relative);
+    relative.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     relative.truncate(relative.len() - (relative.len() as f64 * TRIM) as usize);
     Ok(Measures {
         relmse,
-        relmse_trimmed: relative.iter().sum::<f64>() / relative.len() as f64,
+        relmse_trimmed: mean_of(&relative),
         mse: mean(|x, r| (x - r) * (x - r)),
         mape: mean(|x, r| (x - r).abs() / (r.abs() + FLOOR)),
         mean_ratio: ratio(mean(|x, _| x), mean(|_, r| r)),
         relmse_ldr: mean(|x, r| relative_square(srgb(x), srgb(r))),
     })
+}
+
+/// Mean over pixels and channels of variance / (r² + 0.01): what the noise of a reference adds to every relMSE.
+///
+/// # Errors
+/// As [`measure`].
+pub fn relative_variance(reference: &Image, variance: &Image) -> Result<f64> {
+    check(variance, reference)?;
+    let pairs = variance.pixels.iter().zip(&reference.pixels);
+    let sum: f64 = pairs.map(|(&v, &r)| per_pixel(v, r, |v, r| v / (r * r + FLOOR))).sum();
+    Ok(sum / reference.pixels.len() as f64)
 }
 
 fn relative_square(x: f64, r: f64) -> f64 {

@@ -6,6 +6,6 @@ pub mod exr;
 pub mod output;
 pub mod png;
 
-pub use accumulator::{FinishedPass, Pass, Pixel, check_size, combine};
-pub use error::{Measures, measure};
+pub use accumulator::{FinishedPass, Pass, Pixel, check_size, combine, combine_weighted};
+pub use error::{Measures, measure, measure_noisy, relative_variance};
 pub use output::{check_folder, check_writable, write, write_or_rescue};

@@ -9,7 +9,6 @@ use std::sync::atomic::AtomicBool;
 use super::dataset::{DatasetIndex, ShardEntry};
 use super::recipe::{Job, Recipe};
 use super::shard::{TreeSample, write_shard};
-use crate::base::progress::Silent;
 use crate::base::random::Random;
 use crate::base::{Progress, Result};
 use crate::film::Pass;
@@ -109,10 +108,9 @@ impl Collector<'_> {
             field: Some(&field),
             first_sample: self.first_sample,
             spp,
-            stop: &AtomicBool::new(false),
         };
         let mut film = Pass::new(self.scene.size[0] as usize, self.scene.size[1] as usize);
-        tracer.run(&mut film, Some(&mut self.learning), &mut Statistics::default(), &Silent);
+        tracer.run(&mut film, Some(&mut self.learning), &mut Statistics::default(), &mut |_, _| true);
         self.first_sample += spp;
     }
 

@@ -1,17 +1,20 @@
 //! Rendering: passes of growing size that learn, then a final pass; budgets; statistics.
 
+mod control;
 mod learning;
 mod pass;
 mod settings;
+mod split;
 mod statistics;
+mod target;
 
+pub use control::{Control, Refresh, Snapshot};
 pub use learning::Learning;
 pub use pass::{PassTracer, Records};
 pub use settings::{GuideMode, RenderSettings, SampleKinds, StopRule};
 pub use statistics::{ErrorPoint, GuideStatistics, Iteration, Seconds, Statistics};
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::sync::atomic::AtomicBool;
 
 use crate::base::progress::Progress;
 use crate::base::{Error, Result};
@@ -20,6 +23,8 @@ use crate::guiding::field::GuideField;
 use crate::materials::image::Image;
 use crate::reconstruct::Reconstructor;
 use crate::scene::Scene;
+use control::Watcher;
+use split::{Outlook, learns_on};
 
 /// What a render produced.
 pub struct Outcome {
@@ -45,162 +50,238 @@ pub fn render(
     progress: &dyn Progress,
     stop: &AtomicBool,
 ) -> Result<Outcome> {
-    check_size(scene.size[0], scene.size[1])?;
-    settings.check()?;
-    let started = Instant::now();
-    let mut run = Run {
-        scene,
-        settings,
-        progress,
-        stop,
-        started,
-        statistics: Statistics::default(),
-        passes: Vec::new(),
-        spent: 0,
-        rendered: 0,
-    };
-    let (total, unit) = match settings.stop {
-        StopRule::Spp(spp) => (u64::from(spp) * run.pixels(), "samples"),
-        StopRule::Time(_) => (0, "samples"),
-    };
-    progress.start(total, unit);
+    render_watched(scene, settings, reconstructor, &Control { progress, stop, refresh: None })
+}
+
+/// [`render`] with a picture shown from time to time.
+///
+/// # Errors
+/// As [`render`].
+pub fn render_watched(
+    scene: &Scene,
+    settings: &RenderSettings,
+    reconstructor: &dyn Reconstructor,
+    control: &Control,
+) -> Result<Outcome> {
+    let mut run = Run::begin(scene, settings, control)?;
     let field = if settings.guide == GuideMode::None { None } else { Some(run.learn(reconstructor)?) };
-    run.final_pass(field.as_ref())?;
-    progress.finish();
-    run.finish(field.unwrap_or_else(GuideField::empty))
+    run.finish(field)
+}
+
+/// Renders `scene` guided by a field that is already there: the whole budget goes into the picture. With a field from
+/// [`learn`] and a much larger budget this is the oracle, which shows what any reconstruction could reach at most.
+///
+/// # Errors
+/// As [`render`].
+pub fn render_with_field(
+    scene: &Scene,
+    settings: &RenderSettings,
+    field: GuideField,
+    control: &Control,
+) -> Result<Outcome> {
+    Run::begin(scene, settings, control)?.finish(Some(field))
+}
+
+/// Spends the budget on learning alone and returns the field.
+///
+/// # Errors
+/// As [`render`].
+pub fn learn(
+    scene: &Scene,
+    settings: &RenderSettings,
+    reconstructor: &dyn Reconstructor,
+    control: &Control,
+) -> Result<GuideField> {
+    let mut run = Run::begin(scene, settings, control)?;
+    run.learn_only = true;
+    let field = run.learn(reconstructor)?;
+    control.progress.finish();
+    Ok(field)
 }
 
 struct Run<'a> {
     scene: &'a Scene,
     settings: &'a RenderSettings,
-    progress: &'a dyn Progress,
-    stop: &'a AtomicBool,
-    started: Instant,
+    watcher: Watcher<'a>,
     statistics: Statistics,
     passes: Vec<FinishedPass>,
+    /// Whether no picture is wanted, so that the whole budget may go into learning.
+    learn_only: bool,
     /// Samples per pixel so far, camera and light paths together.
     spent: u32,
     /// Camera samples per pixel so far.
     rendered: u32,
 }
 
-impl Run<'_> {
+/// What the iterations so far say about the next.
+#[derive(Default)]
+struct Trend {
+    /// Variance of one sample in each iteration.
+    variances: Vec<f64>,
+    /// Seconds of the last iteration, and the part of them in which camera paths were traced.
+    seconds: f64,
+    useful: f64,
+    /// relMSE of a picture with one sample per pixel, by the last iteration.
+    relative: f64,
+}
+
+impl<'a> Run<'a> {
+    fn begin(scene: &'a Scene, settings: &'a RenderSettings, control: &'a Control<'a>) -> Result<Self> {
+        check_size(scene.size[0], scene.size[1])?;
+        settings.check()?;
+        let run = Self {
+            scene,
+            settings,
+            watcher: Watcher::new(control),
+            statistics: Statistics::default(),
+            passes: Vec::new(),
+            learn_only: false,
+            spent: 0,
+            rendered: 0,
+        };
+        let total = match settings.stop {
+            StopRule::Spp(spp) => u64::from(spp) * run.pixels(),
+            StopRule::Time(_) | StopRule::TargetError(_) => 0,
+        };
+        control.progress.start(total, "samples");
+        Ok(run)
+    }
+
     fn pixels(&self) -> u64 {
         u64::from(self.scene.size[0]) * u64::from(self.scene.size[1])
     }
 
-    fn stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+    fn empty_pass(&self) -> Pass {
+        Pass::new(self.scene.size[0] as usize, self.scene.size[1] as usize)
     }
 
-    /// Iterations of 2^t samples per pixel while the learning share of the budget lasts (Zhu 2021 §7).
+    /// Traces `spp` camera paths per pixel into `pass`; returns whether all were made.
+    fn trace(
+        &mut self,
+        pass: &mut Pass,
+        spp: u32,
+        field: Option<&GuideField>,
+        learning: Option<&mut Learning>,
+    ) -> bool {
+        let tracer = PassTracer { scene: self.scene, settings: self.settings, field, first_sample: self.rendered, spp };
+        self.rendered += spp;
+        self.spent += if learning.is_some() { spp * self.settings.samples.per_iteration() } else { spp };
+        let (watcher, passes, spent) = (&mut self.watcher, &self.passes, self.spent);
+        watcher.begin_chunk();
+        let so_far = |pass: &Pass| combine(&[passes.as_slice(), &[pass.finish()]].concat()).ok();
+        let mut go_on = |pass: &Pass, samples| watcher.end_chunk(samples, spent, || so_far(pass));
+        tracer.run(pass, learning, &mut self.statistics, &mut go_on)
+    }
+
+    /// Iterations of 2^t samples per pixel while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
     fn learn(&mut self, reconstructor: &dyn Reconstructor) -> Result<GuideField> {
         let mut learning = Learning::new(self.settings);
-        let mut last = 0.0;
-        for t in 0.. {
+        let mut trend = Trend::default();
+        for t in 0..31 {
             let camera = 1u32 << t;
-            let cost = camera * self.settings.samples.per_iteration();
-            if self.stopped() || !self.affords(cost, last) {
+            if self.watcher.stopped() || !self.learns_on(camera, &trend) {
                 break;
             }
-            let begun = Instant::now();
-            self.progress.message(&format!("learning, iteration {t}"));
+            let (begun, traced) = (self.watcher.elapsed(), self.statistics.seconds.trace);
+            self.watcher.control.progress.message(&format!("learning, iteration {t}"));
             let field = learning.field(true);
-            let tracer = PassTracer {
-                scene: self.scene,
-                settings: self.settings,
-                field: Some(&field),
-                first_sample: self.rendered,
-                spp: camera,
-                stop: self.stop,
-            };
-            let mut pass = Pass::new(self.scene.size[0] as usize, self.scene.size[1] as usize);
-            let complete = tracer.run(&mut pass, Some(&mut learning), &mut self.statistics, self.progress);
-            self.spent += cost;
-            self.rendered += camera;
+            let mut pass = self.empty_pass();
+            let complete = self.trace(&mut pass, camera, Some(&field), Some(&mut learning));
+            let iteration = learning.end_iteration(reconstructor, &mut self.statistics.seconds)?;
+            let seconds = self.watcher.elapsed() - begun;
+            let finished = pass.finish();
+            trend.variances.extend(finished.sample_variance());
+            trend.useful = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
+            trend.seconds = seconds;
+            trend.relative = pass.relative_variance();
+            let mean_variance = finished.mean_variance().unwrap_or(f64::NAN);
+            self.statistics.iterations.push(Iteration { t, spp: camera, seconds, mean_variance, ..iteration });
             // The first two passes are not worth their noise, but they are all there is of a render stopped early.
             if t >= 2 || !complete {
-                self.passes.push(pass.finish());
+                self.passes.push(finished);
             }
-            let iteration = learning.end_iteration(reconstructor, &mut self.statistics.seconds)?;
-            last = begun.elapsed().as_secs_f64();
-            let pass_variance = self.passes.last().and_then(FinishedPass::mean_variance);
-            self.statistics.iterations.push(Iteration {
-                t,
-                spp: camera,
-                seconds: last,
-                mean_variance: pass_variance.unwrap_or(f64::NAN),
-                ..iteration
-            });
         }
         let field = learning.field(false);
         self.statistics.guide = learning.statistics(&field);
         Ok(field)
     }
 
-    /// Whether another iteration of `cost` samples per pixel fits into the learning share; `last` seconds were needed for
-    /// the one before.
-    fn affords(&self, cost: u32, last: f64) -> bool {
-        let share = self.settings.learning_share;
-        match self.settings.stop {
-            StopRule::Spp(spp) => f64::from(self.spent + cost) <= f64::from(spp) * share,
-            StopRule::Time(seconds) => self.started.elapsed().as_secs_f64() + 2.0 * last <= seconds * share,
-        }
+    /// Whether another iteration of `camera` paths per pixel is worth its price.
+    fn learns_on(&self, camera: u32, trend: &Trend) -> bool {
+        let kinds = f64::from(self.settings.samples.per_iteration());
+        let (cost, spent) = (f64::from(camera) * kinds, f64::from(self.spent));
+        let limit = self.settings.learning_share;
+        let outlook = match self.settings.stop {
+            StopRule::Spp(spp) => {
+                let budget = f64::from(spp);
+                Outlook { budget, left: budget - spent, cost, useful: 1.0 / kinds, limit }
+            }
+            StopRule::Time(budget) => {
+                let left = budget - self.watcher.elapsed();
+                Outlook { budget, left, cost: 2.0 * trend.seconds, useful: trend.useful, limit }
+            }
+            // What is learned from does not enter a picture that ends by its own samples; the first iterations find out how
+            // many those will be.
+            StopRule::TargetError(error) => {
+                let left = if trend.relative > 0.0 { trend.relative / error } else { 100.0 * cost };
+                Outlook { budget: spent + left, left, cost, useful: 0.0, limit }
+            }
+        };
+        if self.learn_only { outlook.cost <= outlook.left } else { learns_on(&outlook, &trend.variances) }
     }
 
-    /// What is left of the budget goes into one pass with the field as it is.
-    fn final_pass(&mut self, field: Option<&GuideField>) -> Result<()> {
-        self.progress.message("rendering");
-        let mut pass = Pass::new(self.scene.size[0] as usize, self.scene.size[1] as usize);
+    /// The picture with the field as it is, and the end.
+    fn finish(mut self, field: Option<GuideField>) -> Result<Outcome> {
+        self.watcher.control.progress.message("rendering");
+        let image = match self.settings.stop {
+            StopRule::TargetError(error) => self.render_to(error, field.as_ref())?,
+            StopRule::Spp(_) | StopRule::Time(_) => self.final_pass(field.as_ref())?,
+        };
+        self.watcher.control.progress.finish();
+        let mut statistics = self.statistics;
+        statistics.seconds.total = self.watcher.elapsed();
+        statistics.describe(self.scene, self.settings, self.spent);
+        Ok(Outcome { image, statistics, field: field.unwrap_or_else(GuideField::empty) })
+    }
+
+    /// What is left of the budget goes into one pass.
+    fn final_pass(&mut self, field: Option<&GuideField>) -> Result<Image> {
+        let mut pass = self.empty_pass();
         let mut rendered = 0;
         loop {
             let spp = match self.settings.stop {
                 StopRule::Spp(spp) => spp.saturating_sub(self.spent),
-                StopRule::Time(seconds) => self.batch(seconds, rendered),
+                _ => self.batch(rendered),
             };
-            if spp == 0 || self.stopped() {
+            if spp == 0 || self.watcher.stopped() {
                 break;
             }
-            let tracer = PassTracer {
-                scene: self.scene,
-                settings: self.settings,
-                field,
-                first_sample: self.rendered,
-                spp,
-                stop: self.stop,
+            // A picture needs one sample in every pixel, whatever the clock says.
+            self.watcher.deadline = match self.settings.stop {
+                StopRule::Time(seconds) if self.rendered > 0 => Some(seconds),
+                _ => None,
             };
-            tracer.run(&mut pass, None, &mut self.statistics, self.progress);
-            self.spent += spp;
-            self.rendered += spp;
             rendered += spp;
+            if !self.trace(&mut pass, spp, field, None) {
+                break;
+            }
         }
         if rendered > 0 {
             self.passes.push(pass.finish());
         }
-        Ok(())
+        combine(&self.passes)
+            .map_err(|_| Error::Options("no sample was rendered: the render was stopped before its first pass".into()))
     }
 
     /// Samples per pixel of the next batch under a time budget: about a tenth of what is left, by the speed so far.
-    fn batch(&self, seconds: f64, rendered: u32) -> u32 {
-        let left = seconds - self.started.elapsed().as_secs_f64();
-        if left <= 0.0 && self.rendered > 0 {
-            return 0;
-        }
+    fn batch(&self, rendered: u32) -> u32 {
+        let StopRule::Time(seconds) = self.settings.stop else { return 0 };
+        let left = seconds - self.watcher.elapsed();
         let traced = self.statistics.seconds.trace;
-        if rendered == 0 || traced <= 0.0 {
+        if self.rendered == 0 || (rendered == 0 && left > 0.0) {
             return 1;
         }
         let per_sample = traced / f64::from(self.rendered);
-        if left < 0.5 * per_sample { 0 } else { ((left / per_sample * 0.1) as u32).max(1) }
-    }
-
-    fn finish(mut self, field: GuideField) -> Result<Outcome> {
-        let image = combine(&self.passes).map_err(|_| {
-            Error::Options("no sample was rendered: the render was stopped before its first pass".into())
-        })?;
-        let statistics = &mut self.statistics;
-        statistics.seconds.total = self.started.elapsed().as_secs_f64();
-        statistics.describe(self.scene, self.settings, self.spent);
-        Ok(Outcome { image, statistics: self.statistics, field })
+        if left <= 0.0 { 0 } else { ((left / per_sample.max(1e-9) * 0.1) as u32).clamp(1, 1 << 16) }
     }
 }

@@ -3,7 +3,6 @@
 //! A chunk is a range of linear sample indices (sample · pixels + pixel); blocks of it run in parallel and are merged in
 //! order, so neither the picture nor what is learned depends on the number of threads, and memory not on the samples.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use glam::Vec3;
@@ -12,7 +11,6 @@ use rayon::prelude::*;
 use super::learning::Learning;
 use super::settings::RenderSettings;
 use super::statistics::Statistics;
-use crate::base::progress::Progress;
 use crate::base::random::Random;
 use crate::film::Pass;
 use crate::guiding::field::GuideField;
@@ -49,8 +47,6 @@ pub struct PassTracer<'a> {
     pub first_sample: u32,
     /// Camera paths per pixel, and light paths per pixel where photons are on.
     pub spp: u32,
-    /// Ends the pass at the next chunk.
-    pub stop: &'a AtomicBool,
 }
 
 #[derive(Default)]
@@ -66,35 +62,36 @@ impl PassTracer<'_> {
         u64::from(self.scene.size[0]) * u64::from(self.scene.size[1])
     }
 
-    /// Adds the pass's samples to `pass` and, where there is one, gives its records to `learning`. Returns whether it was
-    /// completed.
+    /// Adds the pass's samples to `pass` and, where there is one, gives its records to `learning`. After every chunk `go_on` is
+    /// called with the pass so far and the number of samples just made; it ends the pass by saying no. Returns whether the
+    /// pass was completed.
     pub fn run(
         &self,
         pass: &mut Pass,
         mut learning: Option<&mut Learning>,
         statistics: &mut Statistics,
-        progress: &dyn Progress,
+        go_on: &mut dyn FnMut(&Pass, u64) -> bool,
     ) -> bool {
         let total = self.pixels() * u64::from(self.spp);
         let mut start = 0;
         while start < total {
-            if self.stop.load(Ordering::Relaxed) && start > 0 {
-                return false;
-            }
             let end = (start + CHUNK).min(total);
+            let mut samples = end - start;
             let mut records = Records::default();
             let kinds = self.settings.samples;
             let wants_paths = learning.is_some();
             self.camera_chunk(start..end, pass, wants_paths.then_some(&mut records.paths), statistics);
-            progress.advance(end - start);
             if let Some(learning) = learning.as_deref_mut() {
                 if kinds.photons() {
                     self.photon_chunk(start..end, total, &mut records.photons, statistics);
-                    progress.advance(end - start);
+                    samples *= 2;
                 }
                 learning.absorb(&records, kinds, &mut statistics.seconds);
             }
             start = end;
+            if !go_on(pass, samples) {
+                return start == total;
+            }
         }
         true
     }

@@ -60,8 +60,10 @@ impl SampleKinds {
 pub enum StopRule {
     /// Samples per pixel, camera and light paths together.
     Spp(u32),
-    /// Seconds of wall time.
+    /// Seconds of wall time, learning included.
     Time(f64),
+    /// Estimated relMSE of the picture.
+    TargetError(f64),
 }
 
 /// Everything that decides a render but the scene.
@@ -75,7 +77,7 @@ pub struct RenderSettings {
     pub samples: SampleKinds,
     /// How it is learned.
     pub learner: LearnerSettings,
-    /// Part of the budget that may go into learning.
+    /// Most of the budget that may go into learning; within it learning ends when it no longer pays.
     pub learning_share: f64,
     /// When to stop.
     pub stop: StopRule,
@@ -111,11 +113,11 @@ impl RenderSettings {
     pub(super) fn check(&self) -> Result<()> {
         let usable = match self.stop {
             StopRule::Spp(spp) => spp > 0,
-            StopRule::Time(seconds) => seconds > 0.0 && seconds.is_finite(),
+            StopRule::Time(amount) | StopRule::TargetError(amount) => amount > 0.0 && amount.is_finite(),
         };
         if !usable {
             return Err(Error::Options(
-                "the budget is zero: give at least 1 sample per pixel or a positive time".into(),
+                "the budget is zero: give at least 1 sample per pixel, a positive time or a positive error".into(),
             ));
         }
         if self.transport.max_depth == 0 {

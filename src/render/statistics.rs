@@ -3,6 +3,8 @@
 use serde::Serialize;
 
 use super::settings::RenderSettings;
+use crate::base::process;
+use crate::film::Measures;
 use crate::scene::Scene;
 use crate::scene::plan::Effect;
 
@@ -96,6 +98,8 @@ pub struct Statistics {
     pub iterations: Vec<Iteration>,
     /// Effects of the scene.
     pub effects: Vec<Effect>,
+    /// relMSE as the render estimates it itself, where it ran to a target error.
+    pub estimated_relmse: Option<f64>,
     /// Errors against the reference, where there is one.
     pub errors: Vec<ErrorPoint>,
     /// Most memory that the process held, where the system tells.
@@ -115,11 +119,11 @@ pub struct ErrorPoint {
     pub relmse_trimmed: f64,
 }
 
-/// Peak resident memory of this process in bytes, from `/proc` where that exists.
-fn peak_rss() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
-    line.trim().trim_end_matches("kB").trim().parse::<u64>().ok().map(|kb| kb * 1024)
+impl ErrorPoint {
+    /// The errors of a picture made in `seconds` with `spp` samples per pixel.
+    pub fn new(seconds: f64, spp: u32, measures: &Measures) -> Self {
+        Self { seconds, spp, relmse: measures.relmse, relmse_trimmed: measures.relmse_trimmed }
+    }
 }
 
 impl Statistics {
@@ -131,7 +135,7 @@ impl Statistics {
         self.threads = rayon::current_num_threads();
         [self.width, self.height] = scene.size;
         self.spp = spp;
-        self.peak_rss_bytes = peak_rss();
+        self.peak_rss_bytes = process::peak_rss();
         let total = self.seconds.total.max(1e-9);
         self.rays_per_second = self.rays as f64 / total;
         self.samples_per_second = self.samples as f64 / total;

@@ -132,7 +132,7 @@ fn run(
 fn save(folder: &Path, mode: GuideMode, seed: u64, image: &Image) {
     for extension in ["png", "exr"] {
         let path = folder.join(format!("{}-{seed}.{extension}", mode.name()));
-        write(&path, image, &[]).expect("the folder can be written");
+        write(&path, image, &[], 0.0).expect("the folder can be written");
     }
 }
 

@@ -1,5 +1,6 @@
 //! The work behind each command.
 
+pub mod compare;
 pub mod dataset;
 pub mod error;
 pub mod plan;

@@ -1,7 +1,8 @@
 //! `fanal render`.
 
+use std::cell::RefCell;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::{in_pool, load_scene};
 use crate::base::files::write_bytes;
@@ -9,13 +10,17 @@ use crate::base::{Error, Progress, Result};
 use crate::cli::args::{Backend, RenderArgs};
 use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::{interrupt, progress};
-use crate::film::{check_folder, check_writable, measure, write_or_rescue};
+use crate::film::exr::Attribute;
+use crate::film::{check_folder, check_writable, measure, write, write_or_rescue};
 use crate::materials::image::Image;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
-use crate::render::{self, ErrorPoint, GuideMode, RenderSettings, Statistics};
+use crate::render::{self, Control, ErrorPoint, GuideMode, Refresh, RenderSettings, Snapshot};
 use crate::scene::Scene;
 use crate::scene::plan::plan;
 use crate::scene::readers::{LoadedScene, read_image};
+
+/// Least time between two pictures while rendering.
+const REFRESH: Duration = Duration::from_secs(2);
 
 /// Loads, checks everything that can be known beforehand, renders.
 ///
@@ -62,22 +67,31 @@ fn render(
     let begun = Instant::now();
     let scene = Scene::build(loaded, request.size)?;
     let build = begun.elapsed().as_secs_f64();
-    let outcome = render::render(&scene, &settings, reconstructor.as_ref(), progress, stop)?;
+    let errors = RefCell::new(Vec::new());
+    let header = attributes(&request.scene.display().to_string(), settings.guide, settings.seed);
+    let show = |snapshot: Snapshot| {
+        // What cannot be written now may be written later; the end says so if not.
+        let _ = write(&request.output, &snapshot.image, &header, request.exposure);
+        if let Some(Ok(measures)) = reference.map(|reference| measure(&snapshot.image, reference)) {
+            errors.borrow_mut().push(ErrorPoint::new(snapshot.seconds, snapshot.spp, &measures));
+        }
+    };
+    let refresh = Some(Refresh { every: REFRESH, show: &show });
+    let control = Control { progress, stop, refresh };
+    let outcome = render::render_watched(&scene, &settings, reconstructor.as_ref(), &control)?;
     let mut statistics = outcome.statistics;
+    statistics.errors = errors.take();
     statistics.scene = request.scene.display().to_string();
     statistics.seconds.build = build;
     statistics.effects = plan(&loaded.file).effects;
     if let Some(reference) = reference {
         let measures = measure(&outcome.image, reference)?;
-        statistics.errors.push(ErrorPoint {
-            seconds: statistics.seconds.total,
-            spp: statistics.spp,
-            relmse: measures.relmse,
-            relmse_trimmed: measures.relmse_trimmed,
-        });
+        statistics.errors.push(ErrorPoint::new(statistics.seconds.total, statistics.spp, &measures));
     }
     let begun = Instant::now();
-    let written = write_or_rescue(&request.output, &outcome.image, &attributes(&statistics));
+    let counts = [("spp", statistics.spp.to_string()), ("droppedSamples", statistics.dropped_samples.to_string())];
+    let header: Vec<Attribute> = header.into_iter().chain(counts.map(|(k, v)| (k.to_owned(), v))).collect();
+    let written = write_or_rescue(&request.output, &outcome.image, &header, request.exposure);
     statistics.seconds.write = begun.elapsed().as_secs_f64();
     if let Some(path) = &request.stats {
         let text = serde_json::to_vec_pretty(&statistics)
@@ -110,15 +124,13 @@ fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<B
     Ok(Box::new(neural))
 }
 
-/// What the header of an EXR file says about its making.
-fn attributes(statistics: &Statistics) -> Vec<(String, String)> {
+/// What the header of an EXR file says about its making, before it is made.
+fn attributes(scene: &str, guide: GuideMode, seed: u64) -> Vec<Attribute> {
     [
         ("software", format!("fanal {}", env!("CARGO_PKG_VERSION"))),
-        ("scene", statistics.scene.clone()),
-        ("method", statistics.method.clone()),
-        ("seed", statistics.seed.to_string()),
-        ("spp", statistics.spp.to_string()),
-        ("droppedSamples", statistics.dropped_samples.to_string()),
+        ("scene", scene.to_owned()),
+        ("method", guide.name().to_owned()),
+        ("seed", seed.to_string()),
     ]
     .map(|(key, value)| (key.to_owned(), value))
     .to_vec()

@@ -1,0 +1,94 @@
+//! `fanal compare`.
+
+use std::time::Instant;
+
+use super::{in_pool, load_scene};
+use crate::base::{Error, Result};
+use crate::cli::args::{CompareArgs, MethodName};
+use crate::cli::{interrupt, print, progress};
+use crate::film::check_size;
+use crate::reconstruct::Neural;
+use crate::render::{GuideMode, RenderSettings, StopRule};
+use crate::report::{Budget, Experiment, Method, page};
+
+/// Runs the comparison and writes its page.
+///
+/// # Errors
+/// Everything that reading, rendering and writing can say.
+pub fn run(args: &CompareArgs) -> Result<()> {
+    std::fs::create_dir_all(&args.output).map_err(|e| Error::io(&args.output, e))?;
+    in_pool(&args.common, || {
+        let begun = Instant::now();
+        let loaded = load_scene(&args.scene, &args.common)?;
+        let load_seconds = begun.elapsed().as_secs_f64();
+        let size = args.size.unwrap_or([loaded.file.film.width, loaded.file.film.height]);
+        check_size(size[0], size[1])?;
+        let neural = args.model.as_ref().map_or_else(Neural::built_in, |folder| Neural::embedded(folder))?;
+        let mut settings = RenderSettings::new(GuideMode::None, StopRule::Spp(1));
+        settings.transport.max_depth = args.max_depth.unwrap_or(loaded.file.render.max_depth);
+        neural.check_mode(&settings.mode())?;
+        let experiment = Experiment {
+            loaded: &loaded,
+            path: args.scene.display().to_string(),
+            load_seconds,
+            settings,
+            size,
+            methods: distinct(args.methods.iter().copied().map(method)),
+            budgets: budgets(args),
+            seeds: args.seeds,
+            reference: args.reference.clone().map(|r| (r, args.reference_variance.clone())),
+            reference_spp: args.reference_spp,
+            oracle_spp: args.oracle_spp,
+            neural: &neural,
+            folder: &args.output,
+        };
+        let comparison = experiment.run(&*progress::progress(args.common.quiet), &*interrupt::flag()?)?;
+        page::write(&comparison, &args.output)?;
+        for s in &comparison.results.summary {
+            let e = &s.relmse_trimmed;
+            print::line(&format!(
+                "{:>8}  {:8} {:>8.0} spp {:>8.2} s  trimmed relMSE {:.5} [{:.5}, {:.5}]  over {} {:.3} [{:.3}, {:.3}]",
+                comparison.results.budgets[s.budget].label(),
+                s.method,
+                s.spp,
+                s.seconds,
+                e.mean,
+                e.low,
+                e.high,
+                comparison.results.methods[0],
+                s.ratio.mean,
+                s.ratio.low,
+                s.ratio.high
+            ))?;
+        }
+        print::line(&format!("{}", args.output.join("index.html").display()))
+    })
+}
+
+fn method(name: MethodName) -> Method {
+    match name {
+        MethodName::None => Method::Guide(GuideMode::None),
+        MethodName::Hybrid => Method::Guide(GuideMode::Hybrid),
+        MethodName::Neural => Method::Guide(GuideMode::Neural),
+        MethodName::Oracle => Method::Oracle,
+    }
+}
+
+/// The budgets in ascending order, each once.
+fn budgets(args: &CompareArgs) -> Vec<Budget> {
+    let mut time = args.time.clone();
+    time.sort_by(f64::total_cmp);
+    let mut spp = args.spp.clone();
+    spp.sort_unstable();
+    distinct(time.into_iter().map(Budget::Seconds).chain(spp.into_iter().map(Budget::Spp)))
+}
+
+fn distinct<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut kept = Vec::new();
+    for value in values {
+        if !kept.contains(&value) {
+            kept.push(value);
+        }
+    }
+    kept
+}

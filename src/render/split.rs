@@ -1,0 +1,64 @@
+//! How much of a budget to spend on learning (Müller 2017 §3.5), for passes that are combined.
+
+/// Share of the budget that is spent on learning without asking: variances of so few samples decide nothing.
+const FREE_SHARE: f64 = 0.25;
+/// Bounds of the predicted factor by which one more iteration lowers the variance of a sample. Measured factors are noisy: a
+/// single firefly must neither stop learning for good nor promise wonders.
+const FACTOR: [f64; 2] = [0.5, 0.97];
+
+/// What is known before an iteration. Costs are all in one unit: samples per pixel, or seconds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outlook {
+    /// The whole budget.
+    pub budget: f64,
+    /// What is left of it.
+    pub left: f64,
+    /// What the iteration would cost.
+    pub cost: f64,
+    /// Part of that cost that goes into the picture all the same: the share of camera paths.
+    pub useful: f64,
+    /// Most that learning may take of the budget.
+    pub limit: f64,
+}
+
+/// Whether to learn for another iteration, given the variances of one sample in the iterations so far.
+///
+/// Stopping now renders `left` at the variance s of the field at hand. Learning on spends `cost`, of which `useful` is rendered at
+/// s, and renders the rest at r·s, where r is how much the last iteration lowered the variance. Precisions add up where passes
+/// are combined by inverse variance, so learning pays where (left − cost)(1/r − 1) exceeds cost·(1 − useful).
+pub fn learns_on(outlook: &Outlook, variances: &[f64]) -> bool {
+    let spent = outlook.budget - outlook.left;
+    if spent + outlook.cost > outlook.limit * outlook.budget {
+        return false;
+    }
+    if spent + outlook.cost <= FREE_SHARE * outlook.budget {
+        return true;
+    }
+    let &[.., before, last] = variances else { return true };
+    let usable = before.is_finite() && last.is_finite() && before > 0.0 && last > 0.0;
+    let factor = if usable { (last / before).clamp(FACTOR[0], FACTOR[1]) } else { FACTOR[1] };
+    (outlook.left - outlook.cost) * (1.0 / factor - 1.0) > outlook.cost * (1.0 - outlook.useful)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn outlook(left: f64, cost: f64, useful: f64) -> Outlook {
+        Outlook { budget: 100.0, left, cost, useful, limit: 0.5 }
+    }
+
+    #[test]
+    fn learning_goes_on_while_it_pays() {
+        let halving = [8.0, 4.0];
+        let flat = [8.0, 8.0];
+        assert!(learns_on(&outlook(94.0, 6.0, 0.5), &flat), "the first iterations are free");
+        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &halving));
+        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &flat), "nothing is gained by photons that teach nothing");
+        assert!(!learns_on(&outlook(60.0, 20.0, 0.5), &halving), "no more than the limit");
+        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &[8.0, 16.0]), "a guide that gets worse");
+        assert!(learns_on(&outlook(80.0, 20.0, 1.0), &flat), "learning that costs nothing");
+        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &[f64::NAN, 0.0]));
+        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &[1.0]), "one variance has no trend");
+    }
+}

@@ -1,0 +1,373 @@
+//! Running a comparison: methods × budgets × seeds, interleaved, each run kept so that an interrupted comparison goes on.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use super::analysis::{summarise, times_to_reach};
+use super::guides::{self, Guides};
+use super::results::{
+    Budget, Errors, Parts, ReferenceEntry, Results, RunEntry, SceneEntry, VERSION, read_json, write_json,
+};
+use crate::base::process::cpu_seconds;
+use crate::base::progress::Silent;
+use crate::base::{Error, Progress, Result};
+use crate::film::{Measures, measure_noisy, relative_variance, write};
+use crate::guiding::field::GuideField;
+use crate::materials::image::Image;
+use crate::reconstruct::{Counted, Neural, Reconstructor};
+use crate::render::{
+    Control, GuideMode, Outcome, RenderSettings, SampleKinds, StopRule, learn, render, render_with_field,
+};
+use crate::scene::Scene;
+use crate::scene::readers::{LoadedScene, read_image};
+
+/// A way to render.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// As `fanal render --guide` does it.
+    Guide(GuideMode),
+    /// Guided by converged trees that were made beforehand: what reconstruction could reach at most.
+    Oracle,
+}
+
+impl Method {
+    /// Its name on the command line and on the page.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Guide(guide) => guide.name(),
+            Self::Oracle => "oracle",
+        }
+    }
+}
+
+/// What to compare.
+pub struct Experiment<'a> {
+    /// The scene as read.
+    pub loaded: &'a LoadedScene,
+    /// As given by the user.
+    pub path: String,
+    /// Seconds that reading took.
+    pub load_seconds: f64,
+    /// Settings that all runs share; mode, budget and seed are set per run.
+    pub settings: RenderSettings,
+    /// Columns and rows.
+    pub size: [u32; 2],
+    /// Methods; ratios refer to the first.
+    pub methods: Vec<Method>,
+    /// Budgets.
+    pub budgets: Vec<Budget>,
+    /// Number of seeds.
+    pub seeds: u64,
+    /// A reference and its variance as files; without them one is rendered.
+    pub reference: Option<(PathBuf, Option<PathBuf>)>,
+    /// Samples per pixel of each part of a reference that is rendered.
+    pub reference_spp: u32,
+    /// Samples per pixel that the oracle learns from.
+    pub oracle_spp: u32,
+    /// What makes the distributions of the neural method.
+    pub neural: &'a Neural,
+    /// The output folder.
+    pub folder: &'a Path,
+}
+
+/// Independent parts of a reference that is rendered: their spread is its variance.
+const REFERENCE_PARTS: u64 = 4;
+/// First seed of the reference's parts, and of the runs. Apart, so that no run has the reference's noise.
+const REFERENCE_SEED: u64 = 1 << 40;
+const ORACLE_SEED: u64 = 1 << 41;
+const FIRST_SEED: u64 = 1;
+
+/// A run as it is kept beside its picture: what made it, so that a run of other settings is not taken for it.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Kept {
+    scene_crc32: u32,
+    settings: String,
+    run: RunEntry,
+}
+
+/// A comparison as far as it got.
+pub struct Comparison {
+    /// Everything measured.
+    pub results: Results,
+    /// The reference.
+    pub reference: Image,
+    /// Fields of the guided methods at the largest budget.
+    pub guides: Vec<(String, Guides)>,
+}
+
+impl Experiment<'_> {
+    /// Runs what is not there yet and measures everything. Setting `stop` ends it after the run at hand.
+    ///
+    /// # Errors
+    /// Whatever reading, rendering and writing says; [`Error::Options`] where no run was finished.
+    pub fn run(&self, progress: &dyn Progress, stop: &AtomicBool) -> Result<Comparison> {
+        for folder in ["runs", "data", "plots"].map(|f| self.folder.join(f)) {
+            std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+        }
+        let begun = Instant::now();
+        let scene = Scene::build(self.loaded, self.size)?;
+        let build_seconds = begun.elapsed().as_secs_f64();
+        let control = Control { progress: &Silent, stop, refresh: None };
+        let total = self.budgets.len() as u64 * self.seeds * self.methods.len() as u64;
+        progress.start(total, "runs");
+        progress.message("reference");
+        let (entry, reference, variance) = self.reference(&scene, &control)?;
+        let mut oracle: Option<GuideField> = None;
+        let mut runs = Vec::new();
+        'all: for (budget, &limit) in self.budgets.iter().enumerate() {
+            for seed in FIRST_SEED..FIRST_SEED + self.seeds {
+                for i in 0..self.methods.len() {
+                    // The order turns with the seed: what comes first or last must not always be the same method.
+                    let method = self.methods[(i + seed as usize) % self.methods.len()];
+                    let stem = format!("{}-{}-{seed}", method.name(), limit.label());
+                    progress.message(&stem);
+                    let kept = self.kept(&stem);
+                    let run = match kept {
+                        Some(kept) => kept,
+                        None if stop.load(Ordering::Relaxed) => break 'all,
+                        None => {
+                            if method == Method::Oracle && oracle.is_none() {
+                                oracle = Some(self.converged(&scene, &control)?);
+                            }
+                            let made = self.one(&scene, method, oracle.as_ref(), limit, seed, &control, &stem)?;
+                            // A run that was stopped did not spend its budget.
+                            if stop.load(Ordering::Relaxed) {
+                                break 'all;
+                            }
+                            let entry = RunEntry { budget, ..made };
+                            write_json(&self.record(&stem), &self.keep(entry.clone()))?;
+                            entry
+                        }
+                    };
+                    let picture = read_image(&self.folder.join(&run.file), false)?;
+                    let measures = measure_noisy(&picture, &reference, variance.as_ref())?;
+                    runs.push(RunEntry { budget, errors: errors(&measures), mean_ratio: measures.mean_ratio, ..run });
+                    progress.advance(1);
+                }
+            }
+        }
+        progress.finish();
+        if runs.is_empty() {
+            return Err(Error::Options("the comparison was stopped before its first run".into()));
+        }
+        let methods: Vec<String> = self.methods.iter().map(|m| m.name().to_owned()).collect();
+        let summary = summarise(&methods, self.budgets.len(), &runs);
+        let results = Results {
+            version: VERSION,
+            program: format!("fanal {}", env!("CARGO_PKG_VERSION")),
+            scene: SceneEntry {
+                name: scene.name.clone(),
+                path: self.path.clone(),
+                crc32: self.crc32(),
+                width: self.size[0],
+                height: self.size[1],
+                max_depth: self.settings.transport.max_depth,
+                load_seconds: self.load_seconds,
+                build_seconds,
+            },
+            threads: rayon::current_num_threads(),
+            reference: entry,
+            time_to_reach: times_to_reach(&methods, &summary),
+            methods,
+            budgets: self.budgets.clone(),
+            seeds: (FIRST_SEED..FIRST_SEED + self.seeds).collect(),
+            oracle_spp: self.methods.contains(&Method::Oracle).then_some(self.oracle_spp),
+            runs,
+            summary,
+        };
+        Ok(Comparison { guides: self.guides(&results), results, reference })
+    }
+
+    /// Settings of a run, written out: equal texts mean equal runs.
+    fn fingerprint(&self) -> String {
+        format!(
+            "{:?} {:?} oracle {} model {}",
+            self.size, self.settings, self.oracle_spp, self.neural.model.config.name
+        )
+    }
+
+    fn crc32(&self) -> u32 {
+        let mut crc = flate2::Crc::new();
+        crc.update(&serde_json::to_vec(&self.loaded.file).unwrap_or_default());
+        crc.sum()
+    }
+
+    fn keep(&self, run: RunEntry) -> Kept {
+        Kept { scene_crc32: self.crc32(), settings: self.fingerprint(), run }
+    }
+
+    fn record(&self, stem: &str) -> PathBuf {
+        self.folder.join("runs").join(format!("{stem}.json"))
+    }
+
+    /// A run of an earlier call, if it is of this scene and these settings.
+    fn kept(&self, stem: &str) -> Option<RunEntry> {
+        let kept: Kept = read_json(&self.record(stem)).ok()?;
+        let same = kept.scene_crc32 == self.crc32() && kept.settings == self.fingerprint();
+        (same && self.folder.join(&kept.run.file).exists()).then_some(kept.run)
+    }
+
+    fn render(&self, scene: &Scene, guide: GuideMode, stop: StopRule, seed: u64, control: &Control) -> Result<Outcome> {
+        let settings = RenderSettings { guide, stop, seed, ..self.settings.clone() };
+        let counted = Counted::default();
+        let reconstructor: &dyn Reconstructor = if guide == GuideMode::Neural { self.neural } else { &counted };
+        render(scene, &settings, reconstructor, control.progress, control.stop)
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "one call; a struct of them would be made for it alone")]
+    fn one(
+        &self,
+        scene: &Scene,
+        method: Method,
+        oracle: Option<&GuideField>,
+        budget: Budget,
+        seed: u64,
+        control: &Control,
+        stem: &str,
+    ) -> Result<RunEntry> {
+        let stop = match budget {
+            Budget::Spp(spp) => StopRule::Spp(spp),
+            Budget::Seconds(seconds) => StopRule::Time(seconds),
+        };
+        let cpu = cpu_seconds();
+        let outcome = match (method, oracle) {
+            (Method::Guide(guide), _) => self.render(scene, guide, stop, seed, control)?,
+            (Method::Oracle, Some(field)) => {
+                let settings = RenderSettings { guide: GuideMode::Hybrid, stop, seed, ..self.settings.clone() };
+                render_with_field(scene, &settings, field.clone(), control)?
+            }
+            (Method::Oracle, None) => return Err(Error::Options("the oracle has learned nothing".into())),
+        };
+        let cpu_seconds = cpu.and_then(|before| Some(cpu_seconds()? - before));
+        let file = format!("runs/{stem}.exr");
+        let begun = Instant::now();
+        write(&self.folder.join(&file), &outcome.image, &[("method".into(), method.name().into())], 0.0)?;
+        let write = begun.elapsed().as_secs_f64();
+        if method != Method::Guide(GuideMode::None) && seed == FIRST_SEED {
+            write_json(&self.guide_file(method.name(), budget), &guides::sample(scene, &outcome.field))?;
+        }
+        let seconds = outcome.statistics.seconds;
+        Ok(RunEntry {
+            method: method.name().into(),
+            budget: 0,
+            seed,
+            file,
+            spp: outcome.statistics.spp,
+            seconds: seconds.total,
+            cpu_seconds,
+            parts: Parts {
+                trace: seconds.trace,
+                photons: seconds.photons,
+                deposit: seconds.splat,
+                reconstruct: seconds.reconstruct,
+                write,
+            },
+            // Measured once the picture is read back, so that a run kept from before is measured alike.
+            errors: Errors { relmse: 0.0, relmse_trimmed: 0.0, relmse_ldr: 0.0 },
+            mean_ratio: 0.0,
+            dropped_samples: outcome.statistics.dropped_samples,
+        })
+    }
+
+    fn guide_file(&self, method: &str, budget: Budget) -> PathBuf {
+        self.folder.join("runs").join(format!("{method}-{}-guide.json", budget.label()))
+    }
+
+    /// What the fields of the last budget know; nothing of a method whose run is missing.
+    fn guides(&self, results: &Results) -> Vec<(String, Guides)> {
+        let Some(&budget) = self.budgets.last() else { return vec![] };
+        let read = |m: &String| Some((m.clone(), read_json(&self.guide_file(m, budget)).ok()?));
+        results.methods.iter().filter_map(read).collect()
+    }
+
+    /// A field from many path samples, as counted.
+    fn converged(&self, scene: &Scene, control: &Control) -> Result<GuideField> {
+        let settings = RenderSettings {
+            guide: GuideMode::Hybrid,
+            samples: SampleKinds::Path,
+            stop: StopRule::Spp(self.oracle_spp),
+            seed: ORACLE_SEED,
+            ..self.settings.clone()
+        };
+        learn(scene, &settings, &Counted::default(), control)
+    }
+
+    /// The reference and the variance of its pixels: read, kept from an earlier call, or rendered.
+    fn reference(&self, scene: &Scene, control: &Control) -> Result<(ReferenceEntry, Image, Option<Image>)> {
+        if let Some((path, variance)) = &self.reference {
+            let image = self.sized(read_image(path, false)?, path)?;
+            let noise = variance.as_ref().map(|path| self.sized(read_image(path, true)?, path)).transpose()?;
+            let entry = ReferenceEntry {
+                file: absolute(path),
+                variance_file: variance.as_deref().map(absolute),
+                origin: "given".into(),
+                relative_variance: noise.as_ref().map(|noise| relative_variance(&image, noise)).transpose()?,
+            };
+            return Ok((entry, image, noise));
+        }
+        let [file, variance_file] = ["reference.exr", "reference-variance.exr"].map(|f| self.folder.join(f));
+        let note = self.folder.join("runs").join("reference.json");
+        let origin = format!("neural, {REFERENCE_PARTS} parts of {} spp", self.reference_spp);
+        let expected = format!("{} {} {origin}", self.crc32(), self.fingerprint());
+        if read_json::<String>(&note).ok().as_ref() != Some(&expected) {
+            let (mean, variance) = self.render_reference(scene, control)?;
+            write(&file, &mean, &[], 0.0)?;
+            write(&variance_file, &variance, &[], 0.0)?;
+            write_json(&note, &expected)?;
+        }
+        let (image, noise) = (read_image(&file, false)?, read_image(&variance_file, true)?);
+        let entry = ReferenceEntry {
+            file: "reference.exr".into(),
+            variance_file: Some("reference-variance.exr".into()),
+            origin,
+            relative_variance: Some(relative_variance(&image, &noise)?),
+        };
+        Ok((entry, image, Some(noise)))
+    }
+
+    /// Mean and variance of the mean of independent parts.
+    fn render_reference(&self, scene: &Scene, control: &Control) -> Result<(Image, Image)> {
+        let mut parts = Vec::new();
+        for part in 0..REFERENCE_PARTS {
+            let stop = StopRule::Spp(self.reference_spp);
+            parts.push(self.render(scene, GuideMode::Neural, stop, REFERENCE_SEED + part, control)?.image);
+            if control.stop.load(Ordering::Relaxed) {
+                return Err(Error::Options("the comparison was stopped while its reference was made".into()));
+            }
+        }
+        let n = parts.len() as f32;
+        let (mut mean, mut variance) = (parts[0].clone(), parts[0].clone());
+        for i in 0..mean.pixels.len() {
+            mean.pixels[i] = parts.iter().map(|p| p.pixels[i]).sum::<glam::Vec3>() / n;
+            let deviations = parts.iter().map(|p| p.pixels[i] - mean.pixels[i]);
+            let squares = deviations.map(|d| d * d).sum::<glam::Vec3>();
+            variance.pixels[i] = squares / ((n - 1.0) * n);
+        }
+        Ok((mean, variance))
+    }
+
+    fn sized(&self, image: Image, path: &Path) -> Result<Image> {
+        let [width, height] = self.size.map(|n| n as usize);
+        if (image.width, image.height) == (width, height) {
+            return Ok(image);
+        }
+        Err(Error::Options(format!(
+            "{}: {}x{} pixels, the pictures have {width}x{height}; give --size",
+            path.display(),
+            image.width,
+            image.height
+        )))
+    }
+}
+
+fn errors(measures: &Measures) -> Errors {
+    Errors { relmse: measures.relmse, relmse_trimmed: measures.relmse_trimmed, relmse_ldr: measures.relmse_ldr }
+}
+
+fn absolute(path: &Path) -> String {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string()
+}

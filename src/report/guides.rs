@@ -1,0 +1,57 @@
+//! What each method's field knows at points of the picture, small enough for a page.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use crate::guiding::field::GuideField;
+use crate::math::cylindrical;
+use crate::scene::Scene;
+
+/// Columns and rows of a map.
+const SIDE: usize = 32;
+/// Points along the longer side of the picture.
+const POINTS: u32 = 24;
+
+/// Pixels on a grid, the distribution at what each of them sees.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Guides {
+    /// Columns (z) and rows (φ) of a map.
+    pub side: usize,
+    /// Pixels between points.
+    pub step: u32,
+    /// Column and row of each point's pixel.
+    pub points: Vec<[u32; 2]>,
+    /// Per point `side²` bytes in Base64, none where nothing guides. A byte b is a density relative to the uniform one:
+    /// log₁₀ = b/255·6 − 3.
+    pub maps: Vec<Option<String>>,
+}
+
+/// Looks up `field` at what the pixels of a grid see.
+pub fn sample(scene: &Scene, field: &GuideField) -> Guides {
+    let [width, height] = scene.size;
+    let step = width.max(height).div_ceil(POINTS).max(1);
+    let rows = (step / 2..height).step_by(step as usize);
+    let points: Vec<[u32; 2]> =
+        rows.flat_map(|y| (step / 2..width).step_by(step as usize).map(move |x| [x, y])).collect();
+    let maps = points.iter().map(|&point| map(scene, field, point)).collect();
+    Guides { side: SIDE, step, points, maps }
+}
+
+fn map(scene: &Scene, field: &GuideField, [x, y]: [u32; 2]) -> Option<String> {
+    let ray = scene.camera.ray([x as f32 + 0.5, y as f32 + 0.5], [0.5; 2]);
+    let surface = scene.intersect(&ray)?;
+    if scene.material(&surface).is_delta() {
+        return None;
+    }
+    let (tree, _) = field.at(surface.point, surface.normal_towards(-ray.direction))?;
+    let center = |i: usize| (i as f64 + 0.5) / SIDE as f64;
+    let cells = (0..SIDE * SIDE).map(|i| cylindrical::to_direction([center(i % SIDE), center(i / SIDE)]));
+    let byte = |direction: Vec3| {
+        let relative = f64::from(tree.pdf(direction)) * 4.0 * std::f64::consts::PI;
+        ((relative.max(1e-9).log10() + 3.0) / 6.0 * 255.0).round().clamp(0.0, 255.0) as u8
+    };
+    Some(STANDARD.encode(cells.map(byte).collect::<Vec<u8>>()))
+}

@@ -1,0 +1,13 @@
+//! Comparisons: what accuracy costs in time, measured and shown on a page.
+//!
+//! `experiment` renders and measures, `analysis` summarises, `results` is what is kept, `plot`, `guides` and `page` show it.
+
+pub mod analysis;
+pub mod experiment;
+pub mod guides;
+pub mod page;
+pub mod plot;
+pub mod results;
+
+pub use experiment::{Comparison, Experiment, Method};
+pub use results::{Budget, Results};

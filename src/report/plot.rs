@@ -1,0 +1,234 @@
+//! Plots as SVG: errors on logarithmic axes with a band over seeds, and where the time goes as stacked bars.
+
+use plotters::coord::combinators::IntoLogRange;
+use plotters::prelude::*;
+
+use super::results::{Interval, Results, SummaryEntry};
+use crate::base::{Error, Result};
+
+/// Pixels of a plot.
+const SIZE: (u32, u32) = (640, 420);
+
+/// What runs along an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Against {
+    /// Wall time.
+    Seconds,
+    /// Samples per pixel.
+    Spp,
+}
+
+/// Which error is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Measure {
+    /// relMSE.
+    Relmse,
+    /// relMSE without the worst pixels.
+    Trimmed,
+    /// relMSE of what a screen shows.
+    Ldr,
+}
+
+impl Against {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Seconds, Self::Spp];
+
+    /// For axes and file names.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Seconds => "seconds",
+            Self::Spp => "spp",
+        }
+    }
+
+    fn of(self, entry: &SummaryEntry) -> f64 {
+        match self {
+            Self::Seconds => entry.seconds,
+            Self::Spp => entry.spp,
+        }
+    }
+}
+
+impl Measure {
+    /// All.
+    pub const ALL: [Self; 3] = [Self::Trimmed, Self::Relmse, Self::Ldr];
+
+    /// For axes.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Relmse => "relMSE",
+            Self::Trimmed => "trimmed relMSE",
+            Self::Ldr => "LDR relMSE",
+        }
+    }
+
+    /// For file names.
+    pub fn slug(self) -> &'static str {
+        match self {
+            Self::Relmse => "relmse",
+            Self::Trimmed => "relmse-trimmed",
+            Self::Ldr => "relmse-ldr",
+        }
+    }
+
+    /// The interval drawn.
+    pub fn of(self, entry: &SummaryEntry) -> Interval {
+        match self {
+            Self::Relmse => entry.relmse,
+            Self::Trimmed => entry.relmse_trimmed,
+            Self::Ldr => entry.relmse_ldr,
+        }
+    }
+}
+
+/// A method's colour, the same in every plot: distinguishable with red-green blindness (Okabe and Ito 2008).
+fn color(method: usize) -> RGBColor {
+    const COLORS: [RGBColor; 6] = [
+        RGBColor(80, 80, 80),
+        RGBColor(230, 159, 0),
+        RGBColor(0, 114, 178),
+        RGBColor(0, 158, 115),
+        RGBColor(204, 121, 167),
+        RGBColor(213, 94, 0),
+    ];
+    COLORS[method % COLORS.len()]
+}
+
+/// Error over cost for every method: the geometric mean as a line, its 95 % interval over seeds as a band.
+///
+/// # Errors
+/// [`Error::Options`] where the plot cannot be drawn.
+pub fn errors(results: &Results, against: Against, measure: Measure) -> Result<String> {
+    let points = |method: &String| -> Vec<(f64, Interval)> {
+        let of = results.summary.iter().filter(|s| s.method == *method);
+        let mut points: Vec<_> = of.map(|s| (against.of(s), measure.of(s))).filter(|p| p.1.low > 0.0).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        points
+    };
+    let series: Vec<Vec<(f64, Interval)>> = results.methods.iter().map(points).collect();
+    let x = bounds(series.iter().flatten().map(|p| p.0));
+    let y = bounds(series.iter().flatten().flat_map(|p| [p.1.low, p.1.high]));
+    draw(SIZE, |area| {
+        let mut chart = ChartBuilder::on(area)
+            .margin(14)
+            .x_label_area_size(40)
+            .y_label_area_size(70)
+            .build_cartesian_2d((x.0..x.1).log_scale(), (y.0..y.1).log_scale())?;
+        chart
+            .configure_mesh()
+            .x_desc(if against == Against::Seconds { "seconds" } else { "samples per pixel" })
+            .y_desc(measure.name())
+            .x_label_formatter(&|v| short(*v))
+            .y_label_formatter(&|v| short(*v))
+            .light_line_style(BLACK.mix(0.05))
+            .bold_line_style(BLACK.mix(0.15))
+            .draw()?;
+        for (i, (points, method)) in series.iter().zip(&results.methods).enumerate() {
+            let color = color(i);
+            let low = points.iter().map(|p| (p.0, p.1.low));
+            let band: Vec<(f64, f64)> = low.chain(points.iter().rev().map(|p| (p.0, p.1.high))).collect();
+            chart.draw_series([Polygon::new(band, color.mix(0.18))])?;
+            let line = points.iter().map(|p| (p.0, p.1.mean));
+            chart
+                .draw_series(LineSeries::new(line.clone(), color.stroke_width(2)))?
+                .label(method.as_str())
+                .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 14, y + 5)], color.filled()));
+            chart.draw_series(line.map(|p| Circle::new(p, 3, color.filled())))?;
+        }
+        chart.configure_series_labels().background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3)).draw()?;
+        Ok(())
+    })
+}
+
+/// Kinds of work in the order of their bars, with colours.
+pub const KINDS: [(&str, RGBColor); 8] = [
+    ("load", RGBColor(150, 150, 150)),
+    ("build", RGBColor(100, 100, 100)),
+    ("trace", RGBColor(0, 114, 178)),
+    ("photons", RGBColor(230, 159, 0)),
+    ("deposit", RGBColor(0, 158, 115)),
+    ("reconstruct", RGBColor(204, 121, 167)),
+    ("write", RGBColor(240, 228, 66)),
+    ("other", RGBColor(220, 220, 220)),
+];
+
+/// Seconds of a run by [`KINDS`]; loading and building are the comparison's own, shared by its runs.
+pub fn parts(results: &Results, entry: &SummaryEntry) -> [f64; 8] {
+    let p = &entry.parts;
+    let known = p.trace + p.photons + p.deposit + p.reconstruct;
+    let (load, build) = (results.scene.load_seconds, results.scene.build_seconds);
+    [load, build, p.trace, p.photons, p.deposit, p.reconstruct, p.write, (entry.seconds - known).max(0.0)]
+}
+
+/// Where the time of every method and budget goes, a bar each.
+///
+/// # Errors
+/// As [`errors`].
+pub fn times(results: &Results) -> Result<String> {
+    let bars: Vec<(String, [f64; 8])> = results
+        .summary
+        .iter()
+        .map(|s| (format!("{} {}", s.method, results.budgets[s.budget].label()), parts(results, s)))
+        .collect();
+    let longest = bars.iter().map(|b| b.1.iter().sum::<f64>()).fold(1e-3, f64::max);
+    let rows = bars.len().max(1);
+    draw((SIZE.0 * 3 / 2, 90 + 22 * rows as u32), |area| {
+        let mut chart = ChartBuilder::on(area)
+            .margin(14)
+            .x_label_area_size(40)
+            .y_label_area_size(120)
+            .build_cartesian_2d(0.0..longest * 1.25, 0.0..rows as f64)?;
+        let label = |y: &f64| bars.get(rows.wrapping_sub(1 + *y as usize)).map_or(String::new(), |b| b.0.clone());
+        chart.configure_mesh().disable_y_mesh().disable_y_axis().y_labels(0).x_desc("seconds").draw()?;
+        for (kind, (name, color)) in KINDS.iter().enumerate() {
+            let color = *color;
+            let rectangles = bars.iter().enumerate().map(|(i, (_, parts))| {
+                let start: f64 = parts[..kind].iter().sum();
+                let y = (rows - 1 - i) as f64;
+                Rectangle::new([(start, y + 0.15), (start + parts[kind], y + 0.85)], color.filled())
+            });
+            chart
+                .draw_series(rectangles)?
+                .label(*name)
+                .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 14, y + 5)], color.filled()));
+        }
+        for row in 0..rows {
+            let y = row as f64 + 0.5;
+            let style = ("sans-serif", 13).into_font().color(&BLACK);
+            let at = chart.backend_coord(&(0.0, y));
+            area.draw(&Text::new(label(&(row as f64)), (at.0 - 116, at.1 - 7), style))?;
+        }
+        chart.configure_series_labels().background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3)).draw()?;
+        Ok(())
+    })
+}
+
+/// Draws onto white and returns the SVG text.
+fn draw<F>(size: (u32, u32), content: F) -> Result<String>
+where
+    F: FnOnce(
+        &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
+    ) -> std::result::Result<(), Box<dyn std::error::Error>>,
+{
+    let fail = |e: Box<dyn std::error::Error>| Error::Options(format!("a plot could not be drawn: {e}"));
+    let mut svg = String::new();
+    {
+        let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
+        area.fill(&WHITE).map_err(|e| fail(e.into()))?;
+        content(&area).map_err(fail)?;
+        area.present().map_err(|e| fail(e.into()))?;
+    }
+    Ok(svg)
+}
+
+/// A range around positive values with room on both sides.
+fn bounds(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let (low, high) =
+        values.filter(|v| *v > 0.0 && v.is_finite()).fold((f64::INFINITY, 0.0f64), |(l, h), v| (l.min(v), h.max(v)));
+    if low <= high { (low / 1.3, high * 1.3) } else { (0.1, 10.0) }
+}
+
+/// A number with as many digits as an axis needs.
+fn short(value: f64) -> String {
+    if (0.01..1e4).contains(&value) { format!("{}", (value * 1e4).round() / 1e4) } else { format!("{value:.0e}") }
+}

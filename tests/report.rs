@@ -1,0 +1,187 @@
+//! `fanal compare`: every number on the page follows from the pictures, an interrupted comparison goes on, the page works.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use fanal::materials::image::Image;
+use fanal::report::results::{Reach, Results, SummaryEntry};
+use fanal::scene::readers::read_image;
+
+const DRIVER: &str = include_str!("support/drive-page.js");
+
+/// Compares on a small picture of the diffuse box, 2 budgets and `seeds` seeds.
+fn compare(folder: &Path, seeds: &str) -> Output {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell").display().to_string();
+    let output = folder.display().to_string();
+    let fixed = ["--spp", "16,4", "--size", "40x30", "--reference-spp", "64", "--oracle-spp", "32"];
+    let result = Command::new(env!("CARGO_BIN_EXE_fanal"))
+        .args(["compare", &scene, "-o", &output, "--seeds", seeds, "--methods", "none,hybrid,neural,oracle"])
+        .args(fixed)
+        .output()
+        .expect("the program was built for this test");
+    assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
+    result
+}
+
+fn close(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-6 * b.abs().max(1e-6)
+}
+
+/// relMSE and trimmed relMSE against the truth, written down a second time: pixel errors less the reference's variance.
+fn relative_errors(picture: &Image, reference: &Image, variance: &Image) -> [f64; 2] {
+    let mut pixels: Vec<(f64, f64)> = (0..picture.pixels.len())
+        .map(|i| {
+            let [x, r, v] = [picture, reference, variance].map(|image| image.pixels[i].as_dvec3());
+            let floor = r * r + 0.01;
+            (((x - r) * (x - r) / floor).element_sum() / 3.0, (v / floor).element_sum() / 3.0)
+        })
+        .collect();
+    let mean = |p: &[(f64, f64)]| p.iter().map(|(e, v)| e - v).sum::<f64>() / p.len() as f64;
+    let all = mean(&pixels);
+    pixels.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let dropped = pixels.len() / 1000;
+    [all, mean(&pixels[dropped..])]
+}
+
+/// The cells of the first table in the section `id`, row by row, without tags.
+fn table(html: &str, id: &str) -> Vec<Vec<String>> {
+    let section = html.split(&format!("<section id=\"{id}\">")).nth(1).expect("the section is there");
+    let body = section.split("<tbody>").nth(1).and_then(|s| s.split("</tbody>").next()).expect("it has a table");
+    let text = |cell: &str| {
+        let mut inside = false;
+        let visible = cell.chars().filter(|&c| {
+            inside |= c == '<';
+            let keep = !inside;
+            inside &= c != '>';
+            keep
+        });
+        visible.collect::<String>().trim().to_owned()
+    };
+    let cells = |row: &str| -> Vec<String> {
+        row.replace("</th>", "</td>").split("</td>").filter(|c| c.contains('>')).map(text).collect()
+    };
+    body.split("</tr>").map(cells).filter(|r: &Vec<String>| r.len() > 1).collect()
+}
+
+/// A number as shown, to its three digits.
+fn shown(text: &str, value: f64) -> bool {
+    let number: f64 = text.trim_start_matches(['≤', '≥', ' ']).parse().expect("a number");
+    (number - value).abs() <= 0.006 * value.abs()
+}
+
+fn geometric(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v.ln()).sum::<f64>() / values.len() as f64).exp()
+}
+
+fn check_numbers(folder: &Path) -> Results {
+    let results = Results::read(&folder.join("results.json")).expect("the schema holds");
+    let read = |name: &str, raw| read_image(&folder.join(name), raw).expect("the picture is there");
+    let reference = read(&results.reference.file, false);
+    let variance = read(results.reference.variance_file.as_ref().expect("it was rendered here"), true);
+    for run in &results.runs {
+        let [relmse, trimmed] = relative_errors(&read(&run.file, false), &reference, &variance);
+        assert!(close(relmse, run.errors.relmse), "{}: {relmse} {}", run.file, run.errors.relmse);
+        assert!(close(trimmed, run.errors.relmse_trimmed), "{}: {trimmed} {}", run.file, run.errors.relmse_trimmed);
+    }
+    let summary = |s: &SummaryEntry| {
+        let of = |method: &str| -> Vec<f64> {
+            let runs = results.runs.iter().filter(|r| r.method == method && r.budget == s.budget);
+            runs.map(|r| r.errors.relmse_trimmed).collect()
+        };
+        let (own, first) = (of(&s.method), of(&results.methods[0]));
+        assert_eq!(own.len(), results.seeds.len());
+        assert!(close(geometric(&own), s.relmse_trimmed.mean) && s.relmse_trimmed.low <= s.relmse_trimmed.mean);
+        assert!(close(geometric(&own) / geometric(&first), s.ratio.mean), "{} {}", s.method, s.budget);
+    };
+    results.summary.iter().for_each(summary);
+    check_page(&std::fs::read_to_string(folder.join("index.html")).expect("there is a page"), &results);
+    results
+}
+
+/// Every number of the page's tables against `results.json`.
+fn check_page(html: &str, results: &Results) {
+    let rows = table(html, "runs");
+    assert_eq!(rows.len(), results.summary.len());
+    for (row, s) in rows.iter().zip(&results.summary) {
+        assert_eq!((row[0].as_str(), row[1].as_str()), (results.budgets[s.budget].label().as_str(), s.method.as_str()));
+        assert!(shown(&row[2], s.spp) && shown(&row[3], s.seconds), "{row:?}");
+        for (cell, interval) in row[5..].iter().zip([s.relmse, s.relmse_trimmed, s.relmse_ldr, s.ratio]) {
+            let numbers: Vec<&str> = cell.split(['[', ',', ']', ' ']).filter(|t| !t.is_empty()).collect();
+            let expected = [interval.mean, interval.low, interval.high];
+            assert!(
+                numbers.len() == 3 && numbers.iter().zip(expected).all(|(t, v)| shown(t, v)),
+                "{cell} {interval:?}"
+            );
+        }
+    }
+    let rows = if results.time_to_reach.is_empty() { vec![] } else { table(html, "time-to-reach") };
+    for (row, target) in rows.iter().zip(&results.time_to_reach) {
+        assert!(shown(&row[0], target.error));
+        for (i, reach) in target.methods.iter().enumerate() {
+            let cell = &row[if i == 0 { 1 } else { 2 * i }];
+            match *reach {
+                Reach::Never => assert_eq!(cell, "not reached"),
+                Reach::At(t) => assert!(shown(cell, t) && !cell.starts_with('≤'), "{cell} {t}"),
+                Reach::Before(t) => assert!(shown(cell, t) && cell.starts_with('≤'), "{cell} {t}"),
+            }
+            if let (true, Reach::At(a), Reach::At(b)) = (i > 0, target.methods[0], *reach) {
+                assert!(shown(&row[2 * i + 1], a / b), "{row:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn numbers_follow_from_the_pictures_and_runs_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    compare(folder.path(), "2");
+    let first = check_numbers(folder.path());
+    assert_eq!(first.runs.len(), 2 * 2 * 4);
+    let reference = std::fs::read(folder.path().join("reference.exr")).unwrap();
+    // A picture that is gone is made again; the others stay, with the seconds that they took.
+    std::fs::remove_file(folder.path().join(&first.runs[3].file)).unwrap();
+    compare(folder.path(), "3");
+    let second = check_numbers(folder.path());
+    assert_eq!(second.runs.len(), 2 * 3 * 4);
+    for (i, run) in first.runs.iter().enumerate() {
+        let again = second.runs.iter().find(|r| r.file == run.file).expect("the run is still listed");
+        assert_eq!(again.errors, run.errors, "{}: the same seed gives the same picture", run.file);
+        assert!(i == 3 || again.seconds == run.seconds, "{} was rendered again", run.file);
+    }
+    assert_eq!(std::fs::read(folder.path().join("reference.exr")).unwrap(), reference);
+}
+
+/// Debian's chromium or another one, where there is any.
+fn chromium() -> Option<PathBuf> {
+    let names = ["chromium", "chromium-browser", "google-chrome"];
+    let path = std::env::var_os("PATH")?;
+    std::env::split_paths(&path).flat_map(|d| names.map(|n| d.join(n))).find(|p| p.is_file())
+}
+
+/// Loads the page in a browser without network, uses everything on it, and wants no error.
+#[test]
+fn the_page_works_in_a_browser() {
+    let Some(chromium) = chromium() else {
+        println!("skipped: no chromium in PATH");
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    compare(folder.path(), "1");
+    let page = folder.path().join("index.html");
+    let driver = format!("<script>\n{DRIVER}</script>\n");
+    let html = std::fs::read_to_string(&page).unwrap();
+    let html = html.replacen("<head>", &format!("<head>{driver}"), 1).replace("</body>", &format!("{driver}</body>"));
+    std::fs::write(&page, html).unwrap();
+    for size in ["--window-size=500,900", "--window-size=1600,1200"] {
+        let profile = tempfile::tempdir().unwrap();
+        let result = Command::new(&chromium)
+            .args(["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=10000", size])
+            .arg(format!("--user-data-dir={}", profile.path().display()))
+            .args(["--dump-dom", &format!("file://{}", page.display())])
+            .output()
+            .expect("chromium starts");
+        let dom = String::from_utf8_lossy(&result.stdout);
+        let found = dom.split("data-result=\"").nth(1).and_then(|s| s.split('"').next());
+        assert_eq!(found, Some("ok"), "{size}: {}", String::from_utf8_lossy(&result.stderr));
+    }
+}

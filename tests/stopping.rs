@@ -1,0 +1,79 @@
+//! Renders that end by what they have seen: the picture must not know.
+
+#[path = "support/scenes.rs"]
+#[allow(dead_code, reason = "shared with other tests of light transport")]
+mod scenes;
+#[path = "support/statistics.rs"]
+#[allow(dead_code, reason = "shared with other tests of light transport")]
+mod statistics;
+
+use std::sync::atomic::AtomicBool;
+
+use fanal::base::progress::Silent;
+use fanal::film::measure;
+use fanal::reconstruct::Counted;
+use fanal::render::{Control, Outcome, RenderSettings, StopRule, learn, render, render_with_field};
+use fanal::scene::Scene;
+use scenes::{GUIDES, Guide, committed, mean, picture, settings};
+use statistics::Summary;
+
+fn stopped(scene: &Scene, guide: Guide, error: f64, seed: u64) -> Outcome {
+    let settings = RenderSettings { stop: StopRule::TargetError(error), ..settings(guide, 1, seed) };
+    render(scene, &settings, &Counted::default(), &Silent, &AtomicBool::new(false)).expect("the settings are sound")
+}
+
+/// The mean over 600 renders that stopped at an error of 0.7 is that of renders of a fixed length: Welch's test at 0.01. The
+/// scene is dark with rare bright paths, where a rule that looks at the picture's own samples stops early on dark pictures: it
+/// loses 7 % of the light, five standard errors.
+#[test]
+fn stopping_at_an_error_does_not_darken() {
+    let scene = committed("door-ajar", [8, 6]);
+    let fixed: Vec<f64> =
+        (0..100).map(|seed| mean(&picture(&scene, &settings(GUIDES[0], 1024, 9000 + seed)))).collect();
+    let truth = Summary::new(&fixed);
+    let outcomes: Vec<Outcome> = (0..600).map(|seed| stopped(&scene, GUIDES[0], 0.7, seed)).collect();
+    let spp: std::collections::BTreeSet<u32> = outcomes.iter().map(|o| o.statistics.spp).collect();
+    assert!(spp.len() > 3, "the rule must have had something to decide: {spp:?}");
+    let found = Summary::new(&outcomes.iter().map(|o| mean(&o.image)).collect::<Vec<_>>());
+    assert!(found.error() < 0.03 * truth.mean, "the test could not see a bias: {found:?}");
+    assert!(found.welch(&truth, 0.01) < 1.0, "stopped {found:?}, fixed {truth:?}");
+}
+
+/// The error reached is the one asked for, within a factor that covers a picture of 768 pixels: not a promise of the estimate's
+/// quality, which the bench measures, but of the rule's arithmetic (halves, means, variances per sample).
+#[test]
+fn the_error_asked_for_is_reached() {
+    let scene = committed("cornell", [32, 24]);
+    let reference = picture(&scene, &settings(GUIDES[0], 8192, 77));
+    for guide in [GUIDES[0], GUIDES[1]] {
+        for target in [0.004, 0.0015] {
+            let outcome = stopped(&scene, guide, target, 5);
+            let error = measure(&outcome.image, &reference).expect("same size").relmse;
+            let estimate = outcome.statistics.estimated_relmse.expect("it ran to a target");
+            assert!((0.6..1.4).contains(&(error / target)), "{guide:?}: {error} instead of {target}");
+            assert!((0.7..1.1).contains(&(estimate / target)), "{guide:?}: estimated {estimate} instead of {target}");
+        }
+    }
+}
+
+/// A field learned once guides other renders: the whole budget goes into the picture, which stays what it is.
+#[test]
+fn a_learned_field_can_be_used_again() {
+    let scene = committed("cornell", [32, 24]);
+    let stop = AtomicBool::new(false);
+    let control = Control { progress: &Silent, stop: &stop, refresh: None };
+    let settings = settings(GUIDES[1], 64, 3);
+    let field = learn(&scene, &settings, &Counted::default(), &control).expect("the settings are sound");
+    assert!(field.voxels().iter().any(|v| v.tree.is_some()));
+    let means: Vec<f64> = (0..12)
+        .map(|seed| {
+            let settings = RenderSettings { seed: 100 + seed, stop: StopRule::Spp(16), ..settings.clone() };
+            let outcome =
+                render_with_field(&scene, &settings, field.clone(), &control).expect("the settings are sound");
+            assert_eq!((outcome.statistics.spp, outcome.statistics.iterations.len()), (16, 0));
+            mean(&outcome.image)
+        })
+        .collect();
+    let plain: Vec<f64> = (0..12).map(|seed| mean(&picture(&scene, &scenes::settings(GUIDES[0], 64, seed)))).collect();
+    assert!(Summary::new(&means).welch(&Summary::new(&plain), 0.001) < 1.0);
+}
