@@ -172,7 +172,8 @@ pub fn times(results: &Results) -> Result<String> {
         .collect();
     let longest = bars.iter().map(|b| b.1.iter().sum::<f64>()).fold(1e-3, f64::max);
     let rows = bars.len().max(1);
-    draw((SIZE.0 * 3 / 2, 90 + 22 * rows as u32), |area| {
+    // High enough for the legend, however few bars there are.
+    draw((SIZE.0 * 3 / 2, (90 + 22 * rows as u32).max(230)), |area| {
         let mut chart = ChartBuilder::on(area)
             .margin(14)
             .x_label_area_size(40)

@@ -14,7 +14,7 @@ use crate::film::exr::Attribute;
 use crate::film::{check_folder, check_writable, measure, write, write_or_rescue};
 use crate::materials::image::Image;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
-use crate::render::{self, Control, ErrorPoint, GuideMode, Refresh, RenderSettings, Snapshot};
+use crate::render::{self, Control, ErrorPoint, GuideMode, Refresh, RenderSettings, Snapshot, Statistics};
 use crate::scene::Scene;
 use crate::scene::plan::plan;
 use crate::scene::readers::{LoadedScene, read_image};
@@ -30,11 +30,18 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     check_writable(&args.output)?;
     args.stats.as_deref().map_or(Ok(()), check_folder)?;
     in_pool(&args.common, || {
+        let begun = Instant::now();
         let loaded = load_scene(&args.scene, &args.common)?;
+        let load = begun.elapsed().as_secs_f64();
         let request = resolve(args, &loaded.file)?;
         let reference = reference(&request)?;
         let stop = interrupt::flag()?;
-        render(&request, &loaded, reference.as_ref(), &*progress::progress(args.common.quiet), &stop)
+        let progress = progress::progress(args.common.quiet);
+        let (mut statistics, written) = render(&request, &loaded, reference.as_ref(), &*progress, &stop)?;
+        statistics.seconds.load = load;
+        // A picture that had to be saved elsewhere has statistics all the same.
+        report(&request, &statistics)?;
+        written
     })
 }
 
@@ -54,14 +61,14 @@ fn reference(request: &RenderRequest) -> Result<Option<Image>> {
     Ok(Some(image))
 }
 
-/// Renders, writes the picture and the statistics.
+/// Renders and writes the picture.
 fn render(
     request: &RenderRequest,
     loaded: &LoadedScene,
     reference: Option<&Image>,
     progress: &dyn Progress,
     stop: &AtomicBool,
-) -> Result<()> {
+) -> Result<(Statistics, Result<()>)> {
     let settings = request.settings();
     let reconstructor = reconstructor(request, &settings)?;
     let begun = Instant::now();
@@ -93,12 +100,15 @@ fn render(
     let header: Vec<Attribute> = header.into_iter().chain(counts.map(|(k, v)| (k.to_owned(), v))).collect();
     let written = write_or_rescue(&request.output, &outcome.image, &header, request.exposure);
     statistics.seconds.write = begun.elapsed().as_secs_f64();
-    if let Some(path) = &request.stats {
-        let text = serde_json::to_vec_pretty(&statistics)
-            .map_err(|e| Error::Options(format!("the statistics are no JSON: {e}")))?;
-        write_bytes(path, &text)?;
-    }
-    written
+    Ok((statistics, written))
+}
+
+/// Writes the statistics where they are wanted.
+fn report(request: &RenderRequest, statistics: &Statistics) -> Result<()> {
+    let Some(path) = &request.stats else { return Ok(()) };
+    let text = serde_json::to_vec_pretty(statistics)
+        .map_err(|e| Error::Options(format!("the statistics are no JSON: {e}")))?;
+    write_bytes(path, &text)
 }
 
 /// What makes distributions in the mode asked for.
