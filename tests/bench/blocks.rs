@@ -4,8 +4,9 @@
 //!     cargo bench --bench blocks -- SCENE --reference REF.exr [--variance VAR.exr] [--spp 32] [--seeds 16] [--modes …]
 //!     cargo bench --bench blocks -- SCENE --reference-spp 1024 …        renders 8 references by `none` itself
 //!
-//! Also prints the mean of the picture relative to the reference's, and the same without the brightest 0.1 % of pixels of
-//! each, for scenes whose tails are too heavy for any test of means.
+//! Also prints the mean of the picture relative to the reference's, and the same without the pixels that are the brightest 0.1 %
+//! of the reference, for scenes whose tails are too heavy for any test of means. (Leaving out each picture's own brightest pixels
+//! would take the fireflies from the noisier one, and with them light that belongs to it.)
 
 #[path = "../support/statistics.rs"]
 #[allow(dead_code, reason = "shared with the tests")]
@@ -61,6 +62,9 @@ struct Truth {
     blocks: Vec<Summary>,
     mean: f64,
     trimmed: f64,
+    /// Pixels brighter than this are left out of the trimmed mean.
+    limit: f64,
+    pixels: Vec<f64>,
 }
 
 fn main() {
@@ -115,7 +119,7 @@ fn main() {
             if tests[worst] <= 1.0 { "agrees" } else { "DIFFERS" },
             mean.mean / pixels / truth.mean,
             mean.error() / pixels / truth.mean,
-            trimmed(&average(&pictures)) / truth.trimmed
+            trimmed(&average(&pictures), &truth.pixels, truth.limit) / truth.trimmed
         );
     }
 }
@@ -134,12 +138,20 @@ fn given(reference: &std::path::Path, variance: Option<&std::path::Path>) -> Tru
         Summary { mean, variance: errors.as_ref().map_or(0.0, |e| e[i] / pixels), freedom: 1e3 }
     });
     let all = channel_means(&image);
-    Truth { blocks: blocks.collect(), mean: all.iter().sum::<f64>() / all.len() as f64, trimmed: trimmed(&all) }
+    truth(blocks.collect(), all)
 }
 
 fn rendered(pictures: &[Image]) -> Truth {
     let all = average(pictures);
-    Truth { blocks: summaries(pictures), mean: all.iter().sum::<f64>() / all.len() as f64, trimmed: trimmed(&all) }
+    truth(summaries(pictures), all)
+}
+
+fn truth(blocks: Vec<Summary>, pixels: Vec<f64>) -> Truth {
+    let mut sorted = pixels.clone();
+    sorted.sort_by(f64::total_cmp);
+    let limit = sorted[sorted.len() - 1 - sorted.len() / 1000];
+    let mean = pixels.iter().sum::<f64>() / pixels.len() as f64;
+    Truth { blocks, mean, trimmed: trimmed(&pixels, &pixels, limit), limit, pixels }
 }
 
 /// Per block, over independent pictures.
@@ -160,12 +172,10 @@ fn average(pictures: &[Image]) -> Vec<f64> {
     sum
 }
 
-/// Mean without the brightest 0.1 %.
-fn trimmed(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.truncate(sorted.len() - sorted.len() / 1000);
-    sorted.iter().sum::<f64>() / sorted.len() as f64
+/// Mean over the pixels where `truth` is at most `limit`.
+fn trimmed(values: &[f64], truth: &[f64], limit: f64) -> f64 {
+    let kept = || values.iter().zip(truth).filter(|(_, t)| **t <= limit).map(|(v, _)| v);
+    kept().sum::<f64>() / kept().count() as f64
 }
 
 /// Means of whole blocks and of the narrower ones at the right and the lower edge.
