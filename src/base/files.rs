@@ -48,6 +48,13 @@ pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(|e| Error::io(path, e))
 }
 
+/// CRC-32 of bytes given in parts: tells damage and differences, not malice.
+pub fn crc32<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> u32 {
+    let mut crc = flate2::Crc::new();
+    parts.into_iter().for_each(|part| crc.update(part));
+    crc.sum()
+}
+
 /// Temporary files are private by default; a finished output gets the usual permissions.
 #[cfg(unix)]
 fn allow_reading(path: &Path) -> std::io::Result<()> {

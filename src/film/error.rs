@@ -54,7 +54,7 @@ pub fn measure_noisy(picture: &Image, reference: &Image, variance: Option<&Image
     // Error of each pixel, and the part of it that is the reference's own.
     let own = |i: usize, r: Vec3| variance.map_or(0.0, |v| per_pixel(v.pixels[i], r, |v, r| v / (r * r + FLOOR)));
     let mut relative: Vec<(f64, f64)> =
-        pairs().enumerate().map(|(i, (&x, &r))| (per_pixel(x, r, relative_square), own(i, r))).collect();
+        pairs().enumerate().map(|(i, (&x, &r))| (pixel_error(x, r), own(i, r))).collect();
     let mean_of = |all: &[(f64, f64)]| all.iter().map(|(e, own)| e - own).sum::<f64>() / all.len() as f64;
     let relmse = mean_of(&relative);
     relative.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
@@ -78,6 +78,11 @@ pub fn relative_variance(reference: &Image, variance: &Image) -> Result<f64> {
     let pairs = variance.pixels.iter().zip(&reference.pixels);
     let sum: f64 = pairs.map(|(&v, &r)| per_pixel(v, r, |v, r| v / (r * r + FLOOR))).sum();
     Ok(sum / reference.pixels.len() as f64)
+}
+
+/// One pixel's part of the relMSE: the mean over channels of (x−r)²/(r²+0.01).
+pub fn pixel_error(x: Vec3, r: Vec3) -> f64 {
+    per_pixel(x, r, relative_square)
 }
 
 fn relative_square(x: f64, r: f64) -> f64 {

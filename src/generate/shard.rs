@@ -23,7 +23,7 @@ use std::path::Path;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 
-use crate::base::files::{read_bytes, write_bytes};
+use crate::base::files::{crc32, read_bytes, write_bytes};
 use crate::base::{Error, Place, Result};
 use crate::guiding::features::RAW_CHANNELS;
 use crate::guiding::topology::Topology;
@@ -122,7 +122,7 @@ pub fn write_shard(path: &Path, samples: &[TreeSample]) -> Result<()> {
     let tensors = tensors_of(samples);
     let metadata = HashMap::from([
         ("version".to_owned(), VERSION.to_string()),
-        ("crc32".to_owned(), crc(tensors.iter().map(|t| t.3.as_slice())).to_string()),
+        ("crc32".to_owned(), crc32(tensors.iter().map(|t| t.3.as_slice())).to_string()),
     ]);
     let fail = |e| Error::malformed(Place::file(path), format!("the shard cannot be stored: {e}"));
     let views: Vec<_> = tensors
@@ -172,12 +172,6 @@ fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor> {
     ]
 }
 
-fn crc<'a>(parts: impl Iterator<Item = &'a [u8]>) -> u32 {
-    let mut crc = flate2::Crc::new();
-    parts.for_each(|part| crc.update(part));
-    crc.sum()
-}
-
 /// Reads a shard.
 ///
 /// # Errors
@@ -210,7 +204,7 @@ impl Reader<'_> {
     fn check_crc(&self, expected: &str) -> Result<()> {
         let mut tensors = self.file.tensors();
         tensors.sort_by(|a, b| a.0.cmp(&b.0));
-        let found = crc(tensors.iter().map(|(_, t)| t.data())).to_string();
+        let found = crc32(tensors.iter().map(|(_, t)| t.data())).to_string();
         if found == expected {
             return Ok(());
         }

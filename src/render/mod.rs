@@ -121,7 +121,7 @@ struct Trend {
     /// Seconds of the last iteration, and the part of them in which camera paths were traced.
     seconds: f64,
     useful: f64,
-    /// relMSE of a picture with one sample per pixel, by the last iteration.
+    /// relMSE of a picture with one sample per pixel, by the last iteration; only kept where a target error asks for it.
     relative: f64,
 }
 
@@ -193,7 +193,9 @@ impl<'a> Run<'a> {
             trend.variances.extend(finished.sample_variance());
             trend.useful = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
             trend.seconds = seconds;
-            trend.relative = pass.relative_variance();
+            if let StopRule::TargetError(_) = self.settings.stop {
+                trend.relative = pass.relative_variance();
+            }
             let mean_variance = finished.mean_variance().unwrap_or(f64::NAN);
             self.statistics.iterations.push(Iteration { t, spp: camera, seconds, mean_variance, ..iteration });
             // The first two passes are not worth their noise, but they are all there is of a render stopped early.

@@ -11,6 +11,7 @@ use super::guides::{self, Guides};
 use super::results::{
     Budget, Errors, Parts, ReferenceEntry, Results, RunEntry, SceneEntry, VERSION, read_json, write_json,
 };
+use crate::base::files::crc32;
 use crate::base::process::cpu_seconds;
 use crate::base::progress::Silent;
 use crate::base::{Error, Progress, Result};
@@ -80,6 +81,23 @@ const REFERENCE_SEED: u64 = 1 << 40;
 const ORACLE_SEED: u64 = 1 << 41;
 const FIRST_SEED: u64 = 1;
 
+/// One render of a comparison.
+#[derive(Clone, Copy)]
+struct Task {
+    method: Method,
+    /// Index into the budgets, and the budget itself.
+    budget: usize,
+    limit: Budget,
+    seed: u64,
+}
+
+impl Task {
+    /// Name of its files.
+    fn stem(&self) -> String {
+        format!("{}-{}-{}", self.method.name(), self.limit.label(), self.seed)
+    }
+}
+
 /// A run as it is kept beside its picture: what made it, so that a run of other settings is not taken for it.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -123,24 +141,23 @@ impl Experiment<'_> {
                 for i in 0..self.methods.len() {
                     // The order turns with the seed: what comes first or last must not always be the same method.
                     let method = self.methods[(i + seed as usize) % self.methods.len()];
-                    let stem = format!("{}-{}-{seed}", method.name(), limit.label());
+                    let task = Task { method, budget, limit, seed };
+                    let stem = task.stem();
                     progress.message(&stem);
-                    let kept = self.kept(&stem);
-                    let run = match kept {
+                    let run = match self.kept(&stem) {
                         Some(kept) => kept,
                         None if stop.load(Ordering::Relaxed) => break 'all,
                         None => {
                             if method == Method::Oracle && oracle.is_none() {
                                 oracle = Some(self.converged(&scene, &control)?);
                             }
-                            let made = self.one(&scene, method, oracle.as_ref(), limit, seed, &control, &stem)?;
+                            let made = self.one(&scene, task, oracle.as_ref(), &control)?;
                             // A run that was stopped did not spend its budget.
                             if stop.load(Ordering::Relaxed) {
                                 break 'all;
                             }
-                            let entry = RunEntry { budget, ..made };
-                            write_json(&self.record(&stem), &self.keep(entry.clone()))?;
-                            entry
+                            write_json(&self.record(&stem), &self.keep(made.clone()))?;
+                            made
                         }
                     };
                     let picture = read_image(&self.folder.join(&run.file), false)?;
@@ -162,7 +179,7 @@ impl Experiment<'_> {
             scene: SceneEntry {
                 name: scene.name.clone(),
                 path: self.path.clone(),
-                crc32: self.crc32(),
+                crc32: self.scene_crc32(),
                 width: self.size[0],
                 height: self.size[1],
                 max_depth: self.settings.transport.max_depth,
@@ -184,20 +201,17 @@ impl Experiment<'_> {
 
     /// Settings of a run, written out: equal texts mean equal runs.
     fn fingerprint(&self) -> String {
-        format!(
-            "{:?} {:?} oracle {} model {}",
-            self.size, self.settings, self.oracle_spp, self.neural.model.config.name
-        )
+        let model = &self.neural.model;
+        let weights = crc32([model.weights.to_bytes().unwrap_or_default().as_slice()]);
+        format!("{:?} {:?} oracle {} model {:?} {weights:08x}", self.size, self.settings, self.oracle_spp, model.config)
     }
 
-    fn crc32(&self) -> u32 {
-        let mut crc = flate2::Crc::new();
-        crc.update(&serde_json::to_vec(&self.loaded.file).unwrap_or_default());
-        crc.sum()
+    fn scene_crc32(&self) -> u32 {
+        crc32([serde_json::to_vec(&self.loaded.file).unwrap_or_default().as_slice()])
     }
 
     fn keep(&self, run: RunEntry) -> Kept {
-        Kept { scene_crc32: self.crc32(), settings: self.fingerprint(), run }
+        Kept { scene_crc32: self.scene_crc32(), settings: self.fingerprint(), run }
     }
 
     fn record(&self, stem: &str) -> PathBuf {
@@ -207,7 +221,7 @@ impl Experiment<'_> {
     /// A run of an earlier call, if it is of this scene and these settings.
     fn kept(&self, stem: &str) -> Option<RunEntry> {
         let kept: Kept = read_json(&self.record(stem)).ok()?;
-        let same = kept.scene_crc32 == self.crc32() && kept.settings == self.fingerprint();
+        let same = kept.scene_crc32 == self.scene_crc32() && kept.settings == self.fingerprint();
         (same && self.folder.join(&kept.run.file).exists()).then_some(kept.run)
     }
 
@@ -218,18 +232,9 @@ impl Experiment<'_> {
         render(scene, &settings, reconstructor, control.progress, control.stop)
     }
 
-    #[allow(clippy::too_many_arguments, reason = "one call; a struct of them would be made for it alone")]
-    fn one(
-        &self,
-        scene: &Scene,
-        method: Method,
-        oracle: Option<&GuideField>,
-        budget: Budget,
-        seed: u64,
-        control: &Control,
-        stem: &str,
-    ) -> Result<RunEntry> {
-        let stop = match budget {
+    fn one(&self, scene: &Scene, task: Task, oracle: Option<&GuideField>, control: &Control) -> Result<RunEntry> {
+        let Task { method, budget, limit, seed } = task;
+        let stop = match limit {
             Budget::Spp(spp) => StopRule::Spp(spp),
             Budget::Seconds(seconds) => StopRule::Time(seconds),
         };
@@ -243,17 +248,17 @@ impl Experiment<'_> {
             (Method::Oracle, None) => return Err(Error::Options("the oracle has learned nothing".into())),
         };
         let cpu_seconds = cpu.and_then(|before| Some(cpu_seconds()? - before));
-        let file = format!("runs/{stem}.exr");
+        let file = format!("runs/{}.exr", task.stem());
         let begun = Instant::now();
         write(&self.folder.join(&file), &outcome.image, &[("method".into(), method.name().into())], 0.0)?;
         let write = begun.elapsed().as_secs_f64();
         if method != Method::Guide(GuideMode::None) && seed == FIRST_SEED {
-            write_json(&self.guide_file(method.name(), budget), &guides::sample(scene, &outcome.field))?;
+            write_json(&self.guide_file(method.name(), limit), &guides::sample(scene, &outcome.field))?;
         }
         let seconds = outcome.statistics.seconds;
         Ok(RunEntry {
             method: method.name().into(),
-            budget: 0,
+            budget,
             seed,
             file,
             spp: outcome.statistics.spp,
@@ -312,7 +317,7 @@ impl Experiment<'_> {
         let [file, variance_file] = ["reference.exr", "reference-variance.exr"].map(|f| self.folder.join(f));
         let note = self.folder.join("runs").join("reference.json");
         let origin = format!("neural, {REFERENCE_PARTS} parts of {} spp", self.reference_spp);
-        let expected = format!("{} {} {origin}", self.crc32(), self.fingerprint());
+        let expected = format!("{} {} {origin}", self.scene_crc32(), self.fingerprint());
         if read_json::<String>(&note).ok().as_ref() != Some(&expected) {
             let (mean, variance) = self.render_reference(scene, control)?;
             write(&file, &mean, &[], 0.0)?;

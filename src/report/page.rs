@@ -13,7 +13,7 @@ use super::plot::{Against, KINDS, Measure, errors, parts, times};
 use super::results::{FILE, Interval, Reach, Results};
 use crate::base::Result;
 use crate::base::files::write_bytes;
-use crate::film::{measure, png};
+use crate::film::{pixel_error, png};
 use crate::materials::image::Image;
 use crate::scene::readers::read_image;
 
@@ -273,8 +273,7 @@ fn worst(pictures: &[(String, String, Image)], reference: &Image) -> Vec<serde_j
         let mut cells = std::collections::BTreeMap::new();
         for i in 0..image.pixels.len() {
             let (x, y) = (i % image.width, i / image.width);
-            let one = |image: &Image| Image { width: 1, height: 1, pixels: vec![image.pixels[i]] };
-            let error = measure(&one(image), &one(reference)).map_or(0.0, |m| m.relmse);
+            let error = pixel_error(image.pixels[i], reference.pixels[i]);
             let worst = cells.entry((x / CELL, y / CELL)).or_insert((0.0, 0, 0, name.as_str()));
             if error > worst.0 {
                 *worst = (error, x, y, name.as_str());
