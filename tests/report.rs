@@ -136,6 +136,7 @@ fn numbers_follow_from_the_pictures_and_runs_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     compare(folder.path(), "2");
     let first = check_numbers(folder.path());
+    check_schema(folder.path());
     assert_eq!(first.runs.len(), 2 * 2 * 4);
     let reference = std::fs::read(folder.path().join("reference.exr")).unwrap();
     // A picture that is gone is made again; the others stay, with the seconds that they took.
@@ -149,6 +150,29 @@ fn numbers_follow_from_the_pictures_and_runs_are_kept() {
         assert!(i == 3 || again.seconds == run.seconds, "{} was rendered again", run.file);
     }
     assert_eq!(std::fs::read(folder.path().join("reference.exr")).unwrap(), reference);
+}
+
+/// The schema is for programs that do not have our types: it must accept what we write, and nothing that they would not.
+fn check_schema(folder: &Path) {
+    let json = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(folder.join(name)).expect("it was written")).expect("it is JSON")
+    };
+    let schema = jsonschema::validator_for(&json("results.schema.json")).expect("it is a schema");
+    let results = json("results.json");
+    let complaints: Vec<String> = schema.iter_errors(&results).map(|e| e.to_string()).collect();
+    assert!(complaints.is_empty(), "{complaints:?}");
+    let spoil: [fn(&mut serde_json::Value); 4] = [
+        |r| r["runs"][0]["spp"] = serde_json::json!(-1),
+        |r| r["summary"][0]["unknown"] = serde_json::json!(1),
+        |r| drop(r.as_object_mut().map(|r| r.remove("scene"))),
+        |r| r["budgets"][0] = serde_json::json!({"hours": 3}),
+    ];
+    for (i, spoil) in spoil.iter().enumerate() {
+        let mut spoiled = results.clone();
+        spoil(&mut spoiled);
+        assert!(!schema.is_valid(&spoiled), "spoiled in way {i}");
+        assert!(serde_json::from_value::<Results>(spoiled).is_err(), "spoiled in way {i}");
+    }
 }
 
 /// Debian's chromium or another one, where there is any.
@@ -172,16 +196,18 @@ fn the_page_works_in_a_browser() {
     let html = std::fs::read_to_string(&page).unwrap();
     let html = html.replacen("<head>", &format!("<head>{driver}"), 1).replace("</body>", &format!("{driver}</body>"));
     std::fs::write(&page, html).unwrap();
-    for size in ["--window-size=500,900", "--window-size=1600,1200"] {
+    let phone = ["--screen-info={400x800}", "--start-maximized"];
+    for size in [&phone[..], &["--window-size=500,900"], &["--window-size=1600,1200"]] {
         let profile = tempfile::tempdir().unwrap();
         let result = Command::new(&chromium)
-            .args(["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=10000", size])
+            .args(["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=10000"])
+            .args(size)
             .arg(format!("--user-data-dir={}", profile.path().display()))
             .args(["--dump-dom", &format!("file://{}", page.display())])
             .output()
             .expect("chromium starts");
         let dom = String::from_utf8_lossy(&result.stdout);
         let found = dom.split("data-result=\"").nth(1).and_then(|s| s.split('"').next());
-        assert_eq!(found, Some("ok"), "{size}: {}", String::from_utf8_lossy(&result.stderr));
+        assert_eq!(found, Some("ok"), "{size:?}: {}", String::from_utf8_lossy(&result.stderr));
     }
 }

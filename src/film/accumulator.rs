@@ -2,6 +2,10 @@
 //!
 //! A pass is accumulated in f64 by Welford's update (Welford 1962), whose variance of a constant is exactly 0, where the
 //! difference of a sum of squares and a squared sum leaves rounding noise that would pass for a very small variance.
+//!
+//! Precision: samples are f32, their sums f64. The same update in f32 is wrong by 2e-3 in the mean and by 2e-2 in the variance
+//! after 4 million samples of a pixel, by 0.4 after 67 million; f64 stays below 1e-12 and costs 1 ns a sample and 28 bytes a pixel,
+//! where a path takes a thousand (`cargo bench --bench precision`).
 
 use glam::Vec3;
 

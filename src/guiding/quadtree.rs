@@ -1,4 +1,8 @@
 //! Q_h: the quadtree that accumulates hybrid samples (Zhu 2021 §5).
+//!
+//! Precision: leaf sums are f32. They only steer sampling, and a voxel is divided long before its sums lose digits: 4e-5 after
+//! 260,000 samples, 3e-2 after 8 million (`cargo bench --bench precision`). Sums over leaves, and over passes for training
+//! targets, are f64.
 
 use glam::Vec3;
 

@@ -1,4 +1,9 @@
 //! Q_r packed for sampling: drawing a direction and looking up a density touch one small node per level.
+//!
+//! Precision: shares are f32, products of them and the cylindrical map f64. An f32 product is right to 5e-7, but over- or underflows for
+//! 2 in 1,000 of the deepest leaves, which no check downstream could tell from a direction without light. The f32 map puts 6 % of
+//! the directions drawn in a cell of level 20 into a neighbour when their density is looked up, the f64 map 1 % (the directions
+//! themselves are f32), for 9 ns more (`cargo bench --bench precision`).
 
 use std::f64::consts::PI;
 

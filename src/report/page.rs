@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::experiment::Comparison;
 use super::plot::{Against, KINDS, Measure, errors, parts, times};
-use super::results::{FILE, Interval, Reach, Results};
+use super::results::{FILE, Interval, Reach, Results, SCHEMA_FILE};
 use crate::base::Result;
 use crate::base::files::write_bytes;
 use crate::film::{pixel_error, png};
@@ -23,13 +23,14 @@ const VIEWER: &str = include_str!("page/viewer.js");
 /// How many of the worst places the viewer offers.
 const WORST: usize = 12;
 
-/// Writes `results.json`, `runs.csv`, the plots, the viewer's data and `index.html` into `folder`.
+/// Writes `results.json` and its schema, `runs.csv`, the plots, the viewer's data and `index.html` into `folder`.
 ///
 /// # Errors
 /// [`Error::Io`], and [`Error::Options`] where something cannot be drawn.
 pub fn write(comparison: &Comparison, folder: &Path) -> Result<()> {
     let results = &comparison.results;
     results.write(&folder.join(FILE))?;
+    Results::write_schema(&folder.join(SCHEMA_FILE))?;
     write_bytes(&folder.join("runs.csv"), csv(results).as_bytes())?;
     let mut plots = String::new();
     for measure in Measure::ALL {

@@ -1,6 +1,6 @@
 //! Plots as SVG: errors on logarithmic axes with a band over seeds, and where the time goes as stacked bars.
 
-use plotters::coord::combinators::IntoLogRange;
+use plotters::coord::combinators::{BindKeyPoints, IntoLogRange};
 use plotters::prelude::*;
 
 use super::results::{Interval, Results, SummaryEntry};
@@ -109,11 +109,11 @@ pub fn errors(results: &Results, against: Against, measure: Measure) -> Result<S
     let x = bounds(series.iter().flatten().map(|p| p.0));
     let y = bounds(series.iter().flatten().flat_map(|p| [p.1.low, p.1.high]));
     draw(SIZE, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .margin(14)
-            .x_label_area_size(40)
-            .y_label_area_size(70)
-            .build_cartesian_2d((x.0..x.1).log_scale(), (y.0..y.1).log_scale())?;
+        let mut chart =
+            ChartBuilder::on(area).margin(14).x_label_area_size(40).y_label_area_size(70).build_cartesian_2d(
+                (x.0..x.1).log_scale().with_key_points(ticks(x)),
+                (y.0..y.1).log_scale().with_key_points(ticks(y)),
+            )?;
         chart
             .configure_mesh()
             .x_desc(if against == Against::Seconds { "seconds" } else { "samples per pixel" })
@@ -229,7 +229,36 @@ fn bounds(values: impl Iterator<Item = f64>) -> (f64, f64) {
     if low <= high { (low / 1.3, high * 1.3) } else { (0.1, 10.0) }
 }
 
+/// Round values on a logarithmic axis, few enough to read: powers of ten, and where those are few also 2 and 5 times them, or
+/// all digits within less than an octave or so.
+fn ticks((low, high): (f64, f64)) -> Vec<f64> {
+    let between = |digits: &[f64]| -> Vec<f64> {
+        let decades = low.log10().floor() as i32..=high.log10().floor() as i32;
+        let all = decades.flat_map(|d| digits.iter().map(move |x| x * 10f64.powi(d)));
+        all.filter(|v| (low..=high).contains(v)).collect()
+    };
+    let halves: Vec<f64> = (2..20).map(|i| 0.5 * f64::from(i)).collect();
+    let tenths: Vec<f64> = (10..100).map(|i| 0.1 * f64::from(i)).collect();
+    let choices = [&[1.0][..], &[1.0, 2.0, 5.0], &halves, &tenths].map(between);
+    choices.iter().find(|t| t.len() >= 3).unwrap_or(&choices[3]).clone()
+}
+
 /// A number with as many digits as an axis needs.
 fn short(value: f64) -> String {
     if (0.01..1e4).contains(&value) { format!("{}", (value * 1e4).round() / 1e4) } else { format!("{value:.0e}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_of_any_length_has_labels() {
+        assert_eq!(ticks((0.5, 2e3)), [1.0, 10.0, 100.0, 1000.0]);
+        assert_eq!(ticks((3.0, 30.0)), [5.0, 10.0, 20.0]);
+        for range in [(0.9, 1.3), (2.9, 4.1), (0.061, 0.12), (7e-5, 9e3)] {
+            let ticks = ticks(range);
+            assert!((3..20).contains(&ticks.len()), "{range:?}: {ticks:?}");
+        }
+    }
 }

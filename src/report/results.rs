@@ -1,12 +1,14 @@
 //! `results.json`: everything that a comparison measured, and what follows from it.
 //!
-//! The types here are the schema; unknown keys are refused. Errors are against the truth: where the variance of the reference is
+//! The types here are the schema; unknown keys are refused. It is written beside the results as JSON Schema ([`SCHEMA_FILE`]), for
+//! readers in other languages. Errors are against the truth: where the variance of the reference is
 //! known it has been subtracted, so they may be negative where a picture is as good as its reference. `errors.relmse` and the
 //! others are as in [`crate::film::error`]. Seconds are wall time of the render, learning included, loading and building the scene
 //! not; `cpu_seconds` are those of all threads in the same span.
 
 use std::path::Path;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::base::files::{read_bytes, write_bytes};
@@ -17,10 +19,13 @@ pub const VERSION: u32 = 1;
 /// Name of the file in an output folder.
 pub const FILE: &str = "results.json";
 
+/// Name of the file with the JSON Schema of [`FILE`].
+pub const SCHEMA_FILE: &str = "results.schema.json";
+
 const LIMIT: u64 = 256 << 20;
 
 /// A whole comparison.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Results {
     /// [`VERSION`].
@@ -50,7 +55,7 @@ pub struct Results {
 }
 
 /// The scene compared on.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneEntry {
     /// Name.
@@ -72,7 +77,7 @@ pub struct SceneEntry {
 }
 
 /// The reference.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceEntry {
     /// File, relative to the output folder or absolute.
@@ -86,7 +91,7 @@ pub struct ReferenceEntry {
 }
 
 /// What a run may spend.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Budget {
     /// Samples per pixel, camera and light paths together.
@@ -106,7 +111,7 @@ impl Budget {
 }
 
 /// The three errors that the page shows.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Errors {
     /// relMSE.
@@ -118,7 +123,7 @@ pub struct Errors {
 }
 
 /// Seconds of one run by kind of work.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Parts {
     /// Camera paths.
@@ -134,7 +139,7 @@ pub struct Parts {
 }
 
 /// One render.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RunEntry {
     /// Method.
@@ -162,7 +167,7 @@ pub struct RunEntry {
 }
 
 /// A mean with its 95 % interval.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Interval {
     /// Geometric mean over seeds.
@@ -174,7 +179,7 @@ pub struct Interval {
 }
 
 /// One method at one budget.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SummaryEntry {
     /// Method.
@@ -200,7 +205,7 @@ pub struct SummaryEntry {
 }
 
 /// Time that each method needs for one error.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TargetEntry {
     /// Trimmed relMSE.
@@ -210,7 +215,7 @@ pub struct TargetEntry {
 }
 
 /// Whether and when a method reaches an error.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Reach {
     /// After so many seconds, by interpolation between budgets.
@@ -241,6 +246,14 @@ impl Results {
     /// [`Error::Io`].
     pub fn write(&self, path: &Path) -> Result<()> {
         write_json(path, self)
+    }
+
+    /// Writes the JSON Schema (draft 2020-12) that every file by [`Results::write`] obeys.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn write_schema(path: &Path) -> Result<()> {
+        write_json(path, &schemars::schema_for!(Self))
     }
 }
 

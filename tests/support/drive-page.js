@@ -147,7 +147,8 @@ if (document.body) window.addEventListener("load", () => {
     }
 
     function driveGuides() {
-        const place = [0.3, 0.6];
+        // Inside a pixel of a small picture, not on its edge.
+        const place = [0.31, 0.615];
         const pixel = `(${pixelUnder(place).join(", ")})`;
         check(changesPixels(() => clickAt(place)), "a click on the picture does not mark the pixel");
         check(element("readout").textContent.includes(pixel), `the read-out does not show ${pixel}`);
