@@ -152,15 +152,51 @@ fn numbers_follow_from_the_pictures_and_runs_are_kept() {
     assert_eq!(std::fs::read(folder.path().join("reference.exr")).unwrap(), reference);
 }
 
+/// Whether a value obeys a JSON Schema, as far as ours uses the language: references, types, properties, items, alternatives.
+fn obeys(value: &serde_json::Value, schema: &serde_json::Value, root: &serde_json::Value) -> bool {
+    if let Some(to) = schema["$ref"].as_str() {
+        return obeys(value, root.pointer(to.trim_start_matches('#')).expect("references lead somewhere"), root);
+    }
+    let is = |name: &str| match name {
+        "object" => value.is_object(),
+        "array" => value.is_array(),
+        "string" => value.is_string(),
+        "integer" => value.is_i64() || value.is_u64(),
+        "number" => value.is_number(),
+        "null" => value.is_null(),
+        other => panic!("the type {other} is new"),
+    };
+    let names =
+        |v: &serde_json::Value| v.as_str().map(|s| vec![s.to_owned()]).or(serde_json::from_value(v.clone()).ok());
+    let typed = names(&schema["type"]).is_none_or(|names: Vec<String>| names.iter().any(|name| is(name)));
+    let least = schema["minimum"].as_f64().is_none_or(|least| value.as_f64().is_none_or(|v| v >= least));
+    let listed = schema["enum"].as_array().is_none_or(|all| all.contains(value))
+        && (schema["const"].is_null() || schema["const"] == *value);
+    let choices = schema["oneOf"].as_array().or(schema["anyOf"].as_array());
+    let chosen = choices.is_none_or(|all| all.iter().any(|one| obeys(value, one, root)));
+    let items = value
+        .as_array()
+        .is_none_or(|v| schema["items"].is_null() || v.iter().all(|v| obeys(v, &schema["items"], root)));
+    let members = value.as_object().is_none_or(|object| {
+        let known = |(key, v): (&String, &serde_json::Value)| match schema["properties"].get(key) {
+            Some(of) => obeys(v, of, root),
+            None => schema["additionalProperties"] != serde_json::Value::Bool(false),
+        };
+        let required = schema["required"].as_array().into_iter().flatten();
+        object.iter().all(known)
+            && required.into_iter().all(|key| object.contains_key(key.as_str().unwrap_or_default()))
+    });
+    typed && least && listed && chosen && items && members
+}
+
 /// The schema is for programs that do not have our types: it must accept what we write, and nothing that they would not.
 fn check_schema(folder: &Path) {
     let json = |name: &str| -> serde_json::Value {
         serde_json::from_slice(&std::fs::read(folder.join(name)).expect("it was written")).expect("it is JSON")
     };
-    let schema = jsonschema::validator_for(&json("results.schema.json")).expect("it is a schema");
+    let schema = json("results.schema.json");
     let results = json("results.json");
-    let complaints: Vec<String> = schema.iter_errors(&results).map(|e| e.to_string()).collect();
-    assert!(complaints.is_empty(), "{complaints:?}");
+    assert!(obeys(&results, &schema, &schema));
     let spoil: [fn(&mut serde_json::Value); 4] = [
         |r| r["runs"][0]["spp"] = serde_json::json!(-1),
         |r| r["summary"][0]["unknown"] = serde_json::json!(1),
@@ -170,7 +206,7 @@ fn check_schema(folder: &Path) {
     for (i, spoil) in spoil.iter().enumerate() {
         let mut spoiled = results.clone();
         spoil(&mut spoiled);
-        assert!(!schema.is_valid(&spoiled), "spoiled in way {i}");
+        assert!(!obeys(&spoiled, &schema, &schema), "spoiled in way {i}");
         assert!(serde_json::from_value::<Results>(spoiled).is_err(), "spoiled in way {i}");
     }
 }

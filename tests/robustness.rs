@@ -149,8 +149,8 @@ fn the_field_stays_below_its_ceiling() {
         outcome.expect("the settings are sound").statistics.guide
     };
     let free = size(24 << 20);
-    assert!(free.bytes > 2 << 20 && free.bytes <= 24 << 20, "{free:?}: the ceilings below must cut something off");
-    for memory in [1 << 20, 400 << 10] {
+    assert!(free.bytes > 1 << 20 && free.bytes <= 24 << 20, "{free:?}: the ceilings below must cut something off");
+    for memory in [800 << 10, 400 << 10] {
         let guide = size(memory);
         assert!(guide.bytes <= memory && guide.trees > 0 && guide.nodes > guide.trees, "{memory}: {guide:?}");
     }

@@ -76,8 +76,24 @@ fn mass(distribution: &Distribution, uniform: f64, node: usize, level: usize) ->
     (1.0 - uniform) * distribution.node_mass()[node] + uniform * 0.25f64.powi(level as i32)
 }
 
+/// Most by which shares of sixteen bits can change a node's density relative to uniform.
+fn rounding(distribution: &Distribution, node: usize) -> f64 {
+    if node == 0 {
+        return 0.0;
+    }
+    // Both ends of a share are rounded, and the last child keeps at least one step.
+    let step = 2.0 / 65536.0;
+    let topology = distribution.topology();
+    let parent = topology.parent[node] as usize;
+    let level = topology.level_start.partition_point(|&start| start <= parent) - 1;
+    let mass = distribution.node_mass();
+    let density = mass[parent] * 4f64.powi(level as i32);
+    let share = if mass[parent] > 0.0 { mass[node] / mass[parent] } else { 0.25 };
+    4.0 * (rounding(distribution, parent) * (share + step) + density * step)
+}
+
 /// χ² over leaves; those below `merge` are counted with the node above them at that level. The density of each sample is the
-/// mass of its leaf over its solid angle to 1e-5. Catches a wrong order of children, float coordinates that fail at depth, a
+/// mass of its leaf over its solid angle to 1e-5 and the rounding of the shares. Catches a wrong order of children, float coordinates that fail at depth, a
 /// forgotten uniform part, quadrants without energy that are drawn.
 fn check(name: &str, distribution: &Distribution, uniform: f32, merge: usize) {
     let tree = SamplingTree::new(distribution, uniform, usize::MAX);
@@ -86,11 +102,12 @@ fn check(name: &str, distribution: &Distribution, uniform: f32, merge: usize) {
     let n = 1_000_000;
     let mut counts = vec![0.0; topology.len()];
     for _ in 0..n {
-        let direction = tree.sample(&mut random);
+        let (direction, _) = tree.sample(&mut random);
         let (node, level) = leaf(topology, direction);
         let expected = mass(distribution, f64::from(uniform), node, level) * 4f64.powi(level as i32) / (4.0 * PI);
         let pdf = f64::from(tree.pdf(direction));
-        assert!((pdf - expected).abs() <= 1e-5 * expected, "{name}: density {pdf} of {expected} at level {level}");
+        let bound = 1e-5 * expected + f64::from(1.0 - uniform) * rounding(distribution, node) / (4.0 * PI);
+        assert!((pdf - expected).abs() <= bound, "{name}: density {pdf} of {expected} at level {level}");
         counts[merged(topology, node, level, merge)] += 1.0;
     }
     let mut expected = vec![0.0; topology.len()];
@@ -117,7 +134,7 @@ fn quadtrees_follow_their_density() {
     }
     check("zero quadrants", &random_tree(7, 1, 0.0), 1e-4, MAX_LEVEL);
     let root = SamplingTree::new(&Distribution::uniform(), 0.1, usize::MAX);
-    let sample = |random: &mut Random| Some(root.sample(random));
+    let sample = |random: &mut Random| Some(root.sample(random).0);
     Chart::around(Vec3::X, 1.0).check("root alone", [16, 16], |wi| f64::from(root.pdf(wi)), sample);
     check("only uniform", &random_tree(8, 3, 0.6), 1.0, MAX_LEVEL);
     // At z = 0 and φ = 0 single precision resolves a cell of level 20.

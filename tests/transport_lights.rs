@@ -10,6 +10,8 @@ use std::sync::Arc;
 use fanal::base::random::Random;
 use fanal::generate::build::{Builder, diffuse};
 use fanal::geometry::{Ray, Shape};
+use fanal::guiding::emission::EmissionGuide;
+use fanal::guiding::leaves::Target;
 use fanal::integrators::TransportSettings;
 use fanal::integrators::path::{PathScratch, PathTracer, RayCount};
 use fanal::integrators::photon::PhotonTracer;
@@ -102,7 +104,7 @@ fn lit_floor(light: Option<LightFile>) -> Scene {
 /// Flux into the floor by path tracing: π/albedo · the mean radiance over the floor · its area.
 fn traced_flux(scene: &Scene, nee: bool) -> f64 {
     let settings = TransportSettings { max_depth: 2, nee, roulette: false };
-    let tracer = PathTracer { scene, settings, field: None };
+    let tracer = PathTracer { scene, settings, field: None, target: Target::Variance };
     let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
     let mut random = Random::new(3, 0, 0);
     let n = 300_000;
@@ -132,11 +134,13 @@ fn emitted_flux(scene: &Scene) -> f64 {
 
 /// The same by the photon tracer, without next event estimation, so that it keeps photons straight from lights.
 fn deposited_flux(scene: &Scene) -> f64 {
-    let tracer = PhotonTracer { scene, settings: TransportSettings { max_depth: 2, nee: false, roulette: true } };
+    let emission = EmissionGuide::new(&scene.lights.emission);
+    let settings = TransportSettings { max_depth: 2, nee: false, roulette: true };
+    let tracer = PhotonTracer { scene, settings, emission: &emission };
     let (mut records, mut count) = (vec![], RayCount::default());
     let n = 400_000;
     for i in 0..n {
-        tracer.trace(&mut Random::new(5, 0, i), n, &mut records, &mut count);
+        tracer.trace(&mut Random::new(5, 0, i), (0, n), &mut records, &mut count);
     }
     let front = records.iter().filter(|r| r.normal.y > 0.0 && r.point.y < 0.1);
     front.map(|r| f64::from(r.power)).sum()
@@ -182,11 +186,12 @@ fn photons_of_several_lights_carry_their_sum() {
     b.add_sphere("a", Vec3::new(0.4, 0.0, 0.0), 0.2, &wall, Some([1.0; 3]));
     b.add_sphere("b", Vec3::new(-0.4, 0.2, 0.0), 0.1, &wall, Some([48.0; 3]));
     let scene = built(b.finish());
-    let tracer =
-        PhotonTracer { scene: &scene, settings: TransportSettings { max_depth: 2, nee: false, roulette: true } };
+    let emission = EmissionGuide::new(&scene.lights.emission);
+    let settings = TransportSettings { max_depth: 2, nee: false, roulette: true };
+    let tracer = PhotonTracer { scene: &scene, settings, emission: &emission };
     let (mut records, mut count) = (vec![], RayCount::default());
     let n = 100_000;
-    (0..n).for_each(|i| tracer.trace(&mut Random::new(6, 0, i), n, &mut records, &mut count));
+    (0..n).for_each(|i| _ = tracer.trace(&mut Random::new(6, 0, i), (0, n), &mut records, &mut count));
     let power: f64 = records.iter().map(|r| f64::from(r.power)).sum();
     let expected = 4.0 * std::f64::consts::PI.powi(2) * (0.04 + 48.0 * 0.01);
     assert!((power / expected - 1.0).abs() < 0.01, "{power} {expected}");

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::render::GuideMode;
+
 /// A physically based renderer that learns where light comes from.
 #[derive(Debug, Parser)]
 #[command(
@@ -48,19 +50,49 @@ pub struct Common {
 pub enum Guide {
     /// Path tracing with next event estimation and multiple importance sampling
     None,
-    /// Guided by path and photon samples in per-voxel quadtrees
+    /// Müller 2017: path samples of radiance in a spatial and directional tree
+    Ppg,
+    /// Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees
+    Variance,
+    /// Path and photon samples in per-voxel quadtrees
     Hybrid,
+    /// The same, smoothed level by level
+    Gaussian,
     /// The same, reconstructed by the network
     Neural,
 }
 
-impl Guide {
-    /// Its name on the command line and in statistics.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Hybrid => "hybrid",
-            Self::Neural => "neural",
+/// What guiding distributions are made proportional to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TargetName {
+    /// Incident radiance
+    Radiance,
+    /// Root of the second moment of what a sample contributes
+    Variance,
+    /// The same relative to the pixel
+    VariancePixel,
+}
+
+/// What is made of the trees as counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ReconstructName {
+    /// Nothing
+    None,
+    /// They are smoothed level by level
+    Gaussian,
+    /// The network reconstructs them
+    Neural,
+}
+
+impl From<Guide> for GuideMode {
+    fn from(guide: Guide) -> Self {
+        match guide {
+            Guide::None => Self::None,
+            Guide::Ppg => Self::Ppg,
+            Guide::Variance => Self::Variance,
+            Guide::Hybrid => Self::Hybrid,
+            Guide::Gaussian => Self::Gaussian,
+            Guide::Neural => Self::Neural,
         }
     }
 }
@@ -120,9 +152,15 @@ pub struct RenderArgs {
     /// How camera rays find light
     #[arg(long, value_enum, default_value = "neural")]
     pub guide: Guide,
-    /// Where guiding samples come from [default: path for --guide none, otherwise both]
+    /// Where guiding samples come from [default: by --guide]
     #[arg(long, value_enum)]
     pub samples: Option<Samples>,
+    /// What guiding distributions are proportional to [default: by --guide]
+    #[arg(long, value_enum)]
+    pub target: Option<TargetName>,
+    /// What is made of the trees as counted [default: by --guide]
+    #[arg(long, value_enum)]
+    pub reconstruct: Option<ReconstructName>,
     /// Ceiling of the sampling field in MB
     #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub guide_memory: u32,
@@ -247,8 +285,14 @@ pub struct CompareArgs {
 pub enum MethodName {
     /// Path tracing with next event estimation and multiple importance sampling
     None,
-    /// Guided by path and photon samples in per-voxel quadtrees
+    /// Müller 2017: path samples of radiance in a spatial and directional tree
+    Ppg,
+    /// Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees
+    Variance,
+    /// Path and photon samples in per-voxel quadtrees
     Hybrid,
+    /// The same, smoothed level by level
+    Gaussian,
     /// The same, reconstructed by the network
     Neural,
     /// Guided by converged trees made beforehand: what reconstruction could reach at most

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use super::args::{Backend, Guide, RenderArgs, Samples};
+use super::args::{Backend, Guide, ReconstructName, RenderArgs, Samples, TargetName};
 use crate::base::{Error, Result};
 use crate::film::check_size;
-use crate::render::{GuideMode, RenderSettings, SampleKinds, StopRule};
+use crate::guiding::leaves::{Layout, Target};
+use crate::render::{Reconstruction, RenderSettings, SampleKinds, StopRule};
 use crate::scene::file::SceneFile;
 
 /// Everything that a render depends on beside the scene. All values are in range.
@@ -32,7 +33,11 @@ pub struct RenderRequest {
     /// How camera rays find light.
     pub guide: Guide,
     /// Where guiding samples come from.
-    pub samples: Samples,
+    pub samples: Option<Samples>,
+    /// What distributions are proportional to.
+    pub target: Option<TargetName>,
+    /// What is made of trees as counted.
+    pub reconstruct: Option<ReconstructName>,
     /// Ceiling of the sampling field, bytes.
     pub guide_memory: u64,
     /// The model's folder; `None` is the model inside the program.
@@ -48,22 +53,32 @@ pub struct RenderRequest {
 impl RenderRequest {
     /// The renderer's settings.
     pub fn settings(&self) -> RenderSettings {
-        let guide = match self.guide {
-            Guide::None => GuideMode::None,
-            Guide::Hybrid => GuideMode::Hybrid,
-            Guide::Neural => GuideMode::Neural,
-        };
-        let mut settings = RenderSettings::new(guide, self.stop);
+        let mut settings = RenderSettings::new(self.guide.into(), self.stop);
         settings.transport.max_depth = self.max_depth;
         settings.transport.nee = self.nee;
         settings.transport.roulette = self.roulette;
         settings.learner.memory = usize::try_from(self.guide_memory).unwrap_or(usize::MAX);
         settings.seed = self.seed;
-        settings.samples = match self.samples {
-            Samples::Path => SampleKinds::Path,
-            Samples::Photon => SampleKinds::Photon,
-            Samples::Both => SampleKinds::Both,
-        };
+        match self.samples {
+            None => {}
+            Some(Samples::Path) => settings.samples = SampleKinds::Path,
+            Some(Samples::Photon) => settings.samples = SampleKinds::Photon,
+            Some(Samples::Both) => settings.samples = SampleKinds::Both,
+        }
+        match self.target {
+            None => {}
+            Some(TargetName::Radiance) => settings.learner.target = Target::Radiance,
+            Some(TargetName::Variance) => settings.learner.target = Target::Variance,
+            Some(TargetName::VariancePixel) => settings.learner.target = Target::VariancePixel,
+        }
+        match self.reconstruct {
+            None => {}
+            Some(ReconstructName::None) => settings.reconstruction = Reconstruction::None,
+            Some(ReconstructName::Gaussian) => settings.reconstruction = Reconstruction::Gaussian,
+            Some(ReconstructName::Neural) => settings.reconstruction = Reconstruction::Neural,
+        }
+        settings.learner.layout =
+            if settings.reconstruction == Reconstruction::Neural { Layout::Full } else { Layout::Values };
         settings
     }
 }
@@ -92,6 +107,11 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
             "the scene asks for 0 samples per pixel or depth 0; give --spp and --max-depth".into(),
         ));
     }
+    if args.guide == Guide::None && (args.samples.is_some() || args.target.is_some() || args.reconstruct.is_some()) {
+        return Err(Error::Options(
+            "--guide none learns nothing; leave --samples, --target and --reconstruct out".into(),
+        ));
+    }
     Ok(RenderRequest {
         scene: args.scene.clone(),
         output: args.output.clone(),
@@ -103,7 +123,9 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         nee: args.nee.is_on(),
         roulette: args.roulette.is_on(),
         guide: args.guide,
-        samples: samples(args)?,
+        samples: args.samples,
+        target: args.target,
+        reconstruct: args.reconstruct,
         guide_memory: u64::from(args.guide_memory) * 1_000_000,
         model: args.model.clone(),
         backend: args.backend,
@@ -120,16 +142,6 @@ fn exposure(args: &RenderArgs) -> Result<f32> {
             "--exposure is for PNG files; an EXR file holds linear radiance, brighten it in the viewer".into(),
         )),
         given => Ok(given.unwrap_or(0.0)),
-    }
-}
-
-fn samples(args: &RenderArgs) -> Result<Samples> {
-    match (args.guide, args.samples) {
-        (Guide::None, None | Some(Samples::Path)) => Ok(Samples::Path),
-        (Guide::None, Some(_)) => {
-            Err(Error::Options("--guide none has no use for photons; leave --samples out".into()))
-        }
-        (_, given) => Ok(given.unwrap_or(Samples::Both)),
     }
 }
 
@@ -152,9 +164,14 @@ mod tests {
     #[test]
     fn the_scene_is_the_default() {
         let plain = request(&[]).unwrap();
-        assert_eq!((plain.size, plain.stop, plain.samples), ([40, 30], StopRule::Spp(64), Samples::Both));
+        assert_eq!((plain.size, plain.stop), ([40, 30], StopRule::Spp(64)));
+        assert_eq!(plain.settings().samples, SampleKinds::Both);
+        let given = request(&["--guide", "variance", "--target", "radiance", "--reconstruct", "neural"]).unwrap();
+        let settings = given.settings();
+        assert_eq!((settings.samples, settings.learner.target), (SampleKinds::Path, Target::Radiance));
+        assert_eq!((settings.reconstruction, settings.learner.layout), (Reconstruction::Neural, Layout::Full));
         let given = request(&["--size", "8x4", "--time", "2.5", "--guide", "none", "--max-depth", "3"]).unwrap();
-        assert_eq!((given.size, given.stop, given.samples), ([8, 4], StopRule::Time(2.5), Samples::Path));
+        assert_eq!((given.size, given.stop), ([8, 4], StopRule::Time(2.5)));
         assert_eq!(given.max_depth, 3);
     }
 
@@ -163,6 +180,7 @@ mod tests {
         assert!(request(&["--size", "0x4"]).is_err());
         assert!(request(&["--size", "4000000000x4000000000"]).is_err());
         assert!(request(&["--guide", "none", "--samples", "photon"]).is_err());
+        assert!(request(&["--guide", "none", "--reconstruct", "neural"]).is_err());
         assert!(request(&["--exposure", "1"]).is_err());
     }
 }

@@ -170,7 +170,8 @@ fn free_name(wanted: &str, taken: impl Fn(&str) -> bool) -> String {
     std::iter::once(wanted.to_owned()).chain(numbered).find(|name| !taken(name)).unwrap_or_else(|| wanted.to_owned())
 }
 
-fn matrix(m: Mat4) -> Matrix {
+/// A matrix as scene files hold it, row by row.
+pub fn matrix(m: Mat4) -> Matrix {
     m.transpose().to_cols_array()
 }
 

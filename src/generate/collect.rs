@@ -14,8 +14,8 @@ use crate::base::{Progress, Result};
 use crate::film::Pass;
 use crate::guiding::cache::VoxelId;
 use crate::guiding::distribution::{Distribution, kl};
+use crate::guiding::leaves::distribution_of_values;
 use crate::guiding::quadtree::Quadtree;
-use crate::guiding::targets::path_distribution_of;
 use crate::reconstruct::Counted;
 use crate::render::{GuideMode, Learning, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
 use crate::scene::{Scene, readers};
@@ -72,16 +72,22 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
 /// Whatever building the scene or rendering it says.
 pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<(Vec<TreeSample>, crate::network::config::Mode)> {
     let file = super::scene(job.family, job.seed, recipe.resolution);
-    let mut settings = RenderSettings::new(GuideMode::Hybrid, StopRule::Spp(1));
+    let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
     settings.transport.max_depth = file.render.max_depth;
     settings.seed = job.seed;
     settings.learner.resolution = recipe.grids[job.index as usize % recipe.grids.len()] as f32;
     settings.learner.voxel_samples = u32::MAX;
+    settings.learner.context = 0.0;
     settings.learner.memory = 1 << 30;
     let loaded = readers::resolve(file, Path::new("."), Path::new(job.family.name()))?;
     let scene = Scene::build(&loaded, recipe.resolution)?;
     let mode = settings.mode();
-    let mut collector = Collector { scene: &scene, learning: Learning::new(&settings), settings, first_sample: 0 };
+    let mut collector = Collector {
+        scene: &scene,
+        learning: Learning::new(&settings, &scene.lights.emission),
+        settings,
+        first_sample: 0,
+    };
     let inputs = collector.inputs(recipe, job, number)?;
     Ok((collector.with_targets(inputs, recipe.target_spp)?, mode))
 }
@@ -106,6 +112,7 @@ impl Collector<'_> {
             scene: self.scene,
             settings: &self.settings,
             field: Some(&field),
+            picture: None,
             first_sample: self.first_sample,
             spp,
         };
@@ -115,7 +122,7 @@ impl Collector<'_> {
     }
 
     fn end_iteration(&mut self) -> Result<()> {
-        self.learning.end_iteration(&Counted::default(), &mut Default::default()).map(drop)
+        self.learning.end_iteration(1, &Counted::default(), &mut Default::default()).map(drop)
     }
 
     /// Runs the iterations and takes the trees of evenly drawn voxels after each that the recipe lists.
@@ -194,8 +201,8 @@ fn input(tree: &Quadtree, job: &Job, number: u32, iteration: u32, bounds: [f32; 
         family: job.family.id() as u32,
         iteration,
         bounds,
-        input_split: tree.topology().split_flags(),
-        input_sums: tree.leaf_sums().to_vec(),
+        input_split: tree.leaves().topology.split_flags(),
+        input_sums: tree.leaves().sums.to_vec(),
         path_samples,
         photon_samples,
         ..TreeSample::default()
@@ -210,7 +217,7 @@ fn complete(sample: TreeSample, first: &Quadtree, second: &Quadtree) -> Option<T
     }
     let (a, b) = (first.path_values(), second.path_values());
     let both: Vec<f64> = a.iter().zip(&b).map(|(x, y)| x + y).collect();
-    let distribution = |values: &[f64]| path_distribution_of(topology, values);
+    let distribution = |values: &[f64]| distribution_of_values(topology, values);
     let floor_kl = kl(&distribution(&a), &distribution(&b), FLOOR_UNIFORM) as f32;
     let target_samples = u64::from(first.counts()[0]) + u64::from(second.counts()[0]);
     let usable = both.iter().any(|&v| v > 0.0) && target_samples >= LEAST_TARGET_SAMPLES && floor_kl < WORST_FLOOR;

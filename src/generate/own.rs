@@ -4,7 +4,7 @@ use std::f32::consts::FRAC_PI_2;
 
 use glam::{Mat4, Quat, Vec3};
 
-use super::build::{Builder, diffuse, glass};
+use super::build::{Builder, diffuse, glass, matrix};
 use super::revolve::{bowl, ring};
 use super::text::{json, obj, rounded};
 use super::walls::{Opening, Room, Side};
@@ -33,10 +33,13 @@ pub fn all() -> Result<Vec<OwnScene>> {
         Ok(OwnScene { folder, files })
     };
     Ok(vec![
+        with("blinds", blinds(), None)?,
         with("cornell", cornell(), None)?,
         with("door-ajar", door_ajar(), None)?,
         with("glass-caustic", glass_caustic(), Some(("ring.obj", obj(&ring(1.0, 0.05, 0.22)))))?,
         with("lamp-room", lamp_room(), Some(("shade.obj", obj(&bowl(1.0, 0.04, FRAC_PI_2 * 0.8)))))?,
+        with("pinhole", pinhole(), None)?,
+        with("spot", spot(), None)?,
         with("white-furnace", white_furnace(), None)?,
     ])
 }
@@ -68,11 +71,76 @@ fn gold(alpha: Option<f32>) -> MaterialFile {
 fn cornell() -> Builder {
     let mut b = Builder::new("cornell", [256, 256]);
     b.render(12, SPP);
+    let white = cornell_box(&mut b);
+    b.add_quad("ceiling", Vec3::Y * 2.0, [Vec3::X, Vec3::Z], &white, None);
+    b.add_quad("lamp", Vec3::new(0.0, 1.99, 0.0), [Vec3::X * 0.25, Vec3::Z * 0.25], &white, Some([17.0, 13.0, 7.5]));
+    b
+}
+
+/// The box under a spotlight that shines at the ceiling from 10 cm below, in a cone of 1 degree: all light comes from a disk of
+/// 3.5 mm (after Zhu 2021, figure 3).
+fn spot() -> Builder {
+    let mut b = Builder::new("spot", [192, 192]);
+    b.render(12, SPP);
+    let white = cornell_box(&mut b);
+    b.add_quad("ceiling", Vec3::Y * 2.0, [Vec3::X, Vec3::Z], &white, None);
+    let to_world = Mat4::from_rotation_translation(Quat::from_rotation_x(-FRAC_PI_2), Vec3::new(0.1, 1.9, 0.1));
+    b.add_light(LightFile::Spot {
+        to_world: matrix(to_world),
+        intensity: [38_000.0, 34_000.0, 28_000.0],
+        cutoff_angle: 1.0,
+        beam_width: 0.8,
+    });
+    b
+}
+
+/// The box under the sun, which finds a hole of 3 cm in the roof (after Zhu 2021, figure 3).
+fn pinhole() -> Builder {
+    let mut b = Builder::new("pinhole", [192, 192]);
+    b.render(12, SPP);
+    let white = cornell_box(&mut b);
+    let (from, to) = (Vec3::new(0.085, 2.0, -0.115), Vec3::new(0.115, 2.1, -0.085));
+    for (low, high) in [
+        (Vec3::new(-1.1, 2.0, -1.1), Vec3::new(from.x, 2.1, 1.0)),
+        (Vec3::new(to.x, 2.0, -1.1), Vec3::new(1.1, 2.1, 1.0)),
+        (Vec3::new(from.x, 2.0, -1.1), Vec3::new(to.x, 2.1, from.z)),
+        (Vec3::new(from.x, 2.0, to.z), Vec3::new(to.x, 2.1, 1.0)),
+    ] {
+        b.add_block("roof", low, high, &white);
+    }
+    b.add_light(LightFile::Directional { direction: [0.06, -1.0, 0.05], irradiance: [36_000.0, 33_000.0, 28_000.0] });
+    b
+}
+
+/// A room behind a wooden blind: the light of a bright sky enters through slits of 1 cm.
+fn blinds() -> Builder {
+    let mut b = Builder::new("blinds", [256, 192]);
+    b.render(16, SPP);
+    let room = Room { low: Vec3::ZERO, high: Vec3::new(4.0, 2.5, 3.6), wall: 0.1 };
+    let wall = b.add_material("wall", diffuse([0.68, 0.66, 0.62]));
+    let floor = b.add_material("floor", diffuse([0.35, 0.25, 0.18]));
+    room.add_floor_and_ceiling(&mut b, &floor, &wall);
+    for side in [Side::West, Side::North, Side::South] {
+        room.add_wall(&mut b, side, &[], &wall);
+    }
+    room.add_wall(&mut b, Side::East, &[Opening { low: [1.0, 0.9], high: [2.6, 2.1] }], &wall);
+    let wood = b.add_material("wood", diffuse([0.4, 0.25, 0.14]));
+    for slat in 0..10 {
+        let low = 0.9 + 0.12 * slat as f32;
+        b.add_block("slat", Vec3::new(4.04, low + 0.01, 0.95), Vec3::new(4.06, low + 0.12, 2.65), &wood);
+    }
+    set_table(&mut b, &wood);
+    b.add_light(LightFile::Constant { radiance: [55.0, 70.0, 95.0] });
+    b.look_at(Vec3::new(0.4, 1.6, 3.2), Vec3::new(2.4, 0.8, 1.4), Vec3::Y, 60.0);
+    b
+}
+
+/// The walls, the floor, two blocks and the camera of the box; returns its white material.
+fn cornell_box(b: &mut Builder) -> String {
     let white = b.add_material("white", diffuse([0.72, 0.7, 0.66]));
     let red = b.add_material("red", diffuse([0.6, 0.07, 0.05]));
     let green = b.add_material("green", diffuse([0.12, 0.45, 0.1]));
     b.add_quad("floor", Vec3::ZERO, [Vec3::Z, Vec3::X], &white, None);
-    b.add_quad("ceiling", Vec3::Y * 2.0, [Vec3::X, Vec3::Z], &white, None);
     b.add_quad("back", Vec3::new(0.0, 1.0, -1.0), [Vec3::X, Vec3::Y], &white, None);
     b.add_quad("left", Vec3::new(-1.0, 1.0, 0.0), [Vec3::Y, Vec3::Z], &red, None);
     b.add_quad("right", Vec3::new(1.0, 1.0, 0.0), [Vec3::Z, Vec3::Y], &green, None);
@@ -80,9 +148,8 @@ fn cornell() -> Builder {
     b.add_box("tall block", Vec3::new(-0.36, 0.601, -0.32), Vec3::new(0.28, 0.6, 0.28), tall, &white);
     let low = Quat::from_rotation_y(-0.28);
     b.add_box("low block", Vec3::new(0.38, 0.281, 0.32), Vec3::new(0.28, 0.28, 0.28), low, &white);
-    b.add_quad("lamp", Vec3::new(0.0, 1.99, 0.0), [Vec3::X * 0.25, Vec3::Z * 0.25], &white, Some([17.0, 13.0, 7.5]));
     b.look_at(Vec3::new(0.0, 1.0, 4.8), Vec3::new(0.0, 1.0, 0.0), Vec3::Y, 30.0);
-    b
+    white
 }
 
 /// Two rooms. The lamp stands in the far one and shines at its far wall; the near one gets only what comes back through a door

@@ -50,21 +50,59 @@ impl Bounds {
     }
 }
 
+/// Which groups voxels belong to, from the finest to the coarsest: the cell, blocks of 2³ cells, blocks of 4³ cells, all of one
+/// facing. Members of level 0 are voxels, of the others the groups before.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Ancestry {
+    /// Group of each member, per level.
+    pub parents: Vec<Vec<u32>>,
+    /// Number of groups per level.
+    pub sizes: Vec<usize>,
+}
+
+impl Ancestry {
+    /// The block of 2³ cells that a voxel belongs to.
+    pub fn block(&self, voxel: usize) -> usize {
+        self.parents[1][self.parents[0][voxel] as usize] as usize
+    }
+}
+
 /// A partition of the visited part of space into voxels.
 #[derive(Debug, Clone)]
 pub struct SpatialCache {
     origin: Vec3,
     cell: f32,
+    /// Whether surfaces that face differently have voxels of their own.
+    faces: bool,
     cells: HashMap<([i32; 3], Facing), u32>,
     nodes: Vec<Node>,
     bounds: Vec<Bounds>,
+    /// Cell of each voxel.
+    cell_of: Vec<u32>,
+    /// Keys of the cells in the order in which they were made.
+    keys: Vec<([i32; 3], Facing)>,
 }
 
 impl SpatialCache {
     /// Cubic cells of side `cell` aligned to `origin`; no voxel yet.
     pub fn new(origin: Vec3, cell: f32) -> Self {
         let cell = if cell.is_finite() && cell > 0.0 { cell } else { 1.0 };
-        Self { origin, cell, cells: HashMap::new(), nodes: Vec::new(), bounds: Vec::new() }
+        Self {
+            origin,
+            cell,
+            faces: true,
+            cells: HashMap::new(),
+            nodes: Vec::new(),
+            bounds: Vec::new(),
+            cell_of: Vec::new(),
+            keys: Vec::new(),
+        }
+    }
+
+    /// The same, with voxels that hold surfaces of all facings (Müller 2017).
+    pub fn without_facing(mut self) -> Self {
+        self.faces = false;
+        self
     }
 
     /// Cells of 1/`resolution` of the diagonal of the box around `points` (Zhu 2021 §7). One point in two hundred is left
@@ -102,14 +140,36 @@ impl SpatialCache {
         self.bounds[voxel as usize]
     }
 
-    fn key(&self, point: Vec3) -> [i32; 3] {
+    fn key(&self, point: Vec3, normal: Vec3) -> ([i32; 3], Facing) {
         // Casting saturates, so a point at infinity has a key like any other.
-        ((point - self.origin) / self.cell).floor().to_array().map(|x| x as i32)
+        let cell = ((point - self.origin) / self.cell).floor().to_array().map(|x| x as i32);
+        (cell, if self.faces { Facing::of(normal) } else { Facing(0) })
+    }
+
+    /// The groups that voxels belong to.
+    pub fn ancestry(&self) -> Ancestry {
+        let mut ancestry = Ancestry { parents: vec![self.cell_of.clone()], sizes: vec![self.keys.len()] };
+        let mut keys = self.keys.clone();
+        for _ in 0..2 {
+            let mut known = HashMap::new();
+            let mut blocks = Vec::new();
+            let block = keys.iter().map(|&(cell, facing)| {
+                let key = (cell.map(|k| k >> 1), facing);
+                *known.entry(key).or_insert_with(|| {
+                    blocks.push(key);
+                    blocks.len() as u32 - 1
+                })
+            });
+            ancestry.parents.push(block.collect());
+            ancestry.sizes.push(blocks.len());
+            keys = blocks;
+        }
+        ancestry
     }
 
     /// The voxel that holds `point` of a surface with this normal, on the side that the normal points to.
     pub fn find(&self, point: Vec3, normal: Vec3) -> Option<VoxelId> {
-        let mut node = *self.cells.get(&(self.key(point), Facing::of(normal)))?;
+        let mut node = *self.cells.get(&self.key(point, normal))?;
         loop {
             match self.nodes[node as usize] {
                 Node::Leaf(voxel) => return Some(voxel),
@@ -123,11 +183,13 @@ impl SpatialCache {
         if let Some(voxel) = self.find(point, normal) {
             return voxel;
         }
-        let key = self.key(point);
+        let key = self.key(point, normal);
         let voxel = self.bounds.len() as VoxelId;
-        let low = self.origin + Vec3::from_array(key.map(|k| k as f32)) * self.cell;
+        let low = self.origin + Vec3::from_array(key.0.map(|k| k as f32)) * self.cell;
         self.bounds.push(Bounds { low, high: low + Vec3::splat(self.cell), depth: 0 });
-        self.cells.insert((key, Facing::of(normal)), self.nodes.len() as u32);
+        self.cell_of.push(self.keys.len() as u32);
+        self.keys.push(key);
+        self.cells.insert(key, self.nodes.len() as u32);
         self.nodes.push(Node::Leaf(voxel));
         voxel
     }
@@ -155,6 +217,7 @@ impl SpatialCache {
             high.depth += 1;
             self.bounds[voxel as usize] = low;
             self.bounds.push(high);
+            self.cell_of.push(self.cell_of[voxel as usize]);
             let first = self.nodes.len() as u32;
             self.nodes.extend([Node::Leaf(voxel), Node::Leaf(upper)]);
             self.nodes[node] = Node::Split { axis: axis as u8, position: middle, low: first };
@@ -166,7 +229,8 @@ impl SpatialCache {
     /// Bytes in use.
     pub fn bytes(&self) -> usize {
         self.nodes.len() * size_of::<Node>()
-            + self.bounds.len() * size_of::<Bounds>()
+            + self.bounds.len() * (size_of::<Bounds>() + size_of::<u32>())
+            + self.keys.len() * size_of::<([i32; 3], Facing)>()
             + self.cells.capacity() * (size_of::<([i32; 3], Facing, u32)>() + 1)
     }
 }
@@ -205,6 +269,22 @@ mod tests {
             }
         }
         assert_eq!(cache.find(Vec3::splat(50.0), UP), None);
+    }
+
+    #[test]
+    fn ancestors_are_the_cells_around() {
+        let mut cache = SpatialCache::new(Vec3::ZERO, 1.0);
+        let at = |cache: &mut SpatialCache, x: f32, n: Vec3| cache.find_or_insert(Vec3::new(x, 0.5, 0.5), n);
+        let [a, b, c, d] = [(0.5, UP), (1.5, UP), (2.5, UP), (0.5, -UP)].map(|(x, n)| at(&mut cache, x, n) as usize);
+        let (_, half) = cache.split(|v| v as usize == a)[0];
+        let ancestry = cache.ancestry();
+        let cells = &ancestry.parents[0];
+        assert_eq!(cells[a], cells[half as usize], "halves of one cell");
+        let block = |v: usize| ancestry.parents[1][cells[v] as usize];
+        assert!(block(a) == block(b) && block(a) != block(c) && block(a) != block(d));
+        let large = |v: usize| ancestry.parents[2][block(v) as usize];
+        assert!(large(a) == large(c) && large(a) != large(d));
+        assert_eq!(ancestry.sizes, [4, 3, 2]);
     }
 
     #[test]

@@ -98,33 +98,36 @@ impl Distribution {
         self.node_mass[node]
     }
 
-    /// Half of each of two distributions, on the union of their trees.
-    pub fn average(a: &Self, b: &Self) -> Self {
-        if a.topology == b.topology {
-            let node_mass = a.node_mass.iter().zip(&b.node_mass).map(|(x, y)| 0.5 * (x + y)).collect();
-            return Self { topology: a.topology.clone(), node_mass };
-        }
-        Self::mean(&[a, b], usize::MAX)
+    /// The mean of several distributions on the union of their trees down to `max_level` (the 'mean tree' baseline). Empty
+    /// input gives the uniform distribution.
+    pub fn mean(all: &[&Self], max_level: usize) -> Self {
+        Self::weighted(&all.iter().map(|&d| (d, 1.0)).collect::<Vec<_>>(), max_level, 0.0)
     }
 
-    /// The mean of several distributions on the union of their trees down to `max_level` (the 'mean tree' baseline). Empty
-    /// input gives the uniform distribution. The union must stay within the limits of [`Topology`]; levels past them end.
-    pub fn mean(all: &[&Self], max_level: usize) -> Self {
-        let mut split = Vec::new();
-        let mut masses = Vec::new();
-        let scale = 1.0 / all.len().max(1) as f64;
-        let mut level: Vec<Vec<Part>> = vec![all.iter().map(|d| Part { of: d, node: Some(0), mass: scale }).collect()];
+    /// The weighted mean of several distributions on the union of their trees, down to `max_level`; nodes below the root with
+    /// at most `min_mass` of the result are not split further. Weights are ≥ 0; where none is positive, or nothing is given,
+    /// the result is uniform. The union is kept within the limits of [`Topology`]: levels past them end.
+    pub fn weighted(all: &[(&Self, f64)], max_level: usize, min_mass: f64) -> Self {
+        let total: f64 = all.iter().map(|p| p.1).sum();
+        if !(total > 0.0 && total.is_finite()) {
+            return Self::uniform();
+        }
+        let max_level = max_level.min(super::topology::MAX_LEVEL);
+        let mut union = Union { parts: Vec::new(), split: Vec::new(), mass: Vec::new() };
+        let mut level = vec![union.cell(0.0, all.iter().map(|&(of, weight)| (of, 0, weight / total)))];
         for depth in 0.. {
-            let open = depth < max_level.min(super::topology::MAX_LEVEL);
+            let before = union.split.len() + level.len();
             let mut next = Vec::new();
-            let before = split.len() + level.len();
-            for parts in level {
+            for cell in level {
                 let room = before + next.len() + 4 <= super::topology::MAX_NODES;
-                let splits = open && room && parts.iter().any(Part::has_children);
-                split.push(splits);
-                masses.push(parts.iter().map(|p| p.mass).sum::<f64>());
+                let splits = depth < max_level
+                    && room
+                    && !cell.parts.is_empty()
+                    && (depth == 0 || union.mass_of(&cell) > min_mass);
+                union.mass.push(union.mass_of(&cell));
+                union.split.push(splits);
                 if splits {
-                    next.extend((0..4).map(|k| parts.iter().map(|p| p.child(k)).collect::<Vec<_>>()));
+                    next.extend((0..4).map(|k| union.child(&cell, k)));
                 }
             }
             if next.is_empty() {
@@ -132,14 +135,37 @@ impl Distribution {
             }
             level = next;
         }
-        if all.is_empty() {
-            return Self::uniform();
-        }
         // The flags were made level by level from whole groups of four within the limits, so they are consistent.
-        match Topology::from_split(&split) {
-            Ok(topology) => Self { topology, node_mass: masses },
+        match Topology::from_split(&union.split) {
+            Ok(topology) => Self { topology, node_mass: union.mass },
             Err(_) => Self::uniform(),
         }
+    }
+
+    /// `share` of the first distribution and the rest of the second, on the union of their trees.
+    pub fn blend(a: &Self, b: &Self, share: f64) -> Self {
+        if a.topology == b.topology {
+            let node_mass = a.node_mass.iter().zip(&b.node_mass).map(|(x, y)| share * x + (1.0 - share) * y).collect();
+            return Self { topology: a.topology.clone(), node_mass };
+        }
+        Self::weighted(&[(a, share), (b, 1.0 - share)], usize::MAX, 0.0)
+    }
+
+    /// The shape whose nodes are split while they hold more than `share`, with at most `most` nodes; a leaf that has to be split
+    /// is taken as uniform inside.
+    pub fn refined(&self, share: f64, most: usize) -> Topology {
+        let start = Part { of: self, node: Some(0), mass: 1.0 };
+        let mut queue = vec![(start, 0usize)];
+        let mut split = Vec::new();
+        while let Some(&(part, level)) = queue.get(split.len()) {
+            let splits = part.mass > share && level < super::topology::MAX_LEVEL && queue.len() + 4 <= most;
+            split.push(splits);
+            if splits {
+                queue.extend((0..4).map(|k| (part.child(k), level + 1)));
+            }
+        }
+        // Made breadth first within every limit.
+        Topology::from_split(&split).unwrap_or_else(|_| Topology::root())
     }
 
     /// The cells of the union of both trees' leaves, without those where `target` has no mass.
@@ -158,6 +184,55 @@ impl Distribution {
             }
         }
         cells
+    }
+}
+
+/// The union of weighted trees while it is made, breadth first.
+struct Union<'a> {
+    /// What has children in any open cell: tree, node, weighted mass.
+    parts: Vec<(&'a Distribution, usize, f64)>,
+    split: Vec<bool>,
+    mass: Vec<f64>,
+}
+
+/// One cell of a union: what is constant over it, and the range of parts that are not.
+struct UnionCell {
+    flat: f64,
+    parts: std::ops::Range<usize>,
+}
+
+impl<'a> Union<'a> {
+    fn cell(&mut self, flat: f64, parts: impl Iterator<Item = (&'a Distribution, usize, f64)>) -> UnionCell {
+        let (start, mut flat) = (self.parts.len(), flat);
+        for part in parts {
+            if part.0.topology.is_leaf(part.1) {
+                flat += part.2;
+            } else if part.2 > 0.0 {
+                self.parts.push(part);
+            }
+        }
+        UnionCell { flat, parts: start..self.parts.len() }
+    }
+
+    fn mass_of(&self, cell: &UnionCell) -> f64 {
+        cell.flat + self.parts[cell.parts.clone()].iter().map(|p| p.2).sum::<f64>()
+    }
+
+    fn child(&mut self, cell: &UnionCell, k: usize) -> UnionCell {
+        let start = self.parts.len();
+        let mut flat = 0.25 * cell.flat;
+        for i in cell.parts.clone() {
+            let (of, node, mass) = self.parts[i];
+            let child = of.topology.first_child[node] as usize + k;
+            let of_parent = of.node_mass[node];
+            let mass = if of_parent > 0.0 { mass * of.node_mass[child] / of_parent } else { 0.0 };
+            if of.topology.is_leaf(child) {
+                flat += mass;
+            } else if mass > 0.0 {
+                self.parts.push((of, child, mass));
+            }
+        }
+        UnionCell { flat, parts: start..self.parts.len() }
     }
 }
 
@@ -298,6 +373,11 @@ mod tests {
         assert_eq!(m.topology(), a.topology());
         assert!((m.node_mass()[5] - (0.5 + 0.5 / 16.0)).abs() < 1e-12);
         assert_eq!(Distribution::mean(&[&a], 1).topology().levels(), 2);
+        let third = Distribution::weighted(&[(&a, 1.0), (&Distribution::uniform(), 2.0)], 20, 0.0);
+        assert!((third.node_mass()[5] - (1.0 / 3.0 + 2.0 / 48.0)).abs() < 1e-12);
+        assert!((third.leaf_mass().iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        assert_eq!(Distribution::weighted(&[(&deep([1.0; 7]), 1.0)], 20, 0.6).topology().levels(), 2, "cut by mass");
+        assert_eq!(Distribution::weighted(&[], 20, 0.0), Distribution::uniform());
     }
 
     #[test]

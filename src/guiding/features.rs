@@ -25,6 +25,7 @@
 
 use std::borrow::Cow;
 
+use super::leaves::Leaves;
 use super::topology::{MAX_LEVEL, Topology};
 
 /// Raw sums of path samples.
@@ -36,13 +37,13 @@ pub const RAW_CHANNELS: usize = PATH_CHANNELS + PHOTON_CHANNELS;
 /// Network input channels per node.
 pub const FEATURES: usize = RAW_CHANNELS + 2 * MEANS + 11;
 
-/// First raw channel of a kind of sample (path, photon).
-const KIND: [usize; 2] = [0, PATH_CHANNELS];
+/// First raw channel of a kind of sample (path, photon): ΣV.
+pub(super) const KIND: [usize; 2] = [0, PATH_CHANNELS];
 /// Offsets of position, distance, normal and count within a kind.
 const POSITION: usize = 4;
 const DISTANCE: usize = 7;
 const NORMAL: usize = 8;
-const COUNT: usize = 14;
+pub(super) const COUNT: usize = 14;
 /// Channels of means per kind.
 const MEANS: usize = 7;
 /// Logarithms of densities are cut here, then divided by half of it.
@@ -53,11 +54,11 @@ const LOG_SCALE: f64 = 8.0;
 /// The input of the network: [nodes, [`FEATURES`]], breadth first, every value finite.
 ///
 /// `leaf_sums` is [leaves, [`RAW_CHANNELS`]] in the order of [`Topology::leaves`]; path values are those of the variance
-/// target (see [`node_weights`]). Missing rows count as zero.
+/// target (see [`Leaves::weights`]). Missing rows count as zero.
 pub fn node_features(topology: &Topology, leaf_sums: &[f32]) -> Vec<f32> {
     let leaf_sums = finite(leaf_sums);
     let sums = topology.sum_to_root(&leaf_sums, RAW_CHANNELS);
-    let weights = node_weights(topology, &leaf_sums);
+    let weights = Leaves::full(topology, &leaf_sums).weights();
     let counts = |node: usize| KIND.map(|kind| sums[node * RAW_CHANNELS + kind + COUNT].max(0.0));
     let inverse_maxima = inverse_maxima(&sums);
     let mut rows = Vec::with_capacity(topology.len() * FEATURES);
@@ -78,36 +79,12 @@ pub fn node_features(topology: &Topology, leaf_sums: &[f32]) -> Vec<f32> {
     rows
 }
 
-/// For every node the sampling weights (path, photon), breadth first, on no particular scale.
-///
-/// A leaf of solid angle A holding ΣV has path weight √(ΣV·A) (Rath 2020: V estimates a second moment) and photon weight ΣV;
-/// an inner node has the sum of its leaves' weights, never a root of sums. `leaf_sums` as in [`node_features`].
-pub fn node_weights(topology: &Topology, leaf_sums: &[f32]) -> Vec<[f64; 2]> {
-    let leaf_sums = finite(leaf_sums);
-    let mut weights = vec![[0.0; 2]; topology.len()];
-    let mut rows = leaf_sums.chunks_exact(RAW_CHANNELS);
-    for level in 0..topology.levels() {
-        let side = 0.5f64.powi(level as i32);
-        for leaf in topology.level(level).filter(|&node| topology.is_leaf(node)) {
-            let Some(row) = rows.next() else { break };
-            let value = KIND.map(|kind| f64::from(row[kind]).max(0.0));
-            weights[leaf] = [value[0].sqrt() * side, value[1]];
-        }
-    }
-    for node in (1..topology.len()).rev() {
-        let weight = weights[node];
-        let to = &mut weights[topology.parent[node] as usize];
-        *to = [to[0] + weight[0], to[1] + weight[1]];
-    }
-    weights
-}
-
 /// For every node, breadth first, the logarithm of its share of the tree's sampling weight relative to the uniform
 /// distribution (path, photon): ln(w/w_root · 4^level), cut at ±12 and divided by 6; zero where the tree has no weight.
 ///
 /// It is the logarithm of a density, so a cell inside a leaf has that leaf's value.
 pub fn node_log_shares(topology: &Topology, leaf_sums: &[f32]) -> Vec<[f32; 2]> {
-    let weights = node_weights(topology, leaf_sums);
+    let weights = Leaves::full(topology, leaf_sums).weights();
     let levels = (0..topology.levels()).flat_map(|l| topology.level(l).map(move |_| l));
     levels.zip(&weights).map(|(level, &weight)| log_shares(weight, weights[0], level)).collect()
 }

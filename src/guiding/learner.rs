@@ -4,44 +4,107 @@
 
 use rayon::prelude::*;
 
-use super::cache::{SpatialCache, VoxelId};
+use super::cache::{Ancestry, SpatialCache, VoxelId};
+use super::context::{Counted, with_context};
 use super::distribution::Distribution;
 use super::field::{GuideField, VoxelGuide};
+use super::leaves::{Layout, Leaves, Target};
+use super::moments::{FRACTIONS, Moments, PATH_SHARES};
 use super::quadtree::Quadtree;
 use super::record::{PathRecord, PhotonRecord};
 use super::sampler::{NODE_BYTES, SamplingTree};
+use super::topology::Topology;
+use crate::math::cylindrical;
 
 /// How the field is learned.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LearnerSettings {
     /// Cells along the diagonal of the scene's visited part, r_init (Zhu 2021 §7).
     pub resolution: f32,
-    /// Path samples above which a voxel is halved, k_spt (Zhu 2021 §7).
+    /// Whether surfaces that face differently have voxels of their own.
+    pub facing: bool,
+    /// Path samples above which a voxel is halved, k_spt (Zhu 2021 §7) or c (Müller 2017 §3.1).
     pub voxel_samples: u32,
+    /// Whether that number grows with √(samples per pixel) of the iteration (Müller 2017 §3.1).
+    pub growing: bool,
     /// Share of a tree's energy above which a node is split, ρ.
     pub split_share: f64,
+    /// What is deposited.
+    pub target: Target,
+    /// What is summed per leaf.
+    pub layout: Layout,
+    /// Whether the fraction of BSDF samples follows the measured moments; ½ otherwise (Müller 2017 §3.3).
+    pub measures_fraction: bool,
+    /// As how many samples a voxel's surroundings count; 0 for none.
+    pub context: f64,
     /// Ceiling of the field in bytes.
     pub memory: usize,
 }
 
 impl Default for LearnerSettings {
     fn default() -> Self {
-        Self { resolution: 24.0, voxel_samples: 8000, split_share: 0.01, memory: 24 << 20 }
+        Self {
+            resolution: 24.0,
+            facing: true,
+            voxel_samples: 8000,
+            growing: false,
+            split_share: 0.02,
+            target: Target::Variance,
+            layout: Layout::Values,
+            measures_fraction: true,
+            context: 4096.0,
+            memory: 24 << 20,
+        }
     }
 }
 
 /// A voxel while it learns.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 struct Voxel {
     tree: Quadtree,
     /// Q_r of the last iteration with energy.
     guide: Option<SamplingTree>,
+    /// Fraction of BSDF samples once learning is over.
     bsdf_fraction: f32,
-    /// Σ of the samples' contributions, and the part that the BSDF is responsible for.
+    /// Part of path samples in what is counted, the rest being photons.
+    path_share: f64,
+    /// Σ of the samples' contributions.
     contribution: f64,
-    bsdf_contribution: f64,
+    /// What mixing BSDF and guide in other ways would have cost.
+    fractions: Moments<{ FRACTIONS.len() }>,
+    /// What mixing the trees of path samples and photons in other ways would have cost.
+    shares: Moments<{ PATH_SHARES.len() }>,
+    /// The trees of path samples and of photons in the last iteration.
+    kinds: Option<Box<[SamplingTree; 2]>>,
     /// Whether the tree got its shape in the current pass.
     shaped: bool,
+}
+
+impl Voxel {
+    fn new(settings: &LearnerSettings) -> Self {
+        Self {
+            tree: Quadtree::new(Topology::root(), settings.layout, settings.target),
+            guide: None,
+            bsdf_fraction: 0.5,
+            path_share: 0.5,
+            contribution: 0.0,
+            fractions: Moments::default(),
+            shares: Moments::default(),
+            kinds: None,
+            shaped: false,
+        }
+    }
+}
+
+/// A tree as counted, ready to be reconstructed.
+#[derive(Debug, Clone)]
+pub struct CountedTree<'a> {
+    /// What the leaves hold.
+    pub leaves: Leaves<'a>,
+    /// The samples' own distribution, with the context that the settings ask for.
+    pub distribution: Distribution,
+    /// Path samples and photons in the tree.
+    pub samples: [u32; 2],
 }
 
 /// Merges records into per-voxel quadtrees.
@@ -52,8 +115,14 @@ pub struct Learner {
     frozen: bool,
 }
 
-/// Bounds of the learned fraction of BSDF samples.
-const FRACTION: [f64; 2] = [0.1, 0.9];
+/// Fraction of BSDF samples while learning.
+const LEARNING_FRACTION: f64 = 0.5;
+/// As how many samples the moments of a voxel's surroundings count.
+const PRIOR_SAMPLES: f64 = 256.0;
+/// Photons keep a part where there are any: path samples do not know of the light that they have not found.
+const MOST_PATH_SHARE: f64 = 0.9;
+/// Part of the uniform distribution that stands for the BSDF where path samples and photons are weighed against each other.
+const SHARE_UNIFORM: f32 = 0.3;
 
 impl Learner {
     /// A learner that has seen nothing.
@@ -89,30 +158,39 @@ impl Learner {
     /// Adds one chunk of records. Path samples make voxels where there are none; photons only enter voxels that exist. The
     /// first chunk of a pass also gives the trees their shape: deposit, split, deposit again.
     /// Where `deposit_paths` is off, path samples make voxels and are not learned from.
-    pub fn absorb(&mut self, paths: &[PathRecord], photons: &[PhotonRecord], deposit_paths: bool) {
+    ///
+    /// Returns the voxel that each photon fell into, [`VoxelId::MAX`] for none.
+    pub fn absorb(&mut self, paths: &[PathRecord], photons: &[PhotonRecord], deposit_paths: bool) -> Vec<VoxelId> {
         if paths.is_empty() && self.cache.is_none() {
-            return;
+            return vec![VoxelId::MAX; photons.len()];
         }
         let resolution = self.settings.resolution;
-        let cache = self
-            .cache
-            .get_or_insert_with(|| SpatialCache::fit(&paths.iter().map(|r| r.point).collect::<Vec<_>>(), resolution));
+        let faces = self.settings.facing;
+        let cache = self.cache.get_or_insert_with(|| {
+            let cache = SpatialCache::fit(&paths.iter().map(|r| r.point).collect::<Vec<_>>(), resolution);
+            if faces { cache } else { cache.without_facing() }
+        });
         let path_voxels = voxels_of(cache, paths);
-        self.voxels.resize_with(cache.len(), Voxel::default);
+        self.voxels.resize_with(cache.len(), || Voxel::new(&self.settings));
         let photon_voxels: Vec<VoxelId> =
             photons.par_iter().map(|r| cache.find(r.point, r.normal).unwrap_or(VoxelId::MAX)).collect();
         let paths_by_voxel = Groups::new(&path_voxels, self.voxels.len());
         let photons_by_voxel = Groups::new(&photon_voxels, self.voxels.len());
         let cache = &*cache;
         let (share, frozen) = (self.settings.split_share, self.frozen);
+        let squares = self.settings.target != Target::Radiance;
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
             let bounds = cache.bounds(v as VoxelId);
             let own_paths = paths_by_voxel.group(v).iter().map(|&i| &paths[i as usize]);
             let own_photons = photons_by_voxel.group(v).iter().map(|&i| &photons[i as usize]);
             for record in own_paths.clone() {
-                let contribution = f64::from(record.estimate);
-                voxel.contribution += contribution;
-                voxel.bsdf_contribution += contribution * f64::from(record.bsdf_share);
+                voxel.contribution += f64::from(record.estimate);
+                if squares && record.value > 0.0 {
+                    voxel.weigh_kinds(record);
+                }
+                if voxel.guide.is_some() {
+                    voxel.fractions.add_estimate(record.estimate, record.bsdf_share, LEARNING_FRACTION);
+                }
             }
             if own_paths.len() + own_photons.len() == 0 {
                 return;
@@ -132,22 +210,68 @@ impl Learner {
             }
             voxel.shaped = true;
         });
+        photon_voxels
     }
 
-    /// Takes the distributions made from [`Learner::trees`] (same order) as the next guides. `uniform` is the part of the
-    /// uniform distribution mixed into each. A voxel whose tree holds nothing keeps its old guide. Trees are cut to the most
+    /// Every voxel's tree as counted; none where neither it nor its surroundings hold energy. Path samples and photons are mixed
+    /// by what the iteration measured of their use.
+    pub fn counted(&mut self) -> Vec<Option<CountedTree<'_>>> {
+        let Some(cache) = &self.cache else { return Vec::new() };
+        let ancestry = cache.ancestry();
+        let priors = pooled(&self.voxels, &ancestry, |v| &v.shares);
+        self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
+            let mut shares = voxel.shares;
+            shares.add_prior(&priors[ancestry.block(v)], PRIOR_SAMPLES);
+            voxel.path_share = shares.best().map_or(0.5, |best| PATH_SHARES[best].min(MOST_PATH_SHARE));
+        });
+        let own = |voxel: &Voxel| -> Counted {
+            let samples: u32 = voxel.tree.counts().iter().sum();
+            let energy = voxel.tree.has_energy();
+            energy.then(|| (voxel.tree.leaves().hybrid(voxel.path_share), f64::from(samples)))
+        };
+        let own: Vec<Counted> = self.voxels.par_iter().map(own).collect();
+        let distributions = if self.settings.context > 0.0 {
+            with_context(own, &ancestry, self.settings.context)
+        } else {
+            own.into_iter().map(|c| c.map(|c| c.0)).collect()
+        };
+        let tree = |(voxel, distribution)| {
+            let voxel: &Voxel = voxel;
+            let distribution: Option<Distribution> = distribution;
+            let (leaves, samples) = (voxel.tree.leaves(), voxel.tree.counts());
+            distribution.map(|distribution| CountedTree { leaves, distribution, samples })
+        };
+        self.voxels.iter().zip(distributions).map(tree).collect()
+    }
+
+    /// How far photons lower the second moment of guided samples, as a factor in (0, 1], averaged over voxels by what they
+    /// contribute; none before it was measured.
+    pub fn photon_gain(&self) -> Option<f64> {
+        let measured = self.voxels.iter().filter(|v| v.shares != Moments::default());
+        let (sum, weight) =
+            measured.fold((0.0, 0.0), |s, v| (s.0 + v.contribution * v.shares.gain(), s.1 + v.contribution));
+        (weight > 0.0).then(|| sum / weight)
+    }
+
+    /// Takes the distributions made from [`Learner::counted`] (same order) as the next guides. `uniform` is the part of the
+    /// uniform distribution mixed into each. A voxel for which there is none keeps its old guide. Trees are cut to the most
     /// probable nodes where the field would exceed its ceiling.
     pub fn publish(&mut self, distributions: &[Option<Distribution>], uniform: f32) {
+        let Some(cache) = &self.cache else { return };
+        let ancestry = cache.ancestry();
         let cap = self.inner_nodes_cap(distributions);
-        self.voxels.par_iter_mut().zip(distributions).for_each(|(voxel, distribution)| {
-            if let Some(distribution) = distribution {
-                voxel.guide = Some(SamplingTree::new(distribution, uniform, cap));
-                voxel.bsdf_fraction = if voxel.contribution > 0.0 {
-                    (voxel.bsdf_contribution / voxel.contribution).clamp(FRACTION[0], FRACTION[1]) as f32
-                } else {
-                    0.5
-                };
+        let priors = pooled(&self.voxels, &ancestry, |v| &v.fractions);
+        let measures_fraction = self.settings.measures_fraction;
+        self.voxels.par_iter_mut().zip(distributions).enumerate().for_each(|(v, (voxel, distribution))| {
+            voxel.kinds = voxel.kinds();
+            let Some(distribution) = distribution else { return };
+            voxel.guide = Some(SamplingTree::new(distribution, uniform, cap));
+            if !measures_fraction {
+                return;
             }
+            let mut fractions = voxel.fractions;
+            fractions.add_prior(&priors[ancestry.block(v)], PRIOR_SAMPLES);
+            voxel.bsdf_fraction = fractions.best().map_or(LEARNING_FRACTION, |best| FRACTIONS[best]) as f32;
         });
     }
 
@@ -172,20 +296,23 @@ impl Learner {
     }
 
     /// Ends a pass: halves voxels with many samples (both halves inherit the tree and the guide) and forgets values.
-    pub fn refine(&mut self) {
+    /// The pass had `spp` camera paths per pixel.
+    pub fn refine(&mut self, spp: u32) {
         let Some(cache) = &mut self.cache else { return };
         // A voxel costs its guide; half of the ceiling is left for the depth of the trees.
         let guides: usize = self.voxels.iter().filter_map(|v| v.guide.as_ref()).map(SamplingTree::bytes).sum();
         let mean = guides / self.voxels.len().max(1) + size_of::<VoxelGuide>() + 64;
         let most = (self.settings.memory / 2) / mean;
         let mut count = self.voxels.len();
-        let (limit, voxels) = (self.settings.voxel_samples, &self.voxels);
+        let growth = if self.settings.growing { f64::from(spp).sqrt() } else { 1.0 };
+        let limit = (f64::from(self.settings.voxel_samples) * growth) as u32;
+        let voxels = &self.voxels;
         let pairs = cache.split(|v| {
             let wanted = voxels[v as usize].tree.counts()[0] > limit && count < most;
             count += usize::from(wanted);
             wanted
         });
-        self.voxels.resize_with(cache.len(), Voxel::default);
+        self.voxels.resize_with(cache.len(), || Voxel::new(&self.settings));
         for (old, new) in pairs {
             self.voxels[new as usize] = self.voxels[old as usize].clone();
         }
@@ -196,20 +323,56 @@ impl Learner {
     pub fn clear(&mut self) {
         self.voxels.par_iter_mut().for_each(|voxel| {
             voxel.tree.clear();
-            (voxel.contribution, voxel.bsdf_contribution) = (0.0, 0.0);
+            voxel.contribution = 0.0;
+            (voxel.fractions, voxel.shares) = (Moments::default(), Moments::default());
             voxel.shaped = false;
         });
     }
 
-    /// The field to sample from: while `learning` half of the samples come from the BSDF, afterwards each voxel's own share.
+    /// The field to sample from: while `learning` half of the samples come from the BSDF, afterwards each voxel's own fraction;
+    /// a voxel that is better off without its guide then has none.
     pub fn field(&self, learning: bool) -> GuideField {
         let Some(cache) = &self.cache else { return GuideField::empty() };
-        let voxels = self
-            .voxels
-            .iter()
-            .map(|v| VoxelGuide { tree: v.guide.clone(), bsdf_fraction: if learning { 0.5 } else { v.bsdf_fraction } });
-        GuideField::new(cache.clone(), voxels.collect())
+        let guide = |voxel: &Voxel| {
+            let bsdf_fraction = if learning { LEARNING_FRACTION as f32 } else { voxel.bsdf_fraction };
+            VoxelGuide { tree: voxel.guide.clone().filter(|_| bsdf_fraction < 1.0), bsdf_fraction }
+        };
+        GuideField::new(cache.clone(), self.voxels.iter().map(guide).collect())
     }
+}
+
+impl Voxel {
+    /// Distributions of path samples and photons apart, where there are both.
+    fn kinds(&self) -> Option<Box<[SamplingTree; 2]>> {
+        let leaves = self.tree.leaves();
+        let both = leaves.has(0) && leaves.has(1);
+        both.then(|| {
+            Box::new([0, 1].map(|kind| SamplingTree::new(&leaves.distribution(kind), SHARE_UNIFORM, usize::MAX)))
+        })
+    }
+
+    /// Judges the last iteration's trees of path samples and photons, and mixtures of them, by a path sample of this iteration:
+    /// its V over the density q estimates ∫f²/q.
+    fn weigh_kinds(&mut self, record: &PathRecord) {
+        let Some(kinds) = &self.kinds else { return };
+        let cell = cylindrical::to_cell(record.direction);
+        let [path, photon] = [0, 1].map(|kind| f64::from(kinds[kind].pdf_at(cell)));
+        let square = f64::from(record.value).powi(2);
+        self.shares.add(PATH_SHARES.map(|share| square / (share * path + (1.0 - share) * photon)), 1.0);
+    }
+}
+
+/// Moments of blocks of cells together.
+fn pooled<const N: usize>(
+    voxels: &[Voxel],
+    ancestry: &Ancestry,
+    moments: impl Fn(&Voxel) -> &Moments<N>,
+) -> Vec<Moments<N>> {
+    let mut blocks = vec![Moments::default(); ancestry.sizes[1]];
+    for (v, voxel) in voxels.iter().enumerate() {
+        blocks[ancestry.block(v)].merge(moments(voxel));
+    }
+    blocks
 }
 
 /// Voxels of the records' points; missing ones are made in the order of the records.

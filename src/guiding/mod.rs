@@ -1,12 +1,15 @@
 //! Path guiding: directional quadtrees in a spatial cache, what is deposited into them, and the distributions they yield.
 
 pub mod cache;
+pub mod context;
 pub mod distribution;
+pub mod emission;
 pub mod features;
 pub mod field;
+pub mod leaves;
 pub mod learner;
+pub mod moments;
 pub mod quadtree;
 pub mod record;
 pub mod sampler;
-pub mod targets;
 pub mod topology;

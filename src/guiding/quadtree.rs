@@ -7,7 +7,8 @@
 use glam::Vec3;
 
 use super::cache::Bounds;
-use super::features::{PATH_CHANNELS, RAW_CHANNELS, node_weights};
+use super::features::PATH_CHANNELS;
+use super::leaves::{Layout, Leaves, Target};
 use super::record::{PathRecord, PhotonRecord};
 use super::topology::{MAX_LEVEL, MAX_NODES, NO_CHILD, Topology};
 use crate::math::cylindrical;
@@ -21,7 +22,9 @@ pub struct Quadtree {
     topology: Topology,
     /// Row of each node in `sums`; meaningful for leaves.
     row: Vec<u32>,
-    /// [`RAW_CHANNELS`] per leaf, breadth first.
+    layout: Layout,
+    target: Target,
+    /// A row of `layout` per leaf, breadth first.
     sums: Vec<f32>,
     path_scale: f32,
     photon_scale: f32,
@@ -29,23 +32,18 @@ pub struct Quadtree {
     photon_count: u32,
 }
 
-impl Default for Quadtree {
-    fn default() -> Self {
-        Self::new(Topology::root())
-    }
-}
-
 impl Quadtree {
     /// An empty tree of the given shape.
-    pub fn new(topology: Topology) -> Self {
+    pub fn new(topology: Topology, layout: Layout, target: Target) -> Self {
         let mut row = vec![0; topology.len()];
         let mut leaves = 0;
         for leaf in topology.leaves() {
             row[leaf] = leaves;
             leaves += 1;
         }
-        let sums = vec![0.0; leaves as usize * RAW_CHANNELS];
-        Self { topology, row, sums, path_scale: 0.0, photon_scale: 0.0, path_count: 0, photon_count: 0 }
+        let sums = vec![0.0; leaves as usize * layout.channels()];
+        let [path_scale, photon_scale] = [0.0; 2];
+        Self { topology, row, layout, target, sums, path_scale, photon_scale, path_count: 0, photon_count: 0 }
     }
 
     /// The shape.
@@ -53,15 +51,16 @@ impl Quadtree {
         &self.topology
     }
 
-    /// Raw sums of the leaves, [`RAW_CHANNELS`] each, breadth first.
-    pub fn leaf_sums(&self) -> &[f32] {
-        &self.sums
+    /// What the leaves hold.
+    pub fn leaves(&self) -> Leaves<'_> {
+        Leaves { topology: &self.topology, sums: &self.sums, layout: self.layout, target: self.target }
     }
 
     /// ΣV of path samples per leaf, without the tree's own scale, so that trees can be added up.
     pub fn path_values(&self) -> Vec<f64> {
-        let scale = f64::from(self.path_scale).powi(2);
-        self.sums.chunks_exact(RAW_CHANNELS).map(|row| f64::from(row[0]) * scale).collect()
+        let scale = f64::from(self.path_scale);
+        let scale = if self.target == Target::Radiance { scale } else { scale * scale };
+        self.leaves().values(0).map(|v| v * scale).collect()
     }
 
     /// Number of path samples and of photons since the last clearing.
@@ -82,29 +81,37 @@ impl Quadtree {
     }
 
     fn leaf_sums_at(&mut self, direction: Vec3) -> &mut [f32] {
-        let [x, y] = cylindrical::to_cell(direction);
-        let mut node = 0;
-        let mut bit = MAX_LEVEL;
-        while self.topology.first_child[node] != NO_CHILD {
-            bit -= 1;
-            let child = ((x >> bit) & 1) | (((y >> bit) & 1) << 1);
-            node = (self.topology.first_child[node] + child) as usize;
-        }
-        &mut self.sums[self.row[node] as usize * RAW_CHANNELS..][..RAW_CHANNELS]
+        let node = self.topology.leaf_at(cylindrical::to_cell(direction));
+        let channels = self.layout.channels();
+        &mut self.sums[self.row[node] as usize * channels..][..channels]
     }
 
     /// Adds path samples that fell into the voxel `bounds`, in the order given.
     pub fn deposit_paths<'a>(&mut self, bounds: &Bounds, records: impl Iterator<Item = &'a PathRecord> + Clone) {
-        let largest = records.clone().fold(0.0f32, |m, r| m.max(r.root_value()));
+        let squares = self.target != Target::Radiance;
+        let largest = records.clone().fold(0.0f32, |m, r| m.max(r.value));
         if largest > self.path_scale {
-            self.rescale(0, (self.path_scale / largest).powi(2));
+            let factor = self.path_scale / largest;
+            self.rescale(0, if squares { factor * factor } else { factor });
             self.path_scale = largest;
         }
         let inverse = if self.path_scale > 0.0 { 1.0 / self.path_scale } else { 0.0 };
         for record in records {
             self.path_count += 1;
-            let root = record.root_value() * inverse;
-            let value = if root.is_finite() { root * root } else { 0.0 };
+            let value = record.value * inverse;
+            let value = if !value.is_finite() {
+                0.0
+            } else if squares {
+                value * value
+            } else {
+                value
+            };
+            if self.layout == Layout::Values {
+                let sums = self.leaf_sums_at(record.direction);
+                sums[0] += value;
+                sums[1] += 1.0;
+                continue;
+            }
             let local = bounds.local(record.point);
             let distance = scaled_distance(record.distance, bounds);
             let sums = &mut self.leaf_sums_at(record.direction)[..PATH_CHANNELS];
@@ -118,24 +125,31 @@ impl Quadtree {
     pub fn deposit_photons<'a>(&mut self, bounds: &Bounds, records: impl Iterator<Item = &'a PhotonRecord> + Clone) {
         let largest = records.clone().fold(0.0f32, |m, r| m.max(r.power));
         if largest > self.photon_scale {
-            self.rescale(PATH_CHANNELS, self.photon_scale / largest);
+            self.rescale(self.layout.values()[1], self.photon_scale / largest);
             self.photon_scale = largest;
         }
         let inverse = if self.photon_scale > 0.0 { 1.0 / self.photon_scale } else { 0.0 };
         for record in records {
             self.photon_count += 1;
             let value = record.power * inverse;
+            let value = if value.is_finite() { value } else { 0.0 };
+            if self.layout == Layout::Values {
+                let sums = self.leaf_sums_at(record.direction);
+                sums[2] += value;
+                sums[3] += 1.0;
+                continue;
+            }
             let local = bounds.local(record.point);
             let distance = scaled_distance(record.distance, bounds);
             let sums = &mut self.leaf_sums_at(record.direction)[PATH_CHANNELS..];
             let normals = [record.normal, record.previous_normal];
-            add(sums, if value.is_finite() { value } else { 0.0 }, record.direction, local, distance, normals);
+            add(sums, value, record.direction, local, distance, normals);
         }
     }
 
     /// Multiplies the value sums of one kind of sample, which start at `channel`.
     fn rescale(&mut self, channel: usize, factor: f32) {
-        for sums in self.sums.chunks_exact_mut(RAW_CHANNELS) {
+        for sums in self.sums.chunks_exact_mut(self.layout.channels()) {
             sums[channel] *= factor;
         }
     }
@@ -144,10 +158,10 @@ impl Quadtree {
     /// and joined where neither does (Müller 2017 §3.2). A leaf that has to be split is taken as uniform inside. Where the
     /// tree holds no energy, its shape is kept.
     pub fn refined(&self, share: f64) -> Self {
-        let weights = node_weights(&self.topology, &self.sums);
+        let weights = self.leaves().weights();
         let [path, photon] = weights[0];
         if path <= 0.0 && photon <= 0.0 {
-            return Self::new(self.topology.clone());
+            return Self::new(self.topology.clone(), self.layout, self.target);
         }
         let relative =
             |[a, b]: [f64; 2]| [if path > 0.0 { a / path } else { 0.0 }, if photon > 0.0 { b / photon } else { 0.0 }];
@@ -173,7 +187,7 @@ impl Quadtree {
             }));
         }
         // The flags were produced breadth first with every limit observed, which is all that from_split checks.
-        Self::new(Topology::from_split(&flags).unwrap_or_else(|_| Topology::root()))
+        Self::new(Topology::from_split(&flags).unwrap_or_else(|_| Topology::root()), self.layout, self.target)
     }
 
     /// Bytes in use.

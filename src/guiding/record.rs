@@ -11,8 +11,9 @@ pub struct PathRecord {
     pub direction: Vec3,
     /// Channel mean of f·|cos θ|·L̂ / p, radiance.
     pub estimate: f32,
-    /// Density p of the whole mixture that drew the direction, times the probability of surviving roulette, sr⁻¹.
-    pub pdf: f32,
+    /// V for the radiance target, √V for second moments (see [`Target`](super::leaves::Target)): as a root, so that squares
+    /// cannot overflow.
+    pub value: f32,
     /// Part of the mixture density that is the BSDF's, in [0, 1].
     pub bsdf_share: f32,
     /// Channel mean of the BSDF's value without the cosine, sr⁻¹.
@@ -25,16 +26,11 @@ pub struct PathRecord {
     pub next_normal: Vec3,
 }
 
-impl PathRecord {
-    /// √V with V = (f·cos θ·L̂)²/p (Zhu 2021 eq. 7; Rath 2020): kept as a root so that squares cannot overflow.
-    pub fn root_value(&self) -> f32 {
-        self.estimate * self.pdf.sqrt()
-    }
-}
-
 /// A photon that arrived at a surface.
 #[derive(Debug, Clone, Copy)]
 pub struct PhotonRecord {
+    /// Number of the light path among those of its chunk.
+    pub path: u32,
     /// World position of the surface point.
     pub point: Vec3,
     /// Unit direction towards where the photon came from.

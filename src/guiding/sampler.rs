@@ -1,6 +1,6 @@
 //! Q_r packed for sampling: drawing a direction and looking up a density touch one small node per level.
 //!
-//! Precision: shares are f32, products of them and the cylindrical map f64. An f32 product is right to 5e-7, but over- or underflows for
+//! Precision: shares are 16-bit fractions, products of them and the cylindrical map f64. An f32 product is right to 5e-7, but over- or underflows for
 //! 2 in 1,000 of the deepest leaves, which no check downstream could tell from a direction without light. The f32 map puts 6 % of
 //! the directions drawn in a cell of level 20 into a neighbour when their density is looked up, the f64 map 1 % (the directions
 //! themselves are f32), for 9 ns more (`cargo bench --bench precision`).
@@ -14,18 +14,43 @@ use super::topology::{MAX_LEVEL, NO_CHILD};
 use crate::base::random::Random;
 use crate::math::cylindrical;
 
-/// Marks a child that is a leaf.
-const LEAF: u32 = 0;
+/// What the shares of a node's children add up to. Sixteen bits are enough: what is drawn and what a density says are the same
+/// rounded shares, so nothing is biased, and a child below 1/65536 of its parent is left to the uniform part.
+const WHOLE: f64 = 65536.0;
 
-/// An inner node: the probability of each child given the node, and where the child's own node is.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// An inner node: the probability of each child given the node, and where the children that are inner nodes themselves are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Node {
-    share: [f32; 4],
-    child: [u32; 4],
+    /// Where the shares of children 1, 2 and 3 begin on a scale of [`WHOLE`]; child 0 begins at 0.
+    begin: [u16; 3],
+    /// Which children are inner nodes, a bit each.
+    inner: u16,
+    /// Index of the first child that is an inner node; the others follow it.
+    first: u32,
 }
 
-/// Bytes of one inner node. With four leaves' worth of sphere in every node this is 8 bytes a quadtree node; 16-bit shares
-/// would halve it, at the price of densities known to only three digits at depth.
+impl Node {
+    /// The node of child `k`; none where that is a leaf.
+    fn child(self, k: usize) -> Option<usize> {
+        let before = (self.inner & ((1 << k) - 1)).count_ones();
+        (self.inner >> k & 1 == 1).then_some((self.first + before) as usize)
+    }
+
+    /// The child that a number below 2¹⁶ selects, without branches that nobody could predict.
+    fn choose(self, u: u16) -> usize {
+        self.begin.iter().map(|&b| usize::from(u >= b)).sum()
+    }
+
+    /// Density of child `k` relative to that of the node.
+    fn relative(self, k: usize) -> f64 {
+        let [a, b, c] = self.begin.map(i32::from);
+        let share = [a, b - a, c - b, 65536 - c][k];
+        f64::from(share) * (4.0 / WHOLE)
+    }
+}
+
+/// Bytes of one inner node: three for each quadtree node that it stands for. What a pass costs more than anything else is
+/// fetching nodes of trees that no cache holds all of, so small nodes are fast nodes.
 pub const NODE_BYTES: usize = size_of::<Node>();
 
 /// A distribution over directions that is piecewise constant on a quadtree, mixed with a uniform part.
@@ -41,24 +66,17 @@ impl SamplingTree {
     pub fn new(distribution: &Distribution, uniform: f32, max_inner: usize) -> Self {
         let kept = kept_nodes(distribution, max_inner);
         let topology = distribution.topology();
-        let mut packed = vec![LEAF; topology.len()];
-        let mut order = Vec::with_capacity(kept.iter().filter(|&&k| k).count());
+        let mass = distribution.node_mass();
+        let mut nodes = Vec::with_capacity(kept.iter().filter(|&&k| k).count());
+        // Breadth first, so the inner nodes among siblings follow one another.
+        let mut next = 1u32;
         for node in (0..topology.len()).filter(|&n| kept[n]) {
-            packed[node] = order.len() as u32;
-            order.push(node);
+            let first = topology.first_child[node] as usize;
+            let mask = (0..4).fold(0, |mask, k| mask | u16::from(kept[first + k]) << k);
+            nodes.push(Node { begin: begins([0, 1, 2, 3].map(|k| mass[first + k])), inner: mask, first: next });
+            next += mask.count_ones();
         }
-        let nodes = order
-            .iter()
-            .map(|&node| {
-                let first = topology.first_child[node] as usize;
-                let mass = distribution.node_mass();
-                let share = |k: usize| if mass[node] > 0.0 { (mass[first + k] / mass[node]) as f32 } else { 0.25 };
-                // The root is node 0 and nobody's child, so 0 can mark leaves.
-                let child = |k: usize| if kept[first + k] { packed[first + k] } else { LEAF };
-                Node { share: std::array::from_fn(share), child: std::array::from_fn(child) }
-            })
-            .collect();
-        Self { nodes, uniform: uniform.clamp(1e-4, 1.0) }
+        Self { nodes: nodes.into(), uniform: uniform.clamp(1e-4, 1.0) }
     }
 
     /// Bytes in use.
@@ -76,59 +94,82 @@ impl SamplingTree {
         self.nodes.is_empty()
     }
 
-    /// Draws a direction.
-    pub fn sample(&self, random: &mut Random) -> Vec3 {
+    /// Draws a direction; returns it with its density w.r.t. solid angle.
+    pub fn sample(&self, random: &mut Random) -> (Vec3, f32) {
+        let (place, relative) = self.sample_square(random);
+        // Rounding to three f32 may carry the direction over the edge of its cell; it was drawn with this cell's density.
+        (cylindrical::to_direction(place), (relative / (4.0 * PI)) as f32)
+    }
+
+    /// Draws a point of the unit square; returns it with its density.
+    pub fn sample_square(&self, random: &mut Random) -> ([f64; 2], f64) {
         if random.next_f32() < self.uniform || self.nodes.is_empty() {
-            return cylindrical::to_direction([random.next_f64(), random.next_f64()]);
+            let place = [random.next_f64(), random.next_f64()];
+            return (place, self.relative_at(cylindrical::cell_of(place)));
         }
         let (mut x, mut y, mut level) = (0u32, 0u32, 0u32);
-        let mut node = &self.nodes[0];
+        let (mut relative, mut bits) = (1.0, 0u64);
+        let mut node = self.nodes[0];
         loop {
-            let k = choose(&node.share, random.next_f32());
-            (x, y, level) = (2 * x + (k as u32 & 1), 2 * y + (k as u32 >> 1), level + 1);
-            if node.child[k] == LEAF {
-                break;
+            if level % 4 == 0 {
+                bits = random.next_u64();
             }
-            node = &self.nodes[node.child[k] as usize];
+            let k = node.choose(bits as u16);
+            bits >>= 16;
+            relative *= node.relative(k);
+            (x, y, level) = (2 * x + (k as u32 & 1), 2 * y + (k as u32 >> 1), level + 1);
+            let Some(child) = node.child(k) else { break };
+            node = self.nodes[child];
         }
         let side = 1.0 / f64::from(1u32 << level);
-        cylindrical::to_direction([
-            (f64::from(x) + random.next_f64()) * side,
-            (f64::from(y) + random.next_f64()) * side,
-        ])
+        let place = [(f64::from(x) + random.next_f64()) * side, (f64::from(y) + random.next_f64()) * side];
+        (place, self.mixed(relative))
     }
 
     /// Density of [`SamplingTree::sample`], w.r.t. solid angle. Never zero.
     pub fn pdf(&self, direction: Vec3) -> f32 {
+        if self.nodes.is_empty() {
+            return (1.0 / (4.0 * PI)) as f32;
+        }
+        self.pdf_at(cylindrical::to_cell(direction))
+    }
+
+    /// The same for a cell (x, y) of level 20.
+    pub fn pdf_at(&self, cell: [u32; 2]) -> f32 {
+        (self.relative_at(cell) / (4.0 * PI)) as f32
+    }
+
+    /// Density relative to the uniform one in a cell (x, y) of level 20.
+    fn relative_at(&self, [x, y]: [u32; 2]) -> f64 {
         let mut relative = 1.0f64;
         if !self.nodes.is_empty() {
-            let [x, y] = cylindrical::to_cell(direction);
-            let mut node = &self.nodes[0];
+            let mut node = self.nodes[0];
             for bit in (0..MAX_LEVEL).rev() {
                 let k = (((x >> bit) & 1) | (((y >> bit) & 1) << 1)) as usize;
-                relative *= 4.0 * f64::from(node.share[k]);
-                if node.child[k] == LEAF {
-                    break;
-                }
-                node = &self.nodes[node.child[k] as usize];
+                relative *= node.relative(k);
+                let Some(child) = node.child(k) else { break };
+                node = self.nodes[child];
             }
         }
+        self.mixed(relative)
+    }
+
+    /// The tree's density with the uniform part.
+    fn mixed(&self, relative: f64) -> f64 {
         let uniform = f64::from(self.uniform);
-        (((1.0 - uniform) * relative + uniform) / (4.0 * PI)) as f32
+        (1.0 - uniform) * relative + uniform
     }
 }
 
-/// The child that `u` selects; shares need not sum to exactly one.
-fn choose(share: &[f32; 4], u: f32) -> usize {
-    let mut rest = u * (share[0] + share[1] + share[2] + share[3]);
-    for (k, &s) in share.iter().enumerate().take(3) {
-        if rest < s {
-            return k;
-        }
-        rest -= s;
-    }
-    // Rounding may leave a remainder; it goes to the last child that can be chosen at all.
-    (0..4).rev().find(|&k| share[k] > 0.0).unwrap_or(3)
+/// Where the shares of the last three of four siblings begin; equal shares where there is no mass.
+fn begins(mass: [f64; 4]) -> [u16; 3] {
+    let total: f64 = mass.iter().sum();
+    let mut sum = 0.0;
+    [0, 1, 2].map(|k| {
+        sum += if total > 0.0 { mass[k] / total } else { 0.25 };
+        // The last child keeps at least the smallest share, as the scale's end does not fit into sixteen bits.
+        (sum * WHOLE).round().min(WHOLE - 1.0) as u16
+    })
 }
 
 /// Inner nodes to keep: all, or the `max_inner` most probable. A child is never more probable than its parent, and ties go

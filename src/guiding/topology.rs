@@ -110,6 +110,18 @@ impl Topology {
         (0..self.len()).filter(|&n| self.is_leaf(n))
     }
 
+    /// The leaf that covers the cell (x, y) of level 20.
+    pub fn leaf_at(&self, [x, y]: [u32; 2]) -> usize {
+        let mut node = 0;
+        let mut bit = MAX_LEVEL;
+        while self.first_child[node] != NO_CHILD {
+            bit -= 1;
+            let child = ((x >> bit) & 1) | (((y >> bit) & 1) << 1);
+            node = (self.first_child[node] + child) as usize;
+        }
+        node
+    }
+
     /// Adds up per-leaf rows of `channels` values (in the order of [`Topology::leaves`]) to per-node rows: leaves keep
     /// theirs, inner nodes are sums of their children.
     pub fn sum_to_root(&self, leaf_rows: &[f32], channels: usize) -> Vec<f64> {

@@ -64,25 +64,25 @@ impl<'a> Mixture<'a> {
         if random.next_f32() < alpha {
             let sample = self.material.sample(self.surface.uv, self.wo, random.next_2d(), transport)?;
             let direction = self.surface.frame.to_world(sample.wi);
-            return self.combine(direction, sample.weight * sample.pdf, sample.pdf, sample.wi.z, tree, alpha);
+            let pdfs = [sample.pdf, tree.pdf(direction)];
+            return self.combine(direction, sample.weight * sample.pdf, sample.wi.z, pdfs, alpha);
         }
-        let direction = tree.sample(random);
+        let (direction, guide_pdf) = tree.sample(random);
         let local = self.surface.frame.to_local(direction);
         let value = self.material.eval(self.surface.uv, self.wo, local);
         let bsdf_pdf = self.material.pdf(self.wo, local);
-        self.combine(direction, value, bsdf_pdf, local.z, tree, alpha)
+        self.combine(direction, value, local.z, [bsdf_pdf, guide_pdf], alpha)
     }
 
     fn combine(
         &self,
         direction: Vec3,
         value: Vec3,
-        bsdf_pdf: f32,
         z: f32,
-        tree: &SamplingTree,
+        [bsdf_pdf, guide_pdf]: [f32; 2],
         alpha: f32,
     ) -> Option<MixtureSample> {
-        let pdf = alpha * bsdf_pdf + (1.0 - alpha) * tree.pdf(direction);
+        let pdf = alpha * bsdf_pdf + (1.0 - alpha) * guide_pdf;
         if value == Vec3::ZERO {
             return None;
         }

@@ -8,6 +8,7 @@ use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
 use crate::base::random::Random;
 use crate::geometry::{Ray, Surface};
 use crate::guiding::field::GuideField;
+use crate::guiding::leaves::Target;
 use crate::guiding::record::PathRecord;
 use crate::lights::Light;
 use crate::materials::Transport;
@@ -24,6 +25,8 @@ pub struct PathTracer<'a> {
     pub settings: TransportSettings,
     /// What guides the directions; none for plain path tracing.
     pub field: Option<&'a GuideField>,
+    /// What records are to hold.
+    pub target: Target,
 }
 
 /// One vertex of a camera path, kept until the light it received is known.
@@ -31,6 +34,8 @@ struct Vertex {
     surface: Surface,
     /// Shading normal on the side that the path arrived at.
     normal: Vec3,
+    /// Throughput of the path up to here.
+    throughput: Vec3,
     /// Emission towards the previous vertex, weighted against what light sampling does there.
     emission: Vec3,
     /// Whether `emission` was already sampled by next event estimation at the previous vertex.
@@ -70,18 +75,18 @@ pub struct RayCount {
 
 impl PathTracer<'_> {
     /// Radiance along `ray` (W·m⁻²·sr⁻¹). Where `records` is given, one record per vertex that is not a delta surface is
-    /// added to it.
+    /// added to it; `pixel` is then the value that the path's pixel will have, which only one of the targets asks for.
     pub fn trace(
         &self,
         ray: Ray,
         random: &mut Random,
         scratch: &mut PathScratch,
-        records: Option<&mut Vec<PathRecord>>,
+        records: Option<(&mut Vec<PathRecord>, f32)>,
         count: &mut RayCount,
     ) -> Vec3 {
         scratch.vertices.clear();
         let background = self.walk(ray, random, &mut scratch.vertices, count);
-        gather(&scratch.vertices, background, self.settings.nee, records)
+        self.gather(&scratch.vertices, background, records)
     }
 
     /// Extends the path until it ends; returns what the last segment brought from the background.
@@ -100,7 +105,8 @@ impl PathTracer<'_> {
             let (emission, connected) = self.emission(&surface, &ray, previous);
             let material = self.scene.material(&surface);
             let normal = surface.normal_towards(-ray.direction);
-            let mut vertex = Vertex { surface, normal, emission, connected, direct: Vec3::ZERO, step: None };
+            let mut vertex =
+                Vertex { surface, normal, throughput, emission, connected, direct: Vec3::ZERO, step: None };
             if depth == self.settings.max_depth {
                 vertices.push(vertex);
                 break;
@@ -204,38 +210,53 @@ struct Incoming {
     connected: bool,
 }
 
-/// Sums the path from its end: radiance leaving each vertex towards the one before, and a record for each direction.
-fn gather(vertices: &[Vertex], background: Incoming, nee: bool, mut records: Option<&mut Vec<PathRecord>>) -> Vec3 {
-    let mut incoming = background.radiance;
-    // What light sampling at the receiver also finds is left out of what is learned (see SEMANTICS: NEE on).
-    let mut learned = if background.connected && nee { Vec3::ZERO } else { background.radiance };
-    for (i, vertex) in vertices.iter().enumerate().rev() {
-        let mut reflected = vertex.direct;
-        if let Some(step) = &vertex.step {
-            reflected += step.sample.weight * incoming / step.survival;
-            if let Some(records) = records.as_deref_mut().filter(|_| !step.sample.delta) {
-                records.push(record(vertex, step, vertices.get(i + 1), learned));
+impl PathTracer<'_> {
+    /// Sums the path from its end: radiance leaving each vertex towards the one before, and a record for each direction.
+    fn gather(
+        &self,
+        vertices: &[Vertex],
+        background: Incoming,
+        mut records: Option<(&mut Vec<PathRecord>, f32)>,
+    ) -> Vec3 {
+        let nee = self.settings.nee;
+        let mut incoming = background.radiance;
+        // What light sampling at the receiver also finds is left out of what is learned (see SEMANTICS: NEE on).
+        let mut learned = if background.connected && nee { Vec3::ZERO } else { background.radiance };
+        for (i, vertex) in vertices.iter().enumerate().rev() {
+            let mut reflected = vertex.direct;
+            if let Some(step) = &vertex.step {
+                reflected += step.sample.weight * incoming / step.survival;
+                if let Some((records, pixel)) = records.as_mut().filter(|_| !step.sample.delta) {
+                    records.push(self.record(vertex, step, vertices.get(i + 1), learned, *pixel));
+                }
             }
+            incoming = vertex.emission + reflected;
+            learned = if vertex.connected && nee { reflected } else { incoming };
         }
-        incoming = vertex.emission + reflected;
-        learned = if vertex.connected && nee { reflected } else { incoming };
+        incoming
     }
-    incoming
-}
 
-/// The record of the direction sampled at `vertex`, along which `learned` radiance arrived.
-fn record(vertex: &Vertex, step: &Step, next: Option<&Vertex>, learned: Vec3) -> PathRecord {
-    let sample = &step.sample;
-    let estimate = channel_mean(sample.weight * learned) / step.survival;
-    PathRecord {
-        point: vertex.surface.point,
-        direction: sample.direction,
-        estimate: if estimate.is_finite() { estimate } else { 0.0 },
-        pdf: sample.pdf * step.survival,
-        bsdf_share: sample.bsdf_share,
-        bsdf: if sample.cos > 0.0 { (channel_mean(sample.value) / sample.cos).min(1e6) } else { 0.0 },
-        distance: next.map_or(f32::INFINITY, |n| n.surface.distance),
-        normal: vertex.normal,
-        next_normal: next.map_or(Vec3::ZERO, |n| n.normal),
+    /// The record of the direction sampled at `vertex`, along which `learned` radiance arrived.
+    fn record(&self, vertex: &Vertex, step: &Step, next: Option<&Vertex>, learned: Vec3, pixel: f32) -> PathRecord {
+        let sample = &step.sample;
+        let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
+        let estimate = finite(channel_mean(sample.weight * learned) / step.survival);
+        let pdf = sample.pdf * step.survival;
+        let value = match self.target {
+            Target::Radiance => channel_mean(learned) / pdf,
+            Target::Variance => estimate * pdf.sqrt(),
+            Target::VariancePixel => estimate * pdf.sqrt() * channel_mean(vertex.throughput) / pixel,
+        };
+        PathRecord {
+            point: vertex.surface.point,
+            direction: sample.direction,
+            estimate,
+            value: finite(value),
+            bsdf_share: sample.bsdf_share,
+            bsdf: if sample.cos > 0.0 { (channel_mean(sample.value) / sample.cos).min(1e6) } else { 0.0 },
+            distance: next.map_or(f32::INFINITY, |n| n.surface.distance),
+            normal: vertex.normal,
+            next_normal: next.map_or(Vec3::ZERO, |n| n.normal),
+        }
     }
 }

@@ -6,6 +6,7 @@ use super::mixture::Mixture;
 use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
 use crate::base::random::Random;
 use crate::geometry::Surface;
+use crate::guiding::emission::{EmissionGuide, Start};
 use crate::guiding::record::PhotonRecord;
 use crate::integrators::path::RayCount;
 use crate::lights::Emission;
@@ -19,6 +20,8 @@ pub struct PhotonTracer<'a> {
     pub scene: &'a Scene,
     /// Settings, the same as the path tracer's.
     pub settings: TransportSettings,
+    /// Where light paths start.
+    pub emission: &'a EmissionGuide,
 }
 
 /// A photon on its way.
@@ -43,10 +46,29 @@ impl Photon {
 }
 
 impl PhotonTracer<'_> {
-    /// Traces one light path of `paths` in the pass and adds a record per useful arrival. Powers are those of a pass whose
-    /// light paths together carry the power of the scene.
-    pub fn trace(&self, random: &mut Random, paths: u64, records: &mut Vec<PhotonRecord>, count: &mut RayCount) {
-        let Some((emission, mut photon)) = self.emit(random) else { return };
+    /// Traces one light path of `paths` in the pass and adds a record per useful arrival, which says that it belongs to light
+    /// path `path`. Powers are those of a pass whose light paths together carry the power of the scene. Returns how it started.
+    pub fn trace(
+        &self,
+        random: &mut Random,
+        (path, paths): (u32, u64),
+        records: &mut Vec<PhotonRecord>,
+        count: &mut RayCount,
+    ) -> Option<Start> {
+        let start = self.emission.sample(random)?;
+        self.walk(&start, random, (path, paths), records, count);
+        Some(start)
+    }
+
+    fn walk(
+        &self,
+        start: &Start,
+        random: &mut Random,
+        (path, paths): (u32, u64),
+        records: &mut Vec<PhotonRecord>,
+        count: &mut RayCount,
+    ) {
+        let Some((emission, mut photon)) = self.emit(start) else { return };
         photon.power /= paths as f32;
         let start = channel_mean(photon.power);
         let mut ray = emission.ray;
@@ -56,7 +78,7 @@ impl PhotonTracer<'_> {
             let Some(surface) = self.scene.intersect(&ray) else { return };
             let material = self.scene.material(&surface);
             if !material.is_delta() && photon.is_useful(self.settings.nee) {
-                self.deposit(&surface, -ray.direction, &photon, records);
+                self.deposit(path, &surface, -ray.direction, &photon, records);
             }
             let mixture = Mixture::new(&surface, material, -ray.direction, None);
             let Some(sample) = mixture.sample(random, Transport::Importance) else { return };
@@ -74,16 +96,12 @@ impl PhotonTracer<'_> {
         }
     }
 
-    fn emit(&self, random: &mut Random) -> Option<(Emission, Photon)> {
-        let lights = &self.scene.lights;
-        if lights.lights.is_empty() || lights.emission.total() <= 0.0 {
-            return None;
-        }
-        let (index, _) = lights.emission.sample(random.next_f64());
-        let light = &lights.lights[index];
-        let emission = light.emit(&self.scene.bounds, random.next_2d(), random.next_2d())?;
+    fn emit(&self, start: &Start) -> Option<(Emission, Photon)> {
+        let light = &self.scene.lights.lights[start.light];
+        let [u, v] = start.squares.map(|square| square.map(|x| (x as f32).min(1.0 - f32::EPSILON / 2.0)));
+        let emission = light.emit(&self.scene.bounds, u, v)?;
         let photon = Photon {
-            power: emission.power / lights.emission.probability(index) as f32,
+            power: emission.power / start.probability as f32,
             previous_normal: emission.normal,
             scattered: false,
             delta_chain: 0,
@@ -97,12 +115,13 @@ impl PhotonTracer<'_> {
         if !self.settings.roulette || depth < ROULETTE_START { 1.0 } else { relative.clamp(0.0, ROULETTE_MOST) }
     }
 
-    fn deposit(&self, surface: &Surface, direction: Vec3, photon: &Photon, records: &mut Vec<PhotonRecord>) {
+    fn deposit(&self, path: u32, surface: &Surface, direction: Vec3, photon: &Photon, records: &mut Vec<PhotonRecord>) {
         let power = channel_mean(photon.power);
         if !(power.is_finite() && power > 0.0) {
             return;
         }
         records.push(PhotonRecord {
+            path,
             point: surface.point,
             direction,
             power,

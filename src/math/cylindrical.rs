@@ -31,8 +31,13 @@ pub fn to_direction([x, y]: [f64; 2]) -> Vec3 {
 
 /// Integer cell of a direction at level 20; shifting right by 20−n gives its cell at level n.
 pub fn to_cell(direction: Vec3) -> [u32; 2] {
+    cell_of(to_square(direction))
+}
+
+/// Integer cell at level 20 of a point of the square [0, 1)².
+pub fn cell_of(square: [f64; 2]) -> [u32; 2] {
     // Multiplying by a power of two is exact, so no value below 1 reaches CELLS.
-    to_square(direction).map(|c| (c * f64::from(CELLS)) as u32)
+    square.map(|c| (c * f64::from(CELLS)) as u32)
 }
 
 #[cfg(test)]

@@ -1,147 +1,135 @@
 //! Reconstruction by smoothing: the baseline that the network has to beat.
 //!
-//! In the spirit of Nilsson's level-wise denoising of guiding quadtrees, with two changes that made it stronger: the kernel's
-//! width shrinks with the number of samples like a kernel density estimate's (∝ N^(−1/6) in two dimensions, Silverman 1986
-//! §4.3.1), and levels are not merged by maximum but each level decides how its nodes divide their parent's mass. Down to
-//! [`BASE_LEVEL`] the shares come from one dense map blurred by an absolute width; below, where Q_h is sparse, from
-//! Gaussian-weighted neighbours within the level.
+//! In the spirit of Nilsson's level-wise denoising of guiding quadtrees: on every level the densities of the nodes that exist there
+//! are smoothed over their 3 × 3 neighbourhood, so that coarse levels smooth far and fine levels near, and nothing is ever laid
+//! out as a dense matrix. What a level decides is how its nodes share out their parent's mass, and a node trusts what was counted
+//! the more samples it has: the shares are the mean of a Dirichlet distribution whose prior is the level smoothed once (which
+//! counts as [`Gaussian::near`] samples), smoothed again and again ([`Gaussian::far`]), and equal shares ([`Gaussian::flat`]).
 
-use hashbrown::HashMap;
+use rayon::prelude::*;
 
+use super::Reconstructor;
+use crate::base::Result;
 use crate::guiding::distribution::Distribution;
-use crate::guiding::topology::Topology;
-
-/// Level of the dense map: 32 × 32 cells.
-pub const BASE_LEVEL: usize = 5;
-
-const SIDE: usize = 1 << BASE_LEVEL;
+use crate::guiding::learner::CountedTree;
+use crate::guiding::topology::{NO_CHILD, Topology};
 
 /// Parameters, tuned by evaluation on training trees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gaussian {
-    /// Standard deviation at 64 samples, in cells of the dense map.
+    /// Standard deviation in cells of each level.
     pub sigma: f64,
-    /// How fast it shrinks: σ · (N/64)^(−exponent).
-    pub exponent: f64,
-    /// Standard deviation below the dense map, in cells of each level; 0 drops the levels below it.
-    pub fine_sigma: f64,
+    /// As how many samples of a node its level smoothed once counts.
+    pub near: f64,
+    /// The same smoothed [`FAR`] times.
+    pub far: f64,
+    /// As how many samples of a node equal shares count.
+    pub flat: f64,
+    /// Uniform part.
+    pub uniform: f32,
 }
 
 impl Default for Gaussian {
     fn default() -> Self {
-        Self { sigma: 3.0, exponent: 1.0 / 6.0, fine_sigma: 1.0 }
+        Self { sigma: 0.7, near: 16.0, far: 16.0, flat: 16.0, uniform: 0.03 }
     }
 }
+
+/// How often a level is smoothed to see far.
+const FAR: usize = 3;
+
+/// Offsets of the neighbourhood in the order of a row of [`Neighbours`].
+const OFFSETS: [[i32; 2]; 9] = [[-1, -1], [-1, 0], [-1, 1], [0, -1], [0, 0], [0, 1], [1, -1], [1, 0], [1, 1]];
 
 impl Gaussian {
     /// Smooths `noisy`, which was made from `samples` samples. φ wraps; beyond a pole lies the cell across (φ + π).
-    pub fn reconstruct(&self, noisy: &Distribution, samples: u64) -> Distribution {
-        let sigma = self.sigma * (samples.max(1) as f64 / 64.0).powf(-self.exponent);
-        let map = blurred(noisy, sigma.clamp(0.05, SIDE as f64 / 2.0));
-        let mut split = Vec::new();
-        let mut shares = Vec::new();
-        let mut level = vec![([0u32, 0u32], 1.0f32)];
-        for depth in 0..=crate::guiding::topology::MAX_LEVEL {
-            let below = if depth < BASE_LEVEL { None } else { Some(self.fine_level(noisy, depth, split.len())) };
-            let mut next = Vec::new();
-            for (cell, share) in level {
-                shares.push(share);
-                let children: [[u32; 2]; 4] =
-                    std::array::from_fn(|k| [2 * cell[0] + (k as u32 & 1), 2 * cell[1] + (k as u32 >> 1)]);
-                let masses = match &below {
-                    None => Some(children.map(|c| map.cell_mass(depth + 1, c))),
-                    Some(fine) => fine.get(&cell).copied(),
-                };
-                split.push(masses.is_some());
-                if let Some(masses) = masses {
-                    next.extend(children.into_iter().zip(masses.map(|m| m as f32)));
-                }
+    pub fn smooth(&self, noisy: &Distribution, samples: f64) -> Distribution {
+        let topology = noisy.topology();
+        let (neighbours, level_of) = neighbours(topology);
+        let density: Vec<f64> =
+            noisy.node_mass().iter().zip(&level_of).map(|(m, &l)| m * 4f64.powi(i32::from(l))).collect();
+        let weights = OFFSETS.map(|[x, y]| (-0.5 * f64::from(x * x + y * y) / self.sigma.powi(2)).exp());
+        let total: f64 = weights.iter().sum();
+        let weights = weights.map(|w| w / total);
+        let smooth = |density: &[f64]| -> Vec<f64> {
+            let around = |row: &[u32; 9]| row.iter().zip(&weights).map(|(&n, w)| w * density[n as usize]).sum();
+            neighbours.iter().map(around).collect()
+        };
+        let near = smooth(&density);
+        let far = (1..FAR).fold(near.clone(), |density, _| smooth(&density));
+        let mut shares = vec![1.0f32; topology.len()];
+        for node in 0..topology.len() {
+            let first = topology.first_child[node];
+            if first == NO_CHILD {
+                continue;
             }
-            if next.is_empty() {
-                break;
+            let first = first as usize;
+            let mass = noisy.node_mass()[node];
+            let counted = samples * mass;
+            let [own, near, far] = [noisy.node_mass(), &near, &far].map(|of| shares_of(&of[first..first + 4]));
+            for k in 0..4 {
+                let evidence = counted * own[k] + self.near * near[k] + self.far * far[k] + self.flat * 0.25;
+                shares[first + k] = (evidence / (counted + self.near + self.far + self.flat)) as f32;
             }
-            level = next;
         }
-        match Topology::from_split(&split) {
-            Ok(topology) => Distribution::from_shares(topology, &shares),
-            // Cannot happen while Q_h itself is within the limits; smoothing is a luxury, the input still serves.
-            Err(_) => noisy.clone(),
-        }
+        Distribution::from_shares(topology.clone(), &shares)
+    }
+}
+
+/// Four siblings' parts of their sum; equal where that is nothing.
+fn shares_of(siblings: &[f64]) -> [f64; 4] {
+    let total: f64 = siblings.iter().sum();
+    [0, 1, 2, 3].map(|k| if total > 0.0 { siblings[k] / total } else { 0.25 })
+}
+
+impl Reconstructor for Gaussian {
+    fn name(&self) -> &'static str {
+        "gaussian"
     }
 
-    /// For every cell that Q_h splits at `level`, the smoothed masses of its four children.
-    fn fine_level(&self, noisy: &Distribution, level: usize, nodes_before: usize) -> HashMap<[u32; 2], [f64; 4]> {
-        let tree = noisy.topology();
-        let mut found = HashMap::new();
-        let room = crate::guiding::topology::MAX_NODES.saturating_sub(nodes_before) / 4;
-        if self.fine_sigma <= 0.0 || level >= tree.levels() {
-            return found;
-        }
-        let radius = (2.0 * self.fine_sigma).ceil().min(4.0) as i64;
-        let weight = |d: i64| (-0.5 * (d as f64 / self.fine_sigma).powi(2)).exp();
-        for node in tree.level(level).filter(|&n| !tree.is_leaf(n)).take(room / 2) {
-            let [x, y] = tree.cell[node];
-            let smooth = |k: u32| {
-                let centre = [i64::from(2 * x + (k & 1)), i64::from(2 * y + (k >> 1))];
-                let mut sum = 0.0;
-                for dx in -radius..=radius {
-                    for dy in -radius..=radius {
-                        let cell = wrapped(level + 1, [centre[0] + dx, centre[1] + dy]);
-                        sum += weight(dx) * weight(dy) * noisy.cell_mass(level + 1, cell);
-                    }
+    fn uniform(&self) -> f32 {
+        self.uniform
+    }
+
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
+        let samples = |tree: &CountedTree| tree.samples.iter().map(|&n| f64::from(n)).sum::<f64>();
+        Ok(trees.into_par_iter().map(|tree| self.smooth(&tree.distribution, samples(&tree))).collect())
+    }
+}
+
+/// For every node the nodes around it on its level, itself in the middle; where that level has none, the leaf that covers the
+/// place. A node's neighbours are children of its parent's neighbours, so each level follows from the one above. Also every
+/// node's level.
+fn neighbours(topology: &Topology) -> (Vec<[u32; 9]>, Vec<u8>) {
+    let mut around = vec![[0u32; 9]; topology.len()];
+    let mut level_of = vec![0u8; topology.len()];
+    for level in 1..topology.levels() {
+        let parents = 1i64 << (level - 1);
+        for node in topology.level(level) {
+            level_of[node] = level as u8;
+            let parent = topology.parent[node] as usize;
+            let cell = topology.cell[node];
+            around[node] = OFFSETS.map(|[dx, dy]| {
+                let [mut x, mut y] = [i64::from(cell[0]) + i64::from(dx), i64::from(cell[1]) + i64::from(dy)];
+                let side = 2 * parents;
+                // Beyond a pole: mirrored, half a turn away. On level 1 that is the other column of the same row.
+                let beyond = x < 0 || x >= side;
+                if beyond {
+                    x = x.clamp(0, side - 1);
+                    y += parents;
                 }
-                sum
-            };
-            found.insert([x, y], [0, 1, 2, 3].map(smooth));
-        }
-        found
-    }
-}
-
-/// The cell at signed coordinates: φ wraps, and crossing a pole continues at φ + π.
-fn wrapped(level: usize, [mut x, mut y]: [i64; 2]) -> [u32; 2] {
-    let side = 1i64 << level;
-    if x < 0 {
-        (x, y) = (-1 - x, y + side / 2);
-    } else if x >= side {
-        (x, y) = (2 * side - 1 - x, y + side / 2);
-    }
-    [x.clamp(0, side - 1) as u32, y.rem_euclid(side) as u32]
-}
-
-/// The mass in each cell of the dense map, blurred by a Gaussian of `sigma` cells, as a distribution.
-fn blurred(noisy: &Distribution, sigma: f64) -> Distribution {
-    let mut map = vec![0.0; SIDE * SIDE];
-    for x in 0..SIDE {
-        for y in 0..SIDE {
-            map[x * SIDE + y] = noisy.cell_mass(BASE_LEVEL, [x as u32, y as u32]);
+                let slot = |from: i64, to: u32| to as i64 - from;
+                // Where the parent's cell is seen from this one: one step at most in each direction.
+                let step_x = if beyond { i64::from(dx) } else { slot((x - i64::from(dx)) >> 1, (x >> 1) as u32) };
+                let step_y = (i64::from(cell[1]) + i64::from(dy)).div_euclid(2) - i64::from(cell[1] >> 1);
+                let row = if level == 1 { 0 } else { around[parent][(3 * (step_x + 1) + step_y + 1) as usize] };
+                let first = topology.first_child[row as usize];
+                let deeper = first != NO_CHILD && (level == 1 || level_of[row as usize] as usize == level - 1);
+                if deeper { first + ((x & 1) as u32) + 2 * (y.rem_euclid(side) & 1) as u32 } else { row }
+            });
         }
     }
-    let radius = ((3.0 * sigma).ceil() as i64).min(SIDE as i64);
-    let kernel: Vec<f64> = (-radius..=radius).map(|d| (-0.5 * (d as f64 / sigma).powi(2)).exp()).collect();
-    for axis in 0..2 {
-        map = convolve(&map, &kernel, radius, axis);
-    }
-    // All flags but the last level's are set.
-    let inner = (4usize.pow(BASE_LEVEL as u32) - 1) / 3;
-    let split: Vec<bool> = (0..inner + SIDE * SIDE).map(|n| n < inner).collect();
-    let Ok(topology) = Topology::from_split(&split) else { return noisy.clone() };
-    let weights: Vec<f64> =
-        topology.leaves().map(|n| topology.cell[n]).map(|[x, y]| map[x as usize * SIDE + y as usize]).collect();
-    Distribution::from_leaf_weights(topology, &weights)
-}
-
-fn convolve(map: &[f64], kernel: &[f64], radius: i64, axis: usize) -> Vec<f64> {
-    let mut out = vec![0.0; map.len()];
-    for (i, to) in out.iter_mut().enumerate() {
-        for (d, weight) in (-radius..=radius).zip(kernel) {
-            let mut at = [(i / SIDE) as i64, (i % SIDE) as i64];
-            at[axis] += d;
-            let [x, y] = wrapped(BASE_LEVEL, at);
-            *to += weight * map[x as usize * SIDE + y as usize];
-        }
-    }
-    out
+    (around, level_of)
 }
 
 #[cfg(test)]
@@ -159,30 +147,64 @@ mod tests {
         Distribution::from_leaf_weights(tree, &weights)
     }
 
+    fn full(levels: usize) -> Topology {
+        let inner = (4usize.pow(levels as u32) - 1) / 3;
+        let split: Vec<bool> = (0..inner + 4usize.pow(levels as u32)).map(|n| n < inner).collect();
+        Topology::from_split(&split).unwrap()
+    }
+
+    #[test]
+    fn neighbours_wrap_and_cross_the_poles() {
+        let tree = full(4);
+        let (around, _) = neighbours(&tree);
+        for level in 1..=4usize {
+            let side = 1i64 << level;
+            for node in tree.level(level) {
+                let [x, y] = tree.cell[node].map(i64::from);
+                for (slot, [dx, dy]) in OFFSETS.iter().enumerate() {
+                    let (mut to_x, mut to_y) = (x + i64::from(*dx), y + i64::from(*dy));
+                    if to_x < 0 || to_x >= side {
+                        (to_x, to_y) = (to_x.clamp(0, side - 1), to_y + side / 2);
+                    }
+                    let expected = [to_x as u32, to_y.rem_euclid(side) as u32];
+                    assert_eq!(tree.cell[around[node][slot] as usize], expected, "level {level}, {x},{y} + {dx},{dy}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn where_a_level_ends_the_leaf_above_is_the_neighbour() {
+        let d = spike(5);
+        let (around, level_of) = neighbours(d.topology());
+        for node in 0..d.topology().len() {
+            assert_eq!(around[node][4] as usize, node);
+            for &n in &around[node] {
+                let n = n as usize;
+                assert!(level_of[n] == level_of[node] || d.topology().is_leaf(n));
+            }
+        }
+    }
+
     #[test]
     fn uniform_stays_uniform() {
-        let smooth = Gaussian::default().reconstruct(&Distribution::uniform(), 10);
+        let flat = Distribution::from_leaf_weights(full(3), &[1.0; 64]);
+        let smooth = Gaussian::default().smooth(&flat, 10.0);
         assert!(kl(&Distribution::uniform(), &smooth, 0.0) < 1e-9);
     }
 
     #[test]
-    fn a_spike_spreads_over_the_seam_and_the_pole() {
-        let smooth = Gaussian { sigma: 1.0, exponent: 0.0, fine_sigma: 0.0 }.reconstruct(&spike(5), 64);
-        let mass = |x, y| smooth.cell_mass(5, [x, y]);
-        assert!((mass(0, 1) - mass(0, 31)).abs() < 1e-6, "φ wraps");
-        assert!(
-            mass(0, 16) > 0.0 && (mass(0, 16) - mass(1, 0)).abs() < 1e-3,
-            "the cell across the pole is a neighbour"
-        );
-        assert!((smooth.leaf_mass().iter().sum::<f64>() - 1.0).abs() < 1e-6);
-    }
-
-    #[test]
-    fn fine_levels_are_kept_and_bounded() {
-        let smooth = Gaussian::default().reconstruct(&spike(12), 1000);
-        assert_eq!(smooth.topology().levels(), 13);
-        assert!(smooth.node_mass().iter().all(|m| m.is_finite()));
-        let none = Gaussian { fine_sigma: 0.0, ..Gaussian::default() }.reconstruct(&spike(12), 1000);
-        assert_eq!(none.topology().levels(), BASE_LEVEL + 1);
+    fn few_samples_are_spread_many_are_kept() {
+        let noisy = Distribution::blend(&spike(6), &Distribution::from_leaf_weights(full(4), &[1.0; 256]), 0.9);
+        let gaussian = Gaussian::default();
+        let few = gaussian.smooth(&noisy, 8.0);
+        let many = gaussian.smooth(&noisy, 1e7);
+        assert!(kl(&noisy, &many, 0.0) < 1e-3);
+        let mass = |d: &Distribution, cell| d.cell_mass(4, cell);
+        assert!(mass(&few, [0, 0]) < 0.5 * mass(&noisy, [0, 0]));
+        for beside in [[0, 1], [0, 15], [1, 0], [0, 8]] {
+            assert!(mass(&few, beside) > 2.0 * mass(&noisy, beside), "{beside:?}");
+        }
+        assert!((few.leaf_mass().iter().sum::<f64>() - 1.0).abs() < 1e-6);
     }
 }

@@ -11,7 +11,8 @@ use std::path::Path;
 
 use crate::base::{Error, Result};
 use crate::guiding::distribution::Distribution;
-use crate::guiding::targets;
+use crate::guiding::learner::CountedTree;
+use crate::guiding::leaves::Layout;
 use crate::guiding::topology::Topology;
 use crate::network::backend::Backend;
 use crate::network::config::Mode;
@@ -48,10 +49,10 @@ pub trait Reconstructor: Sync {
     ///
     /// # Errors
     /// Whatever the inference backend reports.
-    fn reconstruct(&self, trees: &[TreeInput]) -> Result<Vec<Distribution>>;
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>>;
 }
 
-/// No reconstruction: half path tree, half photon tree, as counted.
+/// No reconstruction: trees as counted.
 #[derive(Debug, Clone, Copy)]
 pub struct Counted {
     /// Uniform part.
@@ -60,7 +61,7 @@ pub struct Counted {
 
 impl Default for Counted {
     fn default() -> Self {
-        Self { uniform: 0.1 }
+        Self { uniform: 0.05 }
     }
 }
 
@@ -73,9 +74,8 @@ impl Reconstructor for Counted {
         self.uniform
     }
 
-    fn reconstruct(&self, trees: &[TreeInput]) -> Result<Vec<Distribution>> {
-        use rayon::prelude::*;
-        Ok(trees.par_iter().map(|t| targets::hybrid_distribution(t.topology, t.leaf_sums)).collect())
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
+        Ok(trees.into_iter().map(|tree| tree.distribution).collect())
     }
 }
 
@@ -148,8 +148,23 @@ impl Reconstructor for Neural {
         self.model.config.uniform
     }
 
-    fn reconstruct(&self, trees: &[TreeInput]) -> Result<Vec<Distribution>> {
-        let reconstructed = neural::reconstruct_batch(&self.model, self.backend.as_ref(), trees)?;
-        Ok(reconstructed.into_iter().map(|r| Distribution::from_shares(r.topology, &r.node_share)).collect())
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
+        // A tree without samples has nothing to reconstruct; what its surroundings know is in its distribution already.
+        let sampled = |tree: &&CountedTree| tree.samples != [0, 0];
+        if trees.iter().filter(sampled).any(|tree| tree.leaves.layout != Layout::Full) {
+            let message = "the network needs trees with all their features".into();
+            return Err(Error::Backend { backend: self.backend.name(), message });
+        }
+        let inputs: Vec<_> = trees
+            .iter()
+            .filter(sampled)
+            .map(|tree| TreeInput { topology: tree.leaves.topology, leaf_sums: tree.leaves.sums })
+            .collect();
+        let mut reconstructed = neural::reconstruct_batch(&self.model, self.backend.as_ref(), &inputs)?.into_iter();
+        let result = trees.iter().map(|tree| {
+            let own = if sampled(&tree) { reconstructed.next() } else { None };
+            own.map_or_else(|| tree.distribution.clone(), |r| Distribution::from_shares(r.topology, &r.node_share))
+        });
+        Ok(result.collect())
     }
 }

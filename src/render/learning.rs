@@ -6,58 +6,101 @@ use super::pass::Records;
 use super::settings::{RenderSettings, SampleKinds};
 use super::statistics::{GuideStatistics, Iteration, Seconds};
 use crate::base::Result;
-use crate::guiding::distribution::Distribution;
+use crate::guiding::cache::VoxelId;
+use crate::guiding::emission::{EmissionGuide, EmissionLearner, Start};
 use crate::guiding::field::GuideField;
 use crate::guiding::learner::Learner;
-use crate::reconstruct::{Reconstructor, TreeInput};
+use crate::reconstruct::Reconstructor;
+use crate::sampling::discrete::Discrete;
 
 /// Learns the guiding field of a render.
 pub struct Learning {
     /// The trees.
     pub learner: Learner,
+    /// Where light paths start.
+    pub emission: EmissionGuide,
+    emission_learner: EmissionLearner,
+    /// Light paths for each camera path of the next iteration, in [0, 1]. Once there are none, there will be none.
+    pub photon_share: f64,
+    iterations: u32,
+}
+
+/// Iterations in which photons are never given up: path samples that have not found the light cannot judge them.
+const PATIENCE: u32 = 4;
+/// Fewest light paths for each camera path until then.
+const LEAST_PHOTONS: f64 = 0.25;
+
+/// Light paths for each camera path, given the factor by which photons lower the second moment of what they guide: a third or
+/// less is worth as many as there are camera paths, a twentieth none. In eighths, so that it does not flicker.
+fn photon_share(gain: f64) -> f64 {
+    ((((1.0 - gain) - 0.05) / 0.28 * 8.0).ceil() / 8.0).clamp(0.0, 1.0)
 }
 
 impl Learning {
-    /// Nothing learned yet.
-    pub fn new(settings: &RenderSettings) -> Self {
-        Self { learner: Learner::new(settings.learner.clone()) }
+    /// Nothing learned yet of a scene whose lights have the powers `emitted`.
+    pub fn new(settings: &RenderSettings, emitted: &Discrete) -> Self {
+        Self {
+            emission: EmissionGuide::new(emitted),
+            emission_learner: EmissionLearner::new(emitted),
+            learner: Learner::new(settings.learner.clone()),
+            iterations: 0,
+            photon_share: if settings.samples.photons() { 1.0 } else { 0.0 },
+        }
     }
 
     /// Deposits one chunk.
     pub fn absorb(&mut self, records: &Records, kinds: SampleKinds, seconds: &mut Seconds) {
         let begun = Instant::now();
-        self.learner.absorb(&records.paths, &records.photons, kinds.paths());
+        let voxels = self.learner.absorb(&records.paths, &records.photons, kinds.paths());
+        let mut power = vec![0.0f64; records.starts.len()];
+        for (photon, _) in records.photons.iter().zip(voxels).filter(|(_, voxel)| *voxel != VoxelId::MAX) {
+            power[photon.path as usize] += f64::from(photon.power);
+        }
+        let useful = records.starts.iter().zip(power).filter(|(_, power)| *power > 0.0);
+        let useful: Vec<(Start, f64)> = useful.filter_map(|(start, power)| Some(((*start)?, power))).collect();
+        self.emission_learner.absorb(&useful);
         seconds.splat += begun.elapsed().as_secs_f64();
     }
 
-    /// Reconstructs every tree that holds energy, publishes the results, refines the voxels.
+    /// Reconstructs the trees of a pass with `spp` camera paths per pixel, publishes the results, refines the voxels.
     ///
     /// # Errors
     /// Those of the reconstructor.
-    pub fn end_iteration(&mut self, reconstructor: &dyn Reconstructor, seconds: &mut Seconds) -> Result<Iteration> {
+    pub fn end_iteration(
+        &mut self,
+        spp: u32,
+        reconstructor: &dyn Reconstructor,
+        seconds: &mut Seconds,
+    ) -> Result<Iteration> {
         let begun = Instant::now();
-        let distributions = self.distributions(reconstructor)?;
+        let mut counted = Vec::new();
+        let mut places = Vec::new();
+        let trees = self.learner.counted();
+        let mut distributions = vec![None; trees.len()];
+        for (place, tree) in trees.into_iter().enumerate() {
+            if let Some(tree) = tree {
+                counted.push(tree);
+                places.push(place);
+            }
+        }
+        for (place, distribution) in places.into_iter().zip(reconstructor.reconstruct(counted)?) {
+            distributions[place] = Some(distribution);
+        }
         self.learner.publish(&distributions, reconstructor.uniform());
         let reconstruct_seconds = begun.elapsed().as_secs_f64();
         seconds.reconstruct += reconstruct_seconds;
-        let nodes = self.learner.trees().iter().map(|t| t.topology().len()).sum();
+        let nodes = self.learner.trees().iter().map(|t| t.leaves().topology.len()).sum();
+        if self.photon_share > 0.0 {
+            let least = if self.iterations < PATIENCE { LEAST_PHOTONS } else { 0.0 };
+            let wanted = self.learner.photon_gain().map_or(self.photon_share, photon_share);
+            self.photon_share = wanted.max(least);
+        }
+        self.iterations += 1;
         let begun = Instant::now();
-        self.learner.refine();
+        self.emission = self.emission_learner.publish();
+        self.learner.refine(spp);
         seconds.splat += begun.elapsed().as_secs_f64();
         Ok(Iteration { voxels: self.learner.voxels(), nodes, reconstruct_seconds, ..Iteration::default() })
-    }
-
-    /// One distribution per voxel; none where the tree holds no energy, so that nothing can be learned from it.
-    fn distributions(&self, reconstructor: &dyn Reconstructor) -> Result<Vec<Option<Distribution>>> {
-        let trees = self.learner.trees();
-        let useful: Vec<usize> = (0..trees.len()).filter(|&i| trees[i].has_energy()).collect();
-        let input = |&i: &usize| TreeInput { topology: trees[i].topology(), leaf_sums: trees[i].leaf_sums() };
-        let inputs: Vec<TreeInput> = useful.iter().map(input).collect();
-        let mut distributions = vec![None; trees.len()];
-        for (i, distribution) in useful.into_iter().zip(reconstructor.reconstruct(&inputs)?) {
-            distributions[i] = Some(distribution);
-        }
-        Ok(distributions)
     }
 
     /// The field to sample from next.

@@ -11,16 +11,20 @@ mod target;
 pub use control::{Control, Refresh, Snapshot};
 pub use learning::Learning;
 pub use pass::{PassTracer, Records};
-pub use settings::{GuideMode, RenderSettings, SampleKinds, StopRule};
+pub use settings::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 pub use statistics::{ErrorPoint, GuideStatistics, Iteration, Seconds, Statistics};
 
 use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
 
 use crate::base::progress::Progress;
 use crate::base::{Error, Result};
 use crate::film::{FinishedPass, Pass, check_size, combine};
 use crate::guiding::field::GuideField;
+use crate::guiding::leaves::Target;
 use crate::materials::image::Image;
+use crate::math::channel_mean;
 use crate::reconstruct::Reconstructor;
 use crate::scene::Scene;
 use control::Watcher;
@@ -108,7 +112,7 @@ struct Run<'a> {
     /// Whether no picture is wanted, so that the whole budget may go into learning.
     learn_only: bool,
     /// Samples per pixel so far, camera and light paths together.
-    spent: u32,
+    spent: f64,
     /// Camera samples per pixel so far.
     rendered: u32,
 }
@@ -136,7 +140,7 @@ impl<'a> Run<'a> {
             statistics: Statistics::default(),
             passes: Vec::new(),
             learn_only: false,
-            spent: 0,
+            spent: 0.0,
             rendered: 0,
         };
         let total = match settings.stop {
@@ -163,23 +167,51 @@ impl<'a> Run<'a> {
         field: Option<&GuideField>,
         learning: Option<&mut Learning>,
     ) -> bool {
-        let tracer = PassTracer { scene: self.scene, settings: self.settings, field, first_sample: self.rendered, spp };
+        let picture = learning.as_ref().and_then(|_| self.pixel_values());
+        let tracer = PassTracer {
+            scene: self.scene,
+            settings: self.settings,
+            field,
+            picture: picture.as_deref(),
+            first_sample: self.rendered,
+            spp,
+        };
         self.rendered += spp;
-        self.spent += if learning.is_some() { spp * self.settings.samples.per_iteration() } else { spp };
-        let (watcher, passes, spent) = (&mut self.watcher, &self.passes, self.spent);
+        self.spent += f64::from(spp) * (1.0 + learning.as_ref().map_or(0.0, |l| l.photon_share));
+        let spent = self.spent.ceil() as u32;
+        let (watcher, passes) = (&mut self.watcher, &self.passes);
         watcher.begin_chunk();
         let so_far = |pass: &Pass| combine(&[passes.as_slice(), &[pass.finish()]].concat()).ok();
         let mut go_on = |pass: &Pass, samples| watcher.end_chunk(samples, spent, || so_far(pass));
         tracer.run(pass, learning, &mut self.statistics, &mut go_on)
     }
 
+    /// About what each pixel will be, by the passes so far, for the target that asks for it: a mean over 5 × 5 pixels with the
+    /// floor of relMSE, so that a firefly does not shut its own pixel out.
+    fn pixel_values(&self) -> Option<Vec<f32>> {
+        if self.settings.learner.target != Target::VariancePixel {
+            return None;
+        }
+        let image = combine(&self.passes).ok()?;
+        let reach = |at: usize, size: usize| at.saturating_sub(2)..(at + 3).min(size);
+        let value = |i: usize| {
+            let (x, y) = (i % image.width, i / image.width);
+            let (columns, rows) = (reach(x, image.width), reach(y, image.height));
+            let count = (columns.len() * rows.len()) as f32;
+            let around = rows.flat_map(|row| columns.clone().map(move |column| row * image.width + column));
+            let mean = around.map(|at| channel_mean(image.pixels[at])).sum::<f32>() / count;
+            (mean * mean + 0.01).sqrt()
+        };
+        Some((0..image.pixels.len()).into_par_iter().map(value).collect())
+    }
+
     /// Iterations of 2^t samples per pixel while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
     fn learn(&mut self, reconstructor: &dyn Reconstructor) -> Result<GuideField> {
-        let mut learning = Learning::new(self.settings);
+        let mut learning = Learning::new(self.settings, &self.scene.lights.emission);
         let mut trend = Trend::default();
         for t in 0..31 {
             let camera = 1u32 << t;
-            if self.watcher.stopped() || !self.learns_on(camera, &trend) {
+            if self.watcher.stopped() || !self.learns_on(camera, learning.photon_share, &trend) {
                 break;
             }
             let (begun, traced) = (self.watcher.elapsed(), self.statistics.seconds.trace);
@@ -187,7 +219,7 @@ impl<'a> Run<'a> {
             let field = learning.field(true);
             let mut pass = self.empty_pass();
             let complete = self.trace(&mut pass, camera, Some(&field), Some(&mut learning));
-            let iteration = learning.end_iteration(reconstructor, &mut self.statistics.seconds)?;
+            let iteration = learning.end_iteration(camera, reconstructor, &mut self.statistics.seconds)?;
             let seconds = self.watcher.elapsed() - begun;
             let finished = pass.finish();
             trend.variances.extend(finished.sample_variance());
@@ -209,9 +241,9 @@ impl<'a> Run<'a> {
     }
 
     /// Whether another iteration of `camera` paths per pixel is worth its price.
-    fn learns_on(&self, camera: u32, trend: &Trend) -> bool {
-        let kinds = f64::from(self.settings.samples.per_iteration());
-        let (cost, spent) = (f64::from(camera) * kinds, f64::from(self.spent));
+    fn learns_on(&self, camera: u32, photon_share: f64, trend: &Trend) -> bool {
+        let kinds = 1.0 + photon_share;
+        let (cost, spent) = (f64::from(camera) * kinds, self.spent);
         let limit = self.settings.learning_share;
         let outlook = match self.settings.stop {
             StopRule::Spp(spp) => {
@@ -242,7 +274,7 @@ impl<'a> Run<'a> {
         self.watcher.control.progress.finish();
         let mut statistics = self.statistics;
         statistics.seconds.total = self.watcher.elapsed();
-        statistics.describe(self.scene, self.settings, self.spent);
+        statistics.describe(self.scene, self.settings, self.spent.ceil() as u32);
         Ok(Outcome { image, statistics, field: field.unwrap_or_else(GuideField::empty) })
     }
 
@@ -252,7 +284,7 @@ impl<'a> Run<'a> {
         let mut rendered = 0;
         loop {
             let spp = match self.settings.stop {
-                StopRule::Spp(spp) => spp.saturating_sub(self.spent),
+                StopRule::Spp(spp) => (f64::from(spp) - self.spent).max(0.0) as u32,
                 _ => self.batch(rendered),
             };
             if spp == 0 || self.watcher.stopped() {

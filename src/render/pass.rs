@@ -13,6 +13,7 @@ use super::settings::RenderSettings;
 use super::statistics::Statistics;
 use crate::base::random::Random;
 use crate::film::Pass;
+use crate::guiding::emission::{EmissionGuide, Start};
 use crate::guiding::field::GuideField;
 use crate::guiding::record::{PathRecord, PhotonRecord};
 use crate::integrators::path::{PathScratch, PathTracer, RayCount};
@@ -33,6 +34,8 @@ pub struct Records {
     pub paths: Vec<PathRecord>,
     /// Of light paths.
     pub photons: Vec<PhotonRecord>,
+    /// How light paths started.
+    pub starts: Vec<Option<Start>>,
 }
 
 /// Traces a pass.
@@ -43,9 +46,11 @@ pub struct PassTracer<'a> {
     pub settings: &'a RenderSettings,
     /// What guides.
     pub field: Option<&'a GuideField>,
+    /// Values that pixels will about have, for the targets that ask for them.
+    pub picture: Option<&'a [f32]>,
     /// Camera samples per pixel of the passes before, so that no random number is used twice.
     pub first_sample: u32,
-    /// Camera paths per pixel, and light paths per pixel where photons are on.
+    /// Camera paths per pixel.
     pub spp: u32,
 }
 
@@ -54,6 +59,7 @@ struct Block {
     radiance: Vec<Vec3>,
     records: Vec<PathRecord>,
     photons: Vec<PhotonRecord>,
+    starts: Vec<Option<Start>>,
     rays: RayCount,
 }
 
@@ -82,9 +88,11 @@ impl PassTracer<'_> {
             let wants_paths = learning.is_some();
             self.camera_chunk(start..end, pass, wants_paths.then_some(&mut records.paths), statistics);
             if let Some(learning) = learning.as_deref_mut() {
-                if kinds.photons() {
-                    self.photon_chunk(start..end, total, &mut records.photons, statistics);
-                    samples *= 2;
+                let photons = |index: u64| (index as f64 * learning.photon_share) as u64;
+                let range = photons(start)..photons(end);
+                if kinds.photons() && !range.is_empty() {
+                    samples += range.end - range.start;
+                    self.photon_chunk(range, photons(total), &learning.emission, &mut records, statistics);
                 }
                 learning.absorb(&records, kinds, &mut statistics.seconds);
             }
@@ -109,12 +117,11 @@ impl PassTracer<'_> {
         let blocks = self.blocks(range, |i, scratch, block| self.camera_path(i, keep, scratch, block));
         let mut index = start;
         let pixels = self.pixels();
-        let film = pass.pixels_mut();
         for block in &blocks {
             statistics.rays += block.rays.rays;
             for &radiance in &block.radiance {
                 if radiance.is_finite() {
-                    film[(index % pixels) as usize].add(radiance);
+                    pass.add((index % pixels) as usize, index / pixels, radiance);
                 } else {
                     statistics.dropped_samples += 1;
                 }
@@ -133,20 +140,24 @@ impl PassTracer<'_> {
         &self,
         range: std::ops::Range<u64>,
         total: u64,
-        records: &mut Vec<PhotonRecord>,
+        emission: &EmissionGuide,
+        records: &mut Records,
         statistics: &mut Statistics,
     ) {
         let begun = Instant::now();
         statistics.samples += range.end - range.start;
-        let tracer = PhotonTracer { scene: self.scene, settings: self.settings.transport };
+        let tracer = PhotonTracer { scene: self.scene, settings: self.settings.transport, emission };
+        let start = range.start;
         let first = u64::from(self.first_sample) * self.pixels();
         let blocks = self.blocks(range, |i, _, block| {
             let mut random = Random::new(self.settings.seed, PHOTON_STREAM, first + i);
-            tracer.trace(&mut random, total, &mut block.photons, &mut block.rays);
+            let path = ((i - start) as u32, total);
+            block.starts.push(tracer.trace(&mut random, path, &mut block.photons, &mut block.rays));
         });
         for block in blocks {
             statistics.rays += block.rays.rays;
-            records.extend(block.photons);
+            records.photons.extend(block.photons);
+            records.starts.extend(block.starts);
         }
         statistics.seconds.photons += begun.elapsed().as_secs_f64();
     }
@@ -178,8 +189,14 @@ impl PassTracer<'_> {
         let width = u64::from(self.scene.size[0]);
         let film = [(pixel % width) as f32 + dx, (pixel / width) as f32 + dy];
         let ray = self.scene.camera.ray(film, random.next_2d());
-        let tracer = PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field };
-        let records = keep.then_some(&mut block.records);
+        let tracer = PathTracer {
+            scene: self.scene,
+            settings: self.settings.transport,
+            field: self.field,
+            target: self.settings.learner.target,
+        };
+        let value = self.picture.map_or(1.0, |p| p[pixel as usize]);
+        let records = keep.then_some((&mut block.records, value));
         let radiance = tracer.trace(ray, &mut random, scratch, records, &mut block.rays);
         block.radiance.push(radiance);
     }

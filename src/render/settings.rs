@@ -2,6 +2,7 @@
 
 use crate::base::{Error, Result};
 use crate::guiding::learner::LearnerSettings;
+use crate::guiding::leaves::{Layout, Target};
 use crate::integrators::TransportSettings;
 use crate::network::config::Mode;
 
@@ -10,18 +11,30 @@ use crate::network::config::Mode;
 pub enum GuideMode {
     /// Nothing: BSDF sampling with next event estimation.
     None,
-    /// Trees as counted.
+    /// Müller 2017: path samples of radiance, one spatial tree, no context.
+    Ppg,
+    /// Path samples of the variance-aware target (Rath 2020), trees as counted.
+    Variance,
+    /// Path samples and photons, trees as counted.
     Hybrid,
-    /// Trees reconstructed by the network.
+    /// The same, smoothed level by level.
+    Gaussian,
+    /// The same, reconstructed by the network.
     Neural,
 }
 
 impl GuideMode {
+    /// All modes.
+    pub const ALL: [Self; 6] = [Self::None, Self::Ppg, Self::Variance, Self::Hybrid, Self::Gaussian, Self::Neural];
+
     /// Name on the command line and in statistics.
     pub fn name(self) -> &'static str {
         match self {
             Self::None => "none",
+            Self::Ppg => "ppg",
+            Self::Variance => "variance",
             Self::Hybrid => "hybrid",
+            Self::Gaussian => "gaussian",
             Self::Neural => "neural",
         }
     }
@@ -39,11 +52,6 @@ pub enum SampleKinds {
 }
 
 impl SampleKinds {
-    /// Samples per pixel that an iteration costs for one camera path per pixel.
-    pub fn per_iteration(self) -> u32 {
-        if self.photons() { 2 } else { 1 }
-    }
-
     /// Whether camera paths are deposited.
     pub fn paths(self) -> bool {
         self != Self::Photon
@@ -53,6 +61,17 @@ impl SampleKinds {
     pub fn photons(self) -> bool {
         self != Self::Path
     }
+}
+
+/// What makes distributions of trees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reconstruction {
+    /// Nothing: as counted.
+    None,
+    /// Level-wise smoothing.
+    Gaussian,
+    /// The network.
+    Neural,
 }
 
 /// When to stop.
@@ -75,6 +94,8 @@ pub struct RenderSettings {
     pub guide: GuideMode,
     /// What is learned from.
     pub samples: SampleKinds,
+    /// What is made of the trees as counted.
+    pub reconstruction: Reconstruction,
     /// How it is learned.
     pub learner: LearnerSettings,
     /// Most of the budget that may go into learning; within it learning ends when it no longer pays.
@@ -88,21 +109,55 @@ pub struct RenderSettings {
 impl RenderSettings {
     /// Defaults for a mode and a budget.
     pub fn new(guide: GuideMode, stop: StopRule) -> Self {
+        let learner = match guide {
+            GuideMode::Ppg => LearnerSettings {
+                resolution: 1.0,
+                facing: false,
+                voxel_samples: 12_000,
+                growing: true,
+                target: Target::Radiance,
+                measures_fraction: false,
+                split_share: 0.01,
+                context: 0.0,
+                ..LearnerSettings::default()
+            },
+            // What the network was trained with.
+            GuideMode::Neural => {
+                LearnerSettings { layout: Layout::Full, split_share: 0.01, ..LearnerSettings::default() }
+            }
+            _ => LearnerSettings::default(),
+        };
+        let samples = match guide {
+            GuideMode::None | GuideMode::Ppg | GuideMode::Variance => SampleKinds::Path,
+            _ => SampleKinds::Both,
+        };
         Self {
             transport: TransportSettings { max_depth: 20, nee: true, roulette: true },
             guide,
-            samples: SampleKinds::Both,
-            learner: LearnerSettings::default(),
+            samples,
+            reconstruction: match guide {
+                GuideMode::Gaussian => Reconstruction::Gaussian,
+                GuideMode::Neural => Reconstruction::Neural,
+                _ => Reconstruction::None,
+            },
+            learner,
             learning_share: 0.5,
             stop,
             seed: 0,
         }
     }
 
+    /// The same scene and budget by another mode with that mode's defaults.
+    pub fn with_guide(&self, guide: GuideMode) -> Self {
+        let defaults = Self::new(guide, self.stop);
+        let learner = LearnerSettings { memory: self.learner.memory, ..defaults.learner };
+        Self { transport: self.transport, seed: self.seed, learner, ..defaults }
+    }
+
     /// The mode that trees are collected in, as models and shards record it.
     pub fn mode(&self) -> Mode {
         Mode {
-            target: "variance".into(),
+            target: self.learner.target.name().into(),
             nee: self.transport.nee,
             roulette: self.transport.roulette,
             split_share: self.learner.split_share as f32,

@@ -18,9 +18,10 @@ use crate::base::{Error, Progress, Result};
 use crate::film::{Measures, measure_noisy, relative_variance, write};
 use crate::guiding::field::GuideField;
 use crate::materials::image::Image;
+use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
 use crate::render::{
-    Control, GuideMode, Outcome, RenderSettings, SampleKinds, StopRule, learn, render, render_with_field,
+    Control, GuideMode, Outcome, Reconstruction, RenderSettings, StopRule, learn, render, render_with_field,
 };
 use crate::scene::Scene;
 use crate::scene::readers::{LoadedScene, read_image};
@@ -226,9 +227,13 @@ impl Experiment<'_> {
     }
 
     fn render(&self, scene: &Scene, guide: GuideMode, stop: StopRule, seed: u64, control: &Control) -> Result<Outcome> {
-        let settings = RenderSettings { guide, stop, seed, ..self.settings.clone() };
-        let counted = Counted::default();
-        let reconstructor: &dyn Reconstructor = if guide == GuideMode::Neural { self.neural } else { &counted };
+        let settings = RenderSettings { stop, seed, ..self.settings.with_guide(guide) };
+        let (counted, gaussian) = (Counted::default(), Gaussian::default());
+        let reconstructor: &dyn Reconstructor = match settings.reconstruction {
+            Reconstruction::None => &counted,
+            Reconstruction::Gaussian => &gaussian,
+            Reconstruction::Neural => self.neural,
+        };
         render(scene, &settings, reconstructor, control.progress, control.stop)
     }
 
@@ -242,7 +247,7 @@ impl Experiment<'_> {
         let outcome = match (method, oracle) {
             (Method::Guide(guide), _) => self.render(scene, guide, stop, seed, control)?,
             (Method::Oracle, Some(field)) => {
-                let settings = RenderSettings { guide: GuideMode::Hybrid, stop, seed, ..self.settings.clone() };
+                let settings = RenderSettings { stop, seed, ..self.settings.with_guide(GuideMode::Variance) };
                 render_with_field(scene, &settings, field.clone(), control)?
             }
             (Method::Oracle, None) => return Err(Error::Options("the oracle has learned nothing".into())),
@@ -292,11 +297,9 @@ impl Experiment<'_> {
     /// A field from many path samples, as counted.
     fn converged(&self, scene: &Scene, control: &Control) -> Result<GuideField> {
         let settings = RenderSettings {
-            guide: GuideMode::Hybrid,
-            samples: SampleKinds::Path,
             stop: StopRule::Spp(self.oracle_spp),
             seed: ORACLE_SEED,
-            ..self.settings.clone()
+            ..self.settings.with_guide(GuideMode::Variance)
         };
         learn(scene, &settings, &Counted::default(), control)
     }

@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 use fanal::base::progress::Silent;
 use fanal::generate::build::Builder;
 use fanal::materials::image::Image;
+use fanal::reconstruct::gaussian::Gaussian;
 use fanal::reconstruct::{Counted, Neural, Reconstructor};
 use fanal::render::{GuideMode, RenderSettings, SampleKinds, StopRule, render};
 use fanal::scene::Scene;
@@ -16,12 +17,14 @@ use glam::Vec3;
 /// A mode that directions are sampled in.
 pub type Guide = (GuideMode, SampleKinds);
 
-/// Unguided, guided by what paths, photons or both have found, and by what the built-in network makes of both.
-pub const GUIDES: [Guide; 5] = [
+/// Every mode, and photons alone.
+pub const GUIDES: [Guide; 7] = [
     (GuideMode::None, SampleKinds::Both),
     (GuideMode::Hybrid, SampleKinds::Both),
     (GuideMode::Hybrid, SampleKinds::Photon),
-    (GuideMode::Hybrid, SampleKinds::Path),
+    (GuideMode::Ppg, SampleKinds::Path),
+    (GuideMode::Variance, SampleKinds::Path),
+    (GuideMode::Gaussian, SampleKinds::Both),
     (GuideMode::Neural, SampleKinds::Both),
 ];
 
@@ -31,6 +34,7 @@ pub fn settings((guide, samples): Guide, spp: u32, seed: u64) -> RenderSettings 
 
 pub fn picture(scene: &Scene, settings: &RenderSettings) -> Image {
     let reconstructor: Box<dyn Reconstructor> = match settings.guide {
+        GuideMode::Gaussian => Box::new(Gaussian::default()),
         GuideMode::Neural => Box::new(Neural::built_in().expect("the model fits the program")),
         _ => Box::new(Counted::default()),
     };

@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use fanal::generate::dataset::Dataset;
 use fanal::guiding::distribution::{CommonCell, Distribution, kl_by_level, kl_of_cells, relative_variance};
-use fanal::guiding::targets::{hybrid_distribution, path_distribution, photon_distribution};
+use fanal::guiding::leaves::Leaves;
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::Model;
 use rayon::prelude::*;
@@ -66,8 +66,8 @@ pub struct Evaluation {
     pub target_nodes: f64,
     /// Mean KL between two halves of the target: nothing can be measured below.
     pub floor: f64,
-    /// The Gaussian's tuned parameters: σ in cells of a 32 × 32 map at 64 samples, exponent, fine σ.
-    pub gaussian: [f64; 3],
+    /// The Gaussian's tuned parameters: σ in cells, samples that near, far and equal shares count as.
+    pub gaussian: [f64; 4],
     /// The methods.
     pub rows: Vec<Row>,
 }
@@ -88,12 +88,12 @@ pub fn evaluate(data: &Dataset, model: &Model, ablations: &[Ablation], limit: us
     let each = |f: &(dyn Fn(&Case) -> Distribution + Sync), cases: &[Case]| -> Result<Vec<Distribution>> {
         Ok(cases.par_iter().map(f).collect())
     };
-    let hybrid = |c: &Case| hybrid_distribution(&c.topology, &c.sums);
-    let smooth = |c: &Case| gaussian.reconstruct(&hybrid(c), u64::from(c.path_samples) + u64::from(c.photon_samples));
+    let hybrid = |c: &Case| Leaves::full(&c.topology, &c.sums).hybrid(0.5);
+    let smooth = |c: &Case| gaussian.smooth(&hybrid(c), f64::from(c.path_samples) + f64::from(c.photon_samples));
     let mut rows = vec![
         bench.row("uniform", |cases| each(&|_| Distribution::uniform(), cases))?,
-        bench.row("path only", |cases| each(&|c| path_distribution(&c.topology, &c.sums), cases))?,
-        bench.row("photons only", |cases| each(&|c| photon_distribution(&c.topology, &c.sums), cases))?,
+        bench.row("path only", |cases| each(&|c| Leaves::full(&c.topology, &c.sums).distribution(0), cases))?,
+        bench.row("photons only", |cases| each(&|c| Leaves::full(&c.topology, &c.sums).distribution(1), cases))?,
         bench.row("Q_h hybrid", |cases| each(&hybrid, cases))?,
         bench.row("mean tree", |cases| each(&|_| mean.clone(), cases))?,
         bench.row("Gaussian", |cases| each(&smooth, cases))?,
@@ -109,7 +109,7 @@ pub fn evaluate(data: &Dataset, model: &Model, ablations: &[Ablation], limit: us
         input_nodes: mean_of(&|c| c.topology.len() as f64),
         target_nodes: mean_of(&|c| c.target.topology().len() as f64),
         floor: mean_of(&|c| c.floor),
-        gaussian: [gaussian.sigma, gaussian.exponent, gaussian.fine_sigma],
+        gaussian: [gaussian.sigma, gaussian.near, gaussian.far, gaussian.flat],
         rows,
     })
 }

@@ -7,7 +7,7 @@ use fanal::base::random::Random;
 use fanal::generate::shard::TreeSample;
 use fanal::guiding::distribution::{Distribution, kl};
 use fanal::guiding::features::{PATH_CHANNELS, RAW_CHANNELS};
-use fanal::guiding::targets::path_weight;
+use fanal::guiding::leaves::Target;
 use fanal::guiding::topology::{MAX_LEVEL, Topology};
 
 /// What to generate.
@@ -210,7 +210,7 @@ fn converged(settings: &Settings, truth: &[Lobe], random: &mut Random) -> (Vec<b
     let half = |keep: &dyn Fn(usize) -> bool| {
         let mut sums = vec![0.0; level.len()];
         records.iter().enumerate().filter(|(i, _)| keep(*i)).for_each(|(i, r)| sums[ranks[i]] += r.value);
-        let weights: Vec<f64> = sums.iter().zip(&level).map(|(&s, &l)| path_weight(s, l)).collect();
+        let weights: Vec<f64> = sums.iter().zip(&level).map(|(&s, &l)| Target::Variance.weight(s, l)).collect();
         Distribution::from_leaf_weights(tree.clone(), &weights)
     };
     let floor = kl(&half(&|i| i % 2 == 0), &half(&|i| i % 2 == 1), 1e-3);

@@ -9,8 +9,11 @@ impl std::fmt::Display for Evaluation {
             "{} held-out trees; mean nodes: Q_h {:.0}, Q_gt {:.0}; KL floor of the targets {:.4} nats",
             self.trees, self.input_nodes, self.target_nodes, self.floor
         )?;
-        let [sigma, exponent, fine] = self.gaussian;
-        writeln!(f, "Gaussian tuned to sigma {sigma} cells at 64 samples, exponent {exponent:.3}, fine sigma {fine}")?;
+        let [sigma, near, far, flat] = self.gaussian;
+        writeln!(
+            f,
+            "Gaussian tuned to sigma {sigma} cells; near, far and equal shares count as {near}, {far} and {flat} samples"
+        )?;
         write!(f, "{:<28}{:>8}{:>8}{:>8}{:>8}{:>8} |", "KL in nats", "uniform", "mean", "median", "-floor", "V med")?;
         for (low, n) in BUCKETS.iter().zip(self.bucket_trees) {
             write!(f, "{:>14}", format!("N>={low} ({n})"))?;

@@ -7,6 +7,7 @@ use fanal::base::random::Random;
 use fanal::generate::dataset::{DatasetIndex, ShardEntry};
 use fanal::generate::shard::{TreeSample, VERSION, write_shard};
 use fanal::guiding::features::FEATURES;
+use fanal::guiding::leaves::Leaves;
 use fanal::network::backend::Backend;
 use fanal::network::config::{Config, Mode};
 use fanal::network::embedded::Embedded;
@@ -78,8 +79,8 @@ fn overfits_a_few_trees() {
     let smooth: Vec<_> = cases
         .iter()
         .map(|c| {
-            let hybrid = fanal::guiding::targets::hybrid_distribution(&c.topology, &c.sums);
-            gaussian.reconstruct(&hybrid, u64::from(c.path_samples + c.photon_samples))
+            let hybrid = Leaves::full(&c.topology, &c.sums).hybrid(0.5);
+            gaussian.smooth(&hybrid, f64::from(c.path_samples + c.photon_samples))
         })
         .collect();
     let model = Model { config: config(), weights: net.weights() };

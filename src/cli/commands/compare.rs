@@ -24,7 +24,7 @@ pub fn run(args: &CompareArgs) -> Result<()> {
         let size = args.size.unwrap_or([loaded.file.film.width, loaded.file.film.height]);
         check_size(size[0], size[1])?;
         let neural = args.model.as_ref().map_or_else(Neural::built_in, |folder| Neural::embedded(folder))?;
-        let mut settings = RenderSettings::new(GuideMode::None, StopRule::Spp(1));
+        let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
         settings.transport.max_depth = args.max_depth.unwrap_or(loaded.file.render.max_depth);
         neural.check_mode(&settings.mode())?;
         let experiment = Experiment {
@@ -68,7 +68,10 @@ pub fn run(args: &CompareArgs) -> Result<()> {
 fn method(name: MethodName) -> Method {
     match name {
         MethodName::None => Method::Guide(GuideMode::None),
+        MethodName::Ppg => Method::Guide(GuideMode::Ppg),
+        MethodName::Variance => Method::Guide(GuideMode::Variance),
         MethodName::Hybrid => Method::Guide(GuideMode::Hybrid),
+        MethodName::Gaussian => Method::Guide(GuideMode::Gaussian),
         MethodName::Neural => Method::Guide(GuideMode::Neural),
         MethodName::Oracle => Method::Oracle,
     }

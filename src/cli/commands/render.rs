@@ -13,8 +13,11 @@ use crate::cli::{interrupt, progress};
 use crate::film::exr::Attribute;
 use crate::film::{check_folder, check_writable, measure, write, write_or_rescue};
 use crate::materials::image::Image;
+use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
-use crate::render::{self, Control, ErrorPoint, GuideMode, Refresh, RenderSettings, Snapshot, Statistics};
+use crate::render::{
+    self, Control, ErrorPoint, GuideMode, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics,
+};
 use crate::scene::Scene;
 use crate::scene::plan::plan;
 use crate::scene::readers::{LoadedScene, read_image};
@@ -113,8 +116,10 @@ fn report(request: &RenderRequest, statistics: &Statistics) -> Result<()> {
 
 /// What makes distributions in the mode asked for.
 fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<Box<dyn Reconstructor>> {
-    if settings.guide != GuideMode::Neural {
-        return Ok(Box::new(Counted::default()));
+    match settings.reconstruction {
+        Reconstruction::None => return Ok(Box::new(Counted::default())),
+        Reconstruction::Gaussian => return Ok(Box::new(Gaussian::default())),
+        Reconstruction::Neural => {}
     }
     let neural = match (&request.model, request.backend) {
         (None, Backend::Embedded) => Neural::built_in()?,

@@ -1,0 +1,90 @@
+//! Spatial context: what a voxel can take from the voxels around it while it has few samples itself.
+//!
+//! Voxels are pooled by cell, cells by blocks of 2 × 2 × 2 and those of 4 × 4 × 4 cells that face the same way. A distribution is
+//! then mixed with that of its block as if the block were so many samples more (the mean of a Dirichlet distribution whose prior
+//! is the block): with few samples of its own a voxel samples like its surroundings, with many like itself.
+
+use rayon::prelude::*;
+
+use super::cache::Ancestry;
+use super::distribution::Distribution;
+use super::topology::MAX_LEVEL;
+
+/// Nodes of pooled distributions are not split further below this mass: their details belong to single voxels.
+const POOLED_MASS: f64 = 0.003;
+/// The same for the result.
+const MIXED_MASS: f64 = 0.0015;
+
+/// A distribution and the number of samples that it was made from.
+pub type Counted = Option<(Distribution, f64)>;
+
+/// Every voxel's distribution mixed with its surroundings', which count as `pseudo` samples; none where there is nothing in
+/// either.
+pub fn with_context(own: Vec<Counted>, ancestry: &Ancestry, pseudo: f64) -> Vec<Option<Distribution>> {
+    let mut levels: Vec<Vec<Counted>> = vec![own];
+    for (parents, &groups) in ancestry.parents.iter().zip(&ancestry.sizes) {
+        let pooled = pool(levels.last().map_or(&[], Vec::as_slice), parents, groups);
+        levels.push(pooled);
+    }
+    let top = levels.pop().unwrap_or_default();
+    let mut above: Vec<Option<Distribution>> = top.into_iter().map(|c| c.map(|(d, _)| d)).collect();
+    for (own, parents) in levels.into_iter().zip(&ancestry.parents).rev() {
+        above =
+            own.into_par_iter().zip(parents).map(|(own, &p)| mix(own, above[p as usize].as_ref(), pseudo)).collect();
+    }
+    above
+}
+
+fn mix(own: Counted, prior: Option<&Distribution>, pseudo: f64) -> Option<Distribution> {
+    match (own, prior) {
+        (Some((own, samples)), Some(prior)) if pseudo > 0.0 => {
+            Some(Distribution::weighted(&[(&own, samples), (prior, pseudo)], MAX_LEVEL, MIXED_MASS))
+        }
+        (Some((own, _)), _) => Some(own),
+        (None, prior) => prior.cloned(),
+    }
+}
+
+fn pool(below: &[Counted], parents: &[u32], groups: usize) -> Vec<Counted> {
+    let mut members = vec![Vec::new(); groups];
+    for (counted, &parent) in below.iter().zip(parents) {
+        if let Some((distribution, samples)) = counted {
+            members[parent as usize].push((distribution, *samples));
+        }
+    }
+    let pooled = |group: Vec<(&Distribution, f64)>| match group[..] {
+        [] => None,
+        [(only, samples)] => Some((only.clone(), samples)),
+        _ => {
+            let samples = group.iter().map(|g| g.1).sum();
+            Some((Distribution::weighted(&group, MAX_LEVEL, POOLED_MASS), samples))
+        }
+    };
+    members.into_par_iter().map(pooled).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::guiding::topology::Topology;
+
+    fn quarters(weights: [f64; 4]) -> Distribution {
+        Distribution::from_leaf_weights(Topology::from_split(&[true, false, false, false, false]).unwrap(), &weights)
+    }
+
+    #[test]
+    fn few_samples_yield_to_the_surroundings() {
+        let ancestry = Ancestry { parents: vec![vec![0, 0, 1]], sizes: vec![2] };
+        let many = quarters([1.0, 0.0, 0.0, 0.0]);
+        let few = quarters([0.0, 1.0, 0.0, 0.0]);
+        let own = || vec![Some((many.clone(), 990.0)), Some((few.clone(), 10.0)), None];
+        let mixed = with_context(own(), &ancestry, 100.0);
+        let mass = |i: usize| mixed[i].as_ref().unwrap().leaf_mass();
+        // The pooled one has 0.99 and 0.01.
+        assert!((mass(0)[0] - (990.0 + 99.0) / 1090.0).abs() < 1e-9);
+        assert!((mass(1)[0] - 99.0 / 110.0).abs() < 1e-9 && (mass(1)[1] - 11.0 / 110.0).abs() < 1e-9);
+        assert!(mixed[2].is_none(), "nothing around it either");
+        let alone = with_context(own(), &ancestry, 0.0);
+        assert_eq!(alone[1].as_ref(), Some(&few));
+    }
+}

@@ -1,0 +1,192 @@
+//! What the leaves of a quadtree hold, in whichever layout, and the sampling weights that follow from it.
+
+use std::f64::consts::PI;
+
+use serde::{Deserialize, Serialize};
+
+use super::distribution::Distribution;
+use super::features::{COUNT, KIND, RAW_CHANNELS};
+use super::topology::Topology;
+
+/// What is deposited and so what distributions become proportional to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Target {
+    /// Incident radiance (Müller 2017): V = L̂/p.
+    Radiance,
+    /// Root of the second moment of the integrand (Rath 2020's simpler form; Zhu 2021 eq. 7): V = (f·cos θ·L̂)²/p.
+    Variance,
+    /// The same relative to the pixel (Rath 2020 §5): V times the squared ratio of the path's throughput so far and the pixel's value.
+    VariancePixel,
+}
+
+impl Target {
+    /// Its name on the command line, in shards and in models.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Radiance => "radiance",
+            Self::Variance => "variance",
+            Self::VariancePixel => "variance-pixel",
+        }
+    }
+
+    /// Sampling weight of a leaf at `level` that holds ΣV. For radiance ΣV itself; for a second moment √(ΣV · A), A the leaf's
+    /// solid angle in sr. Summed over children of equal density it gives the parent's own.
+    pub fn weight(self, sum: f64, level: usize) -> f64 {
+        match self {
+            Self::Radiance => sum.max(0.0),
+            Self::Variance | Self::VariancePixel => (sum.max(0.0) * 4.0 * PI * 0.25f64.powi(level as i32)).sqrt(),
+        }
+    }
+}
+
+/// What is summed per leaf.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Layout {
+    /// ΣV and the number of samples, of paths and of photons: all that counting needs.
+    Values,
+    /// All [`RAW_CHANNELS`] of [`features`](super::features): what the network reads.
+    Full,
+}
+
+impl Layout {
+    /// Sums per leaf.
+    pub fn channels(self) -> usize {
+        match self {
+            Self::Values => 4,
+            Self::Full => RAW_CHANNELS,
+        }
+    }
+
+    /// Where ΣV of paths and of photons is.
+    pub fn values(self) -> [usize; 2] {
+        match self {
+            Self::Values => [0, 2],
+            Self::Full => KIND,
+        }
+    }
+
+    /// Where the numbers of path samples and of photons are.
+    pub fn counts(self) -> [usize; 2] {
+        match self {
+            Self::Values => [1, 3],
+            Self::Full => KIND.map(|kind| kind + COUNT),
+        }
+    }
+}
+
+/// The leaves of one quadtree.
+#[derive(Debug, Clone, Copy)]
+pub struct Leaves<'a> {
+    /// The tree.
+    pub topology: &'a Topology,
+    /// [leaves, channels of `layout`] in the order of [`Topology::leaves`]; missing rows count as zero.
+    pub sums: &'a [f32],
+    /// What a row holds.
+    pub layout: Layout,
+    /// What V is.
+    pub target: Target,
+}
+
+impl<'a> Leaves<'a> {
+    /// Leaves as the network takes them: the full layout, the variance target.
+    pub fn full(topology: &'a Topology, sums: &'a [f32]) -> Self {
+        Self { topology, sums, layout: Layout::Full, target: Target::Variance }
+    }
+
+    /// ΣV of one kind of sample (0 path, 1 photon) per leaf; what is not a number counts as 0, what overflowed as the largest.
+    pub fn values(&self, kind: usize) -> impl Iterator<Item = f64> + 'a {
+        let channel = self.layout.values()[kind];
+        let usable = |v: f32| if v.is_nan() { 0.0 } else { f64::from(v.clamp(0.0, f32::MAX)) };
+        self.sums.chunks_exact(self.layout.channels()).map(move |row| usable(row[channel]))
+    }
+
+    /// Sampling weight of each leaf for one kind of sample: by the [`Target`] for paths, ΣV for photons.
+    fn leaf_weights(&self, kind: usize) -> Vec<f64> {
+        let weight = |(value, level)| if kind == 0 { self.target.weight(value, level) } else { value };
+        self.values(kind).zip(leaf_levels(self.topology)).map(weight).collect()
+    }
+
+    /// For every node the sampling weights (path, photon), breadth first, on no particular scale. An inner node has the sum
+    /// of its leaves' weights, never a root of sums.
+    pub fn weights(&self) -> Vec<[f64; 2]> {
+        let mut weights = vec![[0.0; 2]; self.topology.len()];
+        for kind in [0, 1] {
+            for (leaf, weight) in self.topology.leaves().zip(self.leaf_weights(kind)) {
+                weights[leaf][kind] = weight;
+            }
+        }
+        for node in (1..weights.len()).rev() {
+            let weight = weights[node];
+            let to = &mut weights[self.topology.parent[node] as usize];
+            *to = [to[0] + weight[0], to[1] + weight[1]];
+        }
+        weights
+    }
+
+    /// Whether a kind of sample brought anything.
+    pub fn has(&self, kind: usize) -> bool {
+        self.values(kind).any(|v| v > 0.0)
+    }
+
+    /// The distribution of one kind of sample alone (0 path, 1 photon); uniform without samples.
+    pub fn distribution(&self, kind: usize) -> Distribution {
+        Distribution::from_leaf_weights(self.topology.clone(), &self.leaf_weights(kind))
+    }
+
+    /// `share` path samples, the rest photons, each normalised; where one of them is missing, the other alone.
+    pub fn hybrid(&self, share: f64) -> Distribution {
+        match [0, 1].map(|kind| self.has(kind)) {
+            [true, true] if share >= 1.0 => self.distribution(0),
+            [true, true] => Distribution::blend(&self.distribution(0), &self.distribution(1), share),
+            [false, true] => self.distribution(1),
+            _ => self.distribution(0),
+        }
+    }
+}
+
+/// The distribution of path samples of the variance target with ΣV per leaf given, in the order of [`Topology::leaves`].
+pub fn distribution_of_values(topology: &Topology, values: &[f64]) -> Distribution {
+    let weight = |(&v, level): (&f64, usize)| Target::Variance.weight(v, level);
+    let weights: Vec<f64> = values.iter().zip(leaf_levels(topology)).map(weight).collect();
+    Distribution::from_leaf_weights(topology.clone(), &weights)
+}
+
+/// Level of every leaf.
+fn leaf_levels(topology: &Topology) -> impl Iterator<Item = usize> + '_ {
+    (0..topology.levels()).flat_map(|l| topology.level(l).filter(|&n| topology.is_leaf(n)).map(move |_| l))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(path: [f32; 4], photons: [f32; 4]) -> Vec<f32> {
+        (0..4).flat_map(|i| [path[i], 1.0, photons[i], 1.0]).collect()
+    }
+
+    #[test]
+    fn weights_of_equal_density_add_up() {
+        for target in [Target::Radiance, Target::Variance] {
+            let parent = target.weight(3.0, 2);
+            assert!((4.0 * target.weight(0.75, 3) - parent).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn hybrid_averages_or_takes_what_there_is() {
+        let topology = Topology::from_split(&[true, false, false, false, false]).unwrap();
+        let hybrid = |sums: &[f32], target, share| {
+            Leaves { topology: &topology, sums, layout: Layout::Values, target }.hybrid(share)
+        };
+        let both = rows([9., 1., 0., 0.], [0., 0., 0., 5.]);
+        assert_eq!(hybrid(&both, Target::Variance, 0.5).leaf_mass(), [0.375, 0.125, 0.0, 0.5]);
+        let radiance = hybrid(&both, Target::Radiance, 0.5).leaf_mass();
+        assert!(radiance.iter().zip([0.45, 0.05, 0.0, 0.5]).all(|(a, b)| (a - b).abs() < 1e-12), "{radiance:?}");
+        assert_eq!(hybrid(&both, Target::Variance, 1.0).leaf_mass(), [0.75, 0.25, 0.0, 0.0]);
+        let photons = rows([0.; 4], [0., 0., 0., 5.]);
+        assert_eq!(hybrid(&photons, Target::Variance, 1.0).leaf_mass(), [0., 0., 0., 1.]);
+        let none = rows([0.; 4], [0.; 4]);
+        assert_eq!(hybrid(&none, Target::Variance, 0.5), Distribution::uniform());
+    }
+}
