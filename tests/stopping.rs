@@ -56,6 +56,17 @@ fn the_error_asked_for_is_reached() {
     }
 }
 
+/// However short the time, there is a picture: one sample in every pixel, even where learning took all of it.
+#[test]
+fn no_time_at_all_still_gives_a_picture() {
+    let scene = committed("cornell", [64, 48]);
+    for guide in GUIDES {
+        let settings = RenderSettings { stop: StopRule::Time(1e-3), ..settings(guide, 1, 5) };
+        let image = picture(&scene, &settings);
+        assert!(mean(&image) > 0.0 && image.pixels.iter().all(|p| p.is_finite()), "{guide:?}");
+    }
+}
+
 /// A field learned once guides other renders: the whole budget goes into the picture, which stays what it is.
 #[test]
 fn a_learned_field_can_be_used_again() {

@@ -292,7 +292,7 @@ impl<'a> Run<'a> {
             }
             // A picture needs one sample in every pixel, whatever the clock says.
             self.watcher.deadline = match self.settings.stop {
-                StopRule::Time(seconds) if self.rendered > 0 => Some(seconds),
+                StopRule::Time(seconds) if !self.passes.is_empty() || rendered > 0 => Some(seconds),
                 _ => None,
             };
             rendered += spp;
@@ -312,7 +312,7 @@ impl<'a> Run<'a> {
         let StopRule::Time(seconds) = self.settings.stop else { return 0 };
         let left = seconds - self.watcher.elapsed();
         let traced = self.statistics.seconds.trace;
-        if self.rendered == 0 || (rendered == 0 && left > 0.0) {
+        if rendered == 0 && (self.passes.is_empty() || left > 0.0) {
             return 1;
         }
         let per_sample = traced / f64::from(self.rendered);
