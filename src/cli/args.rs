@@ -2,9 +2,12 @@
 
 use std::path::PathBuf;
 
+use clap::builder::PossibleValue;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::render::GuideMode;
+use crate::guiding::leaves::Target;
+use crate::render::{GuideMode, Reconstruction, SampleKinds};
+use crate::report::experiment::Method;
 
 /// A physically based renderer that learns where light comes from.
 #[derive(Debug, Parser)]
@@ -45,68 +48,54 @@ pub struct Common {
     pub quiet: bool,
 }
 
-/// How camera rays find light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Guide {
-    /// Path tracing with next event estimation and multiple importance sampling
-    None,
-    /// Müller 2017: path samples of radiance in a spatial and directional tree
-    Ppg,
-    /// Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees
-    Variance,
-    /// Path and photon samples in per-voxel quadtrees
-    Hybrid,
-    /// The same, smoothed level by level
-    Gaussian,
-    /// The same, reconstructed by the network
-    Neural,
-}
+/// The renderer's own choices as words of the command line, each with a line of help.
+macro_rules! words {
+    ($type:ty, $($variant:ident: $help:literal),+ $(,)?) => {
+        impl ValueEnum for $type {
+            fn value_variants<'a>() -> &'a [Self] {
+                &[$(Self::$variant),+]
+            }
 
-/// What guiding distributions are made proportional to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum TargetName {
-    /// Incident radiance
-    Radiance,
-    /// Root of the second moment of what a sample contributes
-    Variance,
-    /// The same relative to the pixel
-    VariancePixel,
-}
-
-/// What is made of the trees as counted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum ReconstructName {
-    /// Nothing
-    None,
-    /// They are smoothed level by level
-    Gaussian,
-    /// The network reconstructs them
-    Neural,
-}
-
-impl From<Guide> for GuideMode {
-    fn from(guide: Guide) -> Self {
-        match guide {
-            Guide::None => Self::None,
-            Guide::Ppg => Self::Ppg,
-            Guide::Variance => Self::Variance,
-            Guide::Hybrid => Self::Hybrid,
-            Guide::Gaussian => Self::Gaussian,
-            Guide::Neural => Self::Neural,
+            fn to_possible_value(&self) -> Option<PossibleValue> {
+                let help = match self {
+                    $(Self::$variant => $help),+
+                };
+                Some(PossibleValue::new(self.name()).help(help))
+            }
         }
-    }
+    };
 }
 
-/// Where guiding samples come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Samples {
-    /// Camera paths only
-    Path,
-    /// Light paths only
-    Photon,
-    /// Both
-    Both,
-}
+words!(
+    GuideMode,
+    None: "Path tracing with next event estimation and multiple importance sampling",
+    Ppg: "Müller 2017: path samples of radiance in a spatial and directional tree",
+    Variance: "Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees",
+    Hybrid: "Path and photon samples in per-voxel quadtrees",
+    Gaussian: "The same, smoothed level by level",
+    Neural: "The same, reconstructed by the network",
+);
+
+words!(
+    SampleKinds,
+    Path: "Camera paths only",
+    Photon: "Light paths only",
+    Both: "Both",
+);
+
+words!(
+    Target,
+    Radiance: "Incident radiance",
+    Variance: "Root of the second moment of what a sample contributes",
+    VariancePixel: "The same relative to the pixel",
+);
+
+words!(
+    Reconstruction,
+    None: "Nothing",
+    Gaussian: "They are smoothed level by level",
+    Neural: "The network reconstructs them",
+);
 
 /// Who executes the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -151,16 +140,16 @@ pub struct RenderArgs {
     pub output: PathBuf,
     /// How camera rays find light
     #[arg(long, value_enum, default_value = "neural")]
-    pub guide: Guide,
+    pub guide: GuideMode,
     /// Where guiding samples come from [default: by --guide]
     #[arg(long, value_enum)]
-    pub samples: Option<Samples>,
+    pub samples: Option<SampleKinds>,
     /// What guiding distributions are proportional to [default: by --guide]
     #[arg(long, value_enum)]
-    pub target: Option<TargetName>,
+    pub target: Option<Target>,
     /// What is made of the trees as counted [default: by --guide]
     #[arg(long, value_enum)]
-    pub reconstruct: Option<ReconstructName>,
+    pub reconstruct: Option<Reconstruction>,
     /// Ceiling of the sampling field in MB
     #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub guide_memory: u32,
@@ -170,7 +159,7 @@ pub struct RenderArgs {
     /// Samples per pixel, camera and light paths together [default: the scene's]
     #[arg(long, value_name = "N", group = "stop", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     pub spp: Option<u32>,
-    /// Render for so many seconds, learning included
+    /// Render for so many seconds, from reading the scene to the written picture
     #[arg(long, value_name = "SECONDS", group = "stop", allow_negative_numbers = true, value_parser = seconds)]
     pub time: Option<f64>,
     /// Render until the estimated relMSE is so small
@@ -243,7 +232,7 @@ pub struct CompareArgs {
     pub output: PathBuf,
     /// Methods; ratios refer to the first
     #[arg(long, value_enum, value_delimiter = ',', default_value = "none,hybrid,neural")]
-    pub methods: Vec<MethodName>,
+    pub methods: Vec<Method>,
     /// Budgets in seconds
     #[arg(long, value_name = "S,…", value_delimiter = ',', allow_negative_numbers = true, value_parser = seconds,
           conflicts_with = "spp", required_unless_present = "spp")]
@@ -280,23 +269,30 @@ pub struct CompareArgs {
     pub common: Common,
 }
 
-/// A column of a comparison.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum MethodName {
-    /// Path tracing with next event estimation and multiple importance sampling
-    None,
-    /// Müller 2017: path samples of radiance in a spatial and directional tree
-    Ppg,
-    /// Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees
-    Variance,
-    /// Path and photon samples in per-voxel quadtrees
-    Hybrid,
-    /// The same, smoothed level by level
-    Gaussian,
-    /// The same, reconstructed by the network
-    Neural,
-    /// Guided by converged trees made beforehand: what reconstruction could reach at most
-    Oracle,
+/// A column of a comparison: every mode of `render`, and the oracle.
+impl ValueEnum for Method {
+    fn value_variants<'a>() -> &'a [Self] {
+        const ALL: [Method; GuideMode::ALL.len() + 1] = {
+            let mut all = [Method::Oracle; GuideMode::ALL.len() + 1];
+            let mut i = 0;
+            while i < GuideMode::ALL.len() {
+                all[i] = Method::Guide(GuideMode::ALL[i]);
+                i += 1;
+            }
+            all
+        };
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        match self {
+            Self::Guide(guide) => guide.to_possible_value(),
+            Self::Oracle => {
+                let help = "Guided by converged trees made beforehand: what reconstruction could reach at most";
+                Some(PossibleValue::new("oracle").help(help))
+            }
+        }
+    }
 }
 
 const ERROR_EXAMPLES: &str = "Examples:

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use super::args::{Backend, Guide, ReconstructName, RenderArgs, Samples, TargetName};
+use super::args::{Backend, RenderArgs};
 use crate::base::{Error, Result};
 use crate::film::check_size;
 use crate::guiding::leaves::{Layout, Target};
-use crate::render::{Reconstruction, RenderSettings, SampleKinds, StopRule};
+use crate::render::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 use crate::scene::file::SceneFile;
 
 /// Everything that a render depends on beside the scene. All values are in range.
@@ -31,13 +31,13 @@ pub struct RenderRequest {
     /// Russian roulette.
     pub roulette: bool,
     /// How camera rays find light.
-    pub guide: Guide,
+    pub guide: GuideMode,
     /// Where guiding samples come from.
-    pub samples: Option<Samples>,
+    pub samples: Option<SampleKinds>,
     /// What distributions are proportional to.
-    pub target: Option<TargetName>,
+    pub target: Option<Target>,
     /// What is made of trees as counted.
-    pub reconstruct: Option<ReconstructName>,
+    pub reconstruct: Option<Reconstruction>,
     /// Ceiling of the sampling field, bytes.
     pub guide_memory: u64,
     /// The model's folder; `None` is the model inside the program.
@@ -53,30 +53,15 @@ pub struct RenderRequest {
 impl RenderRequest {
     /// The renderer's settings.
     pub fn settings(&self) -> RenderSettings {
-        let mut settings = RenderSettings::new(self.guide.into(), self.stop);
+        let mut settings = RenderSettings::new(self.guide, self.stop);
         settings.transport.max_depth = self.max_depth;
         settings.transport.nee = self.nee;
         settings.transport.roulette = self.roulette;
         settings.learner.memory = usize::try_from(self.guide_memory).unwrap_or(usize::MAX);
         settings.seed = self.seed;
-        match self.samples {
-            None => {}
-            Some(Samples::Path) => settings.samples = SampleKinds::Path,
-            Some(Samples::Photon) => settings.samples = SampleKinds::Photon,
-            Some(Samples::Both) => settings.samples = SampleKinds::Both,
-        }
-        match self.target {
-            None => {}
-            Some(TargetName::Radiance) => settings.learner.target = Target::Radiance,
-            Some(TargetName::Variance) => settings.learner.target = Target::Variance,
-            Some(TargetName::VariancePixel) => settings.learner.target = Target::VariancePixel,
-        }
-        match self.reconstruct {
-            None => {}
-            Some(ReconstructName::None) => settings.reconstruction = Reconstruction::None,
-            Some(ReconstructName::Gaussian) => settings.reconstruction = Reconstruction::Gaussian,
-            Some(ReconstructName::Neural) => settings.reconstruction = Reconstruction::Neural,
-        }
+        settings.samples = self.samples.unwrap_or(settings.samples);
+        settings.learner.target = self.target.unwrap_or(settings.learner.target);
+        settings.reconstruction = self.reconstruct.unwrap_or(settings.reconstruction);
         settings.learner.layout =
             if settings.reconstruction == Reconstruction::Neural { Layout::Full } else { Layout::Values };
         settings
@@ -107,7 +92,8 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
             "the scene asks for 0 samples per pixel or depth 0; give --spp and --max-depth".into(),
         ));
     }
-    if args.guide == Guide::None && (args.samples.is_some() || args.target.is_some() || args.reconstruct.is_some()) {
+    if args.guide == GuideMode::None && (args.samples.is_some() || args.target.is_some() || args.reconstruct.is_some())
+    {
         return Err(Error::Options(
             "--guide none learns nothing; leave --samples, --target and --reconstruct out".into(),
         ));

@@ -8,6 +8,7 @@
 //! where a path takes a thousand (`cargo bench --bench precision`).
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use crate::base::{Error, Result};
 use crate::materials::image::Image;
@@ -136,13 +137,14 @@ impl Pass {
 
     /// Keeps of the pass what combining needs: the means in f32, the counts, and the variances.
     pub fn finish(&self) -> FinishedPass {
-        let means = |half: &[Pixel]| half.iter().map(|p| Vec3::from_array(p.mean.map(|m| m as f32))).collect();
         let half = |half: &Vec<Pixel>| Half {
-            means: means(half),
-            counts: half.iter().map(|p| p.count).collect(),
+            means: half.par_iter().map(|p| Vec3::from_array(p.mean.map(|m| m as f32))).collect(),
+            counts: half.par_iter().map(|p| p.count).collect(),
             spread: Spread::of(half.iter().copied()),
         };
-        FinishedPass { width: self.width, halves: self.halves.each_ref().map(half), spread: Spread::of(self.pixels()) }
+        let [a, b] = &self.halves;
+        let (spread, (a, b)) = rayon::join(|| Spread::of(self.pixels()), || rayon::join(|| half(a), || half(b)));
+        FinishedPass { width: self.width, halves: [a, b], spread }
     }
 }
 
@@ -234,8 +236,8 @@ fn weights(passes: &[FinishedPass], half: usize) -> Vec<f64> {
     weights.iter().map(|w| if total > 0.0 { w / total } else { 1.0 / passes.len() as f64 }).collect()
 }
 
-/// The picture that passes make together. A pixel without samples in a pass leaves that pass out; one without samples in any is
-/// black.
+/// The picture that passes make together. A pixel without samples in a pass leaves that pass out; one without samples in any has
+/// the value of the nearest pixel above or below that has some, and is black where there is none within [`REACH`] rows.
 ///
 /// Each half of the passes is weighted by what the *other* half measured. With weights of their own samples, passes with a firefly
 /// would count less, and pictures be too dark by what fireflies carry: 4 % in a furnace of 64 pixels, less in larger ones.
@@ -275,11 +277,22 @@ fn mixed(passes: &[FinishedPass], weights: [Vec<f64>; 2]) -> Result<Image> {
                 samples += count;
             }
         }
-        if samples > 0.0 { (sum / samples).as_vec3() } else { Vec3::ZERO }
+        (samples > 0.0).then(|| (sum / samples).as_vec3())
     };
-    let image: Vec<Vec3> = (0..pixels).map(pixel).collect();
+    let sampled: Vec<Option<Vec3>> = (0..pixels).into_par_iter().map(pixel).collect();
     let height = pixels.checked_div(first.width).unwrap_or(0);
-    Ok(Image { width: first.width, height, pixels: image })
+    Ok(Image { width: first.width, height, pixels: filled(&sampled, first.width) })
+}
+
+/// How many rows away a pixel without samples looks for one that has some.
+const REACH: usize = 32;
+
+fn filled(sampled: &[Option<Vec3>], width: usize) -> Vec<Vec3> {
+    let near = |i: usize| {
+        let rows = (1..=REACH).flat_map(|d| [i.checked_sub(d * width), Some(i + d * width)]);
+        rows.flatten().find_map(|at| sampled.get(at).copied().flatten())
+    };
+    sampled.par_iter().enumerate().map(|(i, own)| own.or_else(|| near(i)).unwrap_or(Vec3::ZERO)).collect()
 }
 
 #[cfg(test)]
@@ -293,6 +306,14 @@ mod tests {
             (0..16).for_each(|i| pass.add(i, sample, Vec3::splat(value(i))));
         }
         pass.finish()
+    }
+
+    #[test]
+    fn gaps_take_the_nearest_row() {
+        let mut pass = Pass::new(1, 100);
+        (0..40).step_by(8).for_each(|row| pass.add(row, 0, Vec3::splat(row as f32)));
+        let rows: Vec<f32> = combine(&[pass.finish()]).unwrap().pixels.iter().map(|p| p.x).collect();
+        assert_eq!((rows[3], rows[5], rows[8], rows[64], rows[65]), (0.0, 8.0, 8.0, 32.0, 0.0));
     }
 
     fn noise(seed: u64, width: f32) -> impl FnMut(usize) -> f32 {

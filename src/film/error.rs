@@ -80,6 +80,26 @@ pub fn relative_variance(reference: &Image, variance: &Image) -> Result<f64> {
     Ok(sum / reference.pixels.len() as f64)
 }
 
+/// Mean of independent pictures, and the variance of that mean per pixel and channel.
+///
+/// # Errors
+/// [`Error::Options`] for fewer than two pictures, otherwise as [`measure`].
+pub fn mean_and_variance(parts: &[Image]) -> Result<(Image, Image)> {
+    let [first, second, ..] = parts else {
+        return Err(Error::Options("a variance needs at least two pictures".into()));
+    };
+    check(first, second)?;
+    parts.iter().try_for_each(|part| check(part, first))?;
+    let n = parts.len() as f32;
+    let (mut mean, mut variance) = (first.clone(), first.clone());
+    for i in 0..mean.pixels.len() {
+        mean.pixels[i] = parts.iter().map(|p| p.pixels[i]).sum::<Vec3>() / n;
+        let deviations = parts.iter().map(|p| p.pixels[i] - mean.pixels[i]);
+        variance.pixels[i] = deviations.map(|d| d * d).sum::<Vec3>() / ((n - 1.0) * n);
+    }
+    Ok((mean, variance))
+}
+
 /// One pixel's part of the relMSE: the mean over channels of (x−r)²/(r²+0.01).
 pub fn pixel_error(x: Vec3, r: Vec3) -> f64 {
     per_pixel(x, r, relative_square)

@@ -7,5 +7,5 @@ pub mod output;
 pub mod png;
 
 pub use accumulator::{FinishedPass, Pass, Pixel, check_size, combine, combine_weighted};
-pub use error::{Measures, measure, measure_noisy, pixel_error, relative_variance};
+pub use error::{Measures, mean_and_variance, measure, measure_noisy, pixel_error, relative_variance};
 pub use output::{check_folder, check_writable, write, write_or_rescue};

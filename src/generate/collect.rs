@@ -17,7 +17,7 @@ use crate::guiding::distribution::{Distribution, kl};
 use crate::guiding::leaves::distribution_of_values;
 use crate::guiding::quadtree::Quadtree;
 use crate::reconstruct::Counted;
-use crate::render::{GuideMode, Learning, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
+use crate::render::{CHUNK, GuideMode, Learning, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
 use crate::scene::{Scene, readers};
 
 /// ρ of the targets: finer than that of the inputs, since they have the samples for it.
@@ -115,6 +115,7 @@ impl Collector<'_> {
             picture: None,
             first_sample: self.first_sample,
             spp,
+            chunk: CHUNK,
         };
         let mut film = Pass::new(self.scene.size[0] as usize, self.scene.size[1] as usize);
         tracer.run(&mut film, Some(&mut self.learning), &mut Statistics::default(), &mut |_, _| true);
@@ -122,7 +123,7 @@ impl Collector<'_> {
     }
 
     fn end_iteration(&mut self) -> Result<()> {
-        self.learning.end_iteration(1, &Counted::default(), &mut Default::default()).map(drop)
+        self.learning.end_iteration(1, 0.0, &Counted::default(), &mut Default::default()).map(drop)
     }
 
     /// Runs the iterations and takes the trees of evenly drawn voxels after each that the recipe lists.

@@ -52,7 +52,7 @@ impl Bounds {
 
 /// Which groups voxels belong to, from the finest to the coarsest: the cell, blocks of 2³ cells, blocks of 4³ cells, all of one
 /// facing. Members of level 0 are voxels, of the others the groups before.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Ancestry {
     /// Group of each member, per level.
     pub parents: Vec<Vec<u32>>,

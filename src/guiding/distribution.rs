@@ -154,18 +154,8 @@ impl Distribution {
     /// The shape whose nodes are split while they hold more than `share`, with at most `most` nodes; a leaf that has to be split
     /// is taken as uniform inside.
     pub fn refined(&self, share: f64, most: usize) -> Topology {
-        let start = Part { of: self, node: Some(0), mass: 1.0 };
-        let mut queue = vec![(start, 0usize)];
-        let mut split = Vec::new();
-        while let Some(&(part, level)) = queue.get(split.len()) {
-            let splits = part.mass > share && level < super::topology::MAX_LEVEL && queue.len() + 4 <= most;
-            split.push(splits);
-            if splits {
-                queue.extend((0..4).map(|k| (part.child(k), level + 1)));
-            }
-        }
-        // Made breadth first within every limit.
-        Topology::from_split(&split).unwrap_or_else(|_| Topology::root())
+        let root = Part { of: self, node: Some(0), mass: 1.0 };
+        Topology::grown(root, most, |part| part.mass > share, |part| [0, 1, 2, 3].map(|k| part.child(k)))
     }
 
     /// The cells of the union of both trees' leaves, without those where `target` has no mass.

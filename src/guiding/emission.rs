@@ -112,6 +112,9 @@ impl EmissionLearner {
     /// Adds photons with the power that each brought to where it is of use, in the order given. Squares that are not divided yet
     /// get their shape from these.
     pub fn absorb(&mut self, photons: &[(Start, f64)]) {
+        if photons.is_empty() {
+            return;
+        }
         for (start, power) in photons {
             self.power[start.light] += power;
         }

@@ -39,11 +39,15 @@ pub const FEATURES: usize = RAW_CHANNELS + 2 * MEANS + 11;
 
 /// First raw channel of a kind of sample (path, photon): ΣV.
 pub(super) const KIND: [usize; 2] = [0, PATH_CHANNELS];
-/// Offsets of position, distance, normal and count within a kind.
-const POSITION: usize = 4;
-const DISTANCE: usize = 7;
-const NORMAL: usize = 8;
+/// Offsets within a kind.
+pub(super) const DIRECTION: usize = 1;
+pub(super) const POSITION: usize = 4;
+pub(super) const DISTANCE: usize = 7;
+pub(super) const NORMAL: usize = 8;
+pub(super) const OTHER_NORMAL: usize = 11;
 pub(super) const COUNT: usize = 14;
+/// The channel that only path samples have.
+pub(super) const BSDF: usize = 15;
 /// Channels of means per kind.
 const MEANS: usize = 7;
 /// Logarithms of densities are cut here, then divided by half of it.

@@ -105,6 +105,8 @@ pub struct CountedTree<'a> {
     pub distribution: Distribution,
     /// Path samples and photons in the tree.
     pub samples: [u32; 2],
+    /// What the voxel's path samples contributed to the picture, in any unit.
+    pub contribution: f64,
 }
 
 /// Merges records into per-voxel quadtrees.
@@ -112,6 +114,8 @@ pub struct Learner {
     settings: LearnerSettings,
     cache: Option<SpatialCache>,
     voxels: Vec<Voxel>,
+    /// Groups of voxels in the iteration that is being judged.
+    ancestry: Ancestry,
     frozen: bool,
 }
 
@@ -127,7 +131,7 @@ const SHARE_UNIFORM: f32 = 0.3;
 impl Learner {
     /// A learner that has seen nothing.
     pub fn new(settings: LearnerSettings) -> Self {
-        Self { settings, cache: None, voxels: Vec::new(), frozen: false }
+        Self { settings, cache: None, voxels: Vec::new(), ancestry: Ancestry::default(), frozen: false }
     }
 
     /// Number of voxels.
@@ -217,8 +221,9 @@ impl Learner {
     /// by what the iteration measured of their use.
     pub fn counted(&mut self) -> Vec<Option<CountedTree<'_>>> {
         let Some(cache) = &self.cache else { return Vec::new() };
-        let ancestry = cache.ancestry();
-        let priors = pooled(&self.voxels, &ancestry, |v| &v.shares);
+        self.ancestry = cache.ancestry();
+        let ancestry = &self.ancestry;
+        let priors = pooled(&self.voxels, ancestry, |v| &v.shares);
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
             let mut shares = voxel.shares;
             shares.add_prior(&priors[ancestry.block(v)], PRIOR_SAMPLES);
@@ -231,15 +236,15 @@ impl Learner {
         };
         let own: Vec<Counted> = self.voxels.par_iter().map(own).collect();
         let distributions = if self.settings.context > 0.0 {
-            with_context(own, &ancestry, self.settings.context)
+            with_context(own, ancestry, self.settings.context)
         } else {
             own.into_iter().map(|c| c.map(|c| c.0)).collect()
         };
         let tree = |(voxel, distribution)| {
             let voxel: &Voxel = voxel;
             let distribution: Option<Distribution> = distribution;
-            let (leaves, samples) = (voxel.tree.leaves(), voxel.tree.counts());
-            distribution.map(|distribution| CountedTree { leaves, distribution, samples })
+            let (leaves, samples, contribution) = (voxel.tree.leaves(), voxel.tree.counts(), voxel.contribution);
+            distribution.map(|distribution| CountedTree { leaves, distribution, samples, contribution })
         };
         self.voxels.iter().zip(distributions).map(tree).collect()
     }
@@ -253,19 +258,21 @@ impl Learner {
         (weight > 0.0).then(|| sum / weight)
     }
 
-    /// Takes the distributions made from [`Learner::counted`] (same order) as the next guides. `uniform` is the part of the
-    /// uniform distribution mixed into each. A voxel for which there is none keeps its old guide. Trees are cut to the most
+    /// Takes the distributions made from [`Learner::counted`] (same order) as the next guides, each with the part of the
+    /// uniform distribution that is mixed into it. A voxel for which there is none keeps its old guide. Trees are cut to the most
     /// probable nodes where the field would exceed its ceiling.
-    pub fn publish(&mut self, distributions: &[Option<Distribution>], uniform: f32) {
-        let Some(cache) = &self.cache else { return };
-        let ancestry = cache.ancestry();
+    pub fn publish(&mut self, distributions: &[Option<(Distribution, f32)>]) {
+        if self.cache.is_none() {
+            return;
+        }
         let cap = self.inner_nodes_cap(distributions);
-        let priors = pooled(&self.voxels, &ancestry, |v| &v.fractions);
+        let ancestry = &self.ancestry;
+        let priors = pooled(&self.voxels, ancestry, |v| &v.fractions);
         let measures_fraction = self.settings.measures_fraction;
         self.voxels.par_iter_mut().zip(distributions).enumerate().for_each(|(v, (voxel, distribution))| {
             voxel.kinds = voxel.kinds();
-            let Some(distribution) = distribution else { return };
-            voxel.guide = Some(SamplingTree::new(distribution, uniform, cap));
+            let Some((distribution, uniform)) = distribution else { return };
+            voxel.guide = Some(SamplingTree::new(distribution, *uniform, cap));
             if !measures_fraction {
                 return;
             }
@@ -276,8 +283,8 @@ impl Learner {
     }
 
     /// The largest number of inner nodes per tree with which the whole field stays below its ceiling.
-    fn inner_nodes_cap(&self, distributions: &[Option<Distribution>]) -> usize {
-        let inner = |d: &Option<Distribution>| d.as_ref().map_or(0, |d| (d.topology().len() - 1) / 4);
+    fn inner_nodes_cap(&self, distributions: &[Option<(Distribution, f32)>]) -> usize {
+        let inner = |d: &Option<(Distribution, f32)>| d.as_ref().map_or(0, |(d, _)| (d.topology().len() - 1) / 4);
         let fixed = self.cache.as_ref().map_or(0, SpatialCache::bytes)
             + self.voxels.len() * (size_of::<VoxelGuide>() + size_of::<SamplingTree>());
         let available = self.settings.memory.saturating_sub(fixed) / NODE_BYTES;
@@ -344,6 +351,9 @@ impl Learner {
 impl Voxel {
     /// Distributions of path samples and photons apart, where there are both.
     fn kinds(&self) -> Option<Box<[SamplingTree; 2]>> {
+        if self.tree.counts()[1] == 0 {
+            return None;
+        }
         let leaves = self.tree.leaves();
         let both = leaves.has(0) && leaves.has(1);
         both.then(|| {

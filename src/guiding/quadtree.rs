@@ -7,10 +7,10 @@
 use glam::Vec3;
 
 use super::cache::Bounds;
-use super::features::PATH_CHANNELS;
+use super::features::{BSDF, DIRECTION, DISTANCE, KIND, NORMAL, OTHER_NORMAL, POSITION};
 use super::leaves::{Layout, Leaves, Target};
 use super::record::{PathRecord, PhotonRecord};
-use super::topology::{MAX_LEVEL, MAX_NODES, NO_CHILD, Topology};
+use super::topology::{MAX_NODES, NO_CHILD, Topology};
 use crate::math::cylindrical;
 
 /// A quadtree with raw feature sums at its leaves.
@@ -26,10 +26,9 @@ pub struct Quadtree {
     target: Target,
     /// A row of `layout` per leaf, breadth first.
     sums: Vec<f32>,
-    path_scale: f32,
-    photon_scale: f32,
-    path_count: u32,
-    photon_count: u32,
+    /// Of path values and of photon powers.
+    scales: [f32; 2],
+    counts: [u32; 2],
 }
 
 impl Quadtree {
@@ -42,8 +41,7 @@ impl Quadtree {
             leaves += 1;
         }
         let sums = vec![0.0; leaves as usize * layout.channels()];
-        let [path_scale, photon_scale] = [0.0; 2];
-        Self { topology, row, layout, target, sums, path_scale, photon_scale, path_count: 0, photon_count: 0 }
+        Self { topology, row, layout, target, sums, scales: [0.0; 2], counts: [0; 2] }
     }
 
     /// The shape.
@@ -58,93 +56,90 @@ impl Quadtree {
 
     /// ΣV of path samples per leaf, without the tree's own scale, so that trees can be added up.
     pub fn path_values(&self) -> Vec<f64> {
-        let scale = f64::from(self.path_scale);
+        let scale = f64::from(self.scales[0]);
         let scale = if self.target == Target::Radiance { scale } else { scale * scale };
         self.leaves().values(0).map(|v| v * scale).collect()
     }
 
     /// Number of path samples and of photons since the last clearing.
     pub fn counts(&self) -> [u32; 2] {
-        [self.path_count, self.photon_count]
+        self.counts
     }
 
     /// Whether any sample had a value: otherwise there is nothing to learn from.
     pub fn has_energy(&self) -> bool {
-        self.path_scale > 0.0 || self.photon_scale > 0.0
+        self.scales.iter().any(|&s| s > 0.0)
     }
 
     /// Forgets all samples, keeps the shape.
     pub fn clear(&mut self) {
         self.sums.fill(0.0);
-        (self.path_scale, self.photon_scale) = (0.0, 0.0);
-        (self.path_count, self.photon_count) = (0, 0);
-    }
-
-    fn leaf_sums_at(&mut self, direction: Vec3) -> &mut [f32] {
-        let node = self.topology.leaf_at(cylindrical::to_cell(direction));
-        let channels = self.layout.channels();
-        &mut self.sums[self.row[node] as usize * channels..][..channels]
+        (self.scales, self.counts) = ([0.0; 2], [0; 2]);
     }
 
     /// Adds path samples that fell into the voxel `bounds`, in the order given.
     pub fn deposit_paths<'a>(&mut self, bounds: &Bounds, records: impl Iterator<Item = &'a PathRecord> + Clone) {
         let squares = self.target != Target::Radiance;
-        let largest = records.clone().fold(0.0f32, |m, r| m.max(r.value));
-        if largest > self.path_scale {
-            let factor = self.path_scale / largest;
-            self.rescale(0, if squares { factor * factor } else { factor });
-            self.path_scale = largest;
-        }
-        let inverse = if self.path_scale > 0.0 { 1.0 / self.path_scale } else { 0.0 };
-        for record in records {
-            self.path_count += 1;
-            let value = record.value * inverse;
-            let value = if !value.is_finite() {
-                0.0
-            } else if squares {
-                value * value
-            } else {
-                value
-            };
-            if self.layout == Layout::Values {
-                let sums = self.leaf_sums_at(record.direction);
-                sums[0] += value;
-                sums[1] += 1.0;
-                continue;
+        let inverse = self.grow_scale(0, records.clone().map(|r| r.value));
+        for r in records {
+            let value = r.value * inverse;
+            let value = if squares { value * value } else { value };
+            let details = || (r.point, r.distance, [r.normal, r.next_normal]);
+            let sums = self.add(0, bounds, value, r.direction, details);
+            if let Some(bsdf) = sums.get_mut(BSDF) {
+                *bsdf += r.bsdf;
             }
-            let local = bounds.local(record.point);
-            let distance = scaled_distance(record.distance, bounds);
-            let sums = &mut self.leaf_sums_at(record.direction)[..PATH_CHANNELS];
-            let normals = [record.normal, record.next_normal];
-            add(sums, value, record.direction, local, distance, normals);
-            sums[PATH_CHANNELS - 1] += record.bsdf;
         }
     }
 
     /// Adds photons that fell into the voxel `bounds`, in the order given.
     pub fn deposit_photons<'a>(&mut self, bounds: &Bounds, records: impl Iterator<Item = &'a PhotonRecord> + Clone) {
-        let largest = records.clone().fold(0.0f32, |m, r| m.max(r.power));
-        if largest > self.photon_scale {
-            self.rescale(self.layout.values()[1], self.photon_scale / largest);
-            self.photon_scale = largest;
+        let inverse = self.grow_scale(1, records.clone().map(|r| r.power));
+        for r in records {
+            let details = || (r.point, r.distance, [r.normal, r.previous_normal]);
+            self.add(1, bounds, r.power * inverse, r.direction, details);
         }
-        let inverse = if self.photon_scale > 0.0 { 1.0 / self.photon_scale } else { 0.0 };
-        for record in records {
-            self.photon_count += 1;
-            let value = record.power * inverse;
-            let value = if value.is_finite() { value } else { 0.0 };
-            if self.layout == Layout::Values {
-                let sums = self.leaf_sums_at(record.direction);
-                sums[2] += value;
-                sums[3] += 1.0;
-                continue;
-            }
-            let local = bounds.local(record.point);
-            let distance = scaled_distance(record.distance, bounds);
-            let sums = &mut self.leaf_sums_at(record.direction)[PATH_CHANNELS..];
-            let normals = [record.normal, record.previous_normal];
-            add(sums, value, record.direction, local, distance, normals);
+    }
+
+    /// Adds a sample to its leaf, whose sums it returns. What its `details` (point, distance, two normals) are is only asked
+    /// where the layout has a place for them.
+    fn add(
+        &mut self,
+        kind: usize,
+        bounds: &Bounds,
+        value: f32,
+        direction: Vec3,
+        details: impl FnOnce() -> (Vec3, f32, [Vec3; 2]),
+    ) -> &mut [f32] {
+        self.counts[kind] += 1;
+        let leaf = self.topology.leaf_at(cylindrical::to_cell(direction));
+        let channels = self.layout.channels();
+        let sums = &mut self.sums[self.row[leaf] as usize * channels..][..channels];
+        sums[self.layout.values()[kind]] += if value.is_finite() { value } else { 0.0 };
+        sums[self.layout.counts()[kind]] += 1.0;
+        if self.layout == Layout::Full {
+            let (point, distance, [own, other]) = details();
+            let sums = &mut sums[KIND[kind]..];
+            let mut add = |at: usize, v: Vec3| (0..3).for_each(|axis| sums[at + axis] += v[axis]);
+            add(DIRECTION, direction);
+            add(POSITION, bounds.local(point));
+            add(NORMAL, own);
+            add(OTHER_NORMAL, other);
+            sums[DISTANCE] += scaled_distance(distance, bounds);
         }
+        sums
+    }
+
+    /// Raises the scale of one kind of sample to the largest of `values`; returns what to multiply values with.
+    fn grow_scale(&mut self, kind: usize, values: impl Iterator<Item = f32>) -> f32 {
+        let largest = values.fold(0.0, f32::max);
+        if largest > self.scales[kind] {
+            let factor = self.scales[kind] / largest;
+            let squares = kind == 0 && self.target != Target::Radiance;
+            self.rescale(self.layout.values()[kind], if squares { factor * factor } else { factor });
+            self.scales[kind] = largest;
+        }
+        if self.scales[kind] > 0.0 { 1.0 / self.scales[kind] } else { 0.0 }
     }
 
     /// Multiplies the value sums of one kind of sample, which start at `channel`.
@@ -165,52 +160,22 @@ impl Quadtree {
         }
         let relative =
             |[a, b]: [f64; 2]| [if path > 0.0 { a / path } else { 0.0 }, if photon > 0.0 { b / photon } else { 0.0 }];
-        let mut queue = vec![(Some(0usize), relative(weights[0]), 0usize)];
-        let mut flags = Vec::new();
-        let mut next = 0;
-        while next < queue.len() {
-            let (node, shares, level) = queue[next];
-            next += 1;
-            let wanted = shares[0] > share || shares[1] > share;
-            let split = wanted && level < MAX_LEVEL && queue.len() + 4 <= MAX_NODES;
-            flags.push(split);
-            if !split {
-                continue;
-            }
+        let wanted = |(_, shares): &(Option<usize>, [f64; 2])| shares.iter().any(|&s| s > share);
+        let children = |&(node, shares): &(Option<usize>, [f64; 2])| {
             let first = node.map(|n| self.topology.first_child[n]).filter(|&c| c != NO_CHILD);
-            queue.extend((0..4).map(|k| match first {
-                Some(first) => {
-                    let child = first as usize + k;
-                    (Some(child), relative(weights[child]), level + 1)
-                }
-                None => (None, shares.map(|s| 0.25 * s), level + 1),
-            }));
-        }
-        // The flags were produced breadth first with every limit observed, which is all that from_split checks.
-        Self::new(Topology::from_split(&flags).unwrap_or_else(|_| Topology::root()), self.layout, self.target)
+            [0, 1, 2, 3].map(|k| match first {
+                Some(first) => (Some(first as usize + k), relative(weights[first as usize + k])),
+                None => (None, shares.map(|s| 0.25 * s)),
+            })
+        };
+        let topology = Topology::grown((Some(0), relative(weights[0])), MAX_NODES, wanted, children);
+        Self::new(topology, self.layout, self.target)
     }
 
     /// Bytes in use.
     pub fn bytes(&self) -> usize {
         self.topology.len() * 20 + self.sums.len() * 4
     }
-}
-
-fn add(sums: &mut [f32], value: f32, direction: Vec3, local: Vec3, distance: f32, normals: [Vec3; 2]) {
-    sums[0] += value;
-    let vectors = [direction, local];
-    for (i, v) in vectors.iter().enumerate() {
-        for axis in 0..3 {
-            sums[1 + 3 * i + axis] += v[axis];
-        }
-    }
-    sums[7] += distance;
-    for (i, v) in normals.iter().enumerate() {
-        for axis in 0..3 {
-            sums[8 + 3 * i + axis] += v[axis];
-        }
-    }
-    sums[14] += 1.0;
 }
 
 /// ln(1 + distance / voxel size), at most 16: finite for the background.

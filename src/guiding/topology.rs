@@ -70,6 +70,24 @@ impl Topology {
         Ok(tree)
     }
 
+    /// The tree that grows from a root, breadth first: what `splits` says is replaced by the four that `children` makes of it,
+    /// within [`MAX_LEVEL`] levels, `most` nodes and [`MAX_NODES`].
+    pub fn grown<T>(root: T, most: usize, splits: impl Fn(&T) -> bool, children: impl Fn(&T) -> [T; 4]) -> Self {
+        let mut queue = vec![(root, 0usize)];
+        let mut flags = Vec::new();
+        while let Some((node, level)) = queue.get(flags.len()) {
+            let level = *level;
+            let split = splits(node) && level < MAX_LEVEL && queue.len() + 4 <= most.min(MAX_NODES);
+            flags.push(split);
+            if split {
+                let four = children(node);
+                queue.extend(four.into_iter().map(|child| (child, level + 1)));
+            }
+        }
+        // The flags were made breadth first with every limit observed, which is all that from_split checks.
+        Self::from_split(&flags).unwrap_or_else(|_| Self::root())
+    }
+
     /// The tree that is only a root.
     pub fn root() -> Self {
         Self { first_child: vec![NO_CHILD], parent: vec![0], cell: vec![[0, 0]], level_start: vec![0, 1] }

@@ -91,6 +91,10 @@ impl Reconstructor for Gaussian {
         self.uniform
     }
 
+    fn rays_per_node(&self) -> f64 {
+        0.1
+    }
+
     fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
         let samples = |tree: &CountedTree| tree.samples.iter().map(|&n| f64::from(n)).sum::<f64>();
         Ok(trees.into_par_iter().map(|tree| self.smooth(&tree.distribution, samples(&tree))).collect())

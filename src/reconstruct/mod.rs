@@ -45,12 +45,57 @@ pub trait Reconstructor: Sync {
     /// The part of the uniform distribution that has to be mixed into its results, in (0, 1].
     fn uniform(&self) -> f32;
 
+    /// What reconstructing one node of Q_h costs, in rays traced: measured, and about the same on every machine. 0 for nothing.
+    fn rays_per_node(&self) -> f64;
+
     /// One distribution per tree, in the same order.
     ///
     /// # Errors
     /// Whatever the inference backend reports.
     fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>>;
 }
+
+/// Reconstructs the trees of the voxels that contribute most to the picture, until that has cost as much as tracing `rays`
+/// rays; the others stay as they were counted. Returns the distributions in the order of `trees`, each with the uniform part that
+/// it needs, and the cost in rays.
+///
+/// # Errors
+/// Those of the reconstructor.
+pub fn reconstruct_within(
+    rays: f64,
+    trees: Vec<CountedTree>,
+    reconstructor: &dyn Reconstructor,
+) -> Result<(Vec<(Distribution, f32)>, f64)> {
+    let cost = |tree: &CountedTree| match tree.samples {
+        [0, 0] => 0.0,
+        _ => reconstructor.rays_per_node() * tree.leaves.topology.len().max(LEAST_NODES) as f64,
+    };
+    let mut order: Vec<usize> = (0..trees.len()).collect();
+    order.sort_by(|&a, &b| trees[b].contribution.total_cmp(&trees[a].contribution).then(a.cmp(&b)));
+    let mut spent = 0.0;
+    let mut chosen = vec![false; trees.len()];
+    for i in order {
+        let after = spent + cost(&trees[i]);
+        if after <= rays {
+            (spent, chosen[i]) = (after, true);
+        }
+    }
+    let mut counted = Vec::new();
+    let mut worth = Vec::new();
+    for (tree, &chosen) in trees.into_iter().zip(&chosen) {
+        counted.push((!chosen).then(|| (tree.distribution.clone(), Counted::default().uniform)));
+        if chosen {
+            worth.push(tree);
+        }
+    }
+    let uniform = reconstructor.uniform();
+    let mut reconstructed = reconstructor.reconstruct(worth)?.into_iter().map(|distribution| (distribution, uniform));
+    let distributions = counted.into_iter().filter_map(|own| own.or_else(|| reconstructed.next())).collect();
+    Ok((distributions, spent))
+}
+
+/// Even the smallest tree costs as much as this many nodes.
+const LEAST_NODES: usize = 32;
 
 /// No reconstruction: trees as counted.
 #[derive(Debug, Clone, Copy)]
@@ -72,6 +117,10 @@ impl Reconstructor for Counted {
 
     fn uniform(&self) -> f32 {
         self.uniform
+    }
+
+    fn rays_per_node(&self) -> f64 {
+        0.0
     }
 
     fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
@@ -146,6 +195,10 @@ impl Reconstructor for Neural {
 
     fn uniform(&self) -> f32 {
         self.model.config.uniform
+    }
+
+    fn rays_per_node(&self) -> f64 {
+        0.5
     }
 
     fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {

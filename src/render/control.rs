@@ -68,7 +68,11 @@ impl<'a> Watcher<'a> {
     /// After a chunk of `samples`: shows the picture where it is time, and says whether there is time for another chunk.
     pub fn end_chunk(&mut self, samples: u64, spp: u32, picture: impl FnOnce() -> Option<Image>) -> bool {
         self.control.progress.advance(samples);
-        let due = self.control.refresh.as_ref().filter(|r| self.shown.elapsed() >= r.every.max(20 * self.showing));
+        let due = self.control.refresh.as_ref().filter(|r| {
+            // The last picture is not worth the time that is left for samples.
+            let soon = self.deadline.is_some_and(|end| end - self.elapsed() < r.every.as_secs_f64());
+            !soon && self.shown.elapsed() >= r.every.max(20 * self.showing)
+        });
         let begun = Instant::now();
         if let Some((refresh, image)) = due.and_then(|r| Some((r, picture()?))) {
             (refresh.show)(Snapshot { image, spp, seconds: self.elapsed() });

@@ -10,7 +10,7 @@ use crate::guiding::cache::VoxelId;
 use crate::guiding::emission::{EmissionGuide, EmissionLearner, Start};
 use crate::guiding::field::GuideField;
 use crate::guiding::learner::Learner;
-use crate::reconstruct::Reconstructor;
+use crate::reconstruct::{Reconstructor, reconstruct_within};
 use crate::sampling::discrete::Discrete;
 
 /// Learns the guiding field of a render.
@@ -23,6 +23,8 @@ pub struct Learning {
     /// Light paths for each camera path of the next iteration, in [0, 1]. Once there are none, there will be none.
     pub photon_share: f64,
     iterations: u32,
+    /// What reconstruction has cost so far, in rays.
+    reconstruction_rays: f64,
 }
 
 /// Iterations in which photons are never given up: path samples that have not found the light cannot judge them.
@@ -44,6 +46,7 @@ impl Learning {
             emission_learner: EmissionLearner::new(emitted),
             learner: Learner::new(settings.learner.clone()),
             iterations: 0,
+            reconstruction_rays: 0.0,
             photon_share: if settings.samples.photons() { 1.0 } else { 0.0 },
         }
     }
@@ -62,13 +65,15 @@ impl Learning {
         seconds.splat += begun.elapsed().as_secs_f64();
     }
 
-    /// Reconstructs the trees of a pass with `spp` camera paths per pixel, publishes the results, refines the voxels.
+    /// Reconstructs the trees of a pass with `spp` camera paths per pixel, publishes the results, refines the voxels. All
+    /// reconstruction of the render so far, this one included, may cost as much as tracing `rays` rays.
     ///
     /// # Errors
     /// Those of the reconstructor.
     pub fn end_iteration(
         &mut self,
         spp: u32,
+        rays: f64,
         reconstructor: &dyn Reconstructor,
         seconds: &mut Seconds,
     ) -> Result<Iteration> {
@@ -83,10 +88,12 @@ impl Learning {
                 places.push(place);
             }
         }
-        for (place, distribution) in places.into_iter().zip(reconstructor.reconstruct(counted)?) {
+        let (reconstructed, spent) = reconstruct_within(rays - self.reconstruction_rays, counted, reconstructor)?;
+        self.reconstruction_rays += spent;
+        for (place, distribution) in places.into_iter().zip(reconstructed) {
             distributions[place] = Some(distribution);
         }
-        self.learner.publish(&distributions, reconstructor.uniform());
+        self.learner.publish(&distributions);
         let reconstruct_seconds = begun.elapsed().as_secs_f64();
         seconds.reconstruct += reconstruct_seconds;
         let nodes = self.learner.trees().iter().map(|t| t.leaves().topology.len()).sum();

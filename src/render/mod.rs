@@ -10,7 +10,7 @@ mod target;
 
 pub use control::{Control, Refresh, Snapshot};
 pub use learning::Learning;
-pub use pass::{PassTracer, Records};
+pub use pass::{CHUNK, PassTracer, Records};
 pub use settings::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 pub use statistics::{ErrorPoint, GuideStatistics, Iteration, Seconds, Statistics};
 
@@ -103,6 +103,11 @@ pub fn learn(
     Ok(field)
 }
 
+/// Fewest paths in a chunk: enough to keep a few threads busy.
+const LEAST_CHUNK: u64 = 1 << 14;
+/// A chunk is at least this part of the pixels, so that one alone leaves no gaps but narrow ones.
+const EVERY_ROW: u64 = 12;
+
 struct Run<'a> {
     scene: &'a Scene,
     settings: &'a RenderSettings,
@@ -168,6 +173,11 @@ impl<'a> Run<'a> {
         learning: Option<&mut Learning>,
     ) -> bool {
         let picture = learning.as_ref().and_then(|_| self.pixel_values());
+        // Against a clock, chunks of about a twentieth of a second.
+        let chunk = match (&learning, self.watcher.deadline) {
+            (None, Some(_)) => (0.05 * self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-3)) as u64,
+            _ => CHUNK,
+        };
         let tracer = PassTracer {
             scene: self.scene,
             settings: self.settings,
@@ -175,6 +185,7 @@ impl<'a> Run<'a> {
             picture: picture.as_deref(),
             first_sample: self.rendered,
             spp,
+            chunk: chunk.max(LEAST_CHUNK).max(self.pixels().div_ceil(EVERY_ROW)),
         };
         self.rendered += spp;
         self.spent += f64::from(spp) * (1.0 + learning.as_ref().map_or(0.0, |l| l.photon_share));
@@ -186,13 +197,15 @@ impl<'a> Run<'a> {
         tracer.run(pass, learning, &mut self.statistics, &mut go_on)
     }
 
-    /// About what each pixel will be, by the passes so far, for the target that asks for it: a mean over 5 × 5 pixels with the
-    /// floor of relMSE, so that a firefly does not shut its own pixel out.
+    /// About what each pixel will be, by the passes so far, for the target that asks for it: a mean over 5 × 5 pixels, so that a
+    /// firefly does not shut its own pixel out, with a floor of a tenth of the whole picture's mean.
     fn pixel_values(&self) -> Option<Vec<f32>> {
         if self.settings.learner.target != Target::VariancePixel {
             return None;
         }
         let image = combine(&self.passes).ok()?;
+        let all = image.pixels.iter().map(|&p| f64::from(channel_mean(p))).sum::<f64>() / image.pixels.len() as f64;
+        let floor = (0.1 * all as f32).max(f32::MIN_POSITIVE);
         let reach = |at: usize, size: usize| at.saturating_sub(2)..(at + 3).min(size);
         let value = |i: usize| {
             let (x, y) = (i % image.width, i / image.width);
@@ -200,7 +213,7 @@ impl<'a> Run<'a> {
             let count = (columns.len() * rows.len()) as f32;
             let around = rows.flat_map(|row| columns.clone().map(move |column| row * image.width + column));
             let mean = around.map(|at| channel_mean(image.pixels[at])).sum::<f32>() / count;
-            (mean * mean + 0.01).sqrt()
+            mean.hypot(floor)
         };
         Some((0..image.pixels.len()).into_par_iter().map(value).collect())
     }
@@ -218,8 +231,17 @@ impl<'a> Run<'a> {
             self.watcher.control.progress.message(&format!("learning, iteration {t}"));
             let field = learning.field(true);
             let mut pass = self.empty_pass();
+            if let StopRule::Time(seconds) = self.settings.stop {
+                self.watcher.deadline = Some(self.settings.learning_share * seconds);
+            }
             let complete = self.trace(&mut pass, camera, Some(&field), Some(&mut learning));
-            let iteration = learning.end_iteration(camera, reconstructor, &mut self.statistics.seconds)?;
+            if t == 0 && !complete {
+                // Too many pixels for the time: what little there is left is better spent on samples than on trees.
+                self.passes.push(pass.finish());
+                return Ok(GuideField::empty());
+            }
+            let rays = self.reconstruction_rays();
+            let iteration = learning.end_iteration(camera, rays, reconstructor, &mut self.statistics.seconds)?;
             let seconds = self.watcher.elapsed() - begun;
             let finished = pass.finish();
             trend.variances.extend(finished.sample_variance());
@@ -238,6 +260,18 @@ impl<'a> Run<'a> {
         let field = learning.field(false);
         self.statistics.guide = learning.statistics(&field);
         Ok(field)
+    }
+
+    /// Rays that reconstruction may have cost after this iteration: a share of those of the whole render as far as that can be
+    /// foreseen, which is up to the end of the next iteration.
+    fn reconstruction_rays(&self) -> f64 {
+        let done = match self.settings.stop {
+            StopRule::Spp(spp) => self.spent / f64::from(spp),
+            StopRule::Time(seconds) => self.watcher.elapsed() / seconds,
+            StopRule::TargetError(_) => 0.0,
+        };
+        let rays = self.statistics.rays as f64;
+        self.settings.reconstruction_share * (rays / done.clamp(1.0 / 3.0, 1.0))
     }
 
     /// Whether another iteration of `camera` paths per pixel is worth its price.
@@ -290,9 +324,8 @@ impl<'a> Run<'a> {
             if spp == 0 || self.watcher.stopped() {
                 break;
             }
-            // A picture needs one sample in every pixel, whatever the clock says.
             self.watcher.deadline = match self.settings.stop {
-                StopRule::Time(seconds) if !self.passes.is_empty() || rendered > 0 => Some(seconds),
+                StopRule::Time(seconds) => Some(seconds),
                 _ => None,
             };
             rendered += spp;

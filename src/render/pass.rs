@@ -1,7 +1,9 @@
 //! One pass over the picture: camera paths into the film, records into the learner, in chunks of a fixed size.
 //!
-//! A chunk is a range of linear sample indices (sample · pixels + pixel); blocks of it run in parallel and are merged in
-//! order, so neither the picture nor what is learned depends on the number of threads, and memory not on the samples.
+//! A chunk is a range of linear sample indices (sample · pixels + place); blocks of it run in parallel and are merged in
+//! order, so neither the picture nor what is learned depends on the number of threads, and memory not on the samples. Rows are
+//! visited so that any part of a pass covers the whole picture evenly: the first chunk shows the learner all of the scene, and a
+//! pass cut short by the clock leaves gaps that their neighbours can fill.
 
 use std::time::Instant;
 
@@ -21,7 +23,7 @@ use crate::integrators::photon::PhotonTracer;
 use crate::scene::Scene;
 
 /// Paths per chunk: with about four records of 68 bytes each, a chunk holds some 70 MB.
-const CHUNK: u64 = 1 << 18;
+pub const CHUNK: u64 = 1 << 18;
 /// Paths per unit of parallel work.
 const BLOCK: u64 = 1 << 10;
 /// Makes the random numbers of light paths differ from those of camera paths.
@@ -52,6 +54,15 @@ pub struct PassTracer<'a> {
     pub first_sample: u32,
     /// Camera paths per pixel.
     pub spp: u32,
+    /// Paths per chunk, at most [`CHUNK`]. What is learned depends on it, the samples do not.
+    pub chunk: u64,
+}
+
+/// The order in which the rows of a picture are visited: any beginning of it is spread evenly.
+fn row_order(height: u32) -> Vec<u32> {
+    let mut rows: Vec<u32> = (0..height).collect();
+    rows.sort_by_key(|y| (y % 16).reverse_bits());
+    rows
 }
 
 #[derive(Default)]
@@ -79,18 +90,19 @@ impl PassTracer<'_> {
         go_on: &mut dyn FnMut(&Pass, u64) -> bool,
     ) -> bool {
         let total = self.pixels() * u64::from(self.spp);
+        let rows = row_order(self.scene.size[1]);
         let mut start = 0;
         while start < total {
-            let end = (start + CHUNK).min(total);
+            let end = (start + self.chunk.clamp(1, CHUNK)).min(total);
             let mut samples = end - start;
             let mut records = Records::default();
             let kinds = self.settings.samples;
             let wants_paths = learning.is_some();
-            self.camera_chunk(start..end, pass, wants_paths.then_some(&mut records.paths), statistics);
+            self.camera_chunk(start..end, &rows, pass, wants_paths.then_some(&mut records.paths), statistics);
             if let Some(learning) = learning.as_deref_mut() {
                 let photons = |index: u64| (index as f64 * learning.photon_share) as u64;
                 let range = photons(start)..photons(end);
-                if kinds.photons() && !range.is_empty() {
+                if !range.is_empty() {
                     samples += range.end - range.start;
                     self.photon_chunk(range, photons(total), &learning.emission, &mut records, statistics);
                 }
@@ -107,6 +119,7 @@ impl PassTracer<'_> {
     fn camera_chunk(
         &self,
         range: std::ops::Range<u64>,
+        rows: &[u32],
         pass: &mut Pass,
         records: Option<&mut Vec<PathRecord>>,
         statistics: &mut Statistics,
@@ -114,14 +127,17 @@ impl PassTracer<'_> {
         let begun = Instant::now();
         let start = range.start;
         let keep = records.is_some();
-        let blocks = self.blocks(range, |i, scratch, block| self.camera_path(i, keep, scratch, block));
+        let blocks = self.blocks(range, |i, scratch, block| {
+            let (pixel, sample) = self.place(i, rows);
+            self.camera_path(pixel, sample, keep, scratch, block);
+        });
         let mut index = start;
-        let pixels = self.pixels();
         for block in &blocks {
             statistics.rays += block.rays.rays;
             for &radiance in &block.radiance {
                 if radiance.is_finite() {
-                    pass.add((index % pixels) as usize, index / pixels, radiance);
+                    let (pixel, sample) = self.place(index, rows);
+                    pass.add(pixel as usize, sample, radiance);
                 } else {
                     statistics.dropped_samples += 1;
                 }
@@ -182,8 +198,14 @@ impl PassTracer<'_> {
             .collect()
     }
 
-    fn camera_path(&self, index: u64, keep: bool, scratch: &mut PathScratch, block: &mut Block) {
-        let (pixel, sample) = (index % self.pixels(), index / self.pixels());
+    /// Pixel and sample of a linear index.
+    fn place(&self, index: u64, rows: &[u32]) -> (u64, u64) {
+        let (place, sample) = (index % self.pixels(), index / self.pixels());
+        let width = u64::from(self.scene.size[0]);
+        (u64::from(rows[(place / width) as usize]) * width + place % width, sample)
+    }
+
+    fn camera_path(&self, pixel: u64, sample: u64, keep: bool, scratch: &mut PathScratch, block: &mut Block) {
         let mut random = Random::new(self.settings.seed, pixel, u64::from(self.first_sample) + sample);
         let [dx, dy] = random.next_2d();
         let width = u64::from(self.scene.size[0]);
@@ -199,5 +221,22 @@ impl PassTracer<'_> {
         let records = keep.then_some((&mut block.records, value));
         let radiance = tracer.trace(ray, &mut random, scratch, records, &mut block.rays);
         block.radiance.push(radiance);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_visited_once_and_evenly() {
+        for height in [1, 7, 16, 100] {
+            let mut rows = row_order(height);
+            let beginning = rows[..height.div_ceil(4) as usize].to_vec();
+            let near = |y: u32| beginning.iter().any(|&row| row.abs_diff(y) <= 4);
+            assert!((0..height).all(near), "{height}");
+            rows.sort_unstable();
+            assert!(rows.into_iter().eq(0..height));
+        }
     }
 }

@@ -52,6 +52,15 @@ pub enum SampleKinds {
 }
 
 impl SampleKinds {
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Path => "path",
+            Self::Photon => "photon",
+            Self::Both => "both",
+        }
+    }
+
     /// Whether camera paths are deposited.
     pub fn paths(self) -> bool {
         self != Self::Photon
@@ -72,6 +81,17 @@ pub enum Reconstruction {
     Gaussian,
     /// The network.
     Neural,
+}
+
+impl Reconstruction {
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Gaussian => "gaussian",
+            Self::Neural => "neural",
+        }
+    }
 }
 
 /// When to stop.
@@ -100,6 +120,9 @@ pub struct RenderSettings {
     pub learner: LearnerSettings,
     /// Most of the budget that may go into learning; within it learning ends when it no longer pays.
     pub learning_share: f64,
+    /// Most of the render's cost that may go into reconstruction, as a share of what tracing costs. Counted in rays, so that a
+    /// budget in samples gives the same picture on every machine.
+    pub reconstruction_share: f64,
     /// When to stop.
     pub stop: StopRule,
     /// Seed of all random numbers.
@@ -142,6 +165,7 @@ impl RenderSettings {
             },
             learner,
             learning_share: 0.5,
+            reconstruction_share: 0.06,
             stop,
             seed: 0,
         }

@@ -15,7 +15,7 @@ use crate::base::files::crc32;
 use crate::base::process::cpu_seconds;
 use crate::base::progress::Silent;
 use crate::base::{Error, Progress, Result};
-use crate::film::{Measures, measure_noisy, relative_variance, write};
+use crate::film::{Measures, mean_and_variance, measure_noisy, relative_variance, write};
 use crate::guiding::field::GuideField;
 use crate::materials::image::Image;
 use crate::reconstruct::gaussian::Gaussian;
@@ -347,15 +347,7 @@ impl Experiment<'_> {
                 return Err(Error::Options("the comparison was stopped while its reference was made".into()));
             }
         }
-        let n = parts.len() as f32;
-        let (mut mean, mut variance) = (parts[0].clone(), parts[0].clone());
-        for i in 0..mean.pixels.len() {
-            mean.pixels[i] = parts.iter().map(|p| p.pixels[i]).sum::<glam::Vec3>() / n;
-            let deviations = parts.iter().map(|p| p.pixels[i] - mean.pixels[i]);
-            let squares = deviations.map(|d| d * d).sum::<glam::Vec3>();
-            variance.pixels[i] = squares / ((n - 1.0) * n);
-        }
-        Ok((mean, variance))
+        mean_and_variance(&parts)
     }
 
     fn sized(&self, image: Image, path: &Path) -> Result<Image> {

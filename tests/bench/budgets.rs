@@ -15,14 +15,13 @@ use std::time::Instant;
 
 use clap::{Parser, Subcommand};
 use fanal::base::progress::Progress;
-use fanal::film::measure_noisy;
+use fanal::film::{mean_and_variance, measure_noisy};
 use fanal::generate::{self, Family};
 use fanal::materials::image::Image;
 use fanal::reconstruct::{Counted, Neural, Reconstructor};
 use fanal::render::{GuideMode, Outcome, RenderSettings, StopRule, render};
 use fanal::scene::Scene;
 use fanal::scene::readers::resolve;
-use glam::Vec3;
 
 #[derive(Parser)]
 struct Options {
@@ -137,7 +136,7 @@ fn errors(runs: u64, part: f64) {
         let parts: Vec<Image> = (0..4)
             .map(|part| make(StopRule::Spp((2 * found.statistics.spp).max(256)), guide, 1000 + 10 * run + part).image)
             .collect();
-        let (mean, variance) = mean_and_variance(&parts);
+        let (mean, variance) = mean_and_variance(&parts).expect("pictures of one size");
         let error = measure_noisy(&found.image, &mean, Some(&variance)).expect("pictures of one size").relmse;
         ratios.push(error / target);
         println!(
@@ -183,16 +182,4 @@ impl Progress for Limit {
             self.stop.store(true, Ordering::Relaxed);
         }
     }
-}
-
-/// Mean of independent pictures, and the variance of that mean.
-fn mean_and_variance(parts: &[Image]) -> (Image, Image) {
-    let (mut mean, n) = (parts[0].clone(), parts.len() as f32);
-    let mut variance = parts[0].clone();
-    for i in 0..mean.pixels.len() {
-        let values = || parts.iter().map(|p| p.pixels[i]);
-        mean.pixels[i] = values().sum::<Vec3>() / n;
-        variance.pixels[i] = values().map(|v| (v - mean.pixels[i]).powf(2.0)).sum::<Vec3>() / ((n - 1.0) * n);
-    }
-    (mean, variance)
 }

@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
 use fanal::generate::build::Builder;
+use fanal::guiding::leaves::Target;
 use fanal::materials::image::Image;
 use fanal::reconstruct::gaussian::Gaussian;
 use fanal::reconstruct::{Counted, Neural, Reconstructor};
@@ -15,29 +16,37 @@ use fanal::scene::readers::{load, resolve};
 use glam::Vec3;
 
 /// A mode that directions are sampled in.
-pub type Guide = (GuideMode, SampleKinds);
+pub type Guide = (GuideMode, SampleKinds, Target);
 
-/// Every mode, and photons alone.
-pub const GUIDES: [Guide; 7] = [
-    (GuideMode::None, SampleKinds::Both),
-    (GuideMode::Hybrid, SampleKinds::Both),
-    (GuideMode::Hybrid, SampleKinds::Photon),
-    (GuideMode::Ppg, SampleKinds::Path),
-    (GuideMode::Variance, SampleKinds::Path),
-    (GuideMode::Gaussian, SampleKinds::Both),
-    (GuideMode::Neural, SampleKinds::Both),
+/// Every mode, photons alone, and the target that knows the picture.
+pub const GUIDES: [Guide; 8] = [
+    (GuideMode::None, SampleKinds::Both, Target::Variance),
+    (GuideMode::Hybrid, SampleKinds::Both, Target::Variance),
+    (GuideMode::Hybrid, SampleKinds::Photon, Target::Variance),
+    (GuideMode::Ppg, SampleKinds::Path, Target::Radiance),
+    (GuideMode::Variance, SampleKinds::Path, Target::Variance),
+    (GuideMode::Gaussian, SampleKinds::Both, Target::Variance),
+    (GuideMode::Neural, SampleKinds::Both, Target::Variance),
+    (GuideMode::Variance, SampleKinds::Path, Target::VariancePixel),
 ];
 
-pub fn settings((guide, samples): Guide, spp: u32, seed: u64) -> RenderSettings {
-    RenderSettings { samples, seed, ..RenderSettings::new(guide, StopRule::Spp(spp)) }
+pub fn settings((guide, samples, target): Guide, spp: u32, seed: u64) -> RenderSettings {
+    let mut settings = RenderSettings { samples, seed, ..RenderSettings::new(guide, StopRule::Spp(spp)) };
+    settings.learner.target = target;
+    settings
 }
 
-pub fn picture(scene: &Scene, settings: &RenderSettings) -> Image {
-    let reconstructor: Box<dyn Reconstructor> = match settings.guide {
+/// What each mode reconstructs with.
+pub fn reconstructor(guide: GuideMode) -> Box<dyn Reconstructor> {
+    match guide {
         GuideMode::Gaussian => Box::new(Gaussian::default()),
         GuideMode::Neural => Box::new(Neural::built_in().expect("the model fits the program")),
         _ => Box::new(Counted::default()),
-    };
+    }
+}
+
+pub fn picture(scene: &Scene, settings: &RenderSettings) -> Image {
+    let reconstructor = reconstructor(settings.guide);
     let outcome = render(scene, settings, reconstructor.as_ref(), &Silent, &AtomicBool::new(false));
     outcome.expect("the settings are sound").image
 }

@@ -4,12 +4,12 @@ use std::time::Instant;
 
 use super::{in_pool, load_scene};
 use crate::base::{Error, Result};
-use crate::cli::args::{CompareArgs, MethodName};
+use crate::cli::args::CompareArgs;
 use crate::cli::{interrupt, print, progress};
 use crate::film::check_size;
 use crate::reconstruct::Neural;
 use crate::render::{GuideMode, RenderSettings, StopRule};
-use crate::report::{Budget, Experiment, Method, page};
+use crate::report::{Budget, Experiment, page};
 
 /// Runs the comparison and writes its page.
 ///
@@ -33,7 +33,7 @@ pub fn run(args: &CompareArgs) -> Result<()> {
             load_seconds,
             settings,
             size,
-            methods: distinct(args.methods.iter().copied().map(method)),
+            methods: distinct(args.methods.iter().copied()),
             budgets: budgets(args),
             seeds: args.seeds,
             reference: args.reference.clone().map(|r| (r, args.reference_variance.clone())),
@@ -63,18 +63,6 @@ pub fn run(args: &CompareArgs) -> Result<()> {
         }
         print::line(&format!("{}", args.output.join("index.html").display()))
     })
-}
-
-fn method(name: MethodName) -> Method {
-    match name {
-        MethodName::None => Method::Guide(GuideMode::None),
-        MethodName::Ppg => Method::Guide(GuideMode::Ppg),
-        MethodName::Variance => Method::Guide(GuideMode::Variance),
-        MethodName::Hybrid => Method::Guide(GuideMode::Hybrid),
-        MethodName::Gaussian => Method::Guide(GuideMode::Gaussian),
-        MethodName::Neural => Method::Guide(GuideMode::Neural),
-        MethodName::Oracle => Method::Oracle,
-    }
 }
 
 /// The budgets in ascending order, each once.
