@@ -30,7 +30,7 @@ fn fails(code: i32, arguments: &[&str], output: Option<&Path>, words: &[&str]) {
 
 #[test]
 fn every_help_has_examples() {
-    for command in [&[][..], &["render"], &["plan"], &["compare"], &["error"], &["dataset"]] {
+    for command in [&[][..], &["render"], &["plan"], &["compare"], &["error"], &["dataset"], &["inspect"]] {
         let result = fanal(&[command, &["--help"]].concat());
         let text = String::from_utf8_lossy(&result.stdout);
         assert!(result.status.success());
@@ -125,4 +125,41 @@ fn plans_of_our_scenes() {
     assert!(on("glass-caustic").contains(&"refraction".into()));
     assert!(on("white-furnace").contains(&"environment".into()));
     assert!(!on("cornell").contains(&"refraction".into()));
+}
+
+/// A saved field guides another render and can be looked into; a damaged one is refused with its name.
+#[test]
+fn guides_are_saved_loaded_and_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    let (guide, picture, drawing) = (file("door.guide"), file("out.exr"), file("tree.png"));
+    let works = |arguments: &[&str]| {
+        let result = fanal(&[arguments, &["--quiet"]].concat());
+        let told = String::from_utf8_lossy(&result.stderr);
+        assert!(result.status.success(), "{arguments:?}: {told}");
+        String::from_utf8_lossy(&result.stdout).into_owned()
+    };
+    let door = scene("door-ajar");
+    let render = ["render", &door, "--size", "48x36", "--spp", "24", "-o", &picture, "--guide", "gaussian"];
+    works(&[&render[..], &["--save-guide", &guide]].concat());
+    let stats = file("stats.json");
+    works(&[&render[..], &["--load-guide", &guide, "--stats", &stats]].concat());
+    let stats = std::fs::read_to_string(&stats).unwrap();
+    assert!(stats.contains("\"iterations\": []") && !stats.contains("\"trees\": 0,"), "{stats}");
+    let told = works(&["inspect", &guide, "--at", "1,0.01,0.5", "-o", &drawing]);
+    assert!(told.contains("voxels") && told.contains("facing +y"), "{told}");
+    works(&["inspect", &guide, "--scene", &door, "--size", "48x36", "-o", &drawing]);
+    let drawing = Path::new(&drawing);
+    assert!(std::fs::metadata(drawing).unwrap().len() > 100);
+    std::fs::remove_file(drawing).unwrap();
+    let far = ["inspect", &guide, "--at", "1e6,0,0", "-o", "tree.png"];
+    fails(1, &far, None, &["nothing is known"]);
+    fails(2, &["inspect", &guide, "--at", "1,2", "-o", "tree.png"], None, &["--at", "three numbers"]);
+    let mut bytes = std::fs::read(&guide).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(&guide, bytes).unwrap();
+    fails(1, &["inspect", &guide], None, &["door.guide", "damaged"]);
+    std::fs::remove_file(&picture).unwrap();
+    fails(1, &[&render[..], &["--load-guide", &guide]].concat(), Some(Path::new(&picture)), &["door.guide"]);
 }

@@ -7,7 +7,7 @@ mod scenes;
 use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
-use fanal::render::render;
+use fanal::render::{RenderSettings, render};
 use fanal::scene::Scene;
 use scenes::{GUIDES, Guide, committed, reconstructor, settings};
 
@@ -35,5 +35,17 @@ fn threads_change_nothing_and_seeds_all() {
         let (equal, all) = lit.fold((0, 0), |(equal, all), (a, b)| (equal + usize::from(a == b), all + 1));
         // Many pixels of this dark room are black by chance; of the others hardly one has the same bits twice.
         assert!(all > 50 && equal * 10 < all, "{guide:?}: {equal} of {all} pixels are equal under another seed");
+    }
+}
+
+/// The easy box is rendered as by `none` after learning has shown that, and the door is not.
+#[test]
+fn guiding_is_left_out_where_it_does_not_pay() {
+    for (name, guided) in [("cornell", false), ("door-ajar", true)] {
+        let scene = committed(name, [64, 48]);
+        let settings = RenderSettings { gives_up: true, ..settings(GUIDES[5], 96, 1) };
+        let outcome = render(&scene, &settings, reconstructor(GUIDES[5].0).as_ref(), &Silent, &AtomicBool::new(false));
+        let statistics = outcome.expect("the settings are sound").statistics;
+        assert_eq!(statistics.guide.trees > 0, guided, "{name}: {:?}", statistics.iterations);
     }
 }

@@ -57,6 +57,7 @@ fn path(random: &mut Random) -> PathRecord {
         point: Vec3::splat(0.5),
         direction,
         estimate: estimate as f32,
+        importance: 1.0,
         value: (estimate * (4.0 * std::f64::consts::PI).sqrt()) as f32,
         bsdf_share: 1.0,
         bsdf: 1.0,

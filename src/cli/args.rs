@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::builder::PossibleValue;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use glam::Vec3;
 
 use crate::guiding::leaves::Target;
 use crate::render::{GuideMode, Reconstruction, SampleKinds};
@@ -35,6 +36,8 @@ pub enum Command {
     Error(ErrorArgs),
     /// Generate training data, or check it
     Dataset(DatasetArgs),
+    /// Look into a guide file: the distributions at a point, and where guiding helps
+    Inspect(InspectArgs),
 }
 
 /// Options of every command.
@@ -150,6 +153,12 @@ pub struct RenderArgs {
     /// What is made of the trees as counted [default: by --guide]
     #[arg(long, value_enum)]
     pub reconstruct: Option<Reconstruction>,
+    /// Write the guiding field, for --load-guide and for `fanal inspect`
+    #[arg(long, value_name = "FILE", conflicts_with = "load_guide")]
+    pub save_guide: Option<PathBuf>,
+    /// Guide by a field that an earlier render saved; nothing is learned
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["samples", "target", "reconstruct", "model"])]
+    pub load_guide: Option<PathBuf>,
     /// Ceiling of the sampling field in MB
     #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub guide_memory: u32,
@@ -192,6 +201,36 @@ pub struct RenderArgs {
     /// Picture to measure errors against; they go into the statistics
     #[arg(long, value_name = "FILE")]
     pub reference: Option<PathBuf>,
+    /// Options of every command.
+    #[command(flatten)]
+    pub common: Common,
+}
+
+const INSPECT_EXAMPLES: &str = "Examples:
+  fanal render scenes/door-ajar -o out.exr --save-guide door.guide
+  fanal inspect door.guide
+  fanal inspect door.guide --at 1.0,0.2,-0.5 -o tree.png
+  fanal inspect door.guide --scene scenes/door-ajar -o gain.png";
+
+/// `fanal inspect`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = INSPECT_EXAMPLES)]
+pub struct InspectArgs {
+    /// Guide file of `fanal render --save-guide`
+    pub guide: PathBuf,
+    /// Point whose distributions are drawn: a row for each facing of the surfaces there, on the left as counted (Q_h), on the
+    /// right as sampled (Q_r); z runs to the right, φ downwards, colours are logarithmic
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "output")]
+    pub at: Option<Vec3>,
+    /// Scene over whose picture it is drawn how much guiding helps
+    #[arg(long, value_name = "SCENE", requires = "output", conflicts_with = "at")]
+    pub scene: Option<PathBuf>,
+    /// Size of that picture in pixels [default: the scene's]
+    #[arg(long, value_name = "WxH", value_parser = size, requires = "scene")]
+    pub size: Option<[u32; 2]>,
+    /// Picture to write, .png or .exr
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
     /// Options of every command.
     #[command(flatten)]
     pub common: Common,
@@ -363,6 +402,16 @@ fn stops(text: &str) -> Result<f32, String> {
 fn size(text: &str) -> Result<[u32; 2], String> {
     let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     sides.ok_or_else(|| "expected columns and rows, for example 640x480".into())
+}
+
+fn point(text: &str) -> Result<Vec3, String> {
+    let numbers: Vec<f32> = text.split(',').map_while(|part| part.trim().parse().ok()).collect();
+    match numbers[..] {
+        [x, y, z] if text.matches(',').count() == 2 && [x, y, z].iter().all(|x| x.is_finite()) => {
+            Ok(Vec3::new(x, y, z))
+        }
+        _ => Err("expected three numbers, for example 0.5,1,-2".into()),
+    }
 }
 
 #[cfg(test)]

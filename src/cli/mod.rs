@@ -37,6 +37,9 @@ fn execute(command: Command) -> anyhow::Result<()> {
             commands::compare::run(&args).with_context(|| format!("cannot compare methods on {}", args.scene.display()))
         }
         Command::Error(args) => commands::error::run(&args).context("cannot compare"),
+        Command::Inspect(args) => {
+            commands::inspect::run(&args).with_context(|| format!("cannot inspect {}", args.guide.display()))
+        }
         Command::Dataset(args) => commands::dataset::run(&args).context("no data set"),
     }
 }

@@ -38,6 +38,10 @@ pub struct RenderRequest {
     pub target: Option<Target>,
     /// What is made of trees as counted.
     pub reconstruct: Option<Reconstruction>,
+    /// Where the guiding field goes.
+    pub save_guide: Option<PathBuf>,
+    /// Where it comes from.
+    pub load_guide: Option<PathBuf>,
     /// Ceiling of the sampling field, bytes.
     pub guide_memory: u64,
     /// The model's folder; `None` is the model inside the program.
@@ -58,6 +62,7 @@ impl RenderRequest {
         settings.transport.nee = self.nee;
         settings.transport.roulette = self.roulette;
         settings.learner.memory = usize::try_from(self.guide_memory).unwrap_or(usize::MAX);
+        settings.learner.keeps_evidence = self.save_guide.is_some();
         settings.seed = self.seed;
         settings.samples = self.samples.unwrap_or(settings.samples);
         settings.learner.target = self.target.unwrap_or(settings.learner.target);
@@ -98,6 +103,9 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
             "--guide none learns nothing; leave --samples, --target and --reconstruct out".into(),
         ));
     }
+    if args.guide == GuideMode::None && (args.save_guide.is_some() || args.load_guide.is_some()) {
+        return Err(Error::Options("--guide none has no guide to save or load".into()));
+    }
     Ok(RenderRequest {
         scene: args.scene.clone(),
         output: args.output.clone(),
@@ -112,6 +120,8 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         samples: args.samples,
         target: args.target,
         reconstruct: args.reconstruct,
+        save_guide: args.save_guide.clone(),
+        load_guide: args.load_guide.clone(),
         guide_memory: u64::from(args.guide_memory) * 1_000_000,
         model: args.model.clone(),
         backend: args.backend,
@@ -167,6 +177,7 @@ mod tests {
         assert!(request(&["--size", "4000000000x4000000000"]).is_err());
         assert!(request(&["--guide", "none", "--samples", "photon"]).is_err());
         assert!(request(&["--guide", "none", "--reconstruct", "neural"]).is_err());
+        assert!(request(&["--guide", "none", "--save-guide", "a.guide"]).is_err());
         assert!(request(&["--exposure", "1"]).is_err());
     }
 }

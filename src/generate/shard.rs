@@ -17,13 +17,10 @@
 //! A tree of n nodes has (3n + 1)/4 leaves, so leaf offsets follow. The header's metadata hold `version` and `crc32`, over all
 //! tensors' bytes in the order of their names.
 
-use std::collections::HashMap;
 use std::path::Path;
 
-use safetensors::tensor::TensorView;
-use safetensors::{Dtype, SafeTensors};
-
-use crate::base::files::{crc32, read_bytes, write_bytes};
+use crate::base::files::read_bytes;
+use crate::base::tensors::{self, Dtype, Tensor, Tensors};
 use crate::base::{Error, Place, Result};
 use crate::guiding::features::RAW_CHANNELS;
 use crate::guiding::topology::Topology;
@@ -119,22 +116,8 @@ pub fn write_shard(path: &Path, samples: &[TreeSample]) -> Result<()> {
     for (i, sample) in samples.iter().enumerate() {
         sample.validate().map_err(|e| Error::malformed(Place::part(path, format!("tree {i}")), e))?;
     }
-    let tensors = tensors_of(samples);
-    let metadata = HashMap::from([
-        ("version".to_owned(), VERSION.to_string()),
-        ("crc32".to_owned(), crc32(tensors.iter().map(|t| t.3.as_slice())).to_string()),
-    ]);
-    let fail = |e| Error::malformed(Place::file(path), format!("the shard cannot be stored: {e}"));
-    let views: Vec<_> = tensors
-        .iter()
-        .map(|(name, dtype, shape, data)| {
-            TensorView::new(*dtype, shape.clone(), data).map(|v| (*name, v)).map_err(fail)
-        })
-        .collect::<Result<_>>()?;
-    write_bytes(path, &safetensors::serialize(views, Some(metadata)).map_err(fail)?)
+    tensors::write(path, VERSION, &tensors_of(samples))
 }
-
-type Tensor = (&'static str, Dtype, Vec<usize>, Vec<u8>);
 
 /// All tensors, sorted by name.
 fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor> {
@@ -179,83 +162,35 @@ fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor> {
 /// [`Error::Malformed`] naming the tensor or the tree for everything else that is wrong with it.
 pub fn read_shard(path: &Path) -> Result<Vec<TreeSample>> {
     let bytes = read_bytes(path, SHARD_LIMIT)?;
-    let broken = |e| Error::malformed(Place::file(path), format!("not a safetensors file: {e}"));
-    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(broken)?;
-    let entry = |key: &str| header.metadata().as_ref().and_then(|m| m.get(key)).map(String::as_str).unwrap_or("none");
-    if entry("version") != VERSION.to_string() {
-        let what = format!("shard version {}", entry("version"));
-        return Err(Error::Unsupported { place: Place::file(path), what, supported: VERSION.to_string() });
-    }
-    let reader = Reader { file: SafeTensors::deserialize(&bytes).map_err(broken)?, path };
-    reader.check_crc(entry("crc32"))?;
-    reader.samples()
+    Reader { file: Tensors::open(path, &bytes, "shard", VERSION)? }.samples()
 }
 
 struct Reader<'a> {
-    file: SafeTensors<'a>,
-    path: &'a Path,
+    file: Tensors<'a>,
 }
 
 impl Reader<'_> {
-    fn fail<T>(&self, part: impl Into<String>, message: impl Into<String>) -> Result<T> {
-        Err(Error::malformed(Place::part(self.path, part), message))
-    }
-
-    fn check_crc(&self, expected: &str) -> Result<()> {
-        let mut tensors = self.file.tensors();
-        tensors.sort_by(|a, b| a.0.cmp(&b.0));
-        let found = crc32(tensors.iter().map(|(_, t)| t.data())).to_string();
-        if found == expected {
-            return Ok(());
-        }
-        self.fail(
-            "crc32",
-            format!("the content's checksum is {found}, the header says {expected}: the file is damaged"),
-        )
-    }
-
-    /// The elements of a tensor whose trailing dimension is `columns` (1: a vector) and whose length is `rows`, if given.
-    fn read<const B: usize, T>(
-        &self,
-        name: &str,
-        dtype: Dtype,
-        rows: Option<usize>,
-        columns: usize,
-        decode: fn([u8; B]) -> T,
-    ) -> Result<Vec<T>> {
-        let Ok(tensor) = self.file.tensor(name) else { return self.fail(name, "the tensor is missing") };
-        let shape_ok = match tensor.shape() {
-            [n] => columns == 1 && rows.is_none_or(|r| r == *n),
-            [n, c] => columns == *c && rows.is_none_or(|r| r == *n),
-            _ => false,
-        };
-        if tensor.dtype() != dtype || !shape_ok {
-            let found = format!("{:?} {:?}", tensor.dtype(), tensor.shape());
-            return self.fail(name, format!("{found}, expected {dtype:?} of {rows:?} rows and {columns} columns"));
-        }
-        Ok(tensor.data().as_chunks::<B>().0.iter().map(|&b| decode(b)).collect())
-    }
-
     /// Node offsets of T trees into `total` nodes.
     fn offsets(&self, name: &str, trees: usize, total: usize) -> Result<Vec<usize>> {
-        let offsets = self.read(name, Dtype::U64, Some(trees + 1), 1, u64::from_le_bytes)?;
+        let offsets = self.file.read(name, Dtype::U64, Some(trees + 1), 1, u64::from_le_bytes)?;
         let rises = offsets.windows(2).all(|w| w[0] < w[1] && (w[1] - w[0]) % 4 == 1);
         if offsets[0] != 0 || offsets[trees] != total as u64 || !rises {
-            return self.fail(name, format!("offsets do not divide {total} nodes into quadtrees"));
+            return self.file.fail(name, format!("offsets do not divide {total} nodes into quadtrees"));
         }
         Ok(offsets.into_iter().map(|o| o as usize).collect())
     }
 
     fn samples(&self) -> Result<Vec<TreeSample>> {
-        let ids = self.read("ids", Dtype::U32, None, IDS, u32::from_le_bytes)?;
+        let ids = self.file.read("ids", Dtype::U32, None, IDS, u32::from_le_bytes)?;
         let trees = ids.len() / IDS;
-        let bounds = self.read("bounds", Dtype::F32, Some(trees), 6, f32::from_le_bytes)?;
-        let floor_kl = self.read("floor_kl", Dtype::F32, Some(trees), 1, f32::from_le_bytes)?;
-        let target_samples = self.read("target_samples", Dtype::U64, Some(trees), 1, u64::from_le_bytes)?;
+        let bounds = self.file.read("bounds", Dtype::F32, Some(trees), 6, f32::from_le_bytes)?;
+        let floor_kl = self.file.read("floor_kl", Dtype::F32, Some(trees), 1, f32::from_le_bytes)?;
+        let target_samples = self.file.read("target_samples", Dtype::U64, Some(trees), 1, u64::from_le_bytes)?;
         let input = self.trees("input", trees)?;
         let target = self.trees("target", trees)?;
-        let sums = self.read("input_sums", Dtype::F32, Some(input.leaves(trees)), RAW_CHANNELS, f32::from_le_bytes)?;
-        let masses = self.read("target", Dtype::F32, Some(target.leaves(trees)), 1, f32::from_le_bytes)?;
+        let sums =
+            self.file.read("input_sums", Dtype::F32, Some(input.leaves(trees)), RAW_CHANNELS, f32::from_le_bytes)?;
+        let masses = self.file.read("target", Dtype::F32, Some(target.leaves(trees)), 1, f32::from_le_bytes)?;
         (0..trees)
             .map(|t| {
                 let sample = TreeSample {
@@ -272,16 +207,16 @@ impl Reader<'_> {
                     target_samples: target_samples[t],
                     floor_kl: floor_kl[t],
                 };
-                sample.validate().or_else(|e| self.fail(format!("tree {t}"), e)).map(|()| sample)
+                sample.validate().or_else(|e| self.file.fail(format!("tree {t}"), e)).map(|()| sample)
             })
             .collect()
     }
 
     fn trees(&self, kind: &str, trees: usize) -> Result<Trees> {
         let name = format!("{kind}_split");
-        let flags = self.read(&name, Dtype::U8, None, 1, |[b]| b)?;
+        let flags = self.file.read(&name, Dtype::U8, None, 1, |[b]| b)?;
         if let Some(at) = flags.iter().position(|&f| f > 1) {
-            return self.fail(name, format!("flag {at} is {}, expected 0 or 1", flags[at]));
+            return self.file.fail(name, format!("flag {at} is {}, expected 0 or 1", flags[at]));
         }
         let offsets = self.offsets(&format!("{kind}_offset"), trees, flags.len())?;
         Ok(Trees { split: flags.into_iter().map(|f| f == 1).collect(), offsets })

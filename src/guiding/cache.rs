@@ -67,6 +67,21 @@ impl Ancestry {
     }
 }
 
+/// What a [`SpatialCache`] consists of, as files hold it.
+pub(super) struct CacheParts {
+    pub origin: Vec3,
+    pub cell: f32,
+    pub faces: bool,
+    /// Position and facing of every cell, and its root among the nodes.
+    pub keys: Vec<([i32; 3], u8)>,
+    pub roots: Vec<u32>,
+    /// Axis, position and first child of a divided node; [`LEAF`], 0 and the voxel of another.
+    pub nodes: Vec<(u8, f32, u32)>,
+}
+
+/// Stands for the axis of a node that is not divided.
+pub(super) const LEAF: u8 = 3;
+
 /// A partition of the visited part of space into voxels.
 #[derive(Debug, Clone)]
 pub struct SpatialCache {
@@ -185,7 +200,7 @@ impl SpatialCache {
         }
         let key = self.key(point, normal);
         let voxel = self.bounds.len() as VoxelId;
-        let low = self.origin + Vec3::from_array(key.0.map(|k| k as f32)) * self.cell;
+        let low = self.corner(key.0);
         self.bounds.push(Bounds { low, high: low + Vec3::splat(self.cell), depth: 0 });
         self.cell_of.push(self.keys.len() as u32);
         self.keys.push(key);
@@ -224,6 +239,100 @@ impl SpatialCache {
             pairs.push((voxel, upper));
         }
         pairs
+    }
+
+    /// What the cache consists of.
+    pub(super) fn parts(&self) -> CacheParts {
+        let roots = self.keys.iter().filter_map(|key| self.cells.get(key).copied()).collect();
+        let node = |node: &Node| match *node {
+            Node::Leaf(voxel) => (LEAF, 0.0, voxel),
+            Node::Split { axis, position, low } => (axis, position, low),
+        };
+        CacheParts {
+            origin: self.origin,
+            cell: self.cell,
+            faces: self.faces,
+            keys: self.keys.iter().map(|&(cell, facing)| (cell, facing.0)).collect(),
+            roots,
+            nodes: self.nodes.iter().map(node).collect(),
+        }
+    }
+
+    /// The cache that consists of these parts, with as many voxels as there are leaves.
+    ///
+    /// # Errors
+    /// A sentence saying what is inconsistent.
+    pub(super) fn from_parts(parts: &CacheParts) -> Result<Self, String> {
+        let sound = parts.origin.is_finite() && parts.cell.is_finite() && parts.cell > 0.0;
+        if !sound || parts.roots.len() != parts.keys.len() {
+            return Err("a grid that is not finite, or cells without a root".into());
+        }
+        let mut cache = Self::new(parts.origin, parts.cell);
+        cache.faces = parts.faces;
+        let leaves = parts.nodes.iter().filter(|node| node.0 == LEAF).count();
+        let nowhere = Bounds { low: Vec3::ZERO, high: Vec3::ZERO, depth: u32::MAX };
+        cache.bounds = vec![nowhere; leaves];
+        cache.cell_of = vec![0; leaves];
+        let mut visited = 0;
+        for (i, (&(cell, facing), &root)) in parts.keys.iter().zip(&parts.roots).enumerate() {
+            if facing > 5 {
+                return Err(format!("cell {i} faces in direction {facing}, expected 0 to 5"));
+            }
+            let key = (cell, Facing(facing));
+            cache.keys.push(key);
+            if cache.cells.insert(key, root).is_some() {
+                return Err(format!("cell {i} is there twice"));
+            }
+            let low = cache.corner(cell);
+            let mut open = vec![(root, Bounds { low, high: low + Vec3::splat(cache.cell), depth: 0 })];
+            while let Some((node, bounds)) = open.pop() {
+                visited += 1;
+                // More visits than nodes: some node has two parents.
+                let node = parts.nodes.get(node as usize).filter(|_| visited <= parts.nodes.len());
+                match node {
+                    Some(&(LEAF, _, voxel)) if cache.bounds.get(voxel as usize) == Some(&nowhere) => {
+                        cache.bounds[voxel as usize] = bounds;
+                        cache.cell_of[voxel as usize] = i as u32;
+                    }
+                    Some(&(axis @ 0..=2, position, first)) if position.is_finite() => {
+                        let (mut below, mut above) = (bounds, bounds);
+                        below.high[axis as usize] = position;
+                        above.low[axis as usize] = position;
+                        (below.depth, above.depth) = (bounds.depth + 1, bounds.depth + 1);
+                        open.extend([(first, below), (first.saturating_add(1), above)]);
+                    }
+                    _ => return Err(format!("the nodes of cell {i} are no tree with voxels of its own")),
+                }
+            }
+        }
+        if visited != parts.nodes.len() {
+            return Err(format!("{} nodes, but {visited} belong to a cell", parts.nodes.len()));
+        }
+        let node = |&(axis, position, at): &(u8, f32, u32)| match axis {
+            LEAF => Node::Leaf(at),
+            axis => Node::Split { axis, position, low: at },
+        };
+        cache.nodes = parts.nodes.iter().map(node).collect();
+        Ok(cache)
+    }
+
+    fn corner(&self, cell: [i32; 3]) -> Vec3 {
+        self.origin + Vec3::from_array(cell.map(|k| k as f32)) * self.cell
+    }
+
+    /// The voxels around a point, whatever they face.
+    pub fn find_all(&self, point: Vec3) -> Vec<VoxelId> {
+        let axes = [Vec3::X, Vec3::Y, Vec3::Z];
+        let normals = axes.iter().flat_map(|&axis| [axis, -axis]);
+        let mut found: Vec<VoxelId> = normals.filter_map(|normal| self.find(point, normal)).collect();
+        found.dedup();
+        found
+    }
+
+    /// The axis direction that the surfaces of a voxel face; none where voxels hold surfaces of all facings.
+    pub fn facing(&self, voxel: VoxelId) -> Option<&'static str> {
+        let (_, facing) = self.keys[self.cell_of[voxel as usize] as usize];
+        self.faces.then(|| ["+x", "-x", "+y", "-y", "+z", "-z"][facing.0 as usize])
     }
 
     /// Bytes in use.

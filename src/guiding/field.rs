@@ -6,12 +6,22 @@ use super::cache::SpatialCache;
 use super::sampler::SamplingTree;
 
 /// The distribution of one voxel.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct VoxelGuide {
     /// The distribution of directions; none while nothing is known, then the BSDF samples alone.
     pub tree: Option<SamplingTree>,
     /// Probability α of sampling the BSDF instead of the tree, in (0, 1].
     pub bsdf_fraction: f32,
+}
+
+/// What the field was made of, per voxel: to look at, not to sample from.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Evidence {
+    /// Q_h: the distribution as counted, before reconstruction; none where nothing was.
+    pub counted: Vec<Option<SamplingTree>>,
+    /// Second moment of what a path sample brings to the picture, relative to what BSDF samples alone would bring, in (0, ∞):
+    /// below 1 guiding helps. NaN where it was not measured.
+    pub gain: Vec<f32>,
 }
 
 /// Voxels with their distributions.
@@ -36,6 +46,11 @@ impl GuideField {
     pub fn at(&self, point: Vec3, normal: Vec3) -> Option<(&SamplingTree, f32)> {
         let guide = self.voxels.get(self.cache.find(point, normal)? as usize)?;
         guide.tree.as_ref().map(|tree| (tree, guide.bsdf_fraction))
+    }
+
+    /// The voxels.
+    pub fn cache(&self) -> &SpatialCache {
+        &self.cache
     }
 
     /// The voxels' guides.

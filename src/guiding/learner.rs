@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::cache::{Ancestry, SpatialCache, VoxelId};
 use super::context::{Counted, with_context};
 use super::distribution::Distribution;
-use super::field::{GuideField, VoxelGuide};
+use super::field::{Evidence, GuideField, VoxelGuide};
 use super::leaves::{Layout, Leaves, Target};
 use super::moments::{FRACTIONS, Moments, PATH_SHARES};
 use super::quadtree::Quadtree;
@@ -39,6 +39,8 @@ pub struct LearnerSettings {
     pub context: f64,
     /// Ceiling of the field in bytes.
     pub memory: usize,
+    /// Whether [`Evidence`] is kept, beside the field.
+    pub keeps_evidence: bool,
 }
 
 impl Default for LearnerSettings {
@@ -54,6 +56,7 @@ impl Default for LearnerSettings {
             measures_fraction: true,
             context: 4096.0,
             memory: 24 << 20,
+            keeps_evidence: false,
         }
     }
 }
@@ -68,8 +71,10 @@ struct Voxel {
     bsdf_fraction: f32,
     /// Part of path samples in what is counted, the rest being photons.
     path_share: f64,
-    /// Σ of the samples' contributions.
+    /// Σ of what the samples brought to the picture, of its squares, and of the squares of those.
     contribution: f64,
+    squares: f64,
+    fourths: f64,
     /// What mixing BSDF and guide in other ways would have cost.
     fractions: Moments<{ FRACTIONS.len() }>,
     /// What mixing the trees of path samples and photons in other ways would have cost.
@@ -78,6 +83,9 @@ struct Voxel {
     kinds: Option<Box<[SamplingTree; 2]>>,
     /// Whether the tree got its shape in the current pass.
     shaped: bool,
+    /// See [`Evidence`].
+    counted: Option<SamplingTree>,
+    gain: f32,
 }
 
 impl Voxel {
@@ -88,10 +96,14 @@ impl Voxel {
             bsdf_fraction: 0.5,
             path_share: 0.5,
             contribution: 0.0,
+            squares: 0.0,
+            fourths: 0.0,
             fractions: Moments::default(),
             shares: Moments::default(),
             kinds: None,
             shaped: false,
+            counted: None,
+            gain: f32::NAN,
         }
     }
 }
@@ -188,7 +200,10 @@ impl Learner {
             let own_paths = paths_by_voxel.group(v).iter().map(|&i| &paths[i as usize]);
             let own_photons = photons_by_voxel.group(v).iter().map(|&i| &photons[i as usize]);
             for record in own_paths.clone() {
-                voxel.contribution += f64::from(record.estimate);
+                let brought = f64::from(record.importance) * f64::from(record.estimate);
+                voxel.contribution += brought;
+                voxel.squares += brought * brought;
+                voxel.fourths += brought.powi(4);
                 if squares && record.value > 0.0 {
                     voxel.weigh_kinds(record);
                 }
@@ -258,6 +273,23 @@ impl Learner {
         (weight > 0.0).then(|| sum / weight)
     }
 
+    /// Second moments that guiding changes, as the picture sees them, summed over the samples of the iteration: as they were
+    /// while learning, with the fractions of BSDF samples found best, and with BSDF samples alone. To be asked after
+    /// [`Learner::publish`].
+    pub fn picture_moments(&self) -> [f64; 3] {
+        self.voxels.iter().fold([0.0; 3], |sums, voxel| {
+            let moments = voxel.fractions.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
+            [0, 1, 2].map(|i| sums[i] + voxel.squares * moments[i])
+        })
+    }
+
+    /// How many equal samples would tell as much about those moments as the samples there were (Kish's effective sample size):
+    /// few, where most comes from a few fireflies.
+    pub fn effective_samples(&self) -> f64 {
+        let (squares, fourths) = self.voxels.iter().fold((0.0, 0.0), |s, v| (s.0 + v.squares, s.1 + v.fourths));
+        if fourths > 0.0 { squares * squares / fourths } else { 0.0 }
+    }
+
     /// Takes the distributions made from [`Learner::counted`] (same order) as the next guides, each with the part of the
     /// uniform distribution that is mixed into it. A voxel for which there is none keeps its old guide. Trees are cut to the most
     /// probable nodes where the field would exceed its ceiling.
@@ -268,17 +300,22 @@ impl Learner {
         let cap = self.inner_nodes_cap(distributions);
         let ancestry = &self.ancestry;
         let priors = pooled(&self.voxels, ancestry, |v| &v.fractions);
-        let measures_fraction = self.settings.measures_fraction;
+        let LearnerSettings { measures_fraction, keeps_evidence, .. } = self.settings;
         self.voxels.par_iter_mut().zip(distributions).enumerate().for_each(|(v, (voxel, distribution))| {
             voxel.kinds = voxel.kinds();
             let Some((distribution, uniform)) = distribution else { return };
             voxel.guide = Some(SamplingTree::new(distribution, *uniform, cap));
-            if !measures_fraction {
-                return;
-            }
             let mut fractions = voxel.fractions;
             fractions.add_prior(&priors[ancestry.block(v)], PRIOR_SAMPLES);
-            voxel.bsdf_fraction = fractions.best().map_or(LEARNING_FRACTION, |best| FRACTIONS[best]) as f32;
+            if measures_fraction {
+                voxel.bsdf_fraction = fractions.best().map_or(LEARNING_FRACTION, |best| FRACTIONS[best]) as f32;
+            }
+            if keeps_evidence {
+                let counted = voxel.tree.has_energy().then(|| voxel.tree.leaves().hybrid(voxel.path_share));
+                voxel.counted = counted.map(|counted| SamplingTree::new(&counted, 1e-3, cap));
+                let [_, chosen, bsdf] = fractions.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
+                voxel.gain = (chosen / bsdf) as f32;
+            }
         });
     }
 
@@ -330,10 +367,16 @@ impl Learner {
     pub fn clear(&mut self) {
         self.voxels.par_iter_mut().for_each(|voxel| {
             voxel.tree.clear();
-            voxel.contribution = 0.0;
+            (voxel.contribution, voxel.squares, voxel.fourths) = (0.0, 0.0, 0.0);
             (voxel.fractions, voxel.shares) = (Moments::default(), Moments::default());
             voxel.shaped = false;
         });
+    }
+
+    /// What the field was made of; empty unless the settings ask for it.
+    pub fn evidence(&self) -> Evidence {
+        let voxels = || self.voxels.iter().filter(|_| self.settings.keeps_evidence);
+        Evidence { counted: voxels().map(|v| v.counted.clone()).collect(), gain: voxels().map(|v| v.gain).collect() }
     }
 
     /// The field to sample from: while `learning` half of the samples come from the BSDF, afterwards each voxel's own fraction;

@@ -6,6 +6,7 @@ pub mod distribution;
 pub mod emission;
 pub mod features;
 pub mod field;
+pub mod file;
 pub mod leaves;
 pub mod learner;
 pub mod moments;

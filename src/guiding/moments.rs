@@ -65,6 +65,16 @@ impl<const N: usize> Moments<N> {
 }
 
 impl Moments<{ FRACTIONS.len() }> {
+    /// Second moments under a fraction `used`, under `chosen` and under BSDF samples alone, relative to that under `used`.
+    pub fn relative(&self, used: f64, chosen: f64) -> [f64; 3] {
+        let at = |fraction: f64| FRACTIONS.iter().position(|&f| (f - fraction).abs() < 1e-3).map(|i| self.sums[i]);
+        let under = at(used).unwrap_or(0.0);
+        if under <= 0.0 || self.samples < LEAST_SAMPLES {
+            return [1.0; 3];
+        }
+        [used, chosen, 1.0].map(|fraction| at(fraction).unwrap_or(under) / under)
+    }
+
     /// Adds a sample whose estimate is `estimate`, drawn with a fraction `alpha` in (0, 1) of BSDF samples, where the BSDF had
     /// `bsdf_share` of the density.
     pub fn add_estimate(&mut self, estimate: f32, bsdf_share: f32, alpha: f64) {

@@ -11,6 +11,9 @@ pub struct PathRecord {
     pub direction: Vec3,
     /// Channel mean of f·|cos θ|·L̂ / p, radiance.
     pub estimate: f32,
+    /// Channel mean of the path's throughput before the vertex over the value of its pixel: what the picture sees of the
+    /// estimate.
+    pub importance: f32,
     /// V for the radiance target, √V for second moments (see [`Target`](super::leaves::Target)): as a root, so that squares
     /// cannot overflow.
     pub value: f32,

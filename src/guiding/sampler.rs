@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 use glam::Vec3;
 
 use super::distribution::Distribution;
-use super::topology::{MAX_LEVEL, NO_CHILD};
+use super::topology::{MAX_LEVEL, MAX_NODES, NO_CHILD};
 use crate::base::random::Random;
 use crate::math::cylindrical;
 
@@ -20,13 +20,13 @@ const WHOLE: f64 = 65536.0;
 
 /// An inner node: the probability of each child given the node, and where the children that are inner nodes themselves are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Node {
+pub(super) struct Node {
     /// Where the shares of children 1, 2 and 3 begin on a scale of [`WHOLE`]; child 0 begins at 0.
-    begin: [u16; 3],
+    pub begin: [u16; 3],
     /// Which children are inner nodes, a bit each.
-    inner: u16,
+    pub inner: u16,
     /// Index of the first child that is an inner node; the others follow it.
-    first: u32,
+    pub first: u32,
 }
 
 impl Node {
@@ -77,6 +77,43 @@ impl SamplingTree {
             next += mask.count_ones();
         }
         Self { nodes: nodes.into(), uniform: uniform.clamp(1e-4, 1.0) }
+    }
+
+    /// The tree with these nodes, as read from a file.
+    ///
+    /// # Errors
+    /// A sentence saying what is inconsistent.
+    pub(super) fn from_nodes(nodes: Vec<Node>, uniform: f32) -> Result<Self, String> {
+        if !(uniform > 0.0 && uniform <= 1.0) {
+            return Err(format!("a uniform part of {uniform}, expected one above 0 and at most 1"));
+        }
+        if nodes.len() > MAX_NODES / 4 {
+            return Err(format!("{} inner nodes, the limit is {}", nodes.len(), MAX_NODES / 4));
+        }
+        let mut level = vec![0; nodes.len()];
+        let mut next = 1;
+        for (i, node) in nodes.iter().enumerate() {
+            let children = (node.inner & 15).count_ones() as usize;
+            let rises = node.begin.is_sorted();
+            if node.inner > 15 || !rises || node.first as usize != next || next + children > nodes.len() {
+                return Err(format!("node {i} has shares that do not rise, or children out of order"));
+            }
+            if level[i] >= MAX_LEVEL {
+                return Err(format!("deeper than {MAX_LEVEL} levels"));
+            }
+            let below = level[i] + 1;
+            level[next..next + children].fill(below);
+            next += children;
+        }
+        if next != nodes.len().max(1) {
+            return Err(format!("{} inner nodes, but the tree ends after {next}", nodes.len()));
+        }
+        Ok(Self { nodes: nodes.into(), uniform })
+    }
+
+    /// The packed nodes, breadth first, and the uniform part.
+    pub(super) fn nodes(&self) -> (&[Node], f32) {
+        (&self.nodes, self.uniform)
     }
 
     /// Bytes in use.

@@ -242,15 +242,17 @@ impl PathTracer<'_> {
         let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
         let estimate = finite(channel_mean(sample.weight * learned) / step.survival);
         let pdf = sample.pdf * step.survival;
+        let importance = finite(channel_mean(vertex.throughput) / pixel);
         let value = match self.target {
             Target::Radiance => channel_mean(learned) / pdf,
             Target::Variance => estimate * pdf.sqrt(),
-            Target::VariancePixel => estimate * pdf.sqrt() * channel_mean(vertex.throughput) / pixel,
+            Target::VariancePixel => estimate * pdf.sqrt() * importance,
         };
         PathRecord {
             point: vertex.surface.point,
             direction: sample.direction,
             estimate,
+            importance,
             value: finite(value),
             bsdf_share: sample.bsdf_share,
             bsdf: if sample.cos > 0.0 { (channel_mean(sample.value) / sample.cos).min(1e6) } else { 0.0 },

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::pass::Records;
 use super::settings::{RenderSettings, SampleKinds};
-use super::statistics::{GuideStatistics, Iteration, Seconds};
+use super::statistics::{Iteration, Seconds};
 use crate::base::Result;
 use crate::guiding::cache::VoxelId;
 use crate::guiding::emission::{EmissionGuide, EmissionLearner, Start};
@@ -23,12 +23,16 @@ pub struct Learning {
     /// Light paths for each camera path of the next iteration, in [0, 1]. Once there are none, there will be none.
     pub photon_share: f64,
     iterations: u32,
+    /// Second moments of the last iteration, see [`Learner::picture_moments`].
+    pub moments: [f64; 3],
+    /// How many samples they are worth, see [`Learner::effective_samples`].
+    pub effective_samples: f64,
     /// What reconstruction has cost so far, in rays.
     reconstruction_rays: f64,
 }
 
-/// Iterations in which photons are never given up: path samples that have not found the light cannot judge them.
-const PATIENCE: u32 = 4;
+/// Iterations in which neither photons nor guiding are given up: path samples that have not found the light cannot judge them.
+pub(super) const PATIENCE: u32 = 4;
 /// Fewest light paths for each camera path until then.
 const LEAST_PHOTONS: f64 = 0.25;
 
@@ -46,6 +50,8 @@ impl Learning {
             emission_learner: EmissionLearner::new(emitted),
             learner: Learner::new(settings.learner.clone()),
             iterations: 0,
+            moments: [0.0; 3],
+            effective_samples: 0.0,
             reconstruction_rays: 0.0,
             photon_share: if settings.samples.photons() { 1.0 } else { 0.0 },
         }
@@ -94,6 +100,8 @@ impl Learning {
             distributions[place] = Some(distribution);
         }
         self.learner.publish(&distributions);
+        self.moments = self.learner.picture_moments();
+        self.effective_samples = self.learner.effective_samples();
         let reconstruct_seconds = begun.elapsed().as_secs_f64();
         seconds.reconstruct += reconstruct_seconds;
         let nodes = self.learner.trees().iter().map(|t| t.leaves().topology.len()).sum();
@@ -113,15 +121,5 @@ impl Learning {
     /// The field to sample from next.
     pub fn field(&self, learning: bool) -> GuideField {
         self.learner.field(learning)
-    }
-
-    /// Size of a field.
-    pub fn statistics(&self, field: &GuideField) -> GuideStatistics {
-        GuideStatistics {
-            voxels: field.voxels().len(),
-            trees: field.voxels().iter().filter(|v| v.tree.is_some()).count(),
-            nodes: field.nodes(),
-            bytes: field.bytes(),
-        }
     }
 }

@@ -21,14 +21,14 @@ use rayon::prelude::*;
 use crate::base::progress::Progress;
 use crate::base::{Error, Result};
 use crate::film::{FinishedPass, Pass, check_size, combine};
-use crate::guiding::field::GuideField;
-use crate::guiding::leaves::Target;
+use crate::guiding::field::{Evidence, GuideField};
 use crate::materials::image::Image;
 use crate::math::channel_mean;
 use crate::reconstruct::Reconstructor;
 use crate::scene::Scene;
 use control::Watcher;
-use split::{Outlook, learns_on};
+use learning::PATIENCE;
+use split::{Outlook, gain, learns_on, pays};
 
 /// What a render produced.
 pub struct Outcome {
@@ -38,6 +38,8 @@ pub struct Outcome {
     pub statistics: Statistics,
     /// The field that guided the final pass.
     pub field: GuideField,
+    /// What it was made of, where the settings ask for that.
+    pub evidence: Evidence,
 }
 
 /// Renders `scene`. `reconstructor` makes the distributions of the guided modes and is not used by [`GuideMode::None`].
@@ -83,7 +85,9 @@ pub fn render_with_field(
     field: GuideField,
     control: &Control,
 ) -> Result<Outcome> {
-    Run::begin(scene, settings, control)?.finish(Some(field))
+    let mut run = Run::begin(scene, settings, control)?;
+    run.statistics.guide = GuideStatistics::of(&field);
+    run.finish(Some(field))
 }
 
 /// Spends the budget on learning alone and returns the field.
@@ -114,10 +118,13 @@ struct Run<'a> {
     watcher: Watcher<'a>,
     statistics: Statistics,
     passes: Vec<FinishedPass>,
+    /// The first passes that learned, which are too noisy for the picture, but tell about what it will be.
+    early: Vec<FinishedPass>,
     /// Whether no picture is wanted, so that the whole budget may go into learning.
     learn_only: bool,
     /// Samples per pixel so far, camera and light paths together.
     spent: f64,
+    evidence: Evidence,
     /// Camera samples per pixel so far.
     rendered: u32,
 }
@@ -130,6 +137,8 @@ struct Trend {
     /// Seconds of the last iteration, and the part of them in which camera paths were traced.
     seconds: f64,
     useful: f64,
+    /// Variance with the guide over that without it, as the last iteration measured it.
+    gain: Option<f64>,
     /// relMSE of a picture with one sample per pixel, by the last iteration; only kept where a target error asks for it.
     relative: f64,
 }
@@ -144,8 +153,10 @@ impl<'a> Run<'a> {
             watcher: Watcher::new(control),
             statistics: Statistics::default(),
             passes: Vec::new(),
+            early: Vec::new(),
             learn_only: false,
             spent: 0.0,
+            evidence: Evidence::default(),
             rendered: 0,
         };
         let total = match settings.stop {
@@ -171,8 +182,8 @@ impl<'a> Run<'a> {
         spp: u32,
         field: Option<&GuideField>,
         learning: Option<&mut Learning>,
+        picture: Option<&[f32]>,
     ) -> bool {
-        let picture = learning.as_ref().and_then(|_| self.pixel_values());
         // Against a clock, chunks of about a twentieth of a second.
         let chunk = match (&learning, self.watcher.deadline) {
             (None, Some(_)) => (0.05 * self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-3)) as u64,
@@ -182,7 +193,7 @@ impl<'a> Run<'a> {
             scene: self.scene,
             settings: self.settings,
             field,
-            picture: picture.as_deref(),
+            picture,
             first_sample: self.rendered,
             spp,
             chunk: chunk.max(LEAST_CHUNK).max(self.pixels().div_ceil(EVERY_ROW)),
@@ -200,10 +211,7 @@ impl<'a> Run<'a> {
     /// About what each pixel will be, by the passes so far, for the target that asks for it: a mean over 5 × 5 pixels, so that a
     /// firefly does not shut its own pixel out, with a floor of a tenth of the whole picture's mean.
     fn pixel_values(&self) -> Option<Vec<f32>> {
-        if self.settings.learner.target != Target::VariancePixel {
-            return None;
-        }
-        let image = combine(&self.passes).ok()?;
+        let image = combine(if self.passes.is_empty() { &self.early } else { &self.passes }).ok()?;
         let all = image.pixels.iter().map(|&p| f64::from(channel_mean(p))).sum::<f64>() / image.pixels.len() as f64;
         let floor = (0.1 * all as f32).max(f32::MIN_POSITIVE);
         let reach = |at: usize, size: usize| at.saturating_sub(2)..(at + 3).min(size);
@@ -224,17 +232,19 @@ impl<'a> Run<'a> {
         let mut trend = Trend::default();
         for t in 0..31 {
             let camera = 1u32 << t;
-            if self.watcher.stopped() || !self.learns_on(camera, learning.photon_share, &trend) {
+            let hopeless = t >= PATIENCE && !self.pays(&trend);
+            if hopeless || self.watcher.stopped() || !self.learns_on(camera, learning.photon_share, &trend) {
                 break;
             }
             let (begun, traced) = (self.watcher.elapsed(), self.statistics.seconds.trace);
             self.watcher.control.progress.message(&format!("learning, iteration {t}"));
             let field = learning.field(true);
             let mut pass = self.empty_pass();
+            let picture = self.pixel_values();
             if let StopRule::Time(seconds) = self.settings.stop {
                 self.watcher.deadline = Some(self.settings.learning_share * seconds);
             }
-            let complete = self.trace(&mut pass, camera, Some(&field), Some(&mut learning));
+            let complete = self.trace(&mut pass, camera, Some(&field), Some(&mut learning), picture.as_deref());
             if t == 0 && !complete {
                 // Too many pixels for the time: what little there is left is better spent on samples than on trees.
                 self.passes.push(pass.finish());
@@ -244,6 +254,10 @@ impl<'a> Run<'a> {
             let iteration = learning.end_iteration(camera, rays, reconstructor, &mut self.statistics.seconds)?;
             let seconds = self.watcher.elapsed() - begun;
             let finished = pass.finish();
+            let variance = pass.variance_relative_to(picture.as_deref());
+            let paths = self.pixels() as f64 * f64::from(camera);
+            let (moments, samples) = (learning.moments.map(|m| m / paths), learning.effective_samples);
+            trend.gain = variance.and_then(|v| gain(v, moments, samples));
             trend.variances.extend(finished.sample_variance());
             trend.useful = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
             trend.seconds = seconds;
@@ -251,15 +265,30 @@ impl<'a> Run<'a> {
                 trend.relative = pass.relative_variance();
             }
             let mean_variance = finished.mean_variance().unwrap_or(f64::NAN);
-            self.statistics.iterations.push(Iteration { t, spp: camera, seconds, mean_variance, ..iteration });
+            self.statistics.iterations.push(Iteration {
+                t,
+                spp: camera,
+                seconds,
+                mean_variance,
+                gain: trend.gain,
+                ..iteration
+            });
             // The first two passes are not worth their noise, but they are all there is of a render stopped early.
             if t >= 2 || !complete {
                 self.passes.push(finished);
+            } else {
+                self.early.push(finished);
             }
         }
-        let field = learning.field(false);
-        self.statistics.guide = learning.statistics(&field);
+        let field = if self.pays(&trend) { learning.field(false) } else { GuideField::empty() };
+        self.statistics.guide = GuideStatistics::of(&field);
+        self.evidence = learning.learner.evidence();
         Ok(field)
+    }
+
+    /// Whether the guide at hand is worth its price, or its price does not matter.
+    fn pays(&self, trend: &Trend) -> bool {
+        self.learn_only || !self.settings.gives_up || trend.gain.is_none_or(pays)
     }
 
     /// Rays that reconstruction may have cost after this iteration: a share of those of the whole render as far as that can be
@@ -309,7 +338,7 @@ impl<'a> Run<'a> {
         let mut statistics = self.statistics;
         statistics.seconds.total = self.watcher.elapsed();
         statistics.describe(self.scene, self.settings, self.spent.ceil() as u32);
-        Ok(Outcome { image, statistics, field: field.unwrap_or_else(GuideField::empty) })
+        Ok(Outcome { image, statistics, field: field.unwrap_or_else(GuideField::empty), evidence: self.evidence })
     }
 
     /// What is left of the budget goes into one pass.
@@ -329,7 +358,7 @@ impl<'a> Run<'a> {
                 _ => None,
             };
             rendered += spp;
-            if !self.trace(&mut pass, spp, field, None) {
+            if !self.trace(&mut pass, spp, field, None, None) {
                 break;
             }
         }

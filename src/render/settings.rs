@@ -120,6 +120,8 @@ pub struct RenderSettings {
     pub learner: LearnerSettings,
     /// Most of the budget that may go into learning; within it learning ends when it no longer pays.
     pub learning_share: f64,
+    /// Whether guiding is left out where it turns out not to pay.
+    pub gives_up: bool,
     /// Most of the render's cost that may go into reconstruction, as a share of what tracing costs. Counted in rays, so that a
     /// budget in samples gives the same picture on every machine.
     pub reconstruction_share: f64,
@@ -165,6 +167,7 @@ impl RenderSettings {
             },
             learner,
             learning_share: 0.5,
+            gives_up: guide != GuideMode::Ppg,
             reconstruction_share: 0.06,
             stop,
             seed: 0,

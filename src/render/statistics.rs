@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::settings::RenderSettings;
 use crate::base::process;
 use crate::film::Measures;
+use crate::guiding::field::GuideField;
 use crate::scene::Scene;
 use crate::scene::plan::Effect;
 
@@ -46,6 +47,8 @@ pub struct Iteration {
     pub reconstruct_seconds: f64,
     /// Variance of a pixel's mean, averaged; NaN where one sample cannot tell.
     pub mean_variance: f64,
+    /// About the variance of a sample with the guide that the iteration made over that without it; none where it cannot tell.
+    pub gain: Option<f64>,
 }
 
 /// The field of the final pass.
@@ -59,6 +62,18 @@ pub struct GuideStatistics {
     pub nodes: usize,
     /// Bytes of the field.
     pub bytes: usize,
+}
+
+impl GuideStatistics {
+    /// Size of a field.
+    pub fn of(field: &GuideField) -> Self {
+        Self {
+            voxels: field.voxels().len(),
+            trees: field.voxels().iter().filter(|v| v.tree.is_some()).count(),
+            nodes: field.nodes(),
+            bytes: field.bytes(),
+        }
+    }
 }
 
 /// Statistics of a render.

@@ -35,7 +35,7 @@ impl Run<'_> {
         while halves.iter().any(|h| h.done.is_none()) && each < MOST && !(each > 0 && self.watcher.stopped()) {
             let next = if each == 0 { FIRST } else { ((f64::from(each) * GROWTH).ceil() as u32).min(MOST) };
             for half in &mut halves {
-                self.trace(&mut half.pass, next - each, field, None);
+                self.trace(&mut half.pass, next - each, field, None, None);
             }
             each = next;
             let variances = [0, 1].map(|h| halves[h].pass.relative_variance());

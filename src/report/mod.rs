@@ -1,10 +1,11 @@
-//! Comparisons: what accuracy costs in time, measured and shown on a page.
+//! Comparisons: what accuracy costs in time, measured and shown on a page; and pictures of guiding fields (`inspect`).
 //!
 //! `experiment` renders and measures, `analysis` summarises, `results` is what is kept, `plot`, `guides` and `page` show it.
 
 pub mod analysis;
 pub mod experiment;
 pub mod guides;
+pub mod inspect;
 pub mod page;
 pub mod plot;
 pub mod results;

@@ -30,8 +30,10 @@ pub const GUIDES: [Guide; 8] = [
     (GuideMode::Variance, SampleKinds::Path, Target::VariancePixel),
 ];
 
+/// Guided even where that does not pay: these scenes are small and easy.
 pub fn settings((guide, samples, target): Guide, spp: u32, seed: u64) -> RenderSettings {
-    let mut settings = RenderSettings { samples, seed, ..RenderSettings::new(guide, StopRule::Spp(spp)) };
+    let mut settings =
+        RenderSettings { samples, seed, gives_up: false, ..RenderSettings::new(guide, StopRule::Spp(spp)) };
     settings.learner.target = target;
     settings
 }

@@ -3,6 +3,7 @@
 pub mod compare;
 pub mod dataset;
 pub mod error;
+pub mod inspect;
 pub mod plan;
 pub mod render;
 

@@ -12,6 +12,7 @@ use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::{interrupt, progress};
 use crate::film::exr::Attribute;
 use crate::film::{check_folder, check_writable, measure, write, write_or_rescue};
+use crate::guiding::file;
 use crate::materials::image::Image;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
@@ -31,7 +32,9 @@ const REFRESH: Duration = Duration::from_secs(2);
 /// Everything that reading, rendering and writing can say.
 pub fn run(args: &RenderArgs) -> Result<()> {
     check_writable(&args.output)?;
-    args.stats.as_deref().map_or(Ok(()), check_folder)?;
+    for other in [&args.stats, &args.save_guide].into_iter().flatten() {
+        check_folder(other)?;
+    }
     in_pool(&args.common, || {
         let begun = Instant::now();
         let loaded = load_scene(&args.scene, &args.common)?;
@@ -88,6 +91,7 @@ fn render(
     stop: &AtomicBool,
 ) -> Result<(Statistics, Result<()>)> {
     let mut settings = request.settings();
+    let loaded_guide = request.load_guide.as_deref().map(file::load).transpose()?;
     let reconstructor = reconstructor(request, &settings)?;
     let begun = Instant::now();
     let scene = Scene::build(loaded, request.size)?;
@@ -104,7 +108,10 @@ fn render(
     };
     let refresh = Some(Refresh { every: REFRESH, show: &show });
     let control = Control { progress, stop, refresh };
-    let outcome = render::render_watched(&scene, &settings, reconstructor.as_ref(), &control)?;
+    let outcome = match loaded_guide {
+        Some((field, _)) => render::render_with_field(&scene, &settings, field, &control)?,
+        None => render::render_watched(&scene, &settings, reconstructor.as_ref(), &control)?,
+    };
     let mut statistics = outcome.statistics;
     statistics.errors = errors.take();
     statistics.scene = request.scene.display().to_string();
@@ -117,6 +124,9 @@ fn render(
     let begun = Instant::now();
     let counts = [("spp", statistics.spp.to_string()), ("droppedSamples", statistics.dropped_samples.to_string())];
     let header: Vec<Attribute> = header.into_iter().chain(counts.map(|(k, v)| (k.to_owned(), v))).collect();
+    if let Some(path) = &request.save_guide {
+        file::save(path, &outcome.field, &outcome.evidence)?;
+    }
     let written = write_or_rescue(&request.output, &outcome.image, &header, request.exposure);
     statistics.seconds.write = begun.elapsed().as_secs_f64();
     Ok((statistics, written))

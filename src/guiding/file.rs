@@ -1,0 +1,274 @@
+//! Guide files: a guiding field on disk, with what it was made of.
+//!
+//! A safetensors file (see [`crate::base::tensors`]) for C cells, N nodes of their kd-trees, V voxels, and the inner nodes of the
+//! voxels' quadtrees:
+//!
+//! | name | type | shape | |
+//! |---|---|---|---|
+//! | `grid` | f32 | [5] | origin, side of a cell, 1 where cells are divided by facing |
+//! | `cell_keys` | i32 | [C, 3] | position in the grid |
+//! | `cell_facing` | u8 | [C] | +x, −x, +y, −y, +z, −z |
+//! | `cell_roots` | u32 | [C] | the cell's kd-tree |
+//! | `node_axis` | u8 | [N] | 3 for a leaf |
+//! | `node_position` | f32 | [N] | |
+//! | `node_child` | u32 | [N] | the first of two children, or the leaf's voxel |
+//! | `bsdf_fraction`, `gain` | f32 | [V] | gain as in [`Evidence`] |
+//! | `guide_uniform`, `counted_uniform` | f32 | [V] | the uniform part; 0 where there is no tree |
+//! | `guide_offset`, `counted_offset` | u64 | [V + 1] | where each voxel's nodes begin |
+//! | `guide_shares`, `counted_shares` | u16 | [.., 4] | where children 1 to 3 begin on a scale of 2¹⁶; which children have children, a bit each |
+//!
+//! `guide` is what is sampled (Q_r), `counted` what was accumulated (Q_h).
+
+use std::path::Path;
+
+use glam::Vec3;
+
+use super::cache::{CacheParts, SpatialCache};
+use super::field::{Evidence, GuideField, VoxelGuide};
+use super::sampler::{Node, SamplingTree};
+use crate::base::Result;
+use crate::base::files::read_bytes;
+use crate::base::tensors::{self, Dtype, Tensor, Tensors};
+
+/// The version of guide files that this program reads.
+pub const VERSION: u32 = 1;
+
+/// Largest accepted guide file in bytes.
+pub const GUIDE_LIMIT: u64 = 1 << 31;
+
+/// Writes a field and its evidence atomically. Evidence may be empty.
+///
+/// # Errors
+/// [`Error::Io`](crate::base::Error::Io) naming `path`.
+pub fn save(path: &Path, field: &GuideField, evidence: &Evidence) -> Result<()> {
+    let voxels = field.voxels();
+    let CacheParts { origin, cell, faces, keys, roots, nodes } = field.cache().parts();
+    let guides: Vec<Option<&SamplingTree>> = voxels.iter().map(|v| v.tree.as_ref()).collect();
+    let counted: Vec<_> = (0..voxels.len()).map(|v| evidence.counted.get(v).and_then(Option::as_ref)).collect();
+    let gains = (0..voxels.len()).map(|v| evidence.gain.get(v).copied().unwrap_or(f32::NAN));
+    let grid = [origin.x, origin.y, origin.z, cell, f32::from(u8::from(faces))];
+    let [guide_offset, guide_shares, guide_uniform] = trees(["guide_offset", "guide_shares", "guide_uniform"], &guides);
+    let names = ["counted_offset", "counted_shares", "counted_uniform"];
+    let [counted_offset, counted_shares, counted_uniform] = trees(names, &counted);
+    let all = [
+        vector("bsdf_fraction", Dtype::F32, voxels.iter().map(|v| v.bsdf_fraction.to_le_bytes())),
+        vector("cell_facing", Dtype::U8, keys.iter().map(|k| [k.1])),
+        {
+            let bytes = keys.iter().flat_map(|k| k.0).flat_map(i32::to_le_bytes).collect();
+            ("cell_keys", Dtype::I32, vec![keys.len(), 3], bytes)
+        },
+        vector("cell_roots", Dtype::U32, roots.iter().map(|r| r.to_le_bytes())),
+        counted_offset,
+        counted_shares,
+        counted_uniform,
+        vector("gain", Dtype::F32, gains.map(f32::to_le_bytes)),
+        vector("grid", Dtype::F32, grid.map(f32::to_le_bytes).into_iter()),
+        guide_offset,
+        guide_shares,
+        guide_uniform,
+        vector("node_axis", Dtype::U8, nodes.iter().map(|n| [n.0])),
+        vector("node_child", Dtype::U32, nodes.iter().map(|n| n.2.to_le_bytes())),
+        vector("node_position", Dtype::F32, nodes.iter().map(|n| n.1.to_le_bytes())),
+    ];
+    tensors::write(path, VERSION, &all)
+}
+
+fn vector<const B: usize>(name: &'static str, dtype: Dtype, elements: impl Iterator<Item = [u8; B]>) -> Tensor {
+    let bytes: Vec<u8> = elements.flatten().collect();
+    (name, dtype, vec![bytes.len() / B], bytes)
+}
+
+fn trees([offset, shares, uniform]: [&'static str; 3], trees: &[Option<&SamplingTree>]) -> [Tensor; 3] {
+    let (mut offsets, mut nodes, mut uniforms) = (vec![0u64], Vec::new(), Vec::new());
+    for tree in trees {
+        let (inner, part) = tree.map_or((&[][..], 0.0), SamplingTree::nodes);
+        nodes.extend(inner.iter().flat_map(|n| [n.begin[0], n.begin[1], n.begin[2], n.inner]));
+        uniforms.push(part);
+        offsets.push(nodes.len() as u64 / 4);
+    }
+    let bytes = nodes.iter().flat_map(|x: &u16| x.to_le_bytes()).collect();
+    [
+        vector(offset, Dtype::U64, offsets.iter().map(|o| o.to_le_bytes())),
+        (shares, Dtype::U16, vec![nodes.len() / 4, 4], bytes),
+        vector(uniform, Dtype::F32, uniforms.iter().map(|u: &f32| u.to_le_bytes())),
+    ]
+}
+
+/// Reads a guide file.
+///
+/// # Errors
+/// [`Error::Io`](crate::base::Error::Io); [`Error::Limit`](crate::base::Error::Limit) for a file above [`GUIDE_LIMIT`];
+/// [`Error::Unsupported`](crate::base::Error::Unsupported) for another version;
+/// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor for everything else that is wrong with it.
+pub fn load(path: &Path) -> Result<(GuideField, Evidence)> {
+    let bytes = read_bytes(path, GUIDE_LIMIT)?;
+    let file = Tensors::open(path, &bytes, "guide file", VERSION)?;
+    let cache = read_cache(&file)?;
+    let voxels = cache.len();
+    let floats = |name: &str| file.read(name, Dtype::F32, Some(voxels), 1, f32::from_le_bytes);
+    let fractions = floats("bsdf_fraction")?;
+    if let Some(bad) = fractions.iter().find(|&&f| !(f > 0.0 && f <= 1.0)) {
+        return file.fail("bsdf_fraction", format!("{bad} is not above 0 and at most 1"));
+    }
+    let guides = read_trees(&file, ["guide_offset", "guide_shares", "guide_uniform"], voxels)?;
+    let counted = read_trees(&file, ["counted_offset", "counted_shares", "counted_uniform"], voxels)?;
+    let guide = |(tree, bsdf_fraction)| VoxelGuide { tree, bsdf_fraction };
+    let field = GuideField::new(cache, guides.into_iter().zip(fractions).map(guide).collect());
+    Ok((field, Evidence { counted, gain: floats("gain")? }))
+}
+
+fn read_cache(file: &Tensors) -> Result<SpatialCache> {
+    let grid = file.read("grid", Dtype::F32, Some(5), 1, f32::from_le_bytes)?;
+    let cells = file.read("cell_keys", Dtype::I32, None, 3, i32::from_le_bytes)?;
+    let count = cells.len() / 3;
+    let facing = file.read("cell_facing", Dtype::U8, Some(count), 1, |[b]| b)?;
+    let axis = file.read("node_axis", Dtype::U8, None, 1, |[b]| b)?;
+    let position = file.read("node_position", Dtype::F32, Some(axis.len()), 1, f32::from_le_bytes)?;
+    let child = file.read("node_child", Dtype::U32, Some(axis.len()), 1, u32::from_le_bytes)?;
+    let parts = CacheParts {
+        origin: Vec3::new(grid[0], grid[1], grid[2]),
+        cell: grid[3],
+        faces: grid[4] != 0.0,
+        keys: cells.as_chunks::<3>().0.iter().copied().zip(facing).collect(),
+        roots: file.read("cell_roots", Dtype::U32, Some(count), 1, u32::from_le_bytes)?,
+        nodes: axis.into_iter().zip(position).zip(child).map(|((axis, at), child)| (axis, at, child)).collect(),
+    };
+    SpatialCache::from_parts(&parts).or_else(|e| file.fail("cells", e))
+}
+
+fn read_trees(
+    file: &Tensors,
+    [offset, shares, uniform]: [&str; 3],
+    voxels: usize,
+) -> Result<Vec<Option<SamplingTree>>> {
+    let offsets = file.read(offset, Dtype::U64, Some(voxels + 1), 1, u64::from_le_bytes)?;
+    let values = file.read(shares, Dtype::U16, None, 4, u16::from_le_bytes)?;
+    let uniforms = file.read(uniform, Dtype::F32, Some(voxels), 1, f32::from_le_bytes)?;
+    let nodes = values.as_chunks::<4>().0;
+    if offsets[0] != 0 || offsets[voxels] != nodes.len() as u64 || !offsets.is_sorted() {
+        return file.fail(offset, format!("offsets do not divide {} nodes into trees", nodes.len()));
+    }
+    let tree = |v: usize| {
+        let own = &nodes[offsets[v] as usize..offsets[v + 1] as usize];
+        if uniforms[v] == 0.0 && own.is_empty() {
+            return Ok(None);
+        }
+        let mut first = 1;
+        let unpack = |&[a, b, c, inner]: &[u16; 4]| {
+            let node = Node { begin: [a, b, c], inner, first };
+            first += inner.count_ones();
+            node
+        };
+        let nodes = own.iter().map(unpack).collect();
+        SamplingTree::from_nodes(nodes, uniforms[v])
+            .map(Some)
+            .or_else(|e| file.fail(format!("{shares} of voxel {v}"), e))
+    };
+    (0..voxels).map(tree).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::Random;
+    use crate::guiding::distribution::Distribution;
+    use crate::guiding::topology::Topology;
+
+    fn some_field() -> (GuideField, Evidence) {
+        let mut random = Random::new(4, 0, 0);
+        let mut cache = SpatialCache::new(Vec3::splat(-1.0), 0.5);
+        for _ in 0..40 {
+            let point = Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
+            cache.find_or_insert(point, point - 0.5);
+        }
+        cache.split(|v| v % 3 == 0);
+        cache.split(|v| v % 2 == 0);
+        let shape = || Topology::from_split(&[true, false, true, false, false, false, false, false, false]).unwrap();
+        let mut tree = |v: usize| {
+            let weights: Vec<f64> = (0..7).map(|_| random.next_f64()).collect();
+            (v % 4 != 1).then(|| SamplingTree::new(&Distribution::from_leaf_weights(shape(), &weights), 0.1, 9))
+        };
+        let counted: Vec<_> = (0..cache.len()).map(&mut tree).collect();
+        let guides = (0..cache.len()).map(|v| VoxelGuide { tree: tree(v), bsdf_fraction: 0.25 }).collect();
+        let gain = (0..cache.len()).map(|v| 1.0 / (1.0 + v as f32)).collect();
+        (GuideField::new(cache, guides), Evidence { counted, gain })
+    }
+
+    #[test]
+    fn what_is_loaded_samples_like_what_was_saved() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.guide");
+        let (field, evidence) = some_field();
+        save(&path, &field, &evidence).unwrap();
+        let (loaded, found) = load(&path).unwrap();
+        assert_eq!(found, evidence);
+        assert_eq!((loaded.bytes(), loaded.nodes()), (field.bytes(), field.nodes()));
+        let mut random = Random::new(5, 0, 0);
+        let mut guided = 0;
+        for _ in 0..2000 {
+            let mut next = || Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
+            let (point, normal) = (next(), next() - 0.5);
+            assert_eq!(loaded.at(point, normal), field.at(point, normal));
+            guided += usize::from(field.at(point, normal).is_some());
+        }
+        assert!(guided > 100);
+        save(&path, &GuideField::empty(), &Evidence::default()).unwrap();
+        assert!(load(&path).unwrap().0.voxels().is_empty());
+    }
+
+    #[test]
+    fn damaged_files_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.guide");
+        let (field, evidence) = some_field();
+        save(&path, &field, &evidence).unwrap();
+        let good = std::fs::read(&path).unwrap();
+        let try_bytes = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            load(&path).map(drop).map_err(|e| e.to_string())
+        };
+        for end in (0..good.len()).step_by(97) {
+            assert!(try_bytes(&good[..end]).unwrap_err().contains("a.guide"));
+        }
+        let data = 8 + u64::from_le_bytes(good[..8].try_into().unwrap()) as usize;
+        for at in (data..good.len()).step_by(7) {
+            let mut bad = good.clone();
+            bad[at] ^= 1 << (at % 8);
+            assert!(try_bytes(&bad).is_err(), "byte {at}");
+        }
+    }
+
+    /// Contents that a checksum does not protect from: written on purpose.
+    #[test]
+    fn hostile_trees_are_refused() {
+        let node = |begin, inner, first| Node { begin, inner, first };
+        let flat = [16384, 32768, 49152];
+        let refused = |nodes: Vec<Node>| SamplingTree::from_nodes(nodes, 0.1).is_err();
+        assert!(!refused(vec![node(flat, 1, 1), node(flat, 0, 2)]));
+        assert!(refused(vec![node(flat, 1, 0)]), "its own child");
+        assert!(refused(vec![node(flat, 1, 1)]), "a child that is not there");
+        assert!(refused(vec![node(flat, 0, 1), node(flat, 0, 1)]), "a node without a parent");
+        assert!(refused(vec![node([3, 2, 1], 0, 1)]), "a negative share");
+        assert!(refused((0..21).map(|i| node(flat, u16::from(i < 20), i + 1)).collect()), "too deep");
+        assert!(SamplingTree::from_nodes(vec![], f32::NAN).is_err());
+
+        let parts = |roots: Vec<u32>, nodes: Vec<(u8, f32, u32)>| CacheParts {
+            origin: Vec3::ZERO,
+            cell: 1.0,
+            faces: true,
+            keys: (0..roots.len()).map(|i| ([i as i32, 0, 0], 0)).collect(),
+            roots,
+            nodes,
+        };
+        let refused = |roots, nodes| SpatialCache::from_parts(&parts(roots, nodes)).is_err();
+        let leaf = |voxel| (3, 0.0, voxel);
+        assert!(!refused(vec![0], vec![(0, 0.5, 1), leaf(1), leaf(0)]));
+        assert!(refused(vec![0], vec![(0, 0.5, 0), leaf(1), leaf(0)]), "a circle");
+        assert!(refused(vec![0], vec![(0, 0.5, 7), leaf(1), leaf(0)]), "nodes that are not there");
+        assert!(refused(vec![0, 0], vec![leaf(0)]), "a voxel of two cells");
+        assert!(refused(vec![0], vec![(0, 0.5, 1), leaf(0), leaf(0)]), "a voxel twice");
+        assert!(refused(vec![0], vec![leaf(5)]), "a voxel too many");
+        assert!(refused(vec![0], vec![(0, f32::NAN, 1), leaf(1), leaf(0)]));
+        assert!(refused(vec![0], vec![(0, 0.5, u32::MAX), leaf(1), leaf(0)]));
+    }
+}
