@@ -9,7 +9,9 @@ pub struct PathRecord {
     pub point: Vec3,
     /// Unit direction that was sampled, away from the vertex.
     pub direction: Vec3,
-    /// Channel mean of f·|cos θ|·L̂ / p, radiance.
+    /// Channel mean of f·|cos θ|·L̂ / p, radiance. Here L̂ holds light that was hit as it enters the picture, weighted against
+    /// light sampling: whoever chooses between BSDF and guide by what trees learn alone, light that is hit left out, gives up
+    /// the BSDF samples that a glossy surface needs for a large lamp.
     pub estimate: f32,
     /// Channel mean of the path's throughput before the vertex over the value of its pixel: what the picture sees of the
     /// estimate.

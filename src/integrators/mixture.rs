@@ -47,15 +47,15 @@ impl<'a> Mixture<'a> {
         Self { surface, material, wo: surface.frame.to_local(out), guide }
     }
 
-    /// f·|cos θ| towards the world direction `wi`, and the density with which [`Mixture::sample`] chooses it.
-    pub fn eval(&self, wi: Vec3) -> (Vec3, f32) {
-        let local = self.surface.frame.to_local(wi);
-        let value = self.material.eval(self.surface.uv, self.wo, local);
-        let pdf = self.material.pdf(self.wo, local);
-        match self.guide {
-            Some((tree, alpha)) => (value, alpha * pdf + (1.0 - alpha) * tree.pdf(wi)),
-            None => (value, pdf),
-        }
+    /// f·|cos θ| towards the world direction `wi`.
+    pub fn eval(&self, wi: Vec3) -> Vec3 {
+        self.material.eval(self.surface.uv, self.wo, self.surface.frame.to_local(wi))
+    }
+
+    /// The density with which [`Mixture::sample`] chooses the world direction `wi`.
+    pub fn pdf(&self, wi: Vec3) -> f32 {
+        let pdf = self.material.pdf(self.wo, self.surface.frame.to_local(wi));
+        self.guide.map_or(pdf, |(tree, alpha)| alpha * pdf + (1.0 - alpha) * tree.pdf(wi))
     }
 
     /// Draws a direction; none where the surface absorbs.

@@ -174,7 +174,7 @@ impl PathTracer<'_> {
     fn connect(&self, surface: &Surface, mixture: &Mixture, random: &mut Random, count: &mut RayCount) -> Vec3 {
         let (choice, u) = (random.next_f64(), random.next_2d());
         let Some(light) = self.scene.lights.sample(surface.point, choice, u) else { return Vec3::ZERO };
-        let (value, pdf) = mixture.eval(light.wi);
+        let value = mixture.eval(light.wi);
         if value == Vec3::ZERO {
             return Vec3::ZERO;
         }
@@ -183,7 +183,8 @@ impl PathTracer<'_> {
         if t_max > 0.0 && self.scene.accel.occluded(&ray, t_max) {
             return Vec3::ZERO;
         }
-        let weight = if light.delta { 1.0 } else { mis::balance(light.pdf, pdf) };
+        // The density is not asked for before it is needed: most lights are hidden where guiding helps most.
+        let weight = if light.delta { 1.0 } else { mis::balance(light.pdf, mixture.pdf(light.wi)) };
         value * light.radiance * (weight / light.pdf)
     }
 }
@@ -227,7 +228,7 @@ impl PathTracer<'_> {
             if let Some(step) = &vertex.step {
                 reflected += step.sample.weight * incoming / step.survival;
                 if let Some((records, pixel)) = records.as_mut().filter(|_| !step.sample.delta) {
-                    records.push(self.record(vertex, step, vertices.get(i + 1), learned, *pixel));
+                    records.push(self.record(vertex, step, vertices.get(i + 1), [incoming, learned], *pixel));
                 }
             }
             incoming = vertex.emission + reflected;
@@ -236,11 +237,20 @@ impl PathTracer<'_> {
         incoming
     }
 
-    /// The record of the direction sampled at `vertex`, along which `learned` radiance arrived.
-    fn record(&self, vertex: &Vertex, step: &Step, next: Option<&Vertex>, learned: Vec3, pixel: f32) -> PathRecord {
+    /// The record of the direction sampled at `vertex`, along which `incoming` radiance arrived, weighted against light
+    /// sampling; `learned` is what of it trees are to learn.
+    fn record(
+        &self,
+        vertex: &Vertex,
+        step: &Step,
+        next: Option<&Vertex>,
+        [incoming, learned]: [Vec3; 2],
+        pixel: f32,
+    ) -> PathRecord {
         let sample = &step.sample;
         let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
-        let estimate = finite(channel_mean(sample.weight * learned) / step.survival);
+        let brought = |radiance: Vec3| finite(channel_mean(sample.weight * radiance) / step.survival);
+        let estimate = brought(learned);
         let pdf = sample.pdf * step.survival;
         let importance = finite(channel_mean(vertex.throughput) / pixel);
         let value = match self.target {
@@ -251,7 +261,7 @@ impl PathTracer<'_> {
         PathRecord {
             point: vertex.surface.point,
             direction: sample.direction,
-            estimate,
+            estimate: brought(incoming),
             importance,
             value: finite(value),
             bsdf_share: sample.bsdf_share,

@@ -92,7 +92,7 @@ impl Reconstructor for Gaussian {
     }
 
     fn rays_per_node(&self) -> f64 {
-        0.1
+        0.4
     }
 
     fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {

@@ -198,7 +198,7 @@ impl Reconstructor for Neural {
     }
 
     fn rays_per_node(&self) -> f64 {
-        0.5
+        2.0
     }
 
     fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {

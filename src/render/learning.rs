@@ -31,8 +31,8 @@ pub struct Learning {
     reconstruction_rays: f64,
 }
 
-/// Iterations in which neither photons nor guiding are given up: path samples that have not found the light cannot judge them.
-pub(super) const PATIENCE: u32 = 4;
+/// Iterations in which photons are never given up: path samples that have not found the light cannot judge them.
+const PATIENCE: u32 = 4;
 /// Fewest light paths for each camera path until then.
 const LEAST_PHOTONS: f64 = 0.25;
 

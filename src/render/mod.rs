@@ -22,12 +22,12 @@ use crate::base::progress::Progress;
 use crate::base::{Error, Result};
 use crate::film::{FinishedPass, Pass, check_size, combine};
 use crate::guiding::field::{Evidence, GuideField};
+use crate::materials::Material;
 use crate::materials::image::Image;
 use crate::math::channel_mean;
 use crate::reconstruct::Reconstructor;
 use crate::scene::Scene;
 use control::Watcher;
-use learning::PATIENCE;
 use split::{Outlook, gain, learns_on, pays};
 
 /// What a render produced.
@@ -232,7 +232,7 @@ impl<'a> Run<'a> {
         let mut trend = Trend::default();
         for t in 0..31 {
             let camera = 1u32 << t;
-            let hopeless = t >= PATIENCE && !self.pays(&trend);
+            let hopeless = t >= self.patience() && !self.pays(&trend);
             if hopeless || self.watcher.stopped() || !self.learns_on(camera, learning.photon_share, &trend) {
                 break;
             }
@@ -284,6 +284,13 @@ impl<'a> Run<'a> {
         self.statistics.guide = GuideStatistics::of(&field);
         self.evidence = learning.learner.evidence();
         Ok(field)
+    }
+
+    /// Iterations before guiding is given up. Learning costs several times what rendering does, so an easy scene should be known
+    /// for one at once; but light that comes through glass or from mirrors is found late, and then it is most of the noise.
+    fn patience(&self) -> u32 {
+        let specular = self.scene.materials().iter().any(Material::is_delta);
+        if specular { 4 } else { 2 }
     }
 
     /// Whether the guide at hand is worth its price, or its price does not matter.

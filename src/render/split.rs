@@ -44,6 +44,10 @@ pub fn learns_on(outlook: &Outlook, variances: &[f64]) -> bool {
 /// and not the clock, so that a budget in samples gives the same picture everywhere.
 const GUIDED_COST: f64 = 1.35;
 
+/// A path's vertices reduce the same variance together: at equal samples the box has 0.87 times the error where the sum over
+/// vertices says 0.80, the room with the door 0.49 where it says 0.40.
+const SHARED: f64 = 0.7;
+
 /// Effective samples below which moments tell nothing: a few paths that found light by chance say little of those that did not.
 const LEAST_EVIDENCE: f64 = 64.0;
 /// Part of the variance that is too small to matter, however little is known of it.
@@ -55,7 +59,7 @@ const SMALL_PART: f64 = 0.25;
 /// directions bring are, in the same unit, as they were `[while learning, with the guide, without]`
 /// (see [`Learner::picture_moments`](crate::guiding::learner::Learner::picture_moments)). What next event estimation brings, and
 /// what lies between the pixels of an edge, is the same with and without: it is in the variance alone. A path's vertices are
-/// counted as if their gains added up. None where nothing was measured, or where what guiding changes is most of the variance
+/// counted as if their gains added up, which promises too much, hence the power. None where nothing was measured, or where what guiding changes is most of the variance
 /// and rests on few of the samples: `effective` says on how many.
 pub fn gain(variance: f64, [learning, guided, unguided]: [f64; 3], effective: f64) -> Option<f64> {
     if effective < LEAST_EVIDENCE && learning > SMALL_PART * variance {
@@ -64,7 +68,7 @@ pub fn gain(variance: f64, [learning, guided, unguided]: [f64; 3], effective: f6
     // Below zero where the vertices of a path together have more than the path.
     let rest = variance - learning;
     let (with, without) = (guided + rest, unguided + rest);
-    (without.is_finite() && without > 0.0).then(|| (with / without).max(0.0))
+    (without.is_finite() && without > 0.0).then(|| (with / without).max(0.0).powf(SHARED))
 }
 
 /// Whether guiding with such a gain is worth what it costs.

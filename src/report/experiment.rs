@@ -16,7 +16,8 @@ use crate::base::process::cpu_seconds;
 use crate::base::progress::Silent;
 use crate::base::{Error, Progress, Result};
 use crate::film::{Measures, mean_and_variance, measure_noisy, relative_variance, write};
-use crate::guiding::field::GuideField;
+use crate::guiding::field::{Evidence, GuideField};
+use crate::guiding::file;
 use crate::materials::image::Image;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
@@ -296,12 +297,22 @@ impl Experiment<'_> {
 
     /// A field from many path samples, as counted.
     fn converged(&self, scene: &Scene, control: &Control) -> Result<GuideField> {
+        // The name tells what it was made for; a file that cannot be read any more is made again.
+        let made_for = format!("{:08x} {}", self.scene_crc32(), self.fingerprint());
+        let path = self.folder.join("runs").join(format!("oracle-{:08x}.guide", crc32([made_for.as_bytes()])));
+        if let Ok((field, _)) = file::load(&path) {
+            return Ok(field);
+        }
         let settings = RenderSettings {
             stop: StopRule::Spp(self.oracle_spp),
             seed: ORACLE_SEED,
             ..self.settings.with_guide(GuideMode::Variance)
         };
-        learn(scene, &settings, &Counted::default(), control)
+        let field = learn(scene, &settings, &Counted::default(), control)?;
+        if !control.stop.load(Ordering::Relaxed) {
+            file::save(&path, &field, &Evidence::default())?;
+        }
+        Ok(field)
     }
 
     /// The reference and the variance of its pixels: read, kept from an earlier call, or rendered.
