@@ -56,8 +56,8 @@ pub trait Reconstructor: Sync {
 }
 
 /// Reconstructs the trees of the voxels that contribute most to the picture, until that has cost as much as tracing `rays`
-/// rays; the others stay as they were counted. Returns the distributions in the order of `trees`, each with the uniform part that
-/// it needs, and the cost in rays.
+/// rays. The others are smoothed where that is much cheaper, else they stay as they were counted. Returns the distributions in
+/// the order of `trees`, each with the uniform part that it needs, and the cost in rays.
 ///
 /// # Errors
 /// Those of the reconstructor.
@@ -80,17 +80,16 @@ pub fn reconstruct_within(
             (spent, chosen[i]) = (after, true);
         }
     }
-    let mut counted = Vec::new();
-    let mut worth = Vec::new();
+    let (counted, gaussian) = (Counted::default(), gaussian::Gaussian::default());
+    let cheaper = gaussian.rays_per_node() < 0.5 * reconstructor.rays_per_node();
+    let fallback: &dyn Reconstructor = if cheaper { &gaussian } else { &counted };
+    let (mut worth, mut rest) = (Vec::new(), Vec::new());
     for (tree, &chosen) in trees.into_iter().zip(&chosen) {
-        counted.push((!chosen).then(|| (tree.distribution.clone(), Counted::default().uniform)));
-        if chosen {
-            worth.push(tree);
-        }
+        if chosen { worth.push(tree) } else { rest.push(tree) }
     }
-    let uniform = reconstructor.uniform();
-    let mut reconstructed = reconstructor.reconstruct(worth)?.into_iter().map(|distribution| (distribution, uniform));
-    let distributions = counted.into_iter().filter_map(|own| own.or_else(|| reconstructed.next())).collect();
+    let mut worth = reconstructor.reconstruct(worth)?.into_iter().map(|d| (d, reconstructor.uniform()));
+    let mut rest = fallback.reconstruct(rest)?.into_iter().map(|d| (d, fallback.uniform()));
+    let distributions = chosen.iter().filter_map(|&chosen| if chosen { worth.next() } else { rest.next() }).collect();
     Ok((distributions, spent))
 }
 
