@@ -220,3 +220,56 @@ impl Reconstructor for Neural {
         Ok(result.collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::guiding::leaves::{Leaves, Target};
+
+    /// Makes every tree uniform, at a price.
+    struct Flat(f64);
+
+    impl Reconstructor for Flat {
+        fn name(&self) -> &'static str {
+            "flat"
+        }
+
+        fn uniform(&self) -> f32 {
+            0.5
+        }
+
+        fn rays_per_node(&self) -> f64 {
+            self.0
+        }
+
+        fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
+            Ok(vec![Distribution::uniform(); trees.len()])
+        }
+    }
+
+    /// Which of three trees, contributing 1, 3 and 2, are reconstructed, with the uniform part of each, and the cost.
+    fn within(rays: f64, price: f64) -> ([bool; 3], [f32; 3], f64) {
+        let topology = Topology::from_split(&[true, false, false, false, false]).unwrap();
+        let sums = [1.0, 1.0, 0.0, 0.0].repeat(4);
+        let tree = |contribution| CountedTree {
+            leaves: Leaves { topology: &topology, sums: &sums, layout: Layout::Values, target: Target::Variance },
+            distribution: Distribution::from_leaf_weights(topology.clone(), &[0.7, 0.1, 0.1, 0.1]),
+            samples: [4, 0],
+            contribution,
+        };
+        let (made, spent) = reconstruct_within(rays, [1.0, 3.0, 2.0].map(tree).to_vec(), &Flat(price)).unwrap();
+        ([0, 1, 2].map(|i| made[i].0 == Distribution::uniform()), [0, 1, 2].map(|i| made[i].1), spent)
+    }
+
+    #[test]
+    fn what_contributes_most_comes_first() {
+        let nodes = LEAST_NODES as f64;
+        let counted = Counted::default().uniform;
+        assert_eq!(within(0.0, 0.1), ([false; 3], [counted; 3], 0.0));
+        assert_eq!(within(0.1 * nodes, 0.1), ([false, true, false], [counted, 0.5, counted], 0.1 * nodes));
+        assert_eq!(within(2.5 * nodes, 1.0).0, [false, true, true]);
+        assert_eq!(within(f64::INFINITY, 1.0), ([true; 3], [0.5; 3], 3.0 * nodes));
+        let smoothed = gaussian::Gaussian::default().uniform;
+        assert_eq!(within(0.0, 5.0).1, [smoothed; 3], "smoothing is cheap beside it");
+    }
+}
