@@ -221,6 +221,11 @@ impl FinishedPass {
         self.spread.mean_variance
     }
 
+    /// Samples of all pixels together.
+    pub fn samples(&self) -> u64 {
+        self.halves.iter().map(Half::samples).sum()
+    }
+
     /// Variance of one sample, averaged over channels and pixels; `None` below two samples.
     pub fn sample_variance(&self) -> Option<f64> {
         (self.spread.freedom > 0).then(|| self.spread.sum / self.spread.freedom as f64)

@@ -5,9 +5,9 @@
 use glam::Vec3;
 use serde::Serialize;
 
-use super::png::srgb;
 use crate::base::{Error, Result};
 use crate::materials::image::Image;
+use crate::math::srgb;
 
 /// Added to r² in relative errors, so that black pixels count finitely.
 pub(super) const FLOOR: f64 = 0.01;
@@ -65,7 +65,7 @@ pub fn measure_noisy(picture: &Image, reference: &Image, variance: Option<&Image
         mse: mean(|x, r| (x - r) * (x - r)),
         mape: mean(|x, r| (x - r).abs() / (r.abs() + FLOOR)),
         mean_ratio: ratio(mean(|x, _| x), mean(|_, r| r)),
-        relmse_ldr: mean(|x, r| relative_square(srgb(x), srgb(r))),
+        relmse_ldr: mean(|x, r| relative_square(srgb::encoded(x), srgb::encoded(r))),
     })
 }
 

@@ -5,12 +5,7 @@ use std::path::Path;
 use crate::base::files::write_bytes;
 use crate::base::{Error, Result};
 use crate::materials::image::Image;
-
-/// The sRGB transfer curve (IEC 61966-2-1) of a linear value, clamped to [0, 1].
-pub fn srgb(linear: f64) -> f64 {
-    let linear = linear.clamp(0.0, 1.0);
-    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
-}
+use crate::math::srgb;
 
 /// Encodes a picture after multiplying it by 2^`exposure`. Values outside [0, 1] are clamped, NaN is black.
 ///
@@ -25,7 +20,7 @@ pub fn encode(image: &Image, exposure: f32) -> Result<Vec<u8>> {
         .pixels
         .iter()
         .flat_map(|pixel| pixel.to_array())
-        .map(|value| (srgb(f64::from(value) * factor) * 255.0).round() as u8)
+        .map(|value| (srgb::encoded(f64::from(value) * factor) * 255.0).round() as u8)
         .collect();
     let fail = |e: png::EncodingError| Error::Options(format!("the picture could not be encoded as PNG: {e}"));
     let side =

@@ -156,7 +156,7 @@ fn read_trees(
         let mut first = 1;
         let unpack = |&[a, b, c, inner]: &[u16; 4]| {
             let node = Node { begin: [a, b, c], inner, first };
-            first += inner.count_ones();
+            first += (inner & 15).count_ones();
             node
         };
         let nodes = own.iter().map(unpack).collect();
@@ -194,12 +194,18 @@ mod tests {
         (GuideField::new(cache, guides), Evidence { counted, gain })
     }
 
-    #[test]
-    fn what_is_loaded_samples_like_what_was_saved() {
+    /// The field, saved in a folder of its own.
+    fn saved() -> (tempfile::TempDir, std::path::PathBuf, GuideField, Evidence) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.guide");
         let (field, evidence) = some_field();
         save(&path, &field, &evidence).unwrap();
+        (folder, path, field, evidence)
+    }
+
+    #[test]
+    fn what_is_loaded_samples_like_what_was_saved() {
+        let (_folder, path, field, evidence) = saved();
         let (loaded, found) = load(&path).unwrap();
         assert_eq!(found, evidence);
         assert_eq!((loaded.bytes(), loaded.nodes()), (field.bytes(), field.nodes()));
@@ -218,10 +224,7 @@ mod tests {
 
     #[test]
     fn damaged_files_are_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.guide");
-        let (field, evidence) = some_field();
-        save(&path, &field, &evidence).unwrap();
+        let (_folder, path, ..) = saved();
         let good = std::fs::read(&path).unwrap();
         let try_bytes = |bytes: &[u8]| {
             std::fs::write(&path, bytes).unwrap();

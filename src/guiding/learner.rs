@@ -9,7 +9,7 @@ use super::context::{Counted, with_context};
 use super::distribution::Distribution;
 use super::field::{Evidence, GuideField, VoxelGuide};
 use super::leaves::{Layout, Leaves, Target};
-use super::moments::{FRACTIONS, Moments, PATH_SHARES};
+use super::moments::{FRACTIONS, Moments, PATH_SHARES, PictureMoments};
 use super::quadtree::Quadtree;
 use super::record::{PathRecord, PhotonRecord};
 use super::sampler::{NODE_BYTES, SamplingTree};
@@ -273,21 +273,21 @@ impl Learner {
         (weight > 0.0).then(|| sum / weight)
     }
 
-    /// Second moments that guiding changes, as the picture sees them, summed over the samples of the iteration: as they were
-    /// while learning, with the fractions of BSDF samples found best, and with BSDF samples alone. To be asked after
-    /// [`Learner::publish`].
-    pub fn picture_moments(&self) -> [f64; 3] {
-        self.voxels.iter().fold([0.0; 3], |sums, voxel| {
-            let moments = voxel.fractions.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
-            [0, 1, 2].map(|i| sums[i] + voxel.squares * moments[i])
-        })
-    }
-
-    /// How many equal samples would tell as much about those moments as the samples there were (Kish's effective sample size):
-    /// few, where most comes from a few fireflies.
-    pub fn effective_samples(&self) -> f64 {
-        let (squares, fourths) = self.voxels.iter().fold((0.0, 0.0), |s, v| (s.0 + v.squares, s.1 + v.fourths));
-        if fourths > 0.0 { squares * squares / fourths } else { 0.0 }
+    /// What guiding changes, as the picture sees it. To be asked between [`Learner::publish`] and [`Learner::refine`].
+    pub fn picture_moments(&self) -> PictureMoments {
+        let mut sum = PictureMoments::default();
+        let mut fourths = 0.0;
+        for voxel in &self.voxels {
+            let relative = voxel.fractions.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
+            let [learning, guided, unguided] = relative.map(|moment| voxel.squares * moment);
+            sum.learning += learning;
+            sum.guided += guided;
+            sum.unguided += unguided;
+            sum.effective += voxel.squares;
+            fourths += voxel.fourths;
+        }
+        sum.effective = if fourths > 0.0 { sum.effective.powi(2) / fourths } else { 0.0 };
+        sum
     }
 
     /// Takes the distributions made from [`Learner::counted`] (same order) as the next guides, each with the part of the

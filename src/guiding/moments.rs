@@ -21,6 +21,20 @@ pub struct Moments<const N: usize> {
     samples: f64,
 }
 
+/// Second moments of what guided directions bring to the picture, summed over all vertices of the paths of an iteration.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PictureMoments {
+    /// As they were while learning.
+    pub learning: f64,
+    /// With the fractions of BSDF samples found best.
+    pub guided: f64,
+    /// With BSDF samples alone.
+    pub unguided: f64,
+    /// How many equal samples would tell as much about them as the samples there were (Kish's effective sample size): few, where
+    /// most comes from a few fireflies.
+    pub effective: f64,
+}
+
 impl<const N: usize> Default for Moments<N> {
     fn default() -> Self {
         Self { sums: [0.0; N], samples: 0.0 }

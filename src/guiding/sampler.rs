@@ -171,6 +171,13 @@ impl SamplingTree {
         self.pdf_at(cylindrical::to_cell(direction))
     }
 
+    /// Densities relative to the uniform one at the centres of `side`² cells of equal solid angle, rows of constant φ.
+    pub fn map(&self, side: usize) -> Vec<f64> {
+        let centre = |i: usize| (i as f64 + 0.5) / side as f64;
+        let cells = (0..side * side).map(|i| cylindrical::to_direction([centre(i % side), centre(i / side)]));
+        cells.map(|direction| f64::from(self.pdf(direction)) * 4.0 * PI).collect()
+    }
+
     /// The same for a cell (x, y) of level 20.
     pub fn pdf_at(&self, cell: [u32; 2]) -> f32 {
         (self.relative_at(cell) / (4.0 * PI)) as f32

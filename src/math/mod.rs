@@ -1,9 +1,10 @@
-//! Small geometric mathematics: frames, the cylindrical map of directions, error-bounded ray origins, special functions.
+//! Small geometric mathematics: frames, the cylindrical map of directions, error-bounded ray origins, special functions; the sRGB curve.
 
 pub mod cylindrical;
 pub mod error_bound;
 pub mod frame;
 pub mod special;
+pub mod srgb;
 
 pub use frame::Frame;
 

@@ -10,6 +10,7 @@ use crate::guiding::cache::VoxelId;
 use crate::guiding::emission::{EmissionGuide, EmissionLearner, Start};
 use crate::guiding::field::GuideField;
 use crate::guiding::learner::Learner;
+use crate::guiding::moments::PictureMoments;
 use crate::reconstruct::{Reconstructor, reconstruct_within};
 use crate::sampling::discrete::Discrete;
 
@@ -23,10 +24,8 @@ pub struct Learning {
     /// Light paths for each camera path of the next iteration, in [0, 1]. Once there are none, there will be none.
     pub photon_share: f64,
     iterations: u32,
-    /// Second moments of the last iteration, see [`Learner::picture_moments`].
-    pub moments: [f64; 3],
-    /// How many samples they are worth, see [`Learner::effective_samples`].
-    pub effective_samples: f64,
+    /// Of the last iteration.
+    pub moments: PictureMoments,
     /// What reconstruction has cost so far, in rays.
     reconstruction_rays: f64,
 }
@@ -50,8 +49,7 @@ impl Learning {
             emission_learner: EmissionLearner::new(emitted),
             learner: Learner::new(settings.learner.clone()),
             iterations: 0,
-            moments: [0.0; 3],
-            effective_samples: 0.0,
+            moments: PictureMoments::default(),
             reconstruction_rays: 0.0,
             photon_share: if settings.samples.photons() { 1.0 } else { 0.0 },
         }
@@ -101,7 +99,6 @@ impl Learning {
         }
         self.learner.publish(&distributions);
         self.moments = self.learner.picture_moments();
-        self.effective_samples = self.learner.effective_samples();
         let reconstruct_seconds = begun.elapsed().as_secs_f64();
         seconds.reconstruct += reconstruct_seconds;
         let nodes = self.learner.trees().iter().map(|t| t.leaves().topology.len()).sum();

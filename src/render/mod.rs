@@ -208,12 +208,15 @@ impl<'a> Run<'a> {
         tracer.run(pass, learning, &mut self.statistics, &mut go_on)
     }
 
-    /// About what each pixel will be, by the passes so far, for the target that asks for it: a mean over 5 × 5 pixels, so that a
-    /// firefly does not shut its own pixel out, with a floor of a tenth of the whole picture's mean.
+    /// About what each pixel will be, by the passes so far: a mean over 5 × 5 pixels, so that a firefly does not shut its own
+    /// pixel out, with a floor of a tenth of the whole picture's mean. None while no light was found.
     fn pixel_values(&self) -> Option<Vec<f32>> {
         let image = combine(if self.passes.is_empty() { &self.early } else { &self.passes }).ok()?;
         let all = image.pixels.iter().map(|&p| f64::from(channel_mean(p))).sum::<f64>() / image.pixels.len() as f64;
-        let floor = (0.1 * all as f32).max(f32::MIN_POSITIVE);
+        let floor = (0.1 * all) as f32;
+        if !(floor.is_normal() && floor > 0.0) {
+            return None;
+        }
         let reach = |at: usize, size: usize| at.saturating_sub(2)..(at + 3).min(size);
         let value = |i: usize| {
             let (x, y) = (i % image.width, i / image.width);
@@ -255,9 +258,7 @@ impl<'a> Run<'a> {
             let seconds = self.watcher.elapsed() - begun;
             let finished = pass.finish();
             let variance = pass.variance_relative_to(picture.as_deref());
-            let paths = self.pixels() as f64 * f64::from(camera);
-            let (moments, samples) = (learning.moments.map(|m| m / paths), learning.effective_samples);
-            trend.gain = variance.and_then(|v| gain(v, moments, samples));
+            trend.gain = variance.and_then(|v| gain(v, &learning.moments, finished.samples() as f64));
             trend.variances.extend(finished.sample_variance());
             trend.useful = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
             trend.seconds = seconds;

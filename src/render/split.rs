@@ -1,5 +1,7 @@
 //! How much of a budget to spend on learning (Müller 2017 §3.5), for passes that are combined.
 
+use crate::guiding::moments::PictureMoments;
+
 /// Share of the budget that is spent on learning without asking: variances of so few samples decide nothing.
 const FREE_SHARE: f64 = 0.25;
 /// Bounds of the predicted factor by which one more iteration lowers the variance of a sample. Measured factors are noisy: a
@@ -55,14 +57,15 @@ const SMALL_PART: f64 = 0.25;
 
 /// Variance of a sample with a guide over that without it.
 ///
-/// `variance` is that of a sample while learning, relative to the pixel's squared value; the second moments of what guided
-/// directions bring are, in the same unit, as they were `[while learning, with the guide, without]`
-/// (see [`Learner::picture_moments`](crate::guiding::learner::Learner::picture_moments)). What next event estimation brings, and
-/// what lies between the pixels of an edge, is the same with and without: it is in the variance alone. A path's vertices are
-/// counted as if their gains added up, which promises too much, hence the power. None where nothing was measured, or where what guiding changes is most of the variance
-/// and rests on few of the samples: `effective` says on how many.
-pub fn gain(variance: f64, [learning, guided, unguided]: [f64; 3], effective: f64) -> Option<f64> {
-    if effective < LEAST_EVIDENCE && learning > SMALL_PART * variance {
+/// `variance` is that of a sample while learning, relative to the pixel's squared value; `moments`, in the same unit, were measured
+/// on `paths` samples. What next event estimation brings, and what lies between the pixels of an edge, is the same with a guide
+/// and without: it is in the variance alone. A path's vertices are counted as if their gains added up, which promises too much,
+/// hence the power. None where nothing was measured, or where what guiding changes is most of the variance and rests on few of
+/// the samples.
+pub fn gain(variance: f64, moments: &PictureMoments, paths: f64) -> Option<f64> {
+    let [learning, guided, unguided] = [moments.learning, moments.guided, moments.unguided].map(|m| m / paths);
+    let known = moments.effective >= LEAST_EVIDENCE;
+    if !known && learning > SMALL_PART * variance {
         return None;
     }
     // Below zero where the vertices of a path together have more than the path.
@@ -86,6 +89,9 @@ mod tests {
 
     #[test]
     fn guiding_pays_where_it_changes_most_of_the_variance() {
+        let gain = |variance, [learning, guided, unguided]: [f64; 3], effective| {
+            gain(variance, &PictureMoments { learning, guided, unguided, effective }, 1.0)
+        };
         assert!(pays(gain(10.0, [8.0, 4.0, 30.0], 1e3).unwrap()));
         assert!(!pays(gain(10.0, [8.0, 7.0, 9.0], 1e3).unwrap()), "a small gain");
         assert!(!pays(gain(1000.0, [8.0, 4.0, 30.0], 3.0).unwrap()), "a large gain in a small part");

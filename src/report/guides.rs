@@ -2,11 +2,9 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::guiding::field::GuideField;
-use crate::math::cylindrical;
 use crate::scene::Scene;
 
 /// Columns and rows of a map.
@@ -47,11 +45,6 @@ fn map(scene: &Scene, field: &GuideField, [x, y]: [u32; 2]) -> Option<String> {
         return None;
     }
     let (tree, _) = field.at(surface.point, surface.normal_towards(-ray.direction))?;
-    let center = |i: usize| (i as f64 + 0.5) / SIDE as f64;
-    let cells = (0..SIDE * SIDE).map(|i| cylindrical::to_direction([center(i % SIDE), center(i / SIDE)]));
-    let byte = |direction: Vec3| {
-        let relative = f64::from(tree.pdf(direction)) * 4.0 * std::f64::consts::PI;
-        ((relative.max(1e-9).log10() + 3.0) / 6.0 * 255.0).round().clamp(0.0, 255.0) as u8
-    };
-    Some(STANDARD.encode(cells.map(byte).collect::<Vec<u8>>()))
+    let byte = |relative: f64| ((relative.max(1e-9).log10() + 3.0) / 6.0 * 255.0).round().clamp(0.0, 255.0) as u8;
+    Some(STANDARD.encode(tree.map(SIDE).into_iter().map(byte).collect::<Vec<u8>>()))
 }

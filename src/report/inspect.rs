@@ -1,13 +1,12 @@
 //! Pictures of a guiding field: the distributions at a point, and where on the picture guiding helps.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::guiding::cache::VoxelId;
 use crate::guiding::field::{Evidence, GuideField};
-use crate::guiding::sampler::SamplingTree;
 use crate::materials::image::Image;
-use crate::math::cylindrical;
+use crate::math::srgb;
 use crate::scene::Scene;
 
 /// Columns (z) and rows (φ) of the map of a sphere; equal areas are equal solid angles.
@@ -37,7 +36,7 @@ pub fn at(field: &GuideField, evidence: &Evidence, point: Vec3) -> Option<Maps> 
     let counted = |v: VoxelId| evidence.counted.get(v as usize).and_then(Option::as_ref);
     let sampled = |v: VoxelId| field.voxels().get(v as usize).and_then(|guide| guide.tree.as_ref());
     let maps: Vec<[Option<Vec<f64>>; 2]> =
-        voxels.iter().map(|&v| [counted(v), sampled(v)].map(|tree| tree.map(densities))).collect();
+        voxels.iter().map(|&v| [counted(v), sampled(v)].map(|tree| tree.map(|tree| tree.map(SIDE)))).collect();
     let largest = maps.iter().flatten().flatten().flatten().copied().fold(1.0, f64::max);
     let rows = maps.len();
     if rows == 0 {
@@ -57,16 +56,6 @@ pub fn at(field: &GuideField, evidence: &Evidence, point: Vec3) -> Option<Maps> 
     Some(Maps { image: Image { width, height, pixels }, voxels, largest })
 }
 
-/// Densities relative to the uniform one.
-fn densities(tree: &SamplingTree) -> Vec<f64> {
-    let center = |i: usize| (i as f64 + 0.5) / SIDE as f64;
-    let density = |i: usize| {
-        let direction = cylindrical::to_direction([center(i % SIDE), center(i / SIDE)]);
-        f64::from(tree.pdf(direction)) * 4.0 * std::f64::consts::PI
-    };
-    (0..SIDE * SIDE).into_par_iter().map(density).collect()
-}
-
 /// What each pixel sees first, coloured by how far guiding lowers the second moment of what is brought to the picture from
 /// there: dark where it does nothing, bright where it is a hundredth or less; nearly black where nothing is known.
 pub fn gains(scene: &Scene, field: &GuideField, evidence: &Evidence) -> Image {
@@ -84,10 +73,10 @@ pub fn gains(scene: &Scene, field: &GuideField, evidence: &Evidence) -> Image {
 
 /// A scale from dark blue over green to yellow, whose lightness rises evenly; linear RGB of a value in [0, 1].
 fn colour(value: f64) -> Vec3 {
-    const STOPS: [[f64; 3]; 5] =
+    const STOPS: [[f32; 3]; 5] =
         [[0.27, 0.0, 0.33], [0.23, 0.32, 0.55], [0.13, 0.57, 0.55], [0.37, 0.79, 0.38], [0.99, 0.91, 0.14]];
     let place = value.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
     let i = (place as usize).min(STOPS.len() - 2);
-    let srgb = DVec3::from(STOPS[i]).lerp(DVec3::from(STOPS[i + 1]), place - i as f64);
-    srgb.to_array().map(|x| if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) } as f32).into()
+    let srgb = Vec3::from(STOPS[i]).lerp(Vec3::from(STOPS[i + 1]), (place - i as f64) as f32);
+    srgb.to_array().map(srgb::linear).into()
 }

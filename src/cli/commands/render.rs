@@ -124,12 +124,10 @@ fn render(
     let begun = Instant::now();
     let counts = [("spp", statistics.spp.to_string()), ("droppedSamples", statistics.dropped_samples.to_string())];
     let header: Vec<Attribute> = header.into_iter().chain(counts.map(|(k, v)| (k.to_owned(), v))).collect();
-    if let Some(path) = &request.save_guide {
-        file::save(path, &outcome.field, &outcome.evidence)?;
-    }
     let written = write_or_rescue(&request.output, &outcome.image, &header, request.exposure);
+    let saved = request.save_guide.as_deref().map(|path| file::save(path, &outcome.field, &outcome.evidence));
     statistics.seconds.write = begun.elapsed().as_secs_f64();
-    Ok((statistics, written))
+    Ok((statistics, written.and(saved.unwrap_or(Ok(())))))
 }
 
 /// Writes the statistics where they are wanted.

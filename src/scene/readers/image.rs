@@ -8,6 +8,7 @@ use glam::Vec3;
 use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
 use crate::materials::image::Image;
+use crate::math::srgb;
 
 use super::exr;
 
@@ -63,7 +64,7 @@ fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Image> {
     let size = reader.output_buffer_size().ok_or_else(|| fail("it is too large".into()))?;
     let mut samples = vec![0; size];
     let frame = reader.next_frame(&mut samples).map_err(|error| fail(error.to_string()))?;
-    let value = |sample: f32| if raw { sample } else { linear_from_srgb(sample) };
+    let value = |sample: f32| if raw { sample } else { srgb::linear(sample) };
     let values: Vec<f32> = match frame.bit_depth {
         png::BitDepth::Sixteen => {
             let (pairs, _) = samples.as_chunks::<2>();
@@ -79,11 +80,6 @@ fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Image> {
     let pixel = |v: &[f32]| if grey { Vec3::splat(v[0]) } else { Vec3::from_slice(v) };
     let pixels = values.chunks_exact(channels).map(pixel).collect();
     Ok(Image { width: frame.width as usize, height: frame.height as usize, pixels })
-}
-
-/// IEC 61966-2-1, for a value in [0, 1].
-fn linear_from_srgb(value: f32) -> f32 {
-    if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
 #[cfg(test)]
