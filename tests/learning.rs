@@ -5,7 +5,8 @@ use fanal::base::random::Random;
 use fanal::guiding::cache::Bounds;
 use fanal::guiding::distribution::{Distribution, kl};
 use fanal::guiding::leaves::{Layout, Target};
-use fanal::guiding::quadtree::Quadtree;
+use fanal::guiding::parallax::Parallax;
+use fanal::guiding::quadtree::{Place, Quadtree};
 use fanal::guiding::record::{PathRecord, PhotonRecord};
 use fanal::guiding::topology::Topology;
 use fanal::math::cylindrical;
@@ -58,6 +59,7 @@ fn path(random: &mut Random) -> PathRecord {
         direction,
         estimate: estimate as f32,
         importance: 1.0,
+        direct: 0.0,
         value: (estimate * (4.0 * std::f64::consts::PI).sqrt()) as f32,
         bsdf_share: 1.0,
         bsdf: 1.0,
@@ -89,6 +91,7 @@ fn photon(random: &mut Random) -> PhotonRecord {
 /// Mean KL to `truth` over 60 trees of `n` samples of each kind asked for.
 fn mean_kl(truth: &Distribution, n: usize, kinds: [bool; 2]) -> f64 {
     let bounds = Bounds { low: Vec3::ZERO, high: Vec3::ONE, depth: 0 };
+    let place = Place { bounds: &bounds, parallax: Parallax::NONE, filtered: false };
     let repeats = 60;
     let one = |seed: u64| {
         let mut random = Random::new(77, seed, n as u64);
@@ -96,8 +99,8 @@ fn mean_kl(truth: &Distribution, n: usize, kinds: [bool; 2]) -> f64 {
         let count = |kind: usize| if kinds[kind] { n } else { 0 };
         let paths: Vec<PathRecord> = (0..count(0)).map(|_| path(&mut random)).collect();
         let photons: Vec<PhotonRecord> = (0..count(1)).map(|_| photon(&mut random)).collect();
-        tree.deposit_paths(&bounds, paths.iter());
-        tree.deposit_photons(&bounds, photons.iter());
+        tree.deposit_paths(&place, paths.iter());
+        tree.deposit_photons(&place, photons.iter());
         kl(truth, &tree.leaves().hybrid(0.5), 0.0)
     };
     (0..repeats).map(one).sum::<f64>() / repeats as f64

@@ -149,9 +149,14 @@ fn the_field_stays_below_its_ceiling() {
         outcome.expect("the settings are sound").statistics.guide
     };
     let free = size(24 << 20);
-    assert!(free.bytes > 1 << 20 && free.bytes <= 24 << 20, "{free:?}: the ceilings below must cut something off");
-    for memory in [800 << 10, 400 << 10] {
+    assert!(free.bytes > 1 << 19 && free.bytes <= 24 << 20, "{free:?}: too little to cut something off");
+    for memory in [free.bytes * 3 / 4, free.bytes * 3 / 8] {
         let guide = size(memory);
         assert!(guide.bytes <= memory && guide.trees > 0 && guide.nodes > guide.trees, "{memory}: {guide:?}");
+    }
+    // Too little for all voxels, then for any.
+    for memory in [64 << 10, 1 << 10, 0] {
+        let guide = size(memory);
+        assert!(guide.bytes <= memory, "{memory}: {guide:?}");
     }
 }

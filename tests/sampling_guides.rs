@@ -14,7 +14,9 @@ use fanal::base::random::Random;
 use fanal::geometry::Surface;
 use fanal::guiding::cache::SpatialCache;
 use fanal::guiding::distribution::Distribution;
+use fanal::guiding::effort::Effort;
 use fanal::guiding::field::{GuideField, VoxelGuide};
+use fanal::guiding::parallax::Parallax;
 use fanal::guiding::sampler::SamplingTree;
 use fanal::guiding::topology::{MAX_LEVEL, Topology};
 use fanal::integrators::mixture::Mixture;
@@ -185,9 +187,12 @@ fn mixture_follows_its_density() {
         let out = surface.frame.to_world(Vec3::new(0.6, 0.0, 0.8));
         cache.find_or_insert(surface.point, surface.normal_towards(out));
         let tree = Some(SamplingTree::new(&random_tree(11, 5, 0.7), 0.1, usize::MAX));
-        let field = GuideField::new(cache, vec![VoxelGuide { tree, bsdf_fraction: 0.3 }]);
+        // Seen from off the centre of the voxel.
+        let parallax = Parallax { centre: Vec3::new(0.2, 0.6, 0.4), curvature: 1.2 };
+        let field =
+            GuideField::new(cache, vec![VoxelGuide { tree, parallax, bsdf_fraction: 0.3, effort: Effort::UNKNOWN }]);
         let material = Material { two_sided: i == 0, kind };
-        let mixture = Mixture::new(&surface, &material, out, Some(&field));
+        let mixture = Mixture::new(&surface, &material, out, field.at(surface.point, surface.normal_towards(out)));
         let density = |wi| {
             let (value, pdf) = (mixture.eval(wi), mixture.pdf(wi));
             if value == Vec3::ZERO { 0.0 } else { f64::from(pdf) }

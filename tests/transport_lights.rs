@@ -10,8 +10,9 @@ use std::sync::Arc;
 use fanal::base::random::Random;
 use fanal::generate::build::{Builder, diffuse};
 use fanal::geometry::{Ray, Shape};
+use fanal::guiding::effort::Roulette;
 use fanal::guiding::emission::EmissionGuide;
-use fanal::guiding::leaves::Target;
+use fanal::guiding::leaves::{DirectLight, Target};
 use fanal::integrators::TransportSettings;
 use fanal::integrators::path::{PathScratch, PathTracer, RayCount};
 use fanal::integrators::photon::PhotonTracer;
@@ -103,8 +104,8 @@ fn lit_floor(light: Option<LightFile>) -> Scene {
 
 /// Flux into the floor by path tracing: π/albedo · the mean radiance over the floor · its area.
 fn traced_flux(scene: &Scene, nee: bool) -> f64 {
-    let settings = TransportSettings { max_depth: 2, nee, roulette: false };
-    let tracer = PathTracer { scene, settings, field: None, target: Target::Variance };
+    let settings = TransportSettings { max_depth: 2, nee, roulette: Roulette::Off };
+    let tracer = PathTracer { scene, settings, field: None, target: Target::Variance, direct: DirectLight::Nothing };
     let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
     let mut random = Random::new(3, 0, 0);
     let n = 300_000;
@@ -113,7 +114,7 @@ fn traced_flux(scene: &Scene, nee: bool) -> f64 {
         let [x, z] = random.next_2d().map(|u| 2.0 * u - 1.0);
         // From just above the floor, below the lamp.
         let ray = Ray { origin: Vec3::new(x, 0.01, z), direction: Vec3::NEG_Y };
-        sum += f64::from(tracer.trace(ray, &mut random, &mut scratch, None, &mut count).x);
+        sum += f64::from(tracer.trace(ray, &mut random, &mut scratch, None, None, &mut count).x);
     }
     sum / f64::from(n) * std::f64::consts::PI / 0.5 * 4.0
 }
@@ -135,7 +136,7 @@ fn emitted_flux(scene: &Scene) -> f64 {
 /// The same by the photon tracer, without next event estimation, so that it keeps photons straight from lights.
 fn deposited_flux(scene: &Scene) -> f64 {
     let emission = EmissionGuide::new(&scene.lights.emission);
-    let settings = TransportSettings { max_depth: 2, nee: false, roulette: true };
+    let settings = TransportSettings { max_depth: 2, nee: false, roulette: Roulette::Throughput };
     let tracer = PhotonTracer { scene, settings, emission: &emission };
     let (mut records, mut count) = (vec![], RayCount::default());
     let n = 400_000;
@@ -187,7 +188,7 @@ fn photons_of_several_lights_carry_their_sum() {
     b.add_sphere("b", Vec3::new(-0.4, 0.2, 0.0), 0.1, &wall, Some([48.0; 3]));
     let scene = built(b.finish());
     let emission = EmissionGuide::new(&scene.lights.emission);
-    let settings = TransportSettings { max_depth: 2, nee: false, roulette: true };
+    let settings = TransportSettings { max_depth: 2, nee: false, roulette: Roulette::Throughput };
     let tracer = PhotonTracer { scene: &scene, settings, emission: &emission };
     let (mut records, mut count) = (vec![], RayCount::default());
     let n = 100_000;
@@ -210,7 +211,7 @@ fn direct(name: &str, b: Builder, irradiance: f64, reachable: bool) {
     let scene = built(b.finish());
     let expected = irradiance * 0.5 / std::f64::consts::PI;
     for (guide, nee) in GUIDES[..2].iter().flat_map(|&guide| [(guide, true), (guide, false)]) {
-        let transport = TransportSettings { max_depth: 2, nee, roulette: true };
+        let transport = TransportSettings { max_depth: 2, nee, roulette: Roulette::Throughput };
         let found = mean(&picture(&scene, &RenderSettings { transport, ..settings(guide, 256, 1) }));
         if nee || reachable {
             assert!((found / expected - 1.0).abs() < 0.025, "{name}, {guide:?}, nee {nee}: {found} {expected}");

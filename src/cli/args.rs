@@ -6,7 +6,9 @@ use clap::builder::PossibleValue;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec3;
 
-use crate::guiding::leaves::Target;
+use crate::guiding::effort::Roulette;
+use crate::guiding::fraction::FractionRule;
+use crate::guiding::leaves::{DirectLight, Target};
 use crate::render::{GuideMode, Reconstruction, SampleKinds};
 use crate::report::experiment::Method;
 
@@ -94,10 +96,31 @@ words!(
 );
 
 words!(
+    FractionRule,
+    Half: "One half (Müller 2017)",
+    Moments: "The best of several by measured second moments",
+    Adam: "Learned by gradient descent (Müller 2019)",
+);
+
+words!(
+    DirectLight,
+    Nothing: "Nothing",
+    Weighted: "What is left for hitting it, by the weights of multiple importance sampling",
+    All: "All of it",
+);
+
+words!(
     Reconstruction,
     None: "Nothing",
     Gaussian: "They are smoothed level by level",
     Neural: "The network reconstructs them",
+);
+
+words!(
+    Roulette,
+    Off: "Not before nothing is left of them",
+    Throughput: "By how much is left of them",
+    Window: "By what is expected of them, light sampling likewise (Vorba and Křivánek 2016)",
 );
 
 /// Who executes the network.
@@ -150,6 +173,18 @@ pub struct RenderArgs {
     /// What guiding distributions are proportional to [default: by --guide]
     #[arg(long, value_enum)]
     pub target: Option<Target>,
+    /// What trees learn of light that light sampling finds too
+    #[arg(long, value_enum, default_value = "nothing")]
+    pub direct: DirectLight,
+    /// How often the BSDF is sampled instead of the guide [default: moments; half for --guide ppg]
+    #[arg(long, value_enum)]
+    pub fraction: Option<FractionRule>,
+    /// Move samples at random within the size of their leaf and their voxel (Müller 2019)
+    #[arg(long)]
+    pub filter: bool,
+    /// Iterations in which radiance is learned before the target (Nilsson 2022)
+    #[arg(long, value_name = "N", default_value = "0")]
+    pub radiance_iterations: u32,
     /// What is made of the trees as counted [default: by --guide]
     #[arg(long, value_enum)]
     pub reconstruct: Option<Reconstruction>,
@@ -162,9 +197,9 @@ pub struct RenderArgs {
     /// Ceiling of the sampling field in MB
     #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub guide_memory: u32,
-    /// Russian roulette
-    #[arg(long, value_enum, default_value = "on")]
-    pub roulette: Switch,
+    /// How paths end that are not worth going on with [default: window; throughput for --guide ppg]
+    #[arg(long, value_enum)]
+    pub roulette: Option<Roulette>,
     /// Samples per pixel, camera and light paths together [default: the scene's]
     #[arg(long, value_name = "N", group = "stop", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     pub spp: Option<u32>,

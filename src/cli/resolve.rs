@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use super::args::{Backend, RenderArgs};
 use crate::base::{Error, Result};
 use crate::film::check_size;
-use crate::guiding::leaves::{Layout, Target};
+use crate::guiding::effort::Roulette;
+use crate::guiding::fraction::FractionRule;
+use crate::guiding::leaves::{DirectLight, Layout, Target};
 use crate::render::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 use crate::scene::file::SceneFile;
 
@@ -28,8 +30,8 @@ pub struct RenderRequest {
     pub seed: u64,
     /// Next event estimation.
     pub nee: bool,
-    /// Russian roulette.
-    pub roulette: bool,
+    /// How paths end; `None` is as the guide has it.
+    pub roulette: Option<Roulette>,
     /// How camera rays find light.
     pub guide: GuideMode,
     /// Where guiding samples come from.
@@ -44,6 +46,14 @@ pub struct RenderRequest {
     pub load_guide: Option<PathBuf>,
     /// Ceiling of the sampling field, bytes.
     pub guide_memory: u64,
+    /// What trees learn of light that light sampling finds too.
+    pub direct: DirectLight,
+    /// How often the BSDF is sampled; `None` is as the guide has it.
+    pub fraction: Option<FractionRule>,
+    /// Whether samples are moved at random.
+    pub filtered: bool,
+    /// Iterations in which radiance is learned.
+    pub radiance_iterations: u32,
     /// The model's folder; `None` is the model inside the program.
     pub model: Option<PathBuf>,
     /// Who executes the network.
@@ -60,12 +70,16 @@ impl RenderRequest {
         let mut settings = RenderSettings::new(self.guide, self.stop);
         settings.transport.max_depth = self.max_depth;
         settings.transport.nee = self.nee;
-        settings.transport.roulette = self.roulette;
+        settings.transport.roulette = self.roulette.unwrap_or(settings.transport.roulette);
         settings.learner.memory = usize::try_from(self.guide_memory).unwrap_or(usize::MAX);
         settings.learner.keeps_evidence = self.save_guide.is_some();
         settings.seed = self.seed;
         settings.samples = self.samples.unwrap_or(settings.samples);
         settings.learner.target = self.target.unwrap_or(settings.learner.target);
+        settings.learner.direct = self.direct;
+        settings.learner.fraction = self.fraction.unwrap_or(settings.learner.fraction);
+        settings.learner.filtered = self.filtered;
+        settings.learner.radiance_iterations = self.radiance_iterations;
         settings.reconstruction = self.reconstruct.unwrap_or(settings.reconstruction);
         settings.learner.layout =
             if settings.reconstruction == Reconstruction::Neural { Layout::Full } else { Layout::Values };
@@ -115,11 +129,15 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         stop,
         seed: args.seed,
         nee: args.nee.is_on(),
-        roulette: args.roulette.is_on(),
+        roulette: args.roulette,
         guide: args.guide,
         samples: args.samples,
         target: args.target,
         reconstruct: args.reconstruct,
+        direct: args.direct,
+        fraction: args.fraction,
+        filtered: args.filter,
+        radiance_iterations: args.radiance_iterations,
         save_guide: args.save_guide.clone(),
         load_guide: args.load_guide.clone(),
         guide_memory: u64::from(args.guide_memory) * 1_000_000,

@@ -112,6 +112,7 @@ impl Collector<'_> {
             scene: self.scene,
             settings: &self.settings,
             field: Some(&field),
+            target: self.learning.learner.target(),
             picture: None,
             first_sample: self.first_sample,
             spp,

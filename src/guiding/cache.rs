@@ -79,6 +79,10 @@ pub(super) struct CacheParts {
     pub nodes: Vec<(u8, f32, u32)>,
 }
 
+/// Bytes that a voxel takes at most in a [`SpatialCache`]: its bounds and cell, two nodes, its key and its share of a hash map that
+/// has just grown.
+pub(super) const CELL_BYTES: usize = 160;
+
 /// Stands for the axis of a node that is not divided.
 pub(super) const LEAF: u8 = 3;
 

@@ -3,15 +3,55 @@
 use glam::Vec3;
 
 use super::cache::SpatialCache;
+use super::effort::Effort;
+use super::parallax::Parallax;
 use super::sampler::SamplingTree;
+use crate::base::random::Random;
 
-/// The distribution of one voxel.
+/// What is known of one voxel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VoxelGuide {
     /// The distribution of directions; none while nothing is known, then the BSDF samples alone.
     pub tree: Option<SamplingTree>,
+    /// How its directions are seen from the points of the voxel.
+    pub parallax: Parallax,
     /// Probability α of sampling the BSDF instead of the tree, in (0, 1].
     pub bsdf_fraction: f32,
+    /// How much work a vertex here is worth.
+    pub effort: Effort,
+}
+
+/// A distribution of directions at a point.
+#[derive(Debug, Clone, Copy)]
+pub struct DirectionGuide<'a> {
+    tree: &'a SamplingTree,
+    parallax: &'a Parallax,
+    point: Vec3,
+    /// Probability α of sampling the BSDF instead, in (0, 1].
+    pub bsdf_fraction: f32,
+}
+
+impl VoxelGuide {
+    /// Its distribution at `point`; none where the BSDF samples alone.
+    pub fn directions(&self, point: Vec3) -> Option<DirectionGuide<'_>> {
+        let (parallax, bsdf_fraction) = (&self.parallax, self.bsdf_fraction);
+        self.tree.as_ref().map(|tree| DirectionGuide { tree, parallax, point, bsdf_fraction })
+    }
+}
+
+impl DirectionGuide<'_> {
+    /// Draws a direction; returns it with its density w.r.t. solid angle.
+    pub fn sample(&self, random: &mut Random) -> (Vec3, f32) {
+        let (direction, pdf) = self.tree.sample(random);
+        let (direction, density) = self.parallax.from_centre(self.point, direction);
+        (direction, pdf * density)
+    }
+
+    /// Density of [`DirectionGuide::sample`]. Never zero.
+    pub fn pdf(&self, direction: Vec3) -> f32 {
+        let seen = self.parallax.to_centre(self.point, direction);
+        self.tree.pdf(seen.direction) * seen.density
+    }
 }
 
 /// What the field was made of, per voxel: to look at, not to sample from.
@@ -42,10 +82,9 @@ impl GuideField {
         Self::new(SpatialCache::new(Vec3::ZERO, 1.0), Vec::new())
     }
 
-    /// The guide at a point of a surface, on the side that `normal` points to, if there is anything to guide by.
-    pub fn at(&self, point: Vec3, normal: Vec3) -> Option<(&SamplingTree, f32)> {
-        let guide = self.voxels.get(self.cache.find(point, normal)? as usize)?;
-        guide.tree.as_ref().map(|tree| (tree, guide.bsdf_fraction))
+    /// What is known at a point of a surface, on the side that `normal` points to, if anything is.
+    pub fn at(&self, point: Vec3, normal: Vec3) -> Option<&VoxelGuide> {
+        self.voxels.get(self.cache.find(point, normal)? as usize)
     }
 
     /// The voxels.

@@ -13,6 +13,8 @@
 //! | `node_position` | f32 | [N] | |
 //! | `node_child` | u32 | [N] | the first of two children, or the leaf's voxel |
 //! | `bsdf_fraction`, `gain` | f32 | [V] | gain as in [`Evidence`] |
+//! | `parallax` | f32 | [V, 4] | centre and curvature, as in [`Parallax`] |
+//! | `effort` | f32 | [V, 2] | of light sampling and of going on, as in [`Effort`] |
 //! | `guide_uniform`, `counted_uniform` | f32 | [V] | the uniform part; 0 where there is no tree |
 //! | `guide_offset`, `counted_offset` | u64 | [V + 1] | where each voxel's nodes begin |
 //! | `guide_shares`, `counted_shares` | u16 | [.., 4] | where children 1 to 3 begin on a scale of 2¹⁶; which children have children, a bit each |
@@ -24,14 +26,16 @@ use std::path::Path;
 use glam::Vec3;
 
 use super::cache::{CacheParts, SpatialCache};
+use super::effort::Effort;
 use super::field::{Evidence, GuideField, VoxelGuide};
+use super::parallax::Parallax;
 use super::sampler::{Node, SamplingTree};
 use crate::base::Result;
 use crate::base::files::read_bytes;
 use crate::base::tensors::{self, Dtype, Tensor, Tensors};
 
 /// The version of guide files that this program reads.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// Largest accepted guide file in bytes.
 pub const GUIDE_LIMIT: u64 = 1 << 31;
@@ -61,6 +65,7 @@ pub fn save(path: &Path, field: &GuideField, evidence: &Evidence) -> Result<()> 
         counted_offset,
         counted_shares,
         counted_uniform,
+        floats("effort", voxels.iter().map(|v| [v.effort.light, v.effort.onward])),
         vector("gain", Dtype::F32, gains.map(f32::to_le_bytes)),
         vector("grid", Dtype::F32, grid.map(f32::to_le_bytes).into_iter()),
         guide_offset,
@@ -69,6 +74,7 @@ pub fn save(path: &Path, field: &GuideField, evidence: &Evidence) -> Result<()> 
         vector("node_axis", Dtype::U8, nodes.iter().map(|n| [n.0])),
         vector("node_child", Dtype::U32, nodes.iter().map(|n| n.2.to_le_bytes())),
         vector("node_position", Dtype::F32, nodes.iter().map(|n| n.1.to_le_bytes())),
+        floats("parallax", voxels.iter().map(|v| v.parallax.centre.extend(v.parallax.curvature).to_array())),
     ];
     tensors::write(path, VERSION, &all)
 }
@@ -76,6 +82,11 @@ pub fn save(path: &Path, field: &GuideField, evidence: &Evidence) -> Result<()> 
 fn vector<const B: usize>(name: &'static str, dtype: Dtype, elements: impl Iterator<Item = [u8; B]>) -> Tensor {
     let bytes: Vec<u8> = elements.flatten().collect();
     (name, dtype, vec![bytes.len() / B], bytes)
+}
+
+fn floats<const N: usize>(name: &'static str, rows: impl Iterator<Item = [f32; N]>) -> Tensor {
+    let bytes: Vec<u8> = rows.flatten().flat_map(f32::to_le_bytes).collect();
+    (name, Dtype::F32, vec![bytes.len() / (4 * N), N], bytes)
 }
 
 fn trees([offset, shares, uniform]: [&'static str; 3], trees: &[Option<&SamplingTree>]) -> [Tensor; 3] {
@@ -112,8 +123,20 @@ pub fn load(path: &Path) -> Result<(GuideField, Evidence)> {
     }
     let guides = read_trees(&file, ["guide_offset", "guide_shares", "guide_uniform"], voxels)?;
     let counted = read_trees(&file, ["counted_offset", "counted_shares", "counted_uniform"], voxels)?;
-    let guide = |(tree, bsdf_fraction)| VoxelGuide { tree, bsdf_fraction };
-    let field = GuideField::new(cache, guides.into_iter().zip(fractions).map(guide).collect());
+    let efforts = file.read("effort", Dtype::F32, Some(voxels), 2, f32::from_le_bytes)?;
+    if let Some(bad) = efforts.iter().find(|e| e.is_nan() || **e < 0.0) {
+        return file.fail("effort", format!("{bad} is not 0 or above"));
+    }
+    let effort = efforts.as_chunks::<2>().0.iter().map(|&[light, onward]| Effort { light, onward });
+    let spheres = file.read("parallax", Dtype::F32, Some(voxels), 4, f32::from_le_bytes)?;
+    if let Some(bad) = spheres.iter().find(|x| !x.is_finite()) {
+        return file.fail("parallax", format!("{bad} is not finite"));
+    }
+    let parallax = spheres.as_chunks::<4>().0.iter();
+    let parallax = parallax.map(|&[x, y, z, curvature]| Parallax { centre: Vec3::new(x, y, z), curvature });
+    let guide = |(((tree, bsdf_fraction), effort), parallax)| VoxelGuide { tree, parallax, bsdf_fraction, effort };
+    let guides = guides.into_iter().zip(fractions).zip(effort).zip(parallax).map(guide);
+    let field = GuideField::new(cache, guides.collect());
     Ok((field, Evidence { counted, gain: floats("gain")? }))
 }
 
@@ -189,7 +212,14 @@ mod tests {
             (v % 4 != 1).then(|| SamplingTree::new(&Distribution::from_leaf_weights(shape(), &weights), 0.1, 9))
         };
         let counted: Vec<_> = (0..cache.len()).map(&mut tree).collect();
-        let guides = (0..cache.len()).map(|v| VoxelGuide { tree: tree(v), bsdf_fraction: 0.25 }).collect();
+        let guides = (0..cache.len())
+            .map(|v| VoxelGuide {
+                tree: tree(v),
+                parallax: Parallax { centre: Vec3::splat(v as f32), curvature: 0.5 },
+                bsdf_fraction: 0.25,
+                effort: Effort { light: 0.5 * v as f32, onward: f32::INFINITY },
+            })
+            .collect();
         let gain = (0..cache.len()).map(|v| 1.0 / (1.0 + v as f32)).collect();
         (GuideField::new(cache, guides), Evidence { counted, gain })
     }
@@ -215,7 +245,7 @@ mod tests {
             let mut next = || Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
             let (point, normal) = (next(), next() - 0.5);
             assert_eq!(loaded.at(point, normal), field.at(point, normal));
-            guided += usize::from(field.at(point, normal).is_some());
+            guided += usize::from(field.at(point, normal).is_some_and(|guide| guide.tree.is_some()));
         }
         assert!(guided > 100);
         save(&path, &GuideField::empty(), &Evidence::default()).unwrap();

@@ -2,18 +2,23 @@
 //!
 //! Everything is merged in a fixed order (by voxel, then by path), so the result does not depend on the number of threads.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
-use super::cache::{Ancestry, SpatialCache, VoxelId};
+use super::cache::{Ancestry, Bounds, CELL_BYTES, SpatialCache, VoxelId};
 use super::context::{Counted, with_context};
 use super::distribution::Distribution;
+use super::effort::{Effort, Returns};
 use super::field::{Evidence, GuideField, VoxelGuide};
-use super::leaves::{Layout, Leaves, Target};
+use super::fraction::{Adam, FractionRule};
+use super::leaves::{DirectLight, Layout, Leaves, Target};
 use super::moments::{FRACTIONS, Moments, PATH_SHARES, PictureMoments};
-use super::quadtree::Quadtree;
+use super::parallax::Parallax;
+use super::quadtree::{Place, Quadtree};
 use super::record::{PathRecord, PhotonRecord};
 use super::sampler::{NODE_BYTES, SamplingTree};
 use super::topology::Topology;
+use crate::base::random::Random;
 use crate::math::cylindrical;
 
 /// How the field is learned.
@@ -31,10 +36,18 @@ pub struct LearnerSettings {
     pub split_share: f64,
     /// What is deposited.
     pub target: Target,
+    /// What of direct light.
+    pub direct: DirectLight,
     /// What is summed per leaf.
     pub layout: Layout,
-    /// Whether the fraction of BSDF samples follows the measured moments; ½ otherwise (Müller 2017 §3.3).
-    pub measures_fraction: bool,
+    /// How often the BSDF is sampled instead of the guide.
+    pub fraction: FractionRule,
+    /// Whether samples are moved at random within their leaf's and their voxel's size (Müller 2019 §10.2).
+    pub filtered: bool,
+    /// Iterations in which radiance is learned before the target: second moments of few samples are mostly noise (Nilsson §4.4).
+    pub radiance_iterations: u32,
+    /// Whether directions are kept for the centres of voxels, see [`Parallax`].
+    pub parallax: bool,
     /// As how many samples a voxel's surroundings count; 0 for none.
     pub context: f64,
     /// Ceiling of the field in bytes.
@@ -52,9 +65,13 @@ impl Default for LearnerSettings {
             growing: false,
             split_share: 0.02,
             target: Target::Variance,
+            direct: DirectLight::Nothing,
             layout: Layout::Values,
-            measures_fraction: true,
-            context: 4096.0,
+            fraction: FractionRule::Moments,
+            filtered: false,
+            radiance_iterations: 0,
+            parallax: true,
+            context: 1024.0,
             memory: 24 << 20,
             keeps_evidence: false,
         }
@@ -65,8 +82,12 @@ impl Default for LearnerSettings {
 #[derive(Debug, Clone)]
 struct Voxel {
     tree: Quadtree,
+    /// What the tree's directions refer to.
+    parallax: Parallax,
     /// Q_r of the last iteration with energy.
     guide: Option<SamplingTree>,
+    /// What its directions refer to.
+    guide_parallax: Parallax,
     /// Fraction of BSDF samples once learning is over.
     bsdf_fraction: f32,
     /// Part of path samples in what is counted, the rest being photons.
@@ -77,9 +98,13 @@ struct Voxel {
     fourths: f64,
     /// What mixing BSDF and guide in other ways would have cost.
     fractions: Moments<{ FRACTIONS.len() }>,
+    /// What its vertices sent back, and the same of the last iteration with what its surroundings know.
+    returns: Returns,
+    known_returns: Returns,
+    adam: Adam,
     /// What mixing the trees of path samples and photons in other ways would have cost.
     shares: Moments<{ PATH_SHARES.len() }>,
-    /// The trees of path samples and of photons in the last iteration.
+    /// The trees of path samples and of photons in the last iteration, with [`Voxel::guide_parallax`].
     kinds: Option<Box<[SamplingTree; 2]>>,
     /// Whether the tree got its shape in the current pass.
     shaped: bool,
@@ -89,16 +114,21 @@ struct Voxel {
 }
 
 impl Voxel {
-    fn new(settings: &LearnerSettings) -> Self {
+    fn new(layout: Layout, target: Target) -> Self {
         Self {
-            tree: Quadtree::new(Topology::root(), settings.layout, settings.target),
+            tree: Quadtree::new(Topology::root(), layout, target),
+            parallax: Parallax::NONE,
             guide: None,
+            guide_parallax: Parallax::NONE,
             bsdf_fraction: 0.5,
             path_share: 0.5,
             contribution: 0.0,
             squares: 0.0,
             fourths: 0.0,
             fractions: Moments::default(),
+            returns: Returns::default(),
+            known_returns: Returns::default(),
+            adam: Adam::default(),
             shares: Moments::default(),
             kinds: None,
             shaped: false,
@@ -128,6 +158,9 @@ pub struct Learner {
     voxels: Vec<Voxel>,
     /// Groups of voxels in the iteration that is being judged.
     ancestry: Ancestry,
+    iterations: u32,
+    /// Chunks so far, for random numbers.
+    absorbed: u64,
     frozen: bool,
 }
 
@@ -143,7 +176,20 @@ const SHARE_UNIFORM: f32 = 0.3;
 impl Learner {
     /// A learner that has seen nothing.
     pub fn new(settings: LearnerSettings) -> Self {
-        Self { settings, cache: None, voxels: Vec::new(), ancestry: Ancestry::default(), frozen: false }
+        Self {
+            settings,
+            cache: None,
+            voxels: Vec::new(),
+            ancestry: Ancestry::default(),
+            iterations: 0,
+            absorbed: 0,
+            frozen: false,
+        }
+    }
+
+    /// What is deposited now.
+    pub fn target(&self) -> Target {
+        if self.iterations < self.settings.radiance_iterations { Target::Radiance } else { self.settings.target }
     }
 
     /// Number of voxels.
@@ -180,56 +226,39 @@ impl Learner {
         if paths.is_empty() && self.cache.is_none() {
             return vec![VoxelId::MAX; photons.len()];
         }
+        let target = self.target();
         let resolution = self.settings.resolution;
         let faces = self.settings.facing;
         let cache = self.cache.get_or_insert_with(|| {
             let cache = SpatialCache::fit(&paths.iter().map(|r| r.point).collect::<Vec<_>>(), resolution);
             if faces { cache } else { cache.without_facing() }
         });
-        let path_voxels = voxels_of(cache, paths);
-        self.voxels.resize_with(cache.len(), || Voxel::new(&self.settings));
-        let photon_voxels: Vec<VoxelId> =
+        let mut path_voxels = voxels_of(cache, paths, most_voxels(self.settings.memory));
+        self.voxels.resize_with(cache.len(), || Voxel::new(self.settings.layout, target));
+        let mut photon_voxels: Vec<VoxelId> =
             photons.par_iter().map(|r| cache.find(r.point, r.normal).unwrap_or(VoxelId::MAX)).collect();
+        let reached = photon_voxels.clone();
+        let filtered = self.settings.filtered;
+        if filtered {
+            self.absorbed += 1;
+            let moved = |kind, points: Vec<(Vec3, Vec3)>, voxels: &mut [VoxelId]| {
+                move_voxels(cache, (self.absorbed, kind), &points, voxels)
+            };
+            moved(0, paths.iter().map(|r| (r.point, r.normal)).collect(), &mut path_voxels);
+            moved(1, photons.iter().map(|r| (r.point, r.normal)).collect(), &mut photon_voxels);
+        }
         let paths_by_voxel = Groups::new(&path_voxels, self.voxels.len());
         let photons_by_voxel = Groups::new(&photon_voxels, self.voxels.len());
-        let cache = &*cache;
-        let (share, frozen) = (self.settings.split_share, self.frozen);
-        let squares = self.settings.target != Target::Radiance;
+        let (cache, settings, frozen) = (&*cache, &self.settings, self.frozen);
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
             let bounds = cache.bounds(v as VoxelId);
             let own_paths = paths_by_voxel.group(v).iter().map(|&i| &paths[i as usize]);
             let own_photons = photons_by_voxel.group(v).iter().map(|&i| &photons[i as usize]);
-            for record in own_paths.clone() {
-                let brought = f64::from(record.importance) * f64::from(record.estimate);
-                voxel.contribution += brought;
-                voxel.squares += brought * brought;
-                voxel.fourths += brought.powi(4);
-                if squares && record.value > 0.0 {
-                    voxel.weigh_kinds(record);
-                }
-                if voxel.guide.is_some() {
-                    voxel.fractions.add_estimate(record.estimate, record.bsdf_share, LEARNING_FRACTION);
-                }
-            }
-            if own_paths.len() + own_photons.len() == 0 {
-                return;
-            }
-            let deposit = |tree: &mut Quadtree| {
-                if deposit_paths {
-                    tree.deposit_paths(&bounds, own_paths.clone());
-                }
-                tree.deposit_photons(&bounds, own_photons.clone());
-            };
-            deposit(&mut voxel.tree);
-            // A tree that is only a root first becomes equal leaves; the second round gives it direction.
-            let rounds = if voxel.shaped || frozen { 0 } else { 1 + usize::from(voxel.tree.topology().len() == 1) };
-            for _ in 0..rounds {
-                voxel.tree = voxel.tree.refined(share);
-                deposit(&mut voxel.tree);
-            }
-            voxel.shaped = true;
+            own_paths.clone().for_each(|record| voxel.judge(record, settings.fraction));
+            let deposited = own_paths.take(if deposit_paths { usize::MAX } else { 0 });
+            voxel.deposit(&bounds, deposited, own_photons, settings, frozen);
         });
-        photon_voxels
+        reached
     }
 
     /// Every voxel's tree as counted; none where neither it nor its surroundings hold energy. Path samples and photons are mixed
@@ -300,16 +329,22 @@ impl Learner {
         let cap = self.inner_nodes_cap(distributions);
         let ancestry = &self.ancestry;
         let priors = pooled(&self.voxels, ancestry, |v| &v.fractions);
-        let LearnerSettings { measures_fraction, keeps_evidence, .. } = self.settings;
+        let returns = pooled(&self.voxels, ancestry, |v| &v.returns);
+        let LearnerSettings { fraction: rule, keeps_evidence, .. } = self.settings;
         self.voxels.par_iter_mut().zip(distributions).enumerate().for_each(|(v, (voxel, distribution))| {
             voxel.kinds = voxel.kinds();
+            voxel.guide_parallax = voxel.parallax;
+            voxel.known_returns = voxel.returns;
+            voxel.known_returns.add_prior(&returns[ancestry.block(v)], PRIOR_SAMPLES);
             let Some((distribution, uniform)) = distribution else { return };
             voxel.guide = Some(SamplingTree::new(distribution, *uniform, cap));
             let mut fractions = voxel.fractions;
             fractions.add_prior(&priors[ancestry.block(v)], PRIOR_SAMPLES);
-            if measures_fraction {
-                voxel.bsdf_fraction = fractions.best().map_or(LEARNING_FRACTION, |best| FRACTIONS[best]) as f32;
-            }
+            voxel.bsdf_fraction = match rule {
+                FractionRule::Half => LEARNING_FRACTION,
+                FractionRule::Moments => fractions.best().map_or(LEARNING_FRACTION, |best| FRACTIONS[best]),
+                FractionRule::Adam => voxel.adam.fraction(),
+            } as f32;
             if keeps_evidence {
                 let counted = voxel.tree.has_energy().then(|| voxel.tree.leaves().hybrid(voxel.path_share));
                 voxel.counted = counted.map(|counted| SamplingTree::new(&counted, 1e-3, cap));
@@ -342,10 +377,11 @@ impl Learner {
     /// Ends a pass: halves voxels with many samples (both halves inherit the tree and the guide) and forgets values.
     /// The pass had `spp` camera paths per pixel.
     pub fn refine(&mut self, spp: u32) {
+        let target = self.target();
         let Some(cache) = &mut self.cache else { return };
         // A voxel costs its guide; half of the ceiling is left for the depth of the trees.
         let guides: usize = self.voxels.iter().filter_map(|v| v.guide.as_ref()).map(SamplingTree::bytes).sum();
-        let mean = guides / self.voxels.len().max(1) + size_of::<VoxelGuide>() + 64;
+        let mean = guides / self.voxels.len().max(1) + size_of::<VoxelGuide>() + CELL_BYTES;
         let most = (self.settings.memory / 2) / mean;
         let mut count = self.voxels.len();
         let growth = if self.settings.growing { f64::from(spp).sqrt() } else { 1.0 };
@@ -356,11 +392,16 @@ impl Learner {
             count += usize::from(wanted);
             wanted
         });
-        self.voxels.resize_with(cache.len(), || Voxel::new(&self.settings));
+        self.voxels.resize_with(cache.len(), || Voxel::new(self.settings.layout, target));
         for (old, new) in pairs {
             self.voxels[new as usize] = self.voxels[old as usize].clone();
         }
         self.clear();
+        self.iterations += 1;
+        if self.target() != target {
+            let target = self.target();
+            self.voxels.par_iter_mut().for_each(|voxel| voxel.tree = voxel.tree.emptied_for(target));
+        }
     }
 
     /// Forgets all values, keeps voxels, shapes and guides.
@@ -369,6 +410,7 @@ impl Learner {
             voxel.tree.clear();
             (voxel.contribution, voxel.squares, voxel.fourths) = (0.0, 0.0, 0.0);
             (voxel.fractions, voxel.shares) = (Moments::default(), Moments::default());
+            voxel.returns = Returns::default();
             voxel.shaped = false;
         });
     }
@@ -385,13 +427,92 @@ impl Learner {
         let Some(cache) = &self.cache else { return GuideField::empty() };
         let guide = |voxel: &Voxel| {
             let bsdf_fraction = if learning { LEARNING_FRACTION as f32 } else { voxel.bsdf_fraction };
-            VoxelGuide { tree: voxel.guide.clone().filter(|_| bsdf_fraction < 1.0), bsdf_fraction }
+            let tree = voxel.guide.clone().filter(|_| bsdf_fraction < 1.0);
+            VoxelGuide {
+                tree,
+                parallax: voxel.guide_parallax,
+                bsdf_fraction,
+                effort: Effort::new(&voxel.known_returns),
+            }
         };
         GuideField::new(cache.clone(), self.voxels.iter().map(guide).collect())
     }
 }
 
 impl Voxel {
+    /// Learns from a path sample what it says about the guide that drew it.
+    fn judge(&mut self, record: &PathRecord, rule: FractionRule) {
+        let brought = f64::from(record.importance) * f64::from(record.estimate);
+        self.contribution += brought;
+        self.squares += brought * brought;
+        self.fourths += brought.powi(4);
+        self.returns.add([record.direct, record.estimate].map(f64::from));
+        if self.tree.target() != Target::Radiance && record.value > 0.0 {
+            self.weigh_kinds(record);
+        }
+        if self.guide.is_some() {
+            self.fractions.add_estimate(record.estimate, record.bsdf_share, LEARNING_FRACTION);
+            if rule == FractionRule::Adam {
+                self.adam.step(f64::from(record.estimate), f64::from(record.bsdf_share), LEARNING_FRACTION);
+            }
+        }
+    }
+
+    /// Adds samples to the tree. The first of a pass also give it its shape, and the sphere that it refers to, unless shapes are
+    /// `frozen`.
+    fn deposit<'a>(
+        &mut self,
+        bounds: &Bounds,
+        paths: impl ExactSizeIterator<Item = &'a PathRecord> + Clone,
+        photons: impl ExactSizeIterator<Item = &'a PhotonRecord> + Clone,
+        settings: &LearnerSettings,
+        frozen: bool,
+    ) {
+        if paths.len() + photons.len() == 0 {
+            return;
+        }
+        let first = !self.shaped && !frozen;
+        if settings.parallax && first {
+            self.parallax = self.fit_parallax(bounds, paths.clone(), photons.clone());
+        }
+        let place = Place { bounds, parallax: self.parallax, filtered: settings.filtered };
+        let deposit = |tree: &mut Quadtree| {
+            tree.deposit_paths(&place, paths.clone());
+            tree.deposit_photons(&place, photons.clone());
+        };
+        deposit(&mut self.tree);
+        // A tree that is only a root first becomes equal leaves; the second round gives it direction.
+        let rounds = if first { 1 + usize::from(self.tree.topology().len() == 1) } else { 0 };
+        for _ in 0..rounds {
+            self.tree = self.tree.refined(settings.split_share);
+            deposit(&mut self.tree);
+        }
+        self.shaped = true;
+    }
+
+    /// The sphere that fits what these samples brought. Where the last guide was dense, an error of direction costs most: what it
+    /// knew to be a narrow peak decides.
+    fn fit_parallax<'a>(
+        &self,
+        bounds: &Bounds,
+        paths: impl Iterator<Item = &'a PathRecord> + Clone,
+        photons: impl Iterator<Item = &'a PhotonRecord> + Clone,
+    ) -> Parallax {
+        let total = [paths.clone().map(|r| r.value).sum::<f32>(), photons.clone().map(|r| r.power).sum()];
+        let share = [self.path_share as f32, 1.0 - self.path_share as f32];
+        let start = |kind: usize, value: f32, point: Vec3, direction: Vec3, distance: f32| {
+            let density = self.guide.as_ref().map_or(1.0, |guide| {
+                let seen = self.guide_parallax.to_centre(point, direction);
+                guide.pdf(seen.direction) * seen.density
+            });
+            let weight = if total[kind] > 0.0 { share[kind] * value / total[kind] * density } else { 0.0 };
+            (point + direction * distance, weight)
+        };
+        let paths = paths.map(|r| start(0, r.value, r.point, r.direction, r.distance));
+        let photons = photons.map(|r| start(1, r.power, r.point, r.direction, r.distance));
+        Parallax::fit(bounds, paths.chain(photons))
+    }
+
     /// Distributions of path samples and photons apart, where there are both.
     fn kinds(&self) -> Option<Box<[SamplingTree; 2]>> {
         if self.tree.counts()[1] == 0 {
@@ -408,10 +529,11 @@ impl Voxel {
     /// its V over the density q estimates ∫f²/q.
     fn weigh_kinds(&mut self, record: &PathRecord) {
         let Some(kinds) = &self.kinds else { return };
-        let cell = cylindrical::to_cell(record.direction);
+        let seen = self.guide_parallax.to_centre(record.point, record.direction);
+        let cell = cylindrical::to_cell(seen.direction);
         let [path, photon] = [0, 1].map(|kind| f64::from(kinds[kind].pdf_at(cell)));
         let square = f64::from(record.value).powi(2);
-        self.shares.add(PATH_SHARES.map(|share| square / (share * path + (1.0 - share) * photon)), 1.0);
+        self.shares.add(PATH_SHARES.map(|share| square / (share * path + (1.0 - share) * photon)));
     }
 }
 
@@ -428,12 +550,33 @@ fn pooled<const N: usize>(
     blocks
 }
 
-/// Voxels of the records' points; missing ones are made in the order of the records.
-fn voxels_of(cache: &mut SpatialCache, records: &[PathRecord]) -> Vec<VoxelId> {
+/// Most voxels whose cells and empty guides take at most half of a ceiling of so many bytes.
+fn most_voxels(memory: usize) -> usize {
+    memory / 2 / (size_of::<VoxelGuide>() + CELL_BYTES)
+}
+
+/// Voxels of the records' points; missing ones are made in the order of the records, up to `most`, then there are none.
+fn voxels_of(cache: &mut SpatialCache, records: &[PathRecord], most: usize) -> Vec<VoxelId> {
     let known: Vec<Option<VoxelId>> = records.par_iter().map(|r| cache.find(r.point, r.normal)).collect();
-    let find =
-        |(voxel, r): (Option<VoxelId>, &PathRecord)| voxel.unwrap_or_else(|| cache.find_or_insert(r.point, r.normal));
+    let find = |(voxel, r): (Option<VoxelId>, &PathRecord)| match voxel {
+        Some(voxel) => voxel,
+        None if cache.len() < most => cache.find_or_insert(r.point, r.normal),
+        None => cache.find(r.point, r.normal).unwrap_or(VoxelId::MAX),
+    };
     known.into_iter().zip(records).map(find).collect()
+}
+
+/// Moves samples by up to half of their voxel's size along each axis, to another voxel where there is one (Müller 2019 §10.2,
+/// the stochastic filter). `stream` makes the random numbers.
+fn move_voxels(cache: &SpatialCache, stream: (u64, u64), points: &[(Vec3, Vec3)], voxels: &mut [VoxelId]) {
+    voxels.par_iter_mut().zip(points).enumerate().filter(|(_, (voxel, _))| **voxel != VoxelId::MAX).for_each(
+        |(i, (voxel, &(point, normal)))| {
+            let bounds = cache.bounds(*voxel);
+            let mut random = Random::new(stream.0, stream.1, i as u64);
+            let step = Vec3::new(random.next_f32(), random.next_f32(), random.next_f32()) - 0.5;
+            *voxel = cache.find(point + step * (bounds.high - bounds.low), normal).unwrap_or(*voxel);
+        },
+    );
 }
 
 /// Indices grouped by key with their order kept (a counting sort).

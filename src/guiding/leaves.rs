@@ -40,6 +40,28 @@ impl Target {
     }
 }
 
+/// What trees learn of the light that light sampling finds too.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DirectLight {
+    /// Nothing (SEMANTICS: NEE on).
+    Nothing,
+    /// What is left for hitting it, by the weights of multiple importance sampling.
+    Weighted,
+    /// All of it, as if there were no light sampling.
+    All,
+}
+
+impl DirectLight {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nothing => "nothing",
+            Self::Weighted => "weighted",
+            Self::All => "all",
+        }
+    }
+}
+
 /// What is summed per leaf.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {

@@ -3,13 +3,16 @@
 pub mod cache;
 pub mod context;
 pub mod distribution;
+pub mod effort;
 pub mod emission;
 pub mod features;
 pub mod field;
 pub mod file;
+pub mod fraction;
 pub mod leaves;
 pub mod learner;
 pub mod moments;
+pub mod parallax;
 pub mod quadtree;
 pub mod record;
 pub mod sampler;

@@ -13,11 +13,16 @@ pub const PATH_SHARES: [f64; 6] = [0.1, 0.3, 0.5, 0.7, 0.9, 1.0];
 const WORTH: f64 = 0.95;
 /// Samples below which nothing is decided.
 const LEAST_SAMPLES: f64 = 24.0;
+/// The same for samples that tell as much as the largest ones: the few paths that found the light so far are no reason to give up
+/// the guide that leads to it.
+const LEAST_EFFECTIVE: f64 = 8.0;
 
-/// Second moments under `N` candidates, the last of which is the simplest.
+/// Means of `N` quantities over samples. Mostly second moments under `N` candidates, the last of which is the simplest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moments<const N: usize> {
     sums: [f64; N],
+    /// Of the squares of each sample's mean over the candidates.
+    squares: f64,
     samples: f64,
 }
 
@@ -37,36 +42,53 @@ pub struct PictureMoments {
 
 impl<const N: usize> Default for Moments<N> {
     fn default() -> Self {
-        Self { sums: [0.0; N], samples: 0.0 }
+        Self { sums: [0.0; N], squares: 0.0, samples: 0.0 }
     }
 }
 
 impl<const N: usize> Moments<N> {
-    /// Adds what one sample says, or `samples` together.
-    pub fn add(&mut self, moments: [f64; N], samples: f64) {
-        if moments.iter().all(|m| m.is_finite()) {
-            self.sums.iter_mut().zip(moments).for_each(|(sum, m)| *sum += m);
-            self.samples += samples;
+    /// Adds what one sample says.
+    pub fn add(&mut self, moments: [f64; N]) {
+        let squares = (moments.iter().sum::<f64>() / N as f64).powi(2);
+        self.add_all(&Self { sums: moments, squares, samples: 1.0 }, 1.0);
+    }
+
+    /// Adds another's, all weighted by `weight`.
+    fn add_all(&mut self, other: &Self, weight: f64) {
+        if other.sums.iter().all(|m| m.is_finite()) && other.squares.is_finite() {
+            self.sums.iter_mut().zip(other.sums).for_each(|(sum, m)| *sum += weight * m);
+            self.squares += weight * other.squares;
+            self.samples += weight * other.samples;
         }
+    }
+
+    /// How many equal samples would tell as much (Kish's effective sample size): few, where most comes from a few fireflies.
+    fn effective(&self) -> f64 {
+        let mean = self.sums.iter().sum::<f64>() / N as f64;
+        if self.squares > 0.0 { mean * mean / self.squares } else { 0.0 }
     }
 
     /// Adds another voxel's as if they came from at most `samples` samples.
     pub fn add_prior(&mut self, prior: &Self, samples: f64) {
         if prior.samples > 0.0 {
-            let weight = (samples / prior.samples).min(1.0);
-            self.add(prior.sums.map(|m| m * weight), prior.samples * weight);
+            self.add_all(prior, (samples / prior.samples).min(1.0));
         }
     }
 
     /// Adds all of another's.
     pub fn merge(&mut self, other: &Self) {
-        self.add(other.sums, other.samples);
+        self.add_all(other, 1.0);
+    }
+
+    /// Means over the samples; none where too little is known.
+    pub fn means(&self) -> Option<[f64; N]> {
+        (self.samples >= LEAST_SAMPLES).then(|| self.sums.map(|sum| sum / self.samples))
     }
 
     /// The best candidate; none where too little is known.
     pub fn best(&self) -> Option<usize> {
         let least = (0..N).min_by(|&a, &b| self.sums[a].total_cmp(&self.sums[b]))?;
-        if self.samples < LEAST_SAMPLES || self.sums[least] <= 0.0 {
+        if self.samples < LEAST_SAMPLES || self.effective() < LEAST_EFFECTIVE || self.sums[least] <= 0.0 {
             return None;
         }
         Some(if self.sums[least] > WORTH * self.sums[N - 1] { N - 1 } else { least })
@@ -94,7 +116,7 @@ impl Moments<{ FRACTIONS.len() }> {
     pub fn add_estimate(&mut self, estimate: f32, bsdf_share: f32, alpha: f64) {
         let (square, share) = (f64::from(estimate).powi(2), f64::from(bsdf_share));
         let (bsdf, guide) = (share / alpha, (1.0 - share) / (1.0 - alpha));
-        self.add(FRACTIONS.map(|a| square / (a * bsdf + (1.0 - a) * guide).max(1e-6)), 1.0);
+        self.add(FRACTIONS.map(|a| square / (a * bsdf + (1.0 - a) * guide).max(1e-6)));
     }
 }
 

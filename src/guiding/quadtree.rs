@@ -9,9 +9,22 @@ use glam::Vec3;
 use super::cache::Bounds;
 use super::features::{BSDF, DIRECTION, DISTANCE, KIND, NORMAL, OTHER_NORMAL, POSITION};
 use super::leaves::{Layout, Leaves, Target};
+use super::parallax::Parallax;
 use super::record::{PathRecord, PhotonRecord};
 use super::topology::{MAX_NODES, NO_CHILD, Topology};
+use crate::base::random::Random;
 use crate::math::cylindrical;
+
+/// Where samples are deposited.
+#[derive(Debug, Clone, Copy)]
+pub struct Place<'a> {
+    /// The voxel.
+    pub bounds: &'a Bounds,
+    /// How directions are carried to its centre.
+    pub parallax: Parallax,
+    /// Whether directions are moved at random within the size of their leaf (Müller 2019 §10.2).
+    pub filtered: bool,
+}
 
 /// A quadtree with raw feature sums at its leaves.
 ///
@@ -49,6 +62,11 @@ impl Quadtree {
         &self.topology
     }
 
+    /// What is deposited.
+    pub fn target(&self) -> Target {
+        self.target
+    }
+
     /// What the leaves hold.
     pub fn leaves(&self) -> Leaves<'_> {
         Leaves { topology: &self.topology, sums: &self.sums, layout: self.layout, target: self.target }
@@ -77,28 +95,58 @@ impl Quadtree {
         (self.scales, self.counts) = ([0.0; 2], [0; 2]);
     }
 
-    /// Adds path samples that fell into the voxel `bounds`, in the order given.
-    pub fn deposit_paths<'a>(&mut self, bounds: &Bounds, records: impl Iterator<Item = &'a PathRecord> + Clone) {
+    /// Adds path samples that fell into the voxel, in the order given.
+    pub fn deposit_paths<'a>(&mut self, place: &Place, records: impl Iterator<Item = &'a PathRecord> + Clone) {
         let squares = self.target != Target::Radiance;
         let inverse = self.grow_scale(0, records.clone().map(|r| r.value));
         for r in records {
+            let seen = place.parallax.to_centre(r.point, r.direction);
             let value = r.value * inverse;
-            let value = if squares { value * value } else { value };
+            // A density g over ω' is g·dω'/dω over ω: (g·dω'/dω)²·dω = g²·dω'/dω·dω'.
+            let value = if squares { value * value / seen.density } else { value };
             let details = || (r.point, r.distance, [r.normal, r.next_normal]);
-            let sums = self.add(0, bounds, value, r.direction, details);
+            let direction = if place.filtered { self.moved(seen.direction) } else { seen.direction };
+            let sums = self.add(0, place.bounds, value, direction, details);
             if let Some(bsdf) = sums.get_mut(BSDF) {
                 *bsdf += r.bsdf;
             }
         }
     }
 
-    /// Adds photons that fell into the voxel `bounds`, in the order given.
-    pub fn deposit_photons<'a>(&mut self, bounds: &Bounds, records: impl Iterator<Item = &'a PhotonRecord> + Clone) {
+    /// Adds photons that fell into the voxel, in the order given.
+    pub fn deposit_photons<'a>(&mut self, place: &Place, records: impl Iterator<Item = &'a PhotonRecord> + Clone) {
         let inverse = self.grow_scale(1, records.clone().map(|r| r.power));
         for r in records {
             let details = || (r.point, r.distance, [r.normal, r.previous_normal]);
-            self.add(1, bounds, r.power * inverse, r.direction, details);
+            let seen = place.parallax.to_centre(r.point, r.direction).direction;
+            let direction = if place.filtered { self.moved(seen) } else { seen };
+            self.add(1, place.bounds, r.power * inverse, direction, details);
         }
+    }
+
+    /// The direction moved at random by up to half of its leaf's size (Müller 2019 §10.2, the stochastic filter). φ wraps; beyond
+    /// a pole lies the cell across (φ + π).
+    fn moved(&self, direction: Vec3) -> Vec3 {
+        let cell = cylindrical::to_cell(direction);
+        let side = 0.5f64.powi(self.topology.level_of(self.topology.leaf_at(cell)) as i32);
+        let mut random = Random::new(u64::from(self.counts[0]), u64::from(self.counts[1]), self.topology.len() as u64);
+        let [x, y] = cylindrical::to_square(direction).map(|c| c + side * (random.next_f64() - 0.5));
+        let across = if (0.0..=1.0).contains(&x) { 0.0 } else { 0.5 };
+        cylindrical::to_direction([
+            if x < 0.0 {
+                -x
+            } else if x > 1.0 {
+                2.0 - x
+            } else {
+                x
+            },
+            y + across,
+        ])
+    }
+
+    /// An empty tree of the same shape for another target.
+    pub fn emptied_for(&self, target: Target) -> Self {
+        Self::new(self.topology.clone(), self.layout, target)
     }
 
     /// Adds a sample to its leaf, whose sums it returns. What its `details` (point, distance, two normals) are is only asked
@@ -181,4 +229,36 @@ impl Quadtree {
 /// ln(1 + distance / voxel size), at most 16: finite for the background.
 fn scaled_distance(distance: f32, bounds: &Bounds) -> f32 {
     (distance / bounds.size()).ln_1p().clamp(0.0, 16.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A filtered direction stays within half a leaf's size, also across φ = 0 and a pole.
+    #[test]
+    fn directions_move_within_their_leaf_size() {
+        let split: Vec<bool> = (0..85).map(|node| node < 21).collect();
+        let tree = Topology::from_split(&split).expect("three full levels");
+        let mut tree = Quadtree::new(tree, Layout::Values, Target::Variance);
+        for square in [[0.5, 0.001], [0.001, 0.3], [0.999, 0.8], [0.3, 0.999]] {
+            let direction = cylindrical::to_direction(square);
+            let mut moved = [0.0f64; 2];
+            for count in 0..200 {
+                tree.counts[0] = count;
+                let [x, y] = cylindrical::to_square(tree.moved(direction));
+                let across = (y - square[1]).rem_euclid(1.0);
+                let turn = across.min(1.0 - across);
+                // Beyond a pole: mirrored, half a turn away.
+                let (dx, dy) = if turn > 0.25 {
+                    (x.min(1.0 - x) + square[0].min(1.0 - square[0]), 0.5 - turn)
+                } else {
+                    ((x - square[0]).abs(), turn)
+                };
+                assert!(dx <= 0.0626 && dy <= 0.0626, "{square:?} to {x} {y}");
+                moved = [moved[0].max(dx), moved[1].max(dy)];
+            }
+            assert!(moved.iter().all(|&m| m > 0.05), "{square:?}: {moved:?}");
+        }
+    }
 }

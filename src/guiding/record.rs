@@ -19,6 +19,8 @@ pub struct PathRecord {
     /// V for the radiance target, √V for second moments (see [`Target`](super::leaves::Target)): as a root, so that squares
     /// cannot overflow.
     pub value: f32,
+    /// Channel mean of the radiance that light sampling sent back from the vertex along the path.
+    pub direct: f32,
     /// Part of the mixture density that is the BSDF's, in [0, 1].
     pub bsdf_share: f32,
     /// Channel mean of the BSDF's value without the cosine, sr⁻¹.

@@ -113,6 +113,11 @@ impl Topology {
         self.level_start[level]..self.level_start[level + 1]
     }
 
+    /// The level of a node.
+    pub fn level_of(&self, node: usize) -> usize {
+        self.level_start.partition_point(|&start| start <= node) - 1
+    }
+
     /// The flags that [`Topology::from_split`] takes.
     pub fn split_flags(&self) -> Vec<bool> {
         self.first_child.iter().map(|&c| c != NO_CHILD).collect()

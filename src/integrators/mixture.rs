@@ -5,8 +5,7 @@ use glam::Vec3;
 
 use crate::base::random::Random;
 use crate::geometry::Surface;
-use crate::guiding::field::GuideField;
-use crate::guiding::sampler::SamplingTree;
+use crate::guiding::field::{DirectionGuide, VoxelGuide};
 use crate::materials::{Material, Transport};
 
 /// How directions are sampled at one vertex.
@@ -14,7 +13,7 @@ pub struct Mixture<'a> {
     surface: &'a Surface,
     material: &'a Material,
     wo: Vec3,
-    guide: Option<(&'a SamplingTree, f32)>,
+    guide: Option<DirectionGuide<'a>>,
 }
 
 /// A direction drawn from a [`Mixture`].
@@ -40,10 +39,8 @@ pub struct MixtureSample {
 
 impl<'a> Mixture<'a> {
     /// The mixture at `surface` for light that leaves in the world direction `out`. Delta materials are never guided.
-    pub fn new(surface: &'a Surface, material: &'a Material, out: Vec3, field: Option<&'a GuideField>) -> Self {
-        let guide = field
-            .filter(|_| !material.is_delta())
-            .and_then(|field| field.at(surface.point, surface.normal_towards(out)));
+    pub fn new(surface: &'a Surface, material: &'a Material, out: Vec3, guide: Option<&'a VoxelGuide>) -> Self {
+        let guide = guide.filter(|_| !material.is_delta()).and_then(|guide| guide.directions(surface.point));
         Self { surface, material, wo: surface.frame.to_local(out), guide }
     }
 
@@ -55,19 +52,20 @@ impl<'a> Mixture<'a> {
     /// The density with which [`Mixture::sample`] chooses the world direction `wi`.
     pub fn pdf(&self, wi: Vec3) -> f32 {
         let pdf = self.material.pdf(self.wo, self.surface.frame.to_local(wi));
-        self.guide.map_or(pdf, |(tree, alpha)| alpha * pdf + (1.0 - alpha) * tree.pdf(wi))
+        self.guide.map_or(pdf, |guide| guide.bsdf_fraction * pdf + (1.0 - guide.bsdf_fraction) * guide.pdf(wi))
     }
 
     /// Draws a direction; none where the surface absorbs.
     pub fn sample(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
-        let Some((tree, alpha)) = self.guide else { return self.sample_bsdf(random, transport) };
+        let Some(guide) = self.guide else { return self.sample_bsdf(random, transport) };
+        let alpha = guide.bsdf_fraction;
         if random.next_f32() < alpha {
             let sample = self.material.sample(self.surface.uv, self.wo, random.next_2d(), transport)?;
             let direction = self.surface.frame.to_world(sample.wi);
-            let pdfs = [sample.pdf, tree.pdf(direction)];
+            let pdfs = [sample.pdf, guide.pdf(direction)];
             return self.combine(direction, sample.weight * sample.pdf, sample.wi.z, pdfs, alpha);
         }
-        let (direction, guide_pdf) = tree.sample(random);
+        let (direction, guide_pdf) = guide.sample(random);
         let local = self.surface.frame.to_local(direction);
         let value = self.material.eval(self.surface.uv, self.wo, local);
         let bsdf_pdf = self.material.pdf(self.wo, local);

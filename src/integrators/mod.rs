@@ -4,6 +4,8 @@ pub mod mixture;
 pub mod path;
 pub mod photon;
 
+use crate::guiding::effort::Roulette;
+
 /// What both tracers need to know.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TransportSettings {
@@ -12,7 +14,7 @@ pub struct TransportSettings {
     /// Next event estimation.
     pub nee: bool,
     /// Russian roulette.
-    pub roulette: bool,
+    pub roulette: Roulette,
 }
 
 /// Bounces before roulette may end a path.

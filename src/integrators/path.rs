@@ -7,8 +7,9 @@ use super::mixture::{Mixture, MixtureSample};
 use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
 use crate::base::random::Random;
 use crate::geometry::{Ray, Surface};
+use crate::guiding::effort::{Effort, Roulette};
 use crate::guiding::field::GuideField;
-use crate::guiding::leaves::Target;
+use crate::guiding::leaves::{DirectLight, Target};
 use crate::guiding::record::PathRecord;
 use crate::lights::Light;
 use crate::materials::Transport;
@@ -27,6 +28,8 @@ pub struct PathTracer<'a> {
     pub field: Option<&'a GuideField>,
     /// What records are to hold.
     pub target: Target,
+    /// What of light that light sampling finds too.
+    pub direct: DirectLight,
 }
 
 /// One vertex of a camera path, kept until the light it received is known.
@@ -36,12 +39,11 @@ struct Vertex {
     normal: Vec3,
     /// Throughput of the path up to here.
     throughput: Vec3,
-    /// Emission towards the previous vertex, weighted against what light sampling does there.
-    emission: Vec3,
-    /// Whether `emission` was already sampled by next event estimation at the previous vertex.
-    connected: bool,
-    /// Light sampling at this vertex, times f.
+    /// Emission towards the previous vertex.
+    emission: Emission,
+    /// Light sampling at this vertex, times f, and the probability that it was tried with.
     direct: Vec3,
+    light_probability: f32,
     /// How the path went on; none where it ended.
     step: Option<Step>,
 }
@@ -57,7 +59,8 @@ struct Step {
 struct Previous {
     point: Vec3,
     pdf: f32,
-    delta: bool,
+    /// Probability with which light sampling was tried there; 0 where it never is.
+    light_probability: f32,
 }
 
 /// Scratch space of a worker, reused from path to path.
@@ -74,23 +77,36 @@ pub struct RayCount {
 }
 
 impl PathTracer<'_> {
-    /// Radiance along `ray` (W·m⁻²·sr⁻¹). Where `records` is given, one record per vertex that is not a delta surface is
-    /// added to it; `pixel` is then the value that the path's pixel will have, which only one of the targets asks for.
+    /// Radiance along `ray` (W·m⁻²·sr⁻¹). `pixel` is about the value that the path's pixel will have, by which what the path still
+    /// carries is judged; none where nothing is known of it. Where `records` is given, one record per vertex that is not a delta
+    /// surface is added to it.
     pub fn trace(
         &self,
         ray: Ray,
         random: &mut Random,
         scratch: &mut PathScratch,
-        records: Option<(&mut Vec<PathRecord>, f32)>,
+        pixel: Option<f32>,
+        records: Option<&mut Vec<PathRecord>>,
         count: &mut RayCount,
     ) -> Vec3 {
         scratch.vertices.clear();
-        let background = self.walk(ray, random, &mut scratch.vertices, count);
-        self.gather(&scratch.vertices, background, records)
+        let background = self.walk(ray, random, pixel, &mut scratch.vertices, count);
+        let Some(records) = records else { return self.gather(&scratch.vertices, background, |_, _, _| ()) };
+        let record = |vertex: &Vertex, next: Option<&Vertex>, along: [Vec3; 2]| {
+            records.extend(self.record(vertex, next, along, pixel.unwrap_or(1.0)));
+        };
+        self.gather(&scratch.vertices, background, record)
     }
 
     /// Extends the path until it ends; returns what the last segment brought from the background.
-    fn walk(&self, mut ray: Ray, random: &mut Random, vertices: &mut Vec<Vertex>, count: &mut RayCount) -> Incoming {
+    fn walk(
+        &self,
+        mut ray: Ray,
+        random: &mut Random,
+        pixel: Option<f32>,
+        vertices: &mut Vec<Vertex>,
+        count: &mut RayCount,
+    ) -> Emission {
         let mut previous: Option<Previous> = None;
         let mut throughput = Vec3::ONE;
         let mut reflected = Vec3::ONE;
@@ -102,18 +118,33 @@ impl PathTracer<'_> {
             let Some(surface) = self.scene.intersect(&ray) else {
                 return self.background(&ray, previous);
             };
-            let (emission, connected) = self.emission(&surface, &ray, previous);
+            let emission = self.emission(&surface, &ray, previous);
             let material = self.scene.material(&surface);
             let normal = surface.normal_towards(-ray.direction);
-            let mut vertex =
-                Vertex { surface, normal, throughput, emission, connected, direct: Vec3::ZERO, step: None };
+            let mut vertex = Vertex {
+                surface,
+                normal,
+                throughput,
+                emission,
+                direct: Vec3::ZERO,
+                light_probability: 0.0,
+                step: None,
+            };
             if depth == self.settings.max_depth {
                 vertices.push(vertex);
                 break;
             }
-            let mixture = Mixture::new(&surface, material, -ray.direction, self.field);
-            if self.settings.nee && !material.is_delta() {
-                vertex.direct = self.connect(&surface, &mixture, random, count);
+            let smooth = material.is_delta();
+            let guide = self.field.filter(|_| !smooth).and_then(|field| field.at(surface.point, normal));
+            let mixture = Mixture::new(&surface, material, -ray.direction, guide);
+            let carried = channel_mean(throughput);
+            let importance = pixel.map(|value| carried / value);
+            let knows = self.settings.roulette == Roulette::Window;
+            let effort = guide.filter(|_| knows).map_or(Effort::UNKNOWN, |guide| guide.effort);
+            if self.settings.nee && !smooth {
+                vertex.light_probability =
+                    importance.map_or(1.0, |importance| effort.light_probability(importance, carried));
+                vertex.direct = self.connect(&surface, &mixture, vertex.light_probability, random, count);
             }
             let Some(sample) = mixture.sample(random, Transport::Radiance) else {
                 vertices.push(vertex);
@@ -121,8 +152,10 @@ impl PathTracer<'_> {
             };
             throughput *= sample.weight;
             reflected *= sample.bsdf_weight;
-            let survival = self.survival(depth, throughput.max(reflected));
+            let worth = importance.and_then(|importance| effort.survival(importance, carried));
+            let survival = worth.unwrap_or_else(|| self.survival(depth, throughput.max(reflected)));
             let survives = survival >= 1.0 || random.next_f32() < survival;
+            let vertex_light = vertex.light_probability;
             vertex.step = (survives || !sample.delta).then_some(Step { sample, survival });
             vertices.push(vertex);
             if !survives || throughput == Vec3::ZERO {
@@ -130,48 +163,60 @@ impl PathTracer<'_> {
             }
             throughput /= survival;
             reflected /= survival;
-            previous = Some(Previous { point: surface.point, pdf: sample.pdf, delta: sample.delta });
+            let light_probability = if sample.delta { 0.0 } else { vertex_light };
+            previous = Some(Previous { point: surface.point, pdf: sample.pdf, light_probability });
             ray = surface.leave(sample.direction);
         }
-        Incoming::default()
+        Emission::default()
     }
 
     /// Probability that the path goes on. Where a guide chose the direction, f·cos/p is small because p is large, that is
     /// because much light is expected there: ending such paths early would undo what guiding gains. So what counts is the
     /// share that the surfaces reflect, as if their BSDFs had chosen the directions, or the throughput where that is larger.
     fn survival(&self, depth: u32, throughput: Vec3) -> f32 {
-        if !self.settings.roulette || depth < ROULETTE_START {
+        if self.settings.roulette == Roulette::Off || depth < ROULETTE_START {
             return 1.0;
         }
         throughput.max_element().clamp(0.05, ROULETTE_MOST)
     }
 
-    /// Emission of a surface that the path ran into, and whether light sampling at the previous vertex covers it too.
-    fn emission(&self, surface: &Surface, ray: &Ray, previous: Option<Previous>) -> (Vec3, bool) {
-        let Some((index, Light::Area(light))) = self.scene.light_of(surface) else { return (Vec3::ZERO, false) };
-        let emitted = light.emitted(surface, -ray.direction);
+    /// Emission of a surface that the path ran into.
+    fn emission(&self, surface: &Surface, ray: &Ray, previous: Option<Previous>) -> Emission {
+        let Some((index, Light::Area(light))) = self.scene.light_of(surface) else { return Emission::default() };
+        let radiance = light.emitted(surface, -ray.direction);
         match previous {
-            Some(p) if !p.delta && self.settings.nee => {
-                let choice = self.scene.lights.selection.probability(index) as f32;
+            Some(p) if p.light_probability > 0.0 => {
+                let choice = self.scene.lights.selection.probability(index) as f32 * p.light_probability;
                 let weight = mis::balance(p.pdf, light.pdf(p.point, surface) * choice);
-                (emitted * weight, true)
+                Emission { radiance, weight, connected: true }
             }
-            _ => (emitted, false),
+            _ => Emission { radiance, weight: 1.0, connected: false },
         }
     }
 
-    fn background(&self, ray: &Ray, previous: Option<Previous>) -> Incoming {
+    fn background(&self, ray: &Ray, previous: Option<Previous>) -> Emission {
         let (radiance, light_pdf) = self.scene.lights.background(ray.direction);
         match previous {
-            Some(p) if !p.delta && self.settings.nee => {
-                Incoming { radiance: radiance * mis::balance(p.pdf, light_pdf), connected: true }
+            Some(p) if p.light_probability > 0.0 => {
+                let weight = mis::balance(p.pdf, light_pdf * p.light_probability);
+                Emission { radiance, weight, connected: true }
             }
-            _ => Incoming { radiance, connected: false },
+            _ => Emission { radiance, weight: 1.0, connected: false },
         }
     }
 
-    /// Next event estimation: f·L·w / p for one sampled light.
-    fn connect(&self, surface: &Surface, mixture: &Mixture, random: &mut Random, count: &mut RayCount) -> Vec3 {
+    /// Next event estimation: f·L·w / p for one sampled light, tried with `probability`.
+    fn connect(
+        &self,
+        surface: &Surface,
+        mixture: &Mixture,
+        probability: f32,
+        random: &mut Random,
+        count: &mut RayCount,
+    ) -> Vec3 {
+        if probability < 1.0 && random.next_f32() >= probability {
+            return Vec3::ZERO;
+        }
         let (choice, u) = (random.next_f64(), random.next_2d());
         let Some(light) = self.scene.lights.sample(surface.point, choice, u) else { return Vec3::ZERO };
         let value = mixture.eval(light.wi);
@@ -184,8 +229,9 @@ impl PathTracer<'_> {
             return Vec3::ZERO;
         }
         // The density is not asked for before it is needed: most lights are hidden where guiding helps most.
-        let weight = if light.delta { 1.0 } else { mis::balance(light.pdf, mixture.pdf(light.wi)) };
-        value * light.radiance * (weight / light.pdf)
+        let pdf = light.pdf * probability;
+        let weight = if light.delta { 1.0 } else { mis::balance(pdf, mixture.pdf(light.wi)) };
+        value * light.radiance * (weight / pdf)
     }
 }
 
@@ -204,49 +250,60 @@ fn shadow_ray(surface: &Surface, wi: Vec3, distance: f32) -> (Ray, f32) {
     (Ray { origin: ray.origin, direction: to / length }, length * (1.0 - gamma(256)) - rounding)
 }
 
-/// Radiance that arrives along a segment.
+/// Light that a path ran into.
 #[derive(Clone, Copy, Default)]
-struct Incoming {
+struct Emission {
     radiance: Vec3,
+    /// Against light sampling at the previous vertex.
+    weight: f32,
+    /// Whether that could have found it.
     connected: bool,
 }
 
+impl Emission {
+    /// As it enters the picture, and what of it is to be learned.
+    fn parts(&self, direct: DirectLight) -> [Vec3; 2] {
+        let weighted = self.radiance * self.weight;
+        let learned = match direct {
+            DirectLight::Nothing if self.connected => Vec3::ZERO,
+            DirectLight::Nothing | DirectLight::Weighted => weighted,
+            DirectLight::All => self.radiance,
+        };
+        [weighted, learned]
+    }
+}
+
 impl PathTracer<'_> {
-    /// Sums the path from its end: radiance leaving each vertex towards the one before, and a record for each direction.
+    /// Sums the path from its end: radiance leaving each vertex towards the one before. `record` is told of each step: its vertex,
+    /// the one after, and what arrived along it, all of it and what of it is to be learned.
     fn gather(
         &self,
         vertices: &[Vertex],
-        background: Incoming,
-        mut records: Option<(&mut Vec<PathRecord>, f32)>,
+        background: Emission,
+        mut record: impl FnMut(&Vertex, Option<&Vertex>, [Vec3; 2]),
     ) -> Vec3 {
-        let nee = self.settings.nee;
-        let mut incoming = background.radiance;
-        // What light sampling at the receiver also finds is left out of what is learned (see SEMANTICS: NEE on).
-        let mut learned = if background.connected && nee { Vec3::ZERO } else { background.radiance };
+        let [mut incoming, mut learned] = background.parts(self.direct);
         for (i, vertex) in vertices.iter().enumerate().rev() {
             let mut reflected = vertex.direct;
             if let Some(step) = &vertex.step {
                 reflected += step.sample.weight * incoming / step.survival;
-                if let Some((records, pixel)) = records.as_mut().filter(|_| !step.sample.delta) {
-                    records.push(self.record(vertex, step, vertices.get(i + 1), [incoming, learned], *pixel));
-                }
+                record(vertex, vertices.get(i + 1), [incoming, learned]);
             }
-            incoming = vertex.emission + reflected;
-            learned = if vertex.connected && nee { reflected } else { incoming };
+            [incoming, learned] = vertex.emission.parts(self.direct).map(|emitted| emitted + reflected);
         }
         incoming
     }
 
     /// The record of the direction sampled at `vertex`, along which `incoming` radiance arrived, weighted against light
-    /// sampling; `learned` is what of it trees are to learn.
+    /// sampling; `learned` is what of it trees are to learn. None for a delta lobe.
     fn record(
         &self,
         vertex: &Vertex,
-        step: &Step,
         next: Option<&Vertex>,
         [incoming, learned]: [Vec3; 2],
         pixel: f32,
-    ) -> PathRecord {
+    ) -> Option<PathRecord> {
+        let step = vertex.step.as_ref().filter(|step| !step.sample.delta)?;
         let sample = &step.sample;
         let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
         let brought = |radiance: Vec3| finite(channel_mean(sample.weight * radiance) / step.survival);
@@ -258,17 +315,19 @@ impl PathTracer<'_> {
             Target::Variance => estimate * pdf.sqrt(),
             Target::VariancePixel => estimate * pdf.sqrt() * importance,
         };
-        PathRecord {
+        let direct = finite(channel_mean(vertex.direct));
+        Some(PathRecord {
             point: vertex.surface.point,
             direction: sample.direction,
             estimate: brought(incoming),
             importance,
+            direct,
             value: finite(value),
             bsdf_share: sample.bsdf_share,
             bsdf: if sample.cos > 0.0 { (channel_mean(sample.value) / sample.cos).min(1e6) } else { 0.0 },
             distance: next.map_or(f32::INFINITY, |n| n.surface.distance),
             normal: vertex.normal,
             next_normal: next.map_or(Vec3::ZERO, |n| n.normal),
-        }
+        })
     }
 }

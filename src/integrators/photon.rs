@@ -6,6 +6,7 @@ use super::mixture::Mixture;
 use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
 use crate::base::random::Random;
 use crate::geometry::Surface;
+use crate::guiding::effort::Roulette;
 use crate::guiding::emission::{EmissionGuide, Start};
 use crate::guiding::record::PhotonRecord;
 use crate::integrators::path::RayCount;
@@ -112,7 +113,11 @@ impl PhotonTracer<'_> {
     }
 
     fn survival(&self, depth: u32, relative: f32) -> f32 {
-        if !self.settings.roulette || depth < ROULETTE_START { 1.0 } else { relative.clamp(0.0, ROULETTE_MOST) }
+        if self.settings.roulette == Roulette::Off || depth < ROULETTE_START {
+            1.0
+        } else {
+            relative.clamp(0.0, ROULETTE_MOST)
+        }
     }
 
     fn deposit(&self, path: u32, surface: &Surface, direction: Vec3, photon: &Photon, records: &mut Vec<PhotonRecord>) {

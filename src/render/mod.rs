@@ -28,7 +28,7 @@ use crate::math::channel_mean;
 use crate::reconstruct::Reconstructor;
 use crate::scene::Scene;
 use control::Watcher;
-use split::{Outlook, gain, learns_on, pays};
+use split::{Outlook, gain, learns_on, mean, pays, trimmed_mean};
 
 /// What a render produced.
 pub struct Outcome {
@@ -122,6 +122,8 @@ struct Run<'a> {
     early: Vec<FinishedPass>,
     /// Whether no picture is wanted, so that the whole budget may go into learning.
     learn_only: bool,
+    /// Whether guiding turned out not to pay.
+    gave_up: bool,
     /// Samples per pixel so far, camera and light paths together.
     spent: f64,
     evidence: Evidence,
@@ -155,6 +157,7 @@ impl<'a> Run<'a> {
             passes: Vec::new(),
             early: Vec::new(),
             learn_only: false,
+            gave_up: false,
             spent: 0.0,
             evidence: Evidence::default(),
             rendered: 0,
@@ -193,6 +196,7 @@ impl<'a> Run<'a> {
             scene: self.scene,
             settings: self.settings,
             field,
+            target: learning.as_ref().map_or(self.settings.learner.target, |l| l.learner.target()),
             picture,
             first_sample: self.rendered,
             spp,
@@ -208,25 +212,23 @@ impl<'a> Run<'a> {
         tracer.run(pass, learning, &mut self.statistics, &mut go_on)
     }
 
-    /// About what each pixel will be, by the passes so far: a mean over 5 × 5 pixels, so that a firefly does not shut its own
-    /// pixel out, with a floor of a tenth of the whole picture's mean. None while no light was found.
+    /// About what each pixel will be, by the passes so far: a mean over 5 × 5 pixels, with a floor of a tenth of the whole picture's
+    /// mean. The largest are left out of both, so that fireflies do not make everything else look worthless. None while no light
+    /// was found.
     fn pixel_values(&self) -> Option<Vec<f32>> {
         let image = combine(if self.passes.is_empty() { &self.early } else { &self.passes }).ok()?;
-        let all = image.pixels.iter().map(|&p| f64::from(channel_mean(p))).sum::<f64>() / image.pixels.len() as f64;
-        let floor = (0.1 * all) as f32;
-        if !(floor.is_normal() && floor > 0.0) {
-            return None;
-        }
+        let found: Vec<f32> = image.pixels.iter().map(|&p| channel_mean(p)).collect();
+        let floor = 0.1 * trimmed_mean(&mut found.clone(), found.len() / 100)?;
         let reach = |at: usize, size: usize| at.saturating_sub(2)..(at + 3).min(size);
         let value = |i: usize| {
             let (x, y) = (i % image.width, i / image.width);
             let (columns, rows) = (reach(x, image.width), reach(y, image.height));
-            let count = (columns.len() * rows.len()) as f32;
             let around = rows.flat_map(|row| columns.clone().map(move |column| row * image.width + column));
-            let mean = around.map(|at| channel_mean(image.pixels[at])).sum::<f32>() / count;
-            mean.hypot(floor)
+            let mut around: Vec<f32> = around.map(|at| found[at]).collect();
+            let fireflies = around.len() / 12;
+            trimmed_mean(&mut around, fireflies).unwrap_or(0.0).hypot(floor)
         };
-        Some((0..image.pixels.len()).into_par_iter().map(value).collect())
+        (floor.is_normal() && floor > 0.0).then(|| (0..found.len()).into_par_iter().map(value).collect())
     }
 
     /// Iterations of 2^t samples per pixel while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
@@ -257,8 +259,8 @@ impl<'a> Run<'a> {
             let iteration = learning.end_iteration(camera, rays, reconstructor, &mut self.statistics.seconds)?;
             let seconds = self.watcher.elapsed() - begun;
             let finished = pass.finish();
-            let variance = pass.variance_relative_to(picture.as_deref());
-            trend.gain = variance.and_then(|v| gain(v, &learning.moments, finished.samples() as f64));
+            let variances = pass.variances_relative_to(picture.as_deref());
+            trend.gain = mean(&variances).and_then(|v| gain(v, &learning.moments, finished.samples() as f64));
             trend.variances.extend(finished.sample_variance());
             trend.useful = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
             trend.seconds = seconds;
@@ -281,7 +283,8 @@ impl<'a> Run<'a> {
                 self.early.push(finished);
             }
         }
-        let field = if self.pays(&trend) { learning.field(false) } else { GuideField::empty() };
+        self.gave_up = !self.pays(&trend);
+        let field = if self.gave_up { GuideField::empty() } else { learning.field(false) };
         self.statistics.guide = GuideStatistics::of(&field);
         self.evidence = learning.learner.evidence();
         Ok(field)
@@ -332,7 +335,11 @@ impl<'a> Run<'a> {
                 Outlook { budget: spent + left, left, cost, useful: 0.0, limit }
             }
         };
-        if self.learn_only { outlook.cost <= outlook.left } else { learns_on(&outlook, &trend.variances) }
+        if self.learn_only {
+            outlook.cost <= outlook.left
+        } else {
+            learns_on(&outlook, &trend.variances, trend.gain.is_some())
+        }
     }
 
     /// The picture with the field as it is, and the end.
@@ -352,6 +359,7 @@ impl<'a> Run<'a> {
     /// What is left of the budget goes into one pass.
     fn final_pass(&mut self, field: Option<&GuideField>) -> Result<Image> {
         let mut pass = self.empty_pass();
+        let picture = self.pixel_values();
         let mut rendered = 0;
         loop {
             let spp = match self.settings.stop {
@@ -366,12 +374,18 @@ impl<'a> Run<'a> {
                 _ => None,
             };
             rendered += spp;
-            if !self.trace(&mut pass, spp, field, None, None) {
+            if !self.trace(&mut pass, spp, field, None, picture.as_deref()) {
                 break;
             }
         }
         if rendered > 0 {
-            self.passes.push(pass.finish());
+            let finished = pass.finish();
+            // What a guide that does not pay has found by chance is a few bright pixels that the others would have to outweigh.
+            let guided: u64 = self.passes.iter().map(FinishedPass::samples).sum();
+            if self.gave_up && finished.samples() > guided {
+                self.passes.clear();
+            }
+            self.passes.push(finished);
         }
         combine(&self.passes)
             .map_err(|_| Error::Options("no sample was rendered: the render was stopped before its first pass".into()))

@@ -17,6 +17,7 @@ use crate::base::random::Random;
 use crate::film::Pass;
 use crate::guiding::emission::{EmissionGuide, Start};
 use crate::guiding::field::GuideField;
+use crate::guiding::leaves::Target;
 use crate::guiding::record::{PathRecord, PhotonRecord};
 use crate::integrators::path::{PathScratch, PathTracer, RayCount};
 use crate::integrators::photon::PhotonTracer;
@@ -48,7 +49,9 @@ pub struct PassTracer<'a> {
     pub settings: &'a RenderSettings,
     /// What guides.
     pub field: Option<&'a GuideField>,
-    /// Values that pixels will about have, for the targets that ask for them.
+    /// What records are to hold.
+    pub target: Target,
+    /// Values that pixels will about have; none where nothing is known of them.
     pub picture: Option<&'a [f32]>,
     /// Camera samples per pixel of the passes before, so that no random number is used twice.
     pub first_sample: u32,
@@ -134,6 +137,7 @@ impl PassTracer<'_> {
         let mut index = start;
         for block in &blocks {
             statistics.rays += block.rays.rays;
+            statistics.camera_rays += block.rays.rays;
             for &radiance in &block.radiance {
                 if radiance.is_finite() {
                     let (pixel, sample) = self.place(index, rows);
@@ -215,11 +219,12 @@ impl PassTracer<'_> {
             scene: self.scene,
             settings: self.settings.transport,
             field: self.field,
-            target: self.settings.learner.target,
+            target: self.target,
+            direct: self.settings.learner.direct,
         };
-        let value = self.picture.map_or(1.0, |p| p[pixel as usize]);
-        let records = keep.then_some((&mut block.records, value));
-        let radiance = tracer.trace(ray, &mut random, scratch, records, &mut block.rays);
+        let value = self.picture.map(|p| p[pixel as usize]);
+        let records = keep.then_some(&mut block.records);
+        let radiance = tracer.trace(ray, &mut random, scratch, value, records, &mut block.rays);
         block.radiance.push(radiance);
     }
 }

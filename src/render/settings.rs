@@ -1,6 +1,8 @@
 //! What to render with, resolved once.
 
 use crate::base::{Error, Result};
+use crate::guiding::effort::Roulette;
+use crate::guiding::fraction::FractionRule;
 use crate::guiding::learner::LearnerSettings;
 use crate::guiding::leaves::{Layout, Target};
 use crate::integrators::TransportSettings;
@@ -141,9 +143,10 @@ impl RenderSettings {
                 voxel_samples: 12_000,
                 growing: true,
                 target: Target::Radiance,
-                measures_fraction: false,
+                fraction: FractionRule::Half,
                 split_share: 0.01,
                 context: 0.0,
+                parallax: false,
                 ..LearnerSettings::default()
             },
             // What the network was trained with.
@@ -156,8 +159,9 @@ impl RenderSettings {
             GuideMode::None | GuideMode::Ppg | GuideMode::Variance => SampleKinds::Path,
             _ => SampleKinds::Both,
         };
+        let roulette = if guide == GuideMode::Ppg { Roulette::Throughput } else { Roulette::Window };
         Self {
-            transport: TransportSettings { max_depth: 20, nee: true, roulette: true },
+            transport: TransportSettings { max_depth: 20, nee: true, roulette },
             guide,
             samples,
             reconstruction: match guide {
@@ -178,7 +182,8 @@ impl RenderSettings {
     pub fn with_guide(&self, guide: GuideMode) -> Self {
         let defaults = Self::new(guide, self.stop);
         let learner = LearnerSettings { memory: self.learner.memory, ..defaults.learner };
-        Self { transport: self.transport, seed: self.seed, learner, ..defaults }
+        let transport = TransportSettings { roulette: defaults.transport.roulette, ..self.transport };
+        Self { transport, seed: self.seed, learner, ..defaults }
     }
 
     /// The mode that trees are collected in, as models and shards record it.
@@ -186,7 +191,7 @@ impl RenderSettings {
         Mode {
             target: self.learner.target.name().into(),
             nee: self.transport.nee,
-            roulette: self.transport.roulette,
+            roulette: self.transport.roulette != Roulette::Off,
             split_share: self.learner.split_share as f32,
         }
     }

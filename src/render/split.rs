@@ -23,12 +23,13 @@ pub struct Outlook {
     pub limit: f64,
 }
 
-/// Whether to learn for another iteration, given the variances of one sample in the iterations so far.
+/// Whether to learn for another iteration, given the variances of one sample in the iterations so far, and whether it is `known`
+/// what the guide changes: while most of the noise is a few paths that found light by chance, variances tell nothing.
 ///
 /// Stopping now renders `left` at the variance s of the field at hand. Learning on spends `cost`, of which `useful` is rendered at
 /// s, and renders the rest at r·s, where r is how much the last iteration lowered the variance. Precisions add up where passes
 /// are combined by inverse variance, so learning pays where (left − cost)(1/r − 1) exceeds cost·(1 − useful).
-pub fn learns_on(outlook: &Outlook, variances: &[f64]) -> bool {
+pub fn learns_on(outlook: &Outlook, variances: &[f64], known: bool) -> bool {
     let spent = outlook.budget - outlook.left;
     if spent + outlook.cost > outlook.limit * outlook.budget {
         return false;
@@ -37,6 +38,9 @@ pub fn learns_on(outlook: &Outlook, variances: &[f64]) -> bool {
         return true;
     }
     let &[.., before, last] = variances else { return true };
+    if !known {
+        return true;
+    }
     let usable = before.is_finite() && last.is_finite() && before > 0.0 && last > 0.0;
     let factor = if usable { (last / before).clamp(FACTOR[0], FACTOR[1]) } else { FACTOR[1] };
     (outlook.left - outlook.cost) * (1.0 / factor - 1.0) > outlook.cost * (1.0 - outlook.useful)
@@ -51,7 +55,7 @@ const GUIDED_COST: f64 = 1.35;
 const SHARED: f64 = 0.7;
 
 /// Effective samples below which moments tell nothing: a few paths that found light by chance say little of those that did not.
-const LEAST_EVIDENCE: f64 = 64.0;
+const LEAST_EVIDENCE: f64 = 256.0;
 /// Part of the variance that is too small to matter, however little is known of it.
 const SMALL_PART: f64 = 0.25;
 
@@ -77,6 +81,21 @@ pub fn gain(variance: f64, moments: &PictureMoments, paths: f64) -> Option<f64> 
 /// Whether guiding with such a gain is worth what it costs.
 pub fn pays(gain: f64) -> bool {
     gain * GUIDED_COST < 1.0
+}
+
+/// The mean; none of nothing.
+pub fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// The mean of all but the `outliers` largest; none of nothing. Reorders them.
+pub fn trimmed_mean(values: &mut [f32], outliers: usize) -> Option<f32> {
+    let kept = values.len().checked_sub(outliers).filter(|&kept| kept > 0)?;
+    if outliers > 0 {
+        values.select_nth_unstable_by(kept, f32::total_cmp);
+    }
+    // Their order depends on nothing but the values, and so does their sum.
+    Some((values[..kept].iter().map(|&v| f64::from(v)).sum::<f64>() / kept as f64) as f32)
 }
 
 #[cfg(test)]
@@ -105,13 +124,15 @@ mod tests {
     fn learning_goes_on_while_it_pays() {
         let halving = [8.0, 4.0];
         let flat = [8.0, 8.0];
-        assert!(learns_on(&outlook(94.0, 6.0, 0.5), &flat), "the first iterations are free");
-        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &halving));
-        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &flat), "nothing is gained by photons that teach nothing");
-        assert!(!learns_on(&outlook(60.0, 20.0, 0.5), &halving), "no more than the limit");
-        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &[8.0, 16.0]), "a guide that gets worse");
-        assert!(learns_on(&outlook(80.0, 20.0, 1.0), &flat), "learning that costs nothing");
-        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &[f64::NAN, 0.0]));
-        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &[1.0]), "one variance has no trend");
+        assert!(learns_on(&outlook(94.0, 6.0, 0.5), &flat, true), "the first iterations are free");
+        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &halving, true));
+        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &flat, true), "nothing is gained by photons that teach nothing");
+        assert!(!learns_on(&outlook(60.0, 20.0, 0.5), &halving, true), "no more than the limit");
+        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &[8.0, 16.0], true), "a guide that gets worse");
+        assert!(learns_on(&outlook(80.0, 20.0, 1.0), &flat, true), "learning that costs nothing");
+        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &[f64::NAN, 0.0], true));
+        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &[1.0], true), "one variance has no trend");
+        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &[1.0, 9.0], false), "light that has only just been found");
+        assert!(!learns_on(&outlook(60.0, 20.0, 0.5), &[1.0, 9.0], false), "no more than the limit");
     }
 }

@@ -99,6 +99,8 @@ pub struct Statistics {
     pub seconds: Seconds,
     /// Ray queries.
     pub rays: u64,
+    /// Those of camera paths.
+    pub camera_rays: u64,
     /// Per second of the total.
     pub rays_per_second: f64,
     /// Camera and light paths.

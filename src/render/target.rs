@@ -26,6 +26,7 @@ struct Half {
 
 impl Run<'_> {
     pub(super) fn render_to(&mut self, target: f64, field: Option<&GuideField>) -> Result<Image> {
+        let picture = self.pixel_values();
         // What was learned from decides about the field and so about the number of samples.
         self.passes.clear();
         let mut halves = [0, 1].map(|_| Half { pass: self.empty_pass(), done: None });
@@ -35,7 +36,7 @@ impl Run<'_> {
         while halves.iter().any(|h| h.done.is_none()) && each < MOST && !(each > 0 && self.watcher.stopped()) {
             let next = if each == 0 { FIRST } else { ((f64::from(each) * GROWTH).ceil() as u32).min(MOST) };
             for half in &mut halves {
-                self.trace(&mut half.pass, next - each, field, None, None);
+                self.trace(&mut half.pass, next - each, field, None, picture.as_deref());
             }
             each = next;
             let variances = [0, 1].map(|h| halves[h].pass.relative_variance());
