@@ -305,8 +305,11 @@ impl Learner {
     /// What guiding changes, as the picture sees it. To be asked between [`Learner::publish`] and [`Learner::refine`].
     pub fn picture_moments(&self) -> PictureMoments {
         let mut sum = PictureMoments::default();
-        let mut fourths = 0.0;
+        let (mut fourths, mut photons) = (0.0, 0.0);
         for voxel in &self.voxels {
+            let arrived = f64::from(voxel.tree.counts()[1]);
+            photons += arrived;
+            sum.unseen += if voxel.squares > 0.0 { 0.0 } else { arrived };
             let relative = voxel.fractions.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
             let [learning, guided, unguided] = relative.map(|moment| voxel.squares * moment);
             sum.learning += learning;
@@ -316,6 +319,7 @@ impl Learner {
             fourths += voxel.fourths;
         }
         sum.effective = if fourths > 0.0 { sum.effective.powi(2) / fourths } else { 0.0 };
+        sum.unseen /= if photons > 0.0 { photons } else { 1.0 };
         sum
     }
 

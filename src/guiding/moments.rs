@@ -38,6 +38,8 @@ pub struct PictureMoments {
     /// How many equal samples would tell as much about them as the samples there were (Kish's effective sample size): few, where
     /// most comes from a few fireflies.
     pub effective: f64,
+    /// Share of the photons that fell into voxels where no path has found light yet: what guiding will change there is not known.
+    pub unseen: f64,
 }
 
 impl<const N: usize> Default for Moments<N> {

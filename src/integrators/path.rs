@@ -41,9 +41,8 @@ struct Vertex {
     throughput: Vec3,
     /// Emission towards the previous vertex.
     emission: Emission,
-    /// Light sampling at this vertex, times f, and the probability that it was tried with.
+    /// Light sampling at this vertex, times f.
     direct: Vec3,
-    light_probability: f32,
     /// How the path went on; none where it ended.
     step: Option<Step>,
 }
@@ -121,15 +120,7 @@ impl PathTracer<'_> {
             let emission = self.emission(&surface, &ray, previous);
             let material = self.scene.material(&surface);
             let normal = surface.normal_towards(-ray.direction);
-            let mut vertex = Vertex {
-                surface,
-                normal,
-                throughput,
-                emission,
-                direct: Vec3::ZERO,
-                light_probability: 0.0,
-                step: None,
-            };
+            let mut vertex = Vertex { surface, normal, throughput, emission, direct: Vec3::ZERO, step: None };
             if depth == self.settings.max_depth {
                 vertices.push(vertex);
                 break;
@@ -141,10 +132,10 @@ impl PathTracer<'_> {
             let importance = pixel.map(|value| carried / value);
             let knows = self.settings.roulette == Roulette::Window;
             let effort = guide.filter(|_| knows).map_or(Effort::UNKNOWN, |guide| guide.effort);
+            let mut light_probability = 0.0;
             if self.settings.nee && !smooth {
-                vertex.light_probability =
-                    importance.map_or(1.0, |importance| effort.light_probability(importance, carried));
-                vertex.direct = self.connect(&surface, &mixture, vertex.light_probability, random, count);
+                light_probability = importance.map_or(1.0, |importance| effort.light_probability(importance, carried));
+                vertex.direct = self.connect(&surface, &mixture, light_probability, random, count);
             }
             let Some(sample) = mixture.sample(random, Transport::Radiance) else {
                 vertices.push(vertex);
@@ -155,7 +146,6 @@ impl PathTracer<'_> {
             let worth = importance.and_then(|importance| effort.survival(importance, carried));
             let survival = worth.unwrap_or_else(|| self.survival(depth, throughput.max(reflected)));
             let survives = survival >= 1.0 || random.next_f32() < survival;
-            let vertex_light = vertex.light_probability;
             vertex.step = (survives || !sample.delta).then_some(Step { sample, survival });
             vertices.push(vertex);
             if !survives || throughput == Vec3::ZERO {
@@ -163,7 +153,7 @@ impl PathTracer<'_> {
             }
             throughput /= survival;
             reflected /= survival;
-            let light_probability = if sample.delta { 0.0 } else { vertex_light };
+            let light_probability = if sample.delta { 0.0 } else { light_probability };
             previous = Some(Previous { point: surface.point, pdf: sample.pdf, light_probability });
             ray = surface.leave(sample.direction);
         }

@@ -1,10 +1,12 @@
 //! Reconstruction by smoothing: the baseline that the network has to beat.
 //!
-//! In the spirit of Nilsson's level-wise denoising of guiding quadtrees: on every level the densities of the nodes that exist there
-//! are smoothed over their 3 × 3 neighbourhood, so that coarse levels smooth far and fine levels near, and nothing is ever laid
-//! out as a dense matrix. What a level decides is how its nodes share out their parent's mass, and a node trusts what was counted
-//! the more samples it has: the shares are the mean of a Dirichlet distribution whose prior is the level smoothed once (which
-//! counts as [`Gaussian::near`] samples), smoothed again and again ([`Gaussian::far`]), and equal shares ([`Gaussian::flat`]).
+//! In the spirit of Nilsson's level-wise denoising of guiding quadtrees (2022 §4.3): on every level the densities of the nodes that
+//! exist there are smoothed over their 3 × 3 neighbourhood, so that coarse levels smooth far and fine levels near. Nothing is laid
+//! out as a dense matrix, so there is nothing to mask either; the workload is limited by
+//! [`reconstruct_within`](super::reconstruct_within). What a level decides is how its nodes share out their parent's mass, and a
+//! node trusts what was counted the more samples it has: the shares are the mean of a Dirichlet distribution whose prior is the
+//! level smoothed once (which counts as [`Gaussian::near`] samples), smoothed again and again ([`Gaussian::far`]), and equal
+//! shares ([`Gaussian::flat`]).
 
 use rayon::prelude::*;
 

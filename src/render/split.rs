@@ -56,6 +56,8 @@ const SHARED: f64 = 0.7;
 
 /// Effective samples below which moments tell nothing: a few paths that found light by chance say little of those that did not.
 const LEAST_EVIDENCE: f64 = 256.0;
+/// Share of photons where paths have found nothing, above which moments tell nothing either.
+const MOST_UNSEEN: f64 = 0.2;
 /// Part of the variance that is too small to matter, however little is known of it.
 const SMALL_PART: f64 = 0.25;
 
@@ -64,12 +66,12 @@ const SMALL_PART: f64 = 0.25;
 /// `variance` is that of a sample while learning, relative to the pixel's squared value; `moments`, in the same unit, were measured
 /// on `paths` samples. What next event estimation brings, and what lies between the pixels of an edge, is the same with a guide
 /// and without: it is in the variance alone. A path's vertices are counted as if their gains added up, which promises too much,
-/// hence the power. None where nothing was measured, or where what guiding changes is most of the variance and rests on few of
+/// hence the power. None where nothing was measured, where photons know of light that paths have not found, or where what guiding changes is most of the variance and rests on few of
 /// the samples.
 pub fn gain(variance: f64, moments: &PictureMoments, paths: f64) -> Option<f64> {
     let [learning, guided, unguided] = [moments.learning, moments.guided, moments.unguided].map(|m| m / paths);
     let known = moments.effective >= LEAST_EVIDENCE;
-    if !known && learning > SMALL_PART * variance {
+    if !known && learning > SMALL_PART * variance || moments.unseen > MOST_UNSEEN {
         return None;
     }
     // Below zero where the vertices of a path together have more than the path.
@@ -109,8 +111,10 @@ mod tests {
     #[test]
     fn guiding_pays_where_it_changes_most_of_the_variance() {
         let gain = |variance, [learning, guided, unguided]: [f64; 3], effective| {
-            gain(variance, &PictureMoments { learning, guided, unguided, effective }, 1.0)
+            gain(variance, &PictureMoments { learning, guided, unguided, effective, unseen: 0.1 }, 1.0)
         };
+        let unseen = PictureMoments { learning: 1.0, guided: 1.0, unguided: 1.0, effective: 1e3, unseen: 0.5 };
+        assert_eq!(super::gain(10.0, &unseen, 1.0), None, "photons know of light that no path has found");
         assert!(pays(gain(10.0, [8.0, 4.0, 30.0], 1e3).unwrap()));
         assert!(!pays(gain(10.0, [8.0, 7.0, 9.0], 1e3).unwrap()), "a small gain");
         assert!(!pays(gain(1000.0, [8.0, 4.0, 30.0], 3.0).unwrap()), "a large gain in a small part");
