@@ -107,7 +107,7 @@ fn options_change_no_mean() {
         |s| s.transport.roulette = Roulette::Off,
         |s| s.transport.roulette = Roulette::Throughput,
         |s| s.learner.direct = DirectLight::Weighted,
-        |s| s.learner.direct = DirectLight::All,
+        |s| s.learner.direct = DirectLight::Nothing,
         |s| s.learner.fraction = FractionRule::Adam,
         |s| s.learner.filtered = true,
         |s| s.learner.radiance_iterations = 2,

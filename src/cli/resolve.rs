@@ -46,8 +46,8 @@ pub struct RenderRequest {
     pub load_guide: Option<PathBuf>,
     /// Ceiling of the sampling field, bytes.
     pub guide_memory: u64,
-    /// What trees learn of light that light sampling finds too.
-    pub direct: DirectLight,
+    /// What trees learn of light that light sampling finds too; `None` is as the guide has it.
+    pub direct: Option<DirectLight>,
     /// How often the BSDF is sampled; `None` is as the guide has it.
     pub fraction: Option<FractionRule>,
     /// Whether samples are moved at random.
@@ -76,7 +76,7 @@ impl RenderRequest {
         settings.seed = self.seed;
         settings.samples = self.samples.unwrap_or(settings.samples);
         settings.learner.target = self.target.unwrap_or(settings.learner.target);
-        settings.learner.direct = self.direct;
+        settings.learner.direct = self.direct.unwrap_or(settings.learner.direct);
         settings.learner.fraction = self.fraction.unwrap_or(settings.learner.fraction);
         settings.learner.filtered = self.filtered;
         settings.learner.radiance_iterations = self.radiance_iterations;

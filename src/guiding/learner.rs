@@ -65,7 +65,7 @@ impl Default for LearnerSettings {
             growing: false,
             split_share: 0.02,
             target: Target::Variance,
-            direct: DirectLight::Nothing,
+            direct: DirectLight::All,
             layout: Layout::Values,
             fraction: FractionRule::Moments,
             filtered: false,

@@ -41,6 +41,9 @@ impl Target {
 }
 
 /// What trees learn of the light that light sampling finds too.
+///
+/// Learning nothing of it leaves the sky behind the slits of a blind to light sampling, which hardly ever finds it, and to
+/// BSDF samples, of which a guide leaves few.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DirectLight {
     /// Nothing (SEMANTICS: NEE on).

@@ -4,7 +4,7 @@ use crate::base::{Error, Result};
 use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::learner::LearnerSettings;
-use crate::guiding::leaves::{Layout, Target};
+use crate::guiding::leaves::{DirectLight, Layout, Target};
 use crate::integrators::TransportSettings;
 use crate::network::config::Mode;
 
@@ -144,6 +144,7 @@ impl RenderSettings {
                 growing: true,
                 target: Target::Radiance,
                 fraction: FractionRule::Half,
+                direct: DirectLight::Nothing,
                 split_share: 0.01,
                 context: 0.0,
                 parallax: false,
@@ -151,7 +152,8 @@ impl RenderSettings {
             },
             // What the network was trained with.
             GuideMode::Neural => {
-                LearnerSettings { layout: Layout::Full, split_share: 0.01, ..LearnerSettings::default() }
+                let direct = DirectLight::Nothing;
+                LearnerSettings { layout: Layout::Full, direct, split_share: 0.01, ..LearnerSettings::default() }
             }
             _ => LearnerSettings::default(),
         };
