@@ -183,8 +183,8 @@ pub struct RenderArgs {
     #[arg(long)]
     pub filter: bool,
     /// Iterations in which radiance is learned before the target (Nilsson 2022)
-    #[arg(long, value_name = "N", default_value = "0")]
-    pub radiance_iterations: u32,
+    #[arg(long, value_name = "N")]
+    pub radiance_iterations: Option<u32>,
     /// What is made of the trees as counted [default: by --guide]
     #[arg(long, value_enum)]
     pub reconstruct: Option<Reconstruction>,
@@ -192,7 +192,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "load_guide")]
     pub save_guide: Option<PathBuf>,
     /// Guide by a field that an earlier render saved; nothing is learned
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["samples", "target", "reconstruct", "model"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["samples", "target", "reconstruct", "model", "direct", "fraction", "filter", "radiance_iterations"])]
     pub load_guide: Option<PathBuf>,
     /// Ceiling of the sampling field in MB
     #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]

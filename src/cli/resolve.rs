@@ -111,10 +111,13 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
             "the scene asks for 0 samples per pixel or depth 0; give --spp and --max-depth".into(),
         ));
     }
-    if args.guide == GuideMode::None && (args.samples.is_some() || args.target.is_some() || args.reconstruct.is_some())
-    {
+    let how = args.direct.is_some() || args.fraction.is_some() || args.filter || args.radiance_iterations.is_some();
+    let what = args.samples.is_some() || args.target.is_some() || args.reconstruct.is_some();
+    if args.guide == GuideMode::None && (what || how) {
         return Err(Error::Options(
-            "--guide none learns nothing; leave --samples, --target and --reconstruct out".into(),
+            "--guide none learns nothing; leave --samples, --target, --reconstruct, --direct, --fraction, --filter and \
+             --radiance-iterations out"
+                .into(),
         ));
     }
     if args.guide == GuideMode::None && (args.save_guide.is_some() || args.load_guide.is_some()) {
@@ -137,7 +140,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         direct: args.direct,
         fraction: args.fraction,
         filtered: args.filter,
-        radiance_iterations: args.radiance_iterations,
+        radiance_iterations: args.radiance_iterations.unwrap_or(0),
         save_guide: args.save_guide.clone(),
         load_guide: args.load_guide.clone(),
         guide_memory: u64::from(args.guide_memory) * 1_000_000,
@@ -195,6 +198,7 @@ mod tests {
         assert!(request(&["--size", "4000000000x4000000000"]).is_err());
         assert!(request(&["--guide", "none", "--samples", "photon"]).is_err());
         assert!(request(&["--guide", "none", "--reconstruct", "neural"]).is_err());
+        assert!(request(&["--guide", "none", "--direct", "all"]).is_err());
         assert!(request(&["--guide", "none", "--save-guide", "a.guide"]).is_err());
         assert!(request(&["--exposure", "1"]).is_err());
     }

@@ -135,14 +135,17 @@ impl Pass {
         if measured > 0 { sum / measured as f64 } else { 0.0 }
     }
 
-    /// Variance of one sample over the squared value that the pixel is expected to have, averaged over channels, of every pixel
-    /// that has two samples.
-    pub fn variances_relative_to(&self, values: Option<&[f32]>) -> Vec<f64> {
-        let relative = |(i, pixel): (usize, Pixel)| {
-            let square = values.map_or(1.0, |v| f64::from(v[i]).powi(2));
-            pixel.sample_variance().map(|variance| average(variance) / square)
-        };
-        self.pixels().enumerate().filter_map(relative).collect()
+    /// Variance of one sample over the squared value that the pixel is expected to have, averaged over channels and pixels;
+    /// `None` where no pixel has two samples.
+    pub fn variance_relative_to(&self, values: Option<&[f32]>) -> Option<f64> {
+        let (mut sum, mut measured) = (0.0, 0u64);
+        for (i, pixel) in self.pixels().enumerate() {
+            if let Some(variance) = pixel.sample_variance() {
+                sum += average(variance) / values.map_or(1.0, |v| f64::from(v[i]).powi(2));
+                measured += 1;
+            }
+        }
+        (measured > 0).then(|| sum / measured as f64)
     }
 
     /// Keeps of the pass what combining needs: the means in f32, the counts, and the variances.

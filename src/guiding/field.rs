@@ -43,8 +43,8 @@ impl DirectionGuide<'_> {
     /// Draws a direction; returns it with its density w.r.t. solid angle.
     pub fn sample(&self, random: &mut Random) -> (Vec3, f32) {
         let (direction, pdf) = self.tree.sample(random);
-        let (direction, density) = self.parallax.from_centre(self.point, direction);
-        (direction, pdf * density)
+        let seen = self.parallax.from_centre(self.point, direction);
+        (seen.direction, pdf * seen.density)
     }
 
     /// Density of [`DirectionGuide::sample`]. Never zero.

@@ -92,10 +92,9 @@ struct Voxel {
     bsdf_fraction: f32,
     /// Part of path samples in what is counted, the rest being photons.
     path_share: f64,
-    /// Σ of what the samples brought to the picture, of its squares, and of the squares of those.
+    /// Σ of what the samples brought to the picture, and of its squares.
     contribution: f64,
-    squares: f64,
-    fourths: f64,
+    squares: Moments<1>,
     /// What mixing BSDF and guide in other ways would have cost.
     fractions: Moments<{ FRACTIONS.len() }>,
     /// What its vertices sent back, and the same of the last iteration with what its surroundings know.
@@ -123,8 +122,7 @@ impl Voxel {
             bsdf_fraction: 0.5,
             path_share: 0.5,
             contribution: 0.0,
-            squares: 0.0,
-            fourths: 0.0,
+            squares: Moments::default(),
             fractions: Moments::default(),
             returns: Returns::default(),
             known_returns: Returns::default(),
@@ -305,20 +303,20 @@ impl Learner {
     /// What guiding changes, as the picture sees it. To be asked between [`Learner::publish`] and [`Learner::refine`].
     pub fn picture_moments(&self) -> PictureMoments {
         let mut sum = PictureMoments::default();
-        let (mut fourths, mut photons) = (0.0, 0.0);
+        let (mut squares, mut photons) = (Moments::<1>::default(), 0.0);
         for voxel in &self.voxels {
             let arrived = f64::from(voxel.tree.counts()[1]);
             photons += arrived;
-            sum.unseen += if voxel.squares > 0.0 { 0.0 } else { arrived };
+            let [brought] = voxel.squares.sums();
+            sum.unseen += if brought > 0.0 { 0.0 } else { arrived };
             let relative = voxel.fractions.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
-            let [learning, guided, unguided] = relative.map(|moment| voxel.squares * moment);
+            let [learning, guided, unguided] = relative.map(|moment| brought * moment);
             sum.learning += learning;
             sum.guided += guided;
             sum.unguided += unguided;
-            sum.effective += voxel.squares;
-            fourths += voxel.fourths;
+            squares.merge(&voxel.squares);
         }
-        sum.effective = if fourths > 0.0 { sum.effective.powi(2) / fourths } else { 0.0 };
+        sum.effective = squares.effective();
         sum.unseen /= if photons > 0.0 { photons } else { 1.0 };
         sum
     }
@@ -412,7 +410,7 @@ impl Learner {
     pub fn clear(&mut self) {
         self.voxels.par_iter_mut().for_each(|voxel| {
             voxel.tree.clear();
-            (voxel.contribution, voxel.squares, voxel.fourths) = (0.0, 0.0, 0.0);
+            (voxel.contribution, voxel.squares) = (0.0, Moments::default());
             (voxel.fractions, voxel.shares) = (Moments::default(), Moments::default());
             voxel.returns = Returns::default();
             voxel.shaped = false;
@@ -448,8 +446,7 @@ impl Voxel {
     fn judge(&mut self, record: &PathRecord, rule: FractionRule) {
         let brought = f64::from(record.importance) * f64::from(record.estimate);
         self.contribution += brought;
-        self.squares += brought * brought;
-        self.fourths += brought.powi(4);
+        self.squares.add([brought * brought]);
         self.returns.add([record.direct, record.estimate].map(f64::from));
         if self.tree.target() != Target::Radiance && record.value > 0.0 {
             self.weigh_kinds(record);

@@ -35,8 +35,7 @@ pub struct PictureMoments {
     pub guided: f64,
     /// With BSDF samples alone.
     pub unguided: f64,
-    /// How many equal samples would tell as much about them as the samples there were (Kish's effective sample size): few, where
-    /// most comes from a few fireflies.
+    /// [`Moments::effective`] of all of them together.
     pub effective: f64,
     /// Share of the photons that fell into voxels where no path has found light yet: what guiding will change there is not known.
     pub unseen: f64,
@@ -65,7 +64,7 @@ impl<const N: usize> Moments<N> {
     }
 
     /// How many equal samples would tell as much (Kish's effective sample size): few, where most comes from a few fireflies.
-    fn effective(&self) -> f64 {
+    pub fn effective(&self) -> f64 {
         let mean = self.sums.iter().sum::<f64>() / N as f64;
         if self.squares > 0.0 { mean * mean / self.squares } else { 0.0 }
     }
@@ -80,6 +79,11 @@ impl<const N: usize> Moments<N> {
     /// Adds all of another's.
     pub fn merge(&mut self, other: &Self) {
         self.add_all(other, 1.0);
+    }
+
+    /// Sums over the samples.
+    pub fn sums(&self) -> [f64; N] {
+        self.sums
     }
 
     /// Means over the samples; none where too little is known.

@@ -22,7 +22,8 @@ pub struct Parallax {
     pub curvature: f32,
 }
 
-/// How a density changes on the way: ω at the centre, and the factor dω/dω' by which a density over ω becomes one over ω'.
+/// A direction that was carried: ω at the centre or ω' elsewhere, and the factor dω/dω' by which a density over ω becomes one
+/// over ω'.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Carried {
     /// Unit direction.
@@ -67,13 +68,13 @@ impl Parallax {
         Carried { direction, density: density(direction, away, distance) }
     }
 
-    /// The direction ω at the centre, as seen from `point`: ω' and dω/dω'.
-    pub fn from_centre(&self, point: Vec3, direction: Vec3) -> (Vec3, f32) {
-        let Some(offset) = self.offset(point) else { return (direction, 1.0) };
+    /// The direction `direction` at the centre, as seen from `point`.
+    pub fn from_centre(&self, point: Vec3, direction: Vec3) -> Carried {
+        let Some(offset) = self.offset(point) else { return Carried { direction, density: 1.0 } };
         let to = direction - offset;
         let distance = to.length();
         let away = to / distance;
-        (away, density(direction, away, distance))
+        Carried { direction: away, density: density(direction, away, distance) }
     }
 }
 
@@ -113,8 +114,8 @@ mod tests {
                 let away = (lamp - point).normalize();
                 let seen = parallax.to_centre(point, away);
                 assert!(seen.direction.distance(expected) < 1e-5, "{} {expected}", seen.direction);
-                let (back, density) = parallax.from_centre(point, seen.direction);
-                assert!(back.distance(away) < 1e-5 && (density / seen.density - 1.0).abs() < 1e-4);
+                let back = parallax.from_centre(point, seen.direction);
+                assert!(back.direction.distance(away) < 1e-5 && (back.density / seen.density - 1.0).abs() < 1e-4);
             }
         }
     }

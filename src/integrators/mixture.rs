@@ -38,9 +38,9 @@ pub struct MixtureSample {
 }
 
 impl<'a> Mixture<'a> {
-    /// The mixture at `surface` for light that leaves in the world direction `out`. Delta materials are never guided.
+    /// The mixture at `surface` for light that leaves in the world direction `out`; `guide` is none for a delta material.
     pub fn new(surface: &'a Surface, material: &'a Material, out: Vec3, guide: Option<&'a VoxelGuide>) -> Self {
-        let guide = guide.filter(|_| !material.is_delta()).and_then(|guide| guide.directions(surface.point));
+        let guide = guide.and_then(|guide| guide.directions(surface.point));
         Self { surface, material, wo: surface.frame.to_local(out), guide }
     }
 

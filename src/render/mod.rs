@@ -16,19 +16,16 @@ pub use statistics::{ErrorPoint, GuideStatistics, Iteration, Seconds, Statistics
 
 use std::sync::atomic::AtomicBool;
 
-use rayon::prelude::*;
-
 use crate::base::progress::Progress;
 use crate::base::{Error, Result};
-use crate::film::{FinishedPass, Pass, check_size, combine};
+use crate::film::{FinishedPass, Pass, check_size, combine, expected_values};
 use crate::guiding::field::{Evidence, GuideField};
 use crate::materials::Material;
 use crate::materials::image::Image;
-use crate::math::channel_mean;
 use crate::reconstruct::Reconstructor;
 use crate::scene::Scene;
 use control::Watcher;
-use split::{Outlook, gain, learns_on, mean, pays, trimmed_mean};
+use split::{Outlook, gain, learns_on, pays};
 
 /// What a render produced.
 pub struct Outcome {
@@ -212,23 +209,9 @@ impl<'a> Run<'a> {
         tracer.run(pass, learning, &mut self.statistics, &mut go_on)
     }
 
-    /// About what each pixel will be, by the passes so far: a mean over 5 × 5 pixels, with a floor of a tenth of the whole picture's
-    /// mean. The largest are left out of both, so that fireflies do not make everything else look worthless. None while no light
-    /// was found.
+    /// About what each pixel will be, by the passes so far; none while no light was found.
     fn pixel_values(&self) -> Option<Vec<f32>> {
-        let image = combine(if self.passes.is_empty() { &self.early } else { &self.passes }).ok()?;
-        let found: Vec<f32> = image.pixels.iter().map(|&p| channel_mean(p)).collect();
-        let floor = 0.1 * trimmed_mean(&mut found.clone(), found.len() / 100)?;
-        let reach = |at: usize, size: usize| at.saturating_sub(2)..(at + 3).min(size);
-        let value = |i: usize| {
-            let (x, y) = (i % image.width, i / image.width);
-            let (columns, rows) = (reach(x, image.width), reach(y, image.height));
-            let around = rows.flat_map(|row| columns.clone().map(move |column| row * image.width + column));
-            let mut around: Vec<f32> = around.map(|at| found[at]).collect();
-            let fireflies = around.len() / 12;
-            trimmed_mean(&mut around, fireflies).unwrap_or(0.0).hypot(floor)
-        };
-        (floor.is_normal() && floor > 0.0).then(|| (0..found.len()).into_par_iter().map(value).collect())
+        expected_values(&combine(if self.passes.is_empty() { &self.early } else { &self.passes }).ok()?)
     }
 
     /// Iterations of 2^t samples per pixel while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
@@ -259,8 +242,8 @@ impl<'a> Run<'a> {
             let iteration = learning.end_iteration(camera, rays, reconstructor, &mut self.statistics.seconds)?;
             let seconds = self.watcher.elapsed() - begun;
             let finished = pass.finish();
-            let variances = pass.variances_relative_to(picture.as_deref());
-            trend.gain = mean(&variances).and_then(|v| gain(v, &learning.moments, finished.samples() as f64));
+            let variance = pass.variance_relative_to(picture.as_deref());
+            trend.gain = variance.and_then(|v| gain(v, &learning.moments, finished.samples() as f64));
             trend.variances.extend(finished.sample_variance());
             trend.useful = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
             trend.seconds = seconds;
@@ -359,7 +342,7 @@ impl<'a> Run<'a> {
     /// What is left of the budget goes into one pass.
     fn final_pass(&mut self, field: Option<&GuideField>) -> Result<Image> {
         let mut pass = self.empty_pass();
-        let picture = self.pixel_values();
+        let picture = field.and_then(|_| self.pixel_values());
         let mut rendered = 0;
         loop {
             let spp = match self.settings.stop {

@@ -85,21 +85,6 @@ pub fn pays(gain: f64) -> bool {
     gain * GUIDED_COST < 1.0
 }
 
-/// The mean; none of nothing.
-pub fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-}
-
-/// The mean of all but the `outliers` largest; none of nothing. Reorders them.
-pub fn trimmed_mean(values: &mut [f32], outliers: usize) -> Option<f32> {
-    let kept = values.len().checked_sub(outliers).filter(|&kept| kept > 0)?;
-    if outliers > 0 {
-        values.select_nth_unstable_by(kept, f32::total_cmp);
-    }
-    // Their order depends on nothing but the values, and so does their sum.
-    Some((values[..kept].iter().map(|&v| f64::from(v)).sum::<f64>() / kept as f64) as f32)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -26,7 +26,7 @@ struct Half {
 
 impl Run<'_> {
     pub(super) fn render_to(&mut self, target: f64, field: Option<&GuideField>) -> Result<Image> {
-        let picture = self.pixel_values();
+        let picture = field.and_then(|_| self.pixel_values());
         // What was learned from decides about the field and so about the number of samples.
         self.passes.clear();
         let mut halves = [0, 1].map(|_| Half { pass: self.empty_pass(), done: None });

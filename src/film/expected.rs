@@ -1,0 +1,62 @@
+//! What pixels will about be, by the noisy picture so far.
+
+use rayon::prelude::*;
+
+use crate::materials::image::Image;
+use crate::math::channel_mean;
+
+/// Part of the whole picture's mean that no pixel is expected to fall below.
+const FLOOR: f32 = 0.1;
+
+/// The channel mean that every pixel of `image` will about have: a mean over 5 × 5 pixels, with a floor. The largest are left out
+/// of both, so that fireflies do not make everything else look worthless. None while no light was found.
+pub fn expected_values(image: &Image) -> Option<Vec<f32>> {
+    let found: Vec<f32> = image.pixels.iter().map(|&p| channel_mean(p)).collect();
+    let floor = FLOOR * trimmed_mean(&mut found.clone(), found.len() / 100)?;
+    let reach = |at: usize, size: usize| at.saturating_sub(2)..(at + 3).min(size);
+    let value = |i: usize| {
+        let (x, y) = (i % image.width, i / image.width);
+        let (columns, rows) = (reach(x, image.width), reach(y, image.height));
+        let around = rows.flat_map(|row| columns.clone().map(move |column| row * image.width + column));
+        let mut around: Vec<f32> = around.map(|at| found[at]).collect();
+        // A corner has 9 pixels around it, and one of them may be a firefly.
+        let fireflies = around.len() / 9;
+        trimmed_mean(&mut around, fireflies).unwrap_or(0.0).hypot(floor)
+    };
+    (floor.is_normal() && floor > 0.0).then(|| (0..found.len()).into_par_iter().map(value).collect())
+}
+
+/// The mean of all but the `outliers` largest; none of nothing. Reorders them.
+fn trimmed_mean(values: &mut [f32], outliers: usize) -> Option<f32> {
+    let kept = values.len().checked_sub(outliers).filter(|&kept| kept > 0)?;
+    if outliers > 0 {
+        values.select_nth_unstable_by(kept, f32::total_cmp);
+    }
+    // Their order depends on nothing but the values, and so does their sum.
+    Some((values[..kept].iter().map(|&v| f64::from(v)).sum::<f64>() / kept as f64) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn a_firefly_changes_nothing() {
+        let grey = Image { width: 20, height: 10, pixels: vec![Vec3::splat(2.0); 200] };
+        let mut burnt = grey.clone();
+        burnt.pixels[57] = Vec3::splat(1e9);
+        let values = expected_values(&grey).expect("there is light");
+        assert!(values.iter().all(|v| (v - 2f32.hypot(0.2)).abs() < 1e-5));
+        assert_eq!(expected_values(&burnt), Some(values));
+    }
+
+    #[test]
+    fn darkness_is_bounded_and_black_is_unknown() {
+        let mut half = Image { width: 20, height: 10, pixels: vec![Vec3::ZERO; 200] };
+        assert_eq!(expected_values(&half), None);
+        half.pixels[100..].fill(Vec3::ONE);
+        let values = expected_values(&half).expect("there is light");
+        assert!((values[0] - 0.05).abs() < 1e-3, "{}", values[0]);
+    }
+}
