@@ -194,12 +194,12 @@ fn mixture_follows_its_density() {
         let material = Material { two_sided: i == 0, kind };
         let mixture = Mixture::new(&surface, &material, out, field.at(surface.point, surface.normal_towards(out)));
         let density = |wi| {
-            let (value, pdf) = (mixture.eval(wi), mixture.pdf(wi));
+            let (value, pdf) = (mixture.eval(wi), mixture.pdf(wi).0);
             if value == Vec3::ZERO { 0.0 } else { f64::from(pdf) }
         };
         Chart::around(Vec3::Z, 1.0).check(&format!("mixture {i}"), [32, 32], density, |random| {
             let sample = mixture.sample(random, Transport::Radiance)?;
-            let (value, pdf) = (mixture.eval(sample.direction), mixture.pdf(sample.direction));
+            let (value, pdf) = (mixture.eval(sample.direction), mixture.pdf(sample.direction).0);
             assert!((pdf - sample.pdf).abs() <= 1e-3 * pdf, "{pdf} {}", sample.pdf);
             // Near the horizon the cosine, and with it f·cos θ, is known to 1e-7 absolutely after a turn to the world and back.
             let difference = (sample.weight * pdf - value).abs().max_element();

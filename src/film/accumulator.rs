@@ -10,8 +10,10 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::error::{FLOOR, outliers};
 use crate::base::{Error, Result};
 use crate::materials::image::Image;
+use crate::math::trimmed_mean;
 
 /// Largest accepted number of columns or rows.
 pub const MAX_SIDE: u32 = 1 << 15;
@@ -130,22 +132,20 @@ impl Pass {
                 count += 1.0;
             }
             measured += 1;
-            sum += average([0, 1, 2].map(|c| variance[c] / ((mean[c] / count).powi(2) + super::error::FLOOR)));
+            sum += average([0, 1, 2].map(|c| variance[c] / ((mean[c] / count).powi(2) + FLOOR)));
         }
         if measured > 0 { sum / measured as f64 } else { 0.0 }
     }
 
-    /// Variance of one sample over the squared value that the pixel is expected to have, averaged over channels and pixels;
-    /// `None` where no pixel has two samples.
+    /// Variance of one sample over the squared value that the pixel is expected to have, averaged over channels and all pixels but
+    /// the worst 0.1 %, which trimmed errors leave out too; `None` where no pixel has two samples.
     pub fn variance_relative_to(&self, values: Option<&[f32]>) -> Option<f64> {
-        let (mut sum, mut measured) = (0.0, 0u64);
-        for (i, pixel) in self.pixels().enumerate() {
-            if let Some(variance) = pixel.sample_variance() {
-                sum += average(variance) / values.map_or(1.0, |v| f64::from(v[i]).powi(2));
-                measured += 1;
-            }
-        }
-        (measured > 0).then(|| sum / measured as f64)
+        let relative = |(i, pixel): (usize, Pixel)| {
+            pixel.sample_variance().map(|variance| average(variance) / values.map_or(1.0, |v| f64::from(v[i]).powi(2)))
+        };
+        let mut variances: Vec<f64> = self.pixels().enumerate().filter_map(relative).collect();
+        let worst = outliers(variances.len());
+        trimmed_mean(&mut variances, worst)
     }
 
     /// Keeps of the pass what combining needs: the means in f32, the counts, and the variances.
@@ -153,7 +153,7 @@ impl Pass {
         let half = |half: &Vec<Pixel>| Half {
             means: half.par_iter().map(|p| Vec3::from_array(p.mean.map(|m| m as f32))).collect(),
             counts: half.par_iter().map(|p| p.count).collect(),
-            spread: Spread::of(half.iter().copied()),
+            tiles: tiles(half, self.width),
         };
         let [a, b] = &self.halves;
         let (spread, (a, b)) = rayon::join(|| Spread::of(self.pixels()), || rayon::join(|| half(a), || half(b)));
@@ -161,31 +161,57 @@ impl Pass {
     }
 }
 
-/// How far the samples of many pixels are spread.
+/// How far the samples of many pixels are spread around their pixels' means.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Spread {
-    /// Degrees of freedom and sum of squared deviations over all pixels, for the pooled variance.
+    /// Degrees of freedom and sum of squared deviations over all pixels, averaged over channels.
     freedom: u64,
     sum: f64,
-    /// Variance of a pixel's mean, averaged over channels and those pixels that have two samples.
-    mean_variance: Option<f64>,
 }
 
 impl Spread {
     fn of(pixels: impl Iterator<Item = Pixel>) -> Self {
         let mut spread = Self::default();
-        let (mut variance, mut measured) = (0.0, 0u64);
-        for pixel in pixels {
-            if let Some(per_sample) = pixel.sample_variance() {
-                measured += 1;
-                variance += average(per_sample) / f64::from(pixel.count);
-                spread.freedom += u64::from(pixel.count - 1);
-                spread.sum += average(pixel.spread);
-            }
-        }
-        spread.mean_variance = (measured > 0).then(|| variance / measured as f64);
+        pixels.filter(|pixel| pixel.count > 0).for_each(|pixel| {
+            spread.freedom += u64::from(pixel.count - 1);
+            spread.sum += average(pixel.spread);
+        });
         spread
     }
+
+    fn merge(&mut self, other: &Self) {
+        self.freedom += other.freedom;
+        self.sum += other.sum;
+    }
+
+    /// Variance of one sample, pooled over the pixels; none where no pixel has two samples.
+    fn variance(&self) -> Option<f64> {
+        (self.freedom > 0).then(|| self.sum / self.freedom as f64)
+    }
+}
+
+/// Side in pixels of the squares of which each has weights of its own.
+const TILE: usize = 16;
+
+/// Spread of a picture's tiles, each with those around it; row by row.
+fn tiles(pixels: &[Pixel], width: usize) -> Vec<Spread> {
+    let height = pixels.len() / width;
+    let [columns, rows] = [width, height].map(|size| size.div_ceil(TILE));
+    let reach = |tile: usize, size: usize| tile * TILE..((tile + 1) * TILE).min(size);
+    let alone = |tile: usize| {
+        let across = reach(tile % columns, width);
+        Spread::of(reach(tile / columns, height).flat_map(|y| pixels[y * width..][across.clone()].iter().copied()))
+    };
+    let alone: Vec<Spread> = (0..columns * rows).into_par_iter().map(alone).collect();
+    let near = |at: usize, count: usize| at.saturating_sub(1)..(at + 2).min(count);
+    let around = |tile: usize| {
+        let mut spread = Spread::default();
+        for y in near(tile / columns, rows) {
+            near(tile % columns, columns).for_each(|x| spread.merge(&alone[y * columns + x]));
+        }
+        spread
+    };
+    (0..alone.len()).map(around).collect()
 }
 
 fn average(channels: [f64; 3]) -> f64 {
@@ -205,7 +231,7 @@ pub struct FinishedPass {
 struct Half {
     means: Vec<Vec3>,
     counts: Vec<u32>,
-    spread: Spread,
+    tiles: Vec<Spread>,
 }
 
 impl Half {
@@ -216,11 +242,6 @@ impl Half {
 }
 
 impl FinishedPass {
-    /// Variance of a pixel's mean, averaged over channels and those pixels that have two samples; `None` where none has.
-    pub fn mean_variance(&self) -> Option<f64> {
-        self.spread.mean_variance
-    }
-
     /// Samples of all pixels together.
     pub fn samples(&self) -> u64 {
         self.halves.iter().map(Half::samples).sum()
@@ -228,30 +249,31 @@ impl FinishedPass {
 
     /// Variance of one sample, averaged over channels and pixels; `None` below two samples.
     pub fn sample_variance(&self) -> Option<f64> {
-        (self.spread.freedom > 0).then(|| self.spread.sum / self.spread.freedom as f64)
+        self.spread.variance()
     }
 }
 
-/// The weight of one half of each pass; they sum to 1 unless there are no passes.
+/// The weights of one half of each pass in each tile: samples per pixel over the variance of a sample, which is the precision of
+/// the mean.
 ///
-/// A weight is the inverse of the mean variance, one for the whole picture: a weight per pixel would correlate with that pixel's
-/// samples and darken it (`SEMANTICS`, Film). A half of one sample per pixel has no variance of its own; it gets the per-sample
-/// variance pooled over the other passes, divided by its samples per pixel. Where some pass has variance 0 (all black or
-/// constant), or none can tell its variance, passes count by their samples, which is the plain mean.
-fn weights(passes: &[FinishedPass], half: usize) -> Vec<f64> {
-    let halves = || passes.iter().map(|pass| &pass.halves[half]);
-    let freedom: u64 = halves().map(|h| h.spread.freedom).sum();
-    let pooled = halves().map(|h| h.spread.sum).sum::<f64>() / freedom as f64;
-    let inverse = |half: &Half| {
-        let spp = half.samples() as f64 / half.counts.len().max(1) as f64;
-        1.0 / half.spread.mean_variance.unwrap_or(pooled / spp)
+/// Later passes are guided by more than earlier ones, so none is believed to be worse: where fewer samples have missed rare light,
+/// their variance looks far too small. At worst all samples count alike. So they do where the last passes are without variance.
+fn weights(passes: &[FinishedPass], half: usize) -> Vec<Vec<f64>> {
+    let tiles = passes.first().map_or(0, |pass| pass.halves[half].tiles.len());
+    let tile = |tile: usize| {
+        let samples = passes.iter().map(|pass| pass.samples() as f64);
+        let mut variance = 0.0f64;
+        let mut weights: Vec<f64> = samples.clone().collect();
+        for (weight, half) in weights.iter_mut().zip(passes.iter().map(|pass| &pass.halves[half])).rev() {
+            variance = variance.max(half.tiles[tile].variance().unwrap_or(0.0));
+            *weight /= variance;
+        }
+        if weights.iter().any(|w| !w.is_finite()) {
+            weights = samples.collect();
+        }
+        weights
     };
-    let mut weights: Vec<f64> = halves().map(inverse).collect();
-    if freedom == 0 || weights.iter().any(|w| !w.is_finite()) {
-        weights = halves().map(|h| h.samples() as f64).collect();
-    }
-    let total: f64 = weights.iter().sum();
-    weights.iter().map(|w| if total > 0.0 { w / total } else { 1.0 / passes.len() as f64 }).collect()
+    (0..tiles).into_par_iter().map(tile).collect()
 }
 
 /// The picture that passes make together. A pixel without samples in a pass leaves that pass out; one without samples in any has
@@ -263,7 +285,8 @@ fn weights(passes: &[FinishedPass], half: usize) -> Vec<f64> {
 /// # Errors
 /// [`Error::Options`] where passes differ in size or there is none.
 pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
-    mixed(passes, [1, 0].map(|other| weights(passes, other)))
+    let [first, second] = [1, 0].map(|other| weights(passes, other));
+    mixed(passes, |half, tile| if half == 0 { &first[tile] } else { &second[tile] })
 }
 
 /// The same with given weights, for passes whose sample counts were chosen by what others saw.
@@ -271,20 +294,22 @@ pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
 /// # Errors
 /// As [`combine`].
 pub fn combine_weighted(passes: &[FinishedPass], weights: &[f64]) -> Result<Image> {
-    mixed(passes, [weights.to_vec(), weights.to_vec()])
+    mixed(passes, |_, _| weights)
 }
 
-/// Halves weighted each in its own way, then counted by their samples.
-fn mixed(passes: &[FinishedPass], weights: [Vec<f64>; 2]) -> Result<Image> {
+/// Halves weighted each in its own way, by `weights` of half and tile, then counted by their samples.
+fn mixed<'a>(passes: &[FinishedPass], weights: impl Fn(usize, usize) -> &'a [f64] + Sync) -> Result<Image> {
     let first = passes.first().ok_or_else(|| Error::Options("no pass was rendered, so there is no picture".into()))?;
-    let pixels = first.halves[0].means.len();
-    if passes.iter().any(|p| p.width != first.width || p.halves[0].means.len() != pixels) {
+    let (width, pixels) = (first.width, first.halves[0].means.len());
+    if passes.iter().any(|p| p.width != width || p.halves[0].means.len() != pixels) {
         return Err(Error::Options("passes of different sizes cannot be combined".into()));
     }
     let pixel = |i: usize| {
         let (mut sum, mut samples) = (DVec3::ZERO, 0.0);
-        for (half, weights) in weights.iter().enumerate() {
+        let tile = i / width / TILE * width.div_ceil(TILE) + i % width / TILE;
+        for half in 0..2 {
             let (mut mean, mut total, mut count) = (DVec3::ZERO, 0.0, 0.0);
+            let weights = weights(half, tile);
             for (pass, weight) in passes.iter().map(|p| &p.halves[half]).zip(weights).filter(|(p, _)| p.counts[i] > 0) {
                 total += weight;
                 count += f64::from(pass.counts[i]);
@@ -298,8 +323,7 @@ fn mixed(passes: &[FinishedPass], weights: [Vec<f64>; 2]) -> Result<Image> {
         (samples > 0.0).then(|| (sum / samples).as_vec3())
     };
     let sampled: Vec<Option<Vec3>> = (0..pixels).into_par_iter().map(pixel).collect();
-    let height = pixels.checked_div(first.width).unwrap_or(0);
-    Ok(Image { width: first.width, height, pixels: filled(&sampled, first.width) })
+    Ok(Image { width, height: pixels / width, pixels: filled(&sampled, width) })
 }
 
 /// How many rows away a pixel without samples looks for one that has some.
@@ -339,6 +363,35 @@ mod tests {
         move |_| 1.0 + width * (random.next_f32() - 0.5)
     }
 
+    /// Weights of a picture's first tile, as parts of 1.
+    fn shares(passes: &[FinishedPass], half: usize) -> Vec<f64> {
+        let first = weights(passes, half)[0].clone();
+        let total: f64 = first.iter().sum();
+        first.iter().map(|w| w / total).collect()
+    }
+
+    #[test]
+    fn places_that_learning_does_not_change_lose_no_samples() {
+        let mut random = Random::new(5, 0, 0);
+        // Rare light on the left, which the second pass finds often.
+        let mut pass = |probability: f32| {
+            let mut pass = Pass::new(5 * TILE, TILE);
+            for sample in 0..64 {
+                for pixel in 0..5 * TILE * TILE {
+                    let rare = pixel % (5 * TILE) < TILE && random.next_f32() < probability;
+                    let value = random.next_f32() + if rare { 1.0 / probability } else { 0.0 };
+                    pass.add(pixel, sample, Vec3::splat(value));
+                }
+            }
+            pass.finish()
+        };
+        let passes = [pass(0.01), pass(0.5)];
+        let weights = weights(&passes, 0);
+        let share = |tile: usize| weights[tile][0] / weights[tile].iter().sum::<f64>();
+        assert!(share(0) < 0.03 && share(1) < 0.03, "{} {}", share(0), share(1));
+        assert!((2..5).all(|tile| (share(tile) - 0.5).abs() < 0.01), "{weights:?}");
+    }
+
     /// HARD_CASES A16: an f32 sum of 1e6 values of 0.1 is off by 1 %.
     #[test]
     fn mean_of_a_million_samples_is_exact() {
@@ -362,14 +415,16 @@ mod tests {
         let picture = combine(&constant).unwrap();
         assert!(picture.pixels.iter().all(|p| (p.x - 2.5).abs() < 1e-6));
         let black = [pass(4, |_| 0.0), pass(8, noise(1, 1.0))];
-        assert_eq!(weights(&black, 0), [4.0 / 12.0, 8.0 / 12.0]);
+        assert_eq!(shares(&black, 0), [4.0 / 12.0, 8.0 / 12.0], "few samples that found nothing");
+        let dark = [pass(4, noise(1, 1.0)), pass(8, |_| 0.0)];
+        assert_eq!(shares(&dark, 0), [4.0 / 12.0, 8.0 / 12.0]);
         assert!(combine(&black).unwrap().pixels.iter().all(|p| p.is_finite()));
     }
 
     #[test]
     fn weight_is_the_inverse_variance() {
         let passes = [pass(4096, noise(1, 1.0)), pass(1024, noise(2, 0.25))];
-        let weights = weights(&passes, 1);
+        let weights = shares(&passes, 1);
         // Variances 1/12/4096 and 1/16/12/1024: a ratio of 4.
         assert!((weights[1] / weights[0] / 4.0 - 1.0).abs() < 0.05, "{weights:?}");
     }
@@ -377,10 +432,10 @@ mod tests {
     #[test]
     fn one_sample_per_pixel_gets_the_pooled_variance() {
         let passes = [pass(2, noise(1, 1.0)), pass(510, noise(2, 1.0))];
-        let weights = weights(&passes, 0);
+        let weights = shares(&passes, 0);
         assert!((weights[0] * 256.0 - 1.0).abs() < 0.05, "{weights:?}");
         let alone = [pass(1, noise(1, 1.0)), pass(1, noise(2, 1.0))];
-        assert_eq!([0, 1].map(|half| super::weights(&alone, half)), [[0.5, 0.5]; 2]);
+        assert_eq!([0, 1].map(|half| shares(&alone, half)), [[0.5, 0.5]; 2]);
         assert!(combine(&alone).unwrap().pixels.iter().all(|p| p.x > 0.0), "the other half is empty");
     }
 

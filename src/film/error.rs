@@ -31,6 +31,11 @@ pub struct Measures {
     pub relmse_ldr: f64,
 }
 
+/// How many of so many pixels trimmed errors leave out.
+pub fn outliers(pixels: usize) -> usize {
+    (pixels as f64 * TRIM) as usize
+}
+
 /// Compares a picture with its reference.
 ///
 /// # Errors
@@ -58,7 +63,7 @@ pub fn measure_noisy(picture: &Image, reference: &Image, variance: Option<&Image
     let mean_of = |all: &[(f64, f64)]| all.iter().map(|(e, own)| e - own).sum::<f64>() / all.len() as f64;
     let relmse = mean_of(&relative);
     relative.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    relative.truncate(relative.len() - (relative.len() as f64 * TRIM) as usize);
+    relative.truncate(relative.len() - outliers(relative.len()));
     Ok(Measures {
         relmse,
         relmse_trimmed: mean_of(&relative),

@@ -3,37 +3,27 @@
 use rayon::prelude::*;
 
 use crate::materials::image::Image;
-use crate::math::channel_mean;
+use crate::math::{channel_mean, trimmed_mean};
 
 /// Part of the whole picture's mean that no pixel is expected to fall below.
-const FLOOR: f32 = 0.1;
+const FLOOR: f64 = 0.1;
 
 /// The channel mean that every pixel of `image` will about have: a mean over 5 × 5 pixels, with a floor. The largest are left out
 /// of both, so that fireflies do not make everything else look worthless. None while no light was found.
 pub fn expected_values(image: &Image) -> Option<Vec<f32>> {
-    let found: Vec<f32> = image.pixels.iter().map(|&p| channel_mean(p)).collect();
+    let found: Vec<f64> = image.pixels.iter().map(|&p| f64::from(channel_mean(p))).collect();
     let floor = FLOOR * trimmed_mean(&mut found.clone(), found.len() / 100)?;
     let reach = |at: usize, size: usize| at.saturating_sub(2)..(at + 3).min(size);
     let value = |i: usize| {
         let (x, y) = (i % image.width, i / image.width);
         let (columns, rows) = (reach(x, image.width), reach(y, image.height));
         let around = rows.flat_map(|row| columns.clone().map(move |column| row * image.width + column));
-        let mut around: Vec<f32> = around.map(|at| found[at]).collect();
+        let mut around: Vec<f64> = around.map(|at| found[at]).collect();
         // A corner has 9 pixels around it, and one of them may be a firefly.
         let fireflies = around.len() / 9;
-        trimmed_mean(&mut around, fireflies).unwrap_or(0.0).hypot(floor)
+        trimmed_mean(&mut around, fireflies).unwrap_or(0.0).hypot(floor) as f32
     };
     (floor.is_normal() && floor > 0.0).then(|| (0..found.len()).into_par_iter().map(value).collect())
-}
-
-/// The mean of all but the `outliers` largest; none of nothing. Reorders them.
-fn trimmed_mean(values: &mut [f32], outliers: usize) -> Option<f32> {
-    let kept = values.len().checked_sub(outliers).filter(|&kept| kept > 0)?;
-    if outliers > 0 {
-        values.select_nth_unstable_by(kept, f32::total_cmp);
-    }
-    // Their order depends on nothing but the values, and so does their sum.
-    Some((values[..kept].iter().map(|&v| f64::from(v)).sum::<f64>() / kept as f64) as f32)
 }
 
 #[cfg(test)]

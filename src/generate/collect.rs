@@ -124,7 +124,7 @@ impl Collector<'_> {
     }
 
     fn end_iteration(&mut self) -> Result<()> {
-        self.learning.end_iteration(1, 0.0, &Counted::default(), &mut Default::default()).map(drop)
+        self.learning.end_iteration(1, 0, 0.0, &Counted::default(), &mut Default::default()).map(drop)
     }
 
     /// Runs the iterations and takes the trees of evenly drawn voxels after each that the recipe lists.

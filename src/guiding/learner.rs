@@ -12,7 +12,7 @@ use super::effort::{Effort, Returns};
 use super::field::{Evidence, GuideField, VoxelGuide};
 use super::fraction::{Adam, FractionRule};
 use super::leaves::{DirectLight, Layout, Leaves, Target};
-use super::moments::{FRACTIONS, Moments, PATH_SHARES, PictureMoments};
+use super::moments::{Estimate, FRACTIONS, Moments, PATH_SHARES, PictureMoments};
 use super::parallax::Parallax;
 use super::quadtree::{Place, Quadtree};
 use super::record::{PathRecord, PhotonRecord};
@@ -92,9 +92,10 @@ struct Voxel {
     bsdf_fraction: f32,
     /// Part of path samples in what is counted, the rest being photons.
     path_share: f64,
-    /// Σ of what the samples brought to the picture, and of its squares.
+    /// Σ of what the samples brought to the picture, and of its squares; of the latter with light sampling.
     contribution: f64,
     squares: Moments<1>,
+    all_squares: f64,
     /// What mixing BSDF and guide in other ways would have cost.
     fractions: Moments<{ FRACTIONS.len() }>,
     /// What its vertices sent back, and the same of the last iteration with what its surroundings know.
@@ -123,6 +124,7 @@ impl Voxel {
             path_share: 0.5,
             contribution: 0.0,
             squares: Moments::default(),
+            all_squares: 0.0,
             fractions: Moments::default(),
             returns: Returns::default(),
             known_returns: Returns::default(),
@@ -160,6 +162,7 @@ pub struct Learner {
     /// Chunks so far, for random numbers.
     absorbed: u64,
     frozen: bool,
+    outliers: Outliers,
 }
 
 /// Fraction of BSDF samples while learning.
@@ -182,6 +185,7 @@ impl Learner {
             iterations: 0,
             absorbed: 0,
             frozen: false,
+            outliers: Outliers::default(),
         }
     }
 
@@ -247,6 +251,7 @@ impl Learner {
         }
         let paths_by_voxel = Groups::new(&path_voxels, self.voxels.len());
         let photons_by_voxel = Groups::new(&photon_voxels, self.voxels.len());
+        self.outliers.absorb(paths, &path_voxels);
         let (cache, settings, frozen) = (&*cache, &self.settings, self.frozen);
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
             let bounds = cache.bounds(v as VoxelId);
@@ -300,22 +305,30 @@ impl Learner {
         (weight > 0.0).then(|| sum / weight)
     }
 
-    /// What guiding changes, as the picture sees it. To be asked between [`Learner::publish`] and [`Learner::refine`].
-    pub fn picture_moments(&self) -> PictureMoments {
+    /// What guiding changes, as the picture sees it, the `worst` samples left out. To be asked between [`Learner::publish`] and
+    /// [`Learner::refine`].
+    pub fn picture_moments(&mut self, worst: usize) -> PictureMoments {
         let mut sum = PictureMoments::default();
         let (mut squares, mut photons) = (Moments::<1>::default(), 0.0);
-        for voxel in &self.voxels {
+        let mut outliers = self.outliers.by_voxel(worst).peekable();
+        for (v, voxel) in self.voxels.iter().enumerate() {
             let arrived = f64::from(voxel.tree.counts()[1]);
             photons += arrived;
-            let [brought] = voxel.squares.sums();
-            sum.unseen += if brought > 0.0 { 0.0 } else { arrived };
-            let relative = voxel.fractions.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
-            let [learning, guided, unguided] = relative.map(|moment| brought * moment);
+            sum.unseen += if voxel.contribution > 0.0 { 0.0 } else { arrived };
+            let (mut own, mut all, mut fractions) = (voxel.squares, voxel.all_squares, voxel.fractions);
+            while let Some(outlier) = outliers.next_if(|outlier| outlier.voxel as usize == v) {
+                own.remove([outlier.squares()[0]]);
+                all = (all - outlier.squares()[1]).max(0.0);
+                fractions.remove_estimates(&outlier.estimates, LEARNING_FRACTION);
+            }
+            let relative = fractions.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
+            let [learning, guided, unguided] = relative.map(|moment| all * moment);
             sum.learning += learning;
             sum.guided += guided;
             sum.unguided += unguided;
-            squares.merge(&voxel.squares);
+            squares.merge(&own);
         }
+        [sum.onward] = squares.sums();
         sum.effective = squares.effective();
         sum.unseen /= if photons > 0.0 { photons } else { 1.0 };
         sum
@@ -408,9 +421,10 @@ impl Learner {
 
     /// Forgets all values, keeps voxels, shapes and guides.
     pub fn clear(&mut self) {
+        self.outliers = Outliers::default();
         self.voxels.par_iter_mut().for_each(|voxel| {
             voxel.tree.clear();
-            (voxel.contribution, voxel.squares) = (0.0, Moments::default());
+            (voxel.contribution, voxel.squares, voxel.all_squares) = (0.0, Moments::default(), 0.0);
             (voxel.fractions, voxel.shares) = (Moments::default(), Moments::default());
             voxel.returns = Returns::default();
             voxel.shaped = false;
@@ -447,12 +461,13 @@ impl Voxel {
         let brought = f64::from(record.importance) * f64::from(record.estimate);
         self.contribution += brought;
         self.squares.add([brought * brought]);
+        self.all_squares += brought * brought + (f64::from(record.importance) * f64::from(record.direct)).powi(2);
         self.returns.add([record.direct, record.estimate].map(f64::from));
         if self.tree.target() != Target::Radiance && record.value > 0.0 {
             self.weigh_kinds(record);
         }
         if self.guide.is_some() {
-            self.fractions.add_estimate(record.estimate, record.bsdf_share, LEARNING_FRACTION);
+            self.fractions.add_estimates(&record.estimates(), LEARNING_FRACTION);
             if rule == FractionRule::Adam {
                 self.adam.step(f64::from(record.estimate), f64::from(record.bsdf_share), LEARNING_FRACTION);
             }
@@ -535,6 +550,62 @@ impl Voxel {
         let [path, photon] = [0, 1].map(|kind| f64::from(kinds[kind].pdf_at(cell)));
         let square = f64::from(record.value).powi(2);
         self.shares.add(PATH_SHARES.map(|share| square / (share * path + (1.0 - share) * photon)));
+    }
+}
+
+/// The path samples of a pass that brought most to the picture.
+#[derive(Debug, Clone, Default)]
+struct Outliers {
+    found: Vec<Outlier>,
+    /// What a sample must exceed to be one of them.
+    least: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Outlier {
+    voxel: VoxelId,
+    importance: f64,
+    estimates: [Estimate; 3],
+}
+
+impl Outlier {
+    /// Of what it brought to the picture: without and with light sampling.
+    fn squares(&self) -> [f64; 2] {
+        let [rest, emitted, direct] = self.estimates.map(|e| e.square * self.importance * self.importance);
+        [rest + emitted, rest + emitted + direct]
+    }
+}
+
+/// Most samples that are remembered as outliers.
+const MOST_OUTLIERS: usize = 1 << 13;
+
+impl Outliers {
+    fn absorb(&mut self, paths: &[PathRecord], voxels: &[VoxelId]) {
+        for (record, &voxel) in paths.iter().zip(voxels).filter(|(_, voxel)| **voxel != VoxelId::MAX) {
+            let importance = f64::from(record.importance);
+            let outlier = Outlier { voxel, importance, estimates: record.estimates() };
+            if outlier.squares()[1] > self.least {
+                self.found.push(outlier);
+            }
+            if self.found.len() >= 2 * MOST_OUTLIERS {
+                self.keep(MOST_OUTLIERS);
+                self.least = self.found.iter().map(|o| o.squares()[1]).fold(f64::INFINITY, f64::min);
+            }
+        }
+    }
+
+    fn keep(&mut self, most: usize) {
+        if self.found.len() > most {
+            self.found.select_nth_unstable_by(most, |a, b| b.squares()[1].total_cmp(&a.squares()[1]));
+            self.found.truncate(most);
+        }
+    }
+
+    /// The `worst` of them, ordered by voxel.
+    fn by_voxel(&mut self, worst: usize) -> impl Iterator<Item = &Outlier> {
+        self.keep(worst.min(MOST_OUTLIERS));
+        self.found.sort_by_key(|outlier| outlier.voxel);
+        self.found.iter()
     }
 }
 

@@ -26,7 +26,7 @@ pub struct Moments<const N: usize> {
     samples: f64,
 }
 
-/// Second moments of what guided directions bring to the picture, summed over all vertices of the paths of an iteration.
+/// Second moments of what vertices bring to the picture, summed over all vertices of the paths of an iteration.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct PictureMoments {
     /// As they were while learning.
@@ -35,7 +35,9 @@ pub struct PictureMoments {
     pub guided: f64,
     /// With BSDF samples alone.
     pub unguided: f64,
-    /// [`Moments::effective`] of all of them together.
+    /// The part of `learning` that guided directions bring, without light sampling.
+    pub onward: f64,
+    /// [`Moments::effective`] of that part.
     pub effective: f64,
     /// Share of the photons that fell into voxels where no path has found light yet: what guiding will change there is not known.
     pub unseen: f64,
@@ -52,6 +54,15 @@ impl<const N: usize> Moments<N> {
     pub fn add(&mut self, moments: [f64; N]) {
         let squares = (moments.iter().sum::<f64>() / N as f64).powi(2);
         self.add_all(&Self { sums: moments, squares, samples: 1.0 }, 1.0);
+    }
+
+    /// Takes away again what [`Moments::add`] added, as far as rounding allows.
+    pub fn remove(&mut self, moments: [f64; N]) {
+        let mut added = Self::default();
+        added.add(moments);
+        self.sums.iter_mut().zip(moments).for_each(|(sum, m)| *sum = (*sum - m).max(0.0));
+        self.squares = (self.squares - added.squares).max(0.0);
+        self.samples -= added.samples;
     }
 
     /// Adds another's, all weighted by `weight`.
@@ -117,12 +128,37 @@ impl Moments<{ FRACTIONS.len() }> {
         [used, chosen, 1.0].map(|fraction| at(fraction).unwrap_or(under) / under)
     }
 
-    /// Adds a sample whose estimate is `estimate`, drawn with a fraction `alpha` in (0, 1) of BSDF samples, where the BSDF had
-    /// `bsdf_share` of the density.
-    pub fn add_estimate(&mut self, estimate: f32, bsdf_share: f32, alpha: f64) {
-        let (square, share) = (f64::from(estimate).powi(2), f64::from(bsdf_share));
-        let (bsdf, guide) = (share / alpha, (1.0 - share) / (1.0 - alpha));
-        self.add(FRACTIONS.map(|a| square / (a * bsdf + (1.0 - a) * guide).max(1e-6)));
+    /// Adds a vertex whose direction was drawn with a fraction `alpha` in (0, 1) of BSDF samples.
+    pub fn add_estimates(&mut self, estimates: &[Estimate], alpha: f64) {
+        self.add(FRACTIONS.map(|a| estimates.iter().map(|estimate| estimate.under(a, alpha)).sum()));
+    }
+
+    /// Takes away again what [`Moments::add_estimates`] added.
+    pub fn remove_estimates(&mut self, estimates: &[Estimate], alpha: f64) {
+        let mut added = Self::default();
+        added.add_estimates(estimates, alpha);
+        self.remove(added.sums);
+    }
+}
+
+/// A sample of one of the two strategies that light sampling and the mixture are, weighted by the balance heuristic.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// Square of the weighted f/p.
+    pub square: f64,
+    /// Part of the mixture density that is the BSDF's, in [0, 1].
+    pub bsdf_share: f32,
+    /// Density of light sampling over that of the mixture; 0 for light that it cannot find, ∞ for light that only it finds.
+    pub light_ratio: f32,
+}
+
+impl Estimate {
+    /// What it says of the second moment under a fraction `other`, having been drawn with `alpha`. Both strategies together
+    /// have ∫f²/(p + p_l), p_l being light sampling's density, and sample it with p + p_l together.
+    fn under(&self, other: f64, alpha: f64) -> f64 {
+        let (share, light) = (f64::from(self.bsdf_share), f64::from(self.light_ratio));
+        let mixture = (other * share / alpha + (1.0 - other) * (1.0 - share) / (1.0 - alpha)).max(1e-6);
+        if light.is_finite() { self.square * ((1.0 + light) / (mixture + light)) } else { self.square }
     }
 }
 
@@ -140,7 +176,9 @@ mod tests {
             let guide = if tenth { 9.0 } else { 1.0 / 9.0 };
             let p = alpha + (1.0 - alpha) * guide;
             let f = if tenth { bright } else { 1.0 };
-            moments.add_estimate(f / p as f32, (alpha / p) as f32, alpha);
+            let estimate =
+                Estimate { square: (f64::from(f) / p).powi(2), bsdf_share: (alpha / p) as f32, light_ratio: 0.0 };
+            moments.add_estimates(&[estimate], alpha);
         }
         moments
     }
@@ -162,6 +200,45 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// The same with light sampling, which always draws from the tenth.
+    #[test]
+    fn light_sampling_is_part_of_the_estimator() {
+        let (bright, alpha, light) = (81.0, 0.5, 10.0);
+        let densities = |tenth: bool| (if tenth { 9.0 } else { 1.0 / 9.0 }, if tenth { light } else { 0.0 });
+        let mut random = Random::new(10, 0, 0);
+        let mut moments = Moments::default();
+        for _ in 0..20_000 {
+            let estimate = |tenth: bool| {
+                let (guide, light) = densities(tenth);
+                let p = alpha + (1.0 - alpha) * guide;
+                let f = if tenth { bright } else { 1.0 };
+                let (bsdf_share, light_ratio) = ((alpha / p) as f32, (light / p) as f32);
+                Estimate { square: f64::powi(f / (p + light), 2), bsdf_share, light_ratio }
+            };
+            let tenth = f64::from(random.next_f32()) < alpha * 0.1 + (1.0 - alpha) * 0.9;
+            moments.add_estimates(&[estimate(tenth), estimate(true)], alpha);
+        }
+        for (sum, a) in moments.sums.iter().zip(FRACTIONS) {
+            let second = |tenth| a + (1.0 - a) * densities(tenth).0 + densities(tenth).1;
+            let expected = 0.1 * bright * bright / second(true) + 0.9 / second(false);
+            // Five standard errors and more.
+            assert!((sum / moments.samples / expected - 1.0).abs() < 0.02, "{a}: {sum} {expected}");
+        }
+        assert!(moments.gain() > 2.0 * measured(81.0, alpha).gain(), "a light that is sampled needs less of a guide");
+    }
+
+    #[test]
+    fn what_was_added_can_be_taken_away() {
+        let estimate = Estimate { square: 1e6, bsdf_share: 0.3, light_ratio: f32::INFINITY };
+        let mut moments = measured(9.0, 0.5);
+        let before = moments;
+        moments.add_estimates(&[estimate], 0.5);
+        moments.remove_estimates(&[estimate], 0.5);
+        assert!(moments.sums.iter().zip(before.sums).all(|(a, b)| (a / b - 1.0).abs() < 1e-6));
+        assert!((moments.effective() / before.effective() - 1.0).abs() < 1e-3);
+        assert_eq!(moments.samples, before.samples);
     }
 
     #[test]

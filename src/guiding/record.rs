@@ -2,6 +2,8 @@
 
 use glam::Vec3;
 
+use super::moments::Estimate;
+
 /// A camera path's sampled direction at one vertex, with what the rest of the path brought back along it.
 #[derive(Debug, Clone, Copy)]
 pub struct PathRecord {
@@ -19,10 +21,18 @@ pub struct PathRecord {
     /// V for the radiance target, √V for second moments (see [`Target`](super::leaves::Target)): as a root, so that squares
     /// cannot overflow.
     pub value: f32,
-    /// Channel mean of the radiance that light sampling sent back from the vertex along the path.
-    pub direct: f32,
     /// Part of the mixture density that is the BSDF's, in [0, 1].
     pub bsdf_share: f32,
+    /// Part of `estimate` that is emission which light sampling could have found too.
+    pub emitted: f32,
+    /// Density of light sampling over that of the mixture in the sampled direction, in [0, ∞].
+    pub light_ratio: f32,
+    /// Channel mean of the radiance that light sampling sent back from the vertex along the path.
+    pub direct: f32,
+    /// `bsdf_share` in the direction of the light that was sampled.
+    pub direct_share: f32,
+    /// `light_ratio` in that direction; ∞ for a light that only light sampling finds.
+    pub direct_ratio: f32,
     /// Channel mean of the BSDF's value without the cosine, sr⁻¹.
     pub bsdf: f32,
     /// Distance to the next vertex; infinite for the background.
@@ -31,6 +41,18 @@ pub struct PathRecord {
     pub normal: Vec3,
     /// Shading normal at the next vertex, on the side of this one; zero for the background.
     pub next_normal: Vec3,
+}
+
+impl PathRecord {
+    /// What the vertex sent back, by how it was found: the rest of the path, light that the path ran into, light sampling.
+    pub fn estimates(&self) -> [Estimate; 3] {
+        let (all, emitted, direct) = (f64::from(self.estimate), f64::from(self.emitted), f64::from(self.direct));
+        [
+            Estimate { square: all * all - emitted * emitted, bsdf_share: self.bsdf_share, light_ratio: 0.0 },
+            Estimate { square: emitted * emitted, bsdf_share: self.bsdf_share, light_ratio: self.light_ratio },
+            Estimate { square: direct * direct, bsdf_share: self.direct_share, light_ratio: self.direct_ratio },
+        ]
+    }
 }
 
 /// A photon that arrived at a surface.

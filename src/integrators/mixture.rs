@@ -49,10 +49,13 @@ impl<'a> Mixture<'a> {
         self.material.eval(self.surface.uv, self.wo, self.surface.frame.to_local(wi))
     }
 
-    /// The density with which [`Mixture::sample`] chooses the world direction `wi`.
-    pub fn pdf(&self, wi: Vec3) -> f32 {
+    /// The density with which [`Mixture::sample`] chooses the world direction `wi`, and the part of it that is the BSDF's.
+    pub fn pdf(&self, wi: Vec3) -> (f32, f32) {
         let pdf = self.material.pdf(self.wo, self.surface.frame.to_local(wi));
-        self.guide.map_or(pdf, |guide| guide.bsdf_fraction * pdf + (1.0 - guide.bsdf_fraction) * guide.pdf(wi))
+        let Some(guide) = self.guide else { return (pdf, 1.0) };
+        let bsdf = guide.bsdf_fraction * pdf;
+        let both = bsdf + (1.0 - guide.bsdf_fraction) * guide.pdf(wi);
+        (both, if both > 0.0 { bsdf / both } else { 1.0 })
     }
 
     /// Draws a direction; none where the surface absorbs.

@@ -41,10 +41,21 @@ struct Vertex {
     throughput: Vec3,
     /// Emission towards the previous vertex.
     emission: Emission,
-    /// Light sampling at this vertex, times f.
-    direct: Vec3,
+    /// Light sampling at this vertex.
+    direct: Direct,
     /// How the path went on; none where it ended.
     step: Option<Step>,
+}
+
+/// What light sampling found.
+#[derive(Clone, Copy, Default)]
+struct Direct {
+    /// f·L·w / p.
+    value: Vec3,
+    /// The BSDF's part of the density with which the path could have gone there.
+    bsdf_share: f32,
+    /// Density of light sampling over that one.
+    ratio: f32,
 }
 
 struct Step {
@@ -92,7 +103,8 @@ impl PathTracer<'_> {
         let background = self.walk(ray, random, pixel, &mut scratch.vertices, count);
         let Some(records) = records else { return self.gather(&scratch.vertices, background, |_, _, _| ()) };
         let record = |vertex: &Vertex, next: Option<&Vertex>, along: [Vec3; 2]| {
-            records.extend(self.record(vertex, next, along, pixel.unwrap_or(1.0)));
+            let met = next.map_or(background, |next| next.emission);
+            records.extend(self.record(vertex, next, met, along, pixel.unwrap_or(1.0)));
         };
         self.gather(&scratch.vertices, background, record)
     }
@@ -120,7 +132,7 @@ impl PathTracer<'_> {
             let emission = self.emission(&surface, &ray, previous);
             let material = self.scene.material(&surface);
             let normal = surface.normal_towards(-ray.direction);
-            let mut vertex = Vertex { surface, normal, throughput, emission, direct: Vec3::ZERO, step: None };
+            let mut vertex = Vertex { surface, normal, throughput, emission, direct: Direct::default(), step: None };
             if depth == self.settings.max_depth {
                 vertices.push(vertex);
                 break;
@@ -203,25 +215,27 @@ impl PathTracer<'_> {
         probability: f32,
         random: &mut Random,
         count: &mut RayCount,
-    ) -> Vec3 {
+    ) -> Direct {
+        let nothing = Direct::default();
         if probability < 1.0 && random.next_f32() >= probability {
-            return Vec3::ZERO;
+            return nothing;
         }
         let (choice, u) = (random.next_f64(), random.next_2d());
-        let Some(light) = self.scene.lights.sample(surface.point, choice, u) else { return Vec3::ZERO };
+        let Some(light) = self.scene.lights.sample(surface.point, choice, u) else { return nothing };
         let value = mixture.eval(light.wi);
         if value == Vec3::ZERO {
-            return Vec3::ZERO;
+            return nothing;
         }
         let (ray, t_max) = shadow_ray(surface, light.wi, light.distance);
         count.rays += 1;
         if t_max > 0.0 && self.scene.accel.occluded(&ray, t_max) {
-            return Vec3::ZERO;
+            return nothing;
         }
         // The density is not asked for before it is needed: most lights are hidden where guiding helps most.
         let pdf = light.pdf * probability;
-        let weight = if light.delta { 1.0 } else { mis::balance(pdf, mixture.pdf(light.wi)) };
-        value * light.radiance * (weight / pdf)
+        let (onward, bsdf_share) = if light.delta { (0.0, 1.0) } else { mixture.pdf(light.wi) };
+        let weight = if light.delta { 1.0 } else { mis::balance(pdf, onward) };
+        Direct { value: value * light.radiance * (weight / pdf), bsdf_share, ratio: pdf / onward }
     }
 }
 
@@ -244,7 +258,7 @@ fn shadow_ray(surface: &Surface, wi: Vec3, distance: f32) -> (Ray, f32) {
 #[derive(Clone, Copy, Default)]
 struct Emission {
     radiance: Vec3,
-    /// Against light sampling at the previous vertex.
+    /// Against light sampling at the previous vertex: p / (p + p_l).
     weight: f32,
     /// Whether that could have found it.
     connected: bool,
@@ -274,7 +288,7 @@ impl PathTracer<'_> {
     ) -> Vec3 {
         let [mut incoming, mut learned] = background.parts(self.direct);
         for (i, vertex) in vertices.iter().enumerate().rev() {
-            let mut reflected = vertex.direct;
+            let mut reflected = vertex.direct.value;
             if let Some(step) = &vertex.step {
                 reflected += step.sample.weight * incoming / step.survival;
                 record(vertex, vertices.get(i + 1), [incoming, learned]);
@@ -284,12 +298,13 @@ impl PathTracer<'_> {
         incoming
     }
 
-    /// The record of the direction sampled at `vertex`, along which `incoming` radiance arrived, weighted against light
-    /// sampling; `learned` is what of it trees are to learn. None for a delta lobe.
+    /// The record of the direction sampled at `vertex`, which met the emission `met` and along which `incoming` radiance arrived in
+    /// all, weighted against light sampling; `learned` is what of it trees are to learn. None for a delta lobe.
     fn record(
         &self,
         vertex: &Vertex,
         next: Option<&Vertex>,
+        met: Emission,
         [incoming, learned]: [Vec3; 2],
         pixel: f32,
     ) -> Option<PathRecord> {
@@ -305,15 +320,19 @@ impl PathTracer<'_> {
             Target::Variance => estimate * pdf.sqrt(),
             Target::VariancePixel => estimate * pdf.sqrt() * importance,
         };
-        let direct = finite(channel_mean(vertex.direct));
+        let direct = finite(channel_mean(vertex.direct.value));
         Some(PathRecord {
             point: vertex.surface.point,
             direction: sample.direction,
             estimate: brought(incoming),
             importance,
-            direct,
             value: finite(value),
             bsdf_share: sample.bsdf_share,
+            emitted: if met.connected { brought(met.radiance * met.weight) } else { 0.0 },
+            light_ratio: 1.0 / met.weight - 1.0,
+            direct,
+            direct_share: vertex.direct.bsdf_share,
+            direct_ratio: vertex.direct.ratio,
             bsdf: if sample.cos > 0.0 { (channel_mean(sample.value) / sample.cos).min(1e6) } else { 0.0 },
             distance: next.map_or(f32::INFINITY, |n| n.surface.distance),
             normal: vertex.normal,

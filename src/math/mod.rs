@@ -12,3 +12,13 @@ pub use frame::Frame;
 pub fn channel_mean(c: glam::Vec3) -> f32 {
     (c.x + c.y + c.z) * (1.0 / 3.0)
 }
+
+/// The mean of all but the `outliers` largest; none of nothing. Reorders them.
+pub fn trimmed_mean(values: &mut [f64], outliers: usize) -> Option<f64> {
+    let kept = values.len().checked_sub(outliers).filter(|&kept| kept > 0)?;
+    if outliers > 0 {
+        values.select_nth_unstable_by(kept, f64::total_cmp);
+    }
+    // Their order depends on nothing but the values, and so does their sum.
+    Some(values[..kept].iter().sum::<f64>() / kept as f64)
+}

@@ -70,13 +70,15 @@ impl Learning {
     }
 
     /// Reconstructs the trees of a pass with `spp` camera paths per pixel, publishes the results, refines the voxels. All
-    /// reconstruction of the render so far, this one included, may cost as much as tracing `rays` rays.
+    /// reconstruction of the render so far, this one included, may cost as much as tracing `rays` rays. The `worst` samples do not
+    /// tell whether guiding pays.
     ///
     /// # Errors
     /// Those of the reconstructor.
     pub fn end_iteration(
         &mut self,
         spp: u32,
+        worst: usize,
         rays: f64,
         reconstructor: &dyn Reconstructor,
         seconds: &mut Seconds,
@@ -98,7 +100,7 @@ impl Learning {
             distributions[place] = Some(distribution);
         }
         self.learner.publish(&distributions);
-        self.moments = self.learner.picture_moments();
+        self.moments = self.learner.picture_moments(worst);
         let reconstruct_seconds = begun.elapsed().as_secs_f64();
         seconds.reconstruct += reconstruct_seconds;
         let nodes = self.learner.trees().iter().map(|t| t.leaves().topology.len()).sum();

@@ -18,7 +18,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::base::progress::Progress;
 use crate::base::{Error, Result};
-use crate::film::{FinishedPass, Pass, check_size, combine, expected_values};
+use crate::film::{FinishedPass, Pass, check_size, combine, expected_values, outliers};
 use crate::guiding::field::{Evidence, GuideField};
 use crate::materials::Material;
 use crate::materials::image::Image;
@@ -84,6 +84,7 @@ pub fn render_with_field(
 ) -> Result<Outcome> {
     let mut run = Run::begin(scene, settings, control)?;
     run.statistics.guide = GuideStatistics::of(&field);
+    run.look(&field);
     run.finish(Some(field))
 }
 
@@ -106,6 +107,8 @@ pub fn learn(
 
 /// Fewest paths in a chunk: enough to keep a few threads busy.
 const LEAST_CHUNK: u64 = 1 << 14;
+/// Samples per pixel that tell enough of what pixels will be.
+const LOOK: u32 = 4;
 /// A chunk is at least this part of the pixels, so that one alone leaves no gaps but narrow ones.
 const EVERY_ROW: u64 = 12;
 
@@ -239,7 +242,13 @@ impl<'a> Run<'a> {
                 return Ok(GuideField::empty());
             }
             let rays = self.reconstruction_rays();
-            let iteration = learning.end_iteration(camera, rays, reconstructor, &mut self.statistics.seconds)?;
+            let iteration = learning.end_iteration(
+                camera,
+                outliers(self.pixels() as usize),
+                rays,
+                reconstructor,
+                &mut self.statistics.seconds,
+            )?;
             let seconds = self.watcher.elapsed() - begun;
             let finished = pass.finish();
             let variance = pass.variance_relative_to(picture.as_deref());
@@ -250,12 +259,11 @@ impl<'a> Run<'a> {
             if let StopRule::TargetError(_) = self.settings.stop {
                 trend.relative = pass.relative_variance();
             }
-            let mean_variance = finished.mean_variance().unwrap_or(f64::NAN);
             self.statistics.iterations.push(Iteration {
                 t,
                 spp: camera,
                 seconds,
-                mean_variance,
+                mean_variance: finished.sample_variance().map_or(f64::NAN, |v| v / f64::from(camera)),
                 gain: trend.gain,
                 ..iteration
             });
@@ -321,7 +329,11 @@ impl<'a> Run<'a> {
         if self.learn_only {
             outlook.cost <= outlook.left
         } else {
-            learns_on(&outlook, &trend.variances, trend.gain.is_some())
+            learns_on(
+                &outlook,
+                &trend.variances,
+                trend.gain.is_some() && trend.variances.len() >= self.patience() as usize,
+            )
         }
     }
 
@@ -337,6 +349,23 @@ impl<'a> Run<'a> {
         statistics.seconds.total = self.watcher.elapsed();
         statistics.describe(self.scene, self.settings, self.spent.ceil() as u32);
         Ok(Outcome { image, statistics, field: field.unwrap_or_else(GuideField::empty), evidence: self.evidence })
+    }
+
+    /// A first pass with a field that nothing was learned for: about what pixels will be, by which roulette judges the rest.
+    fn look(&mut self, field: &GuideField) {
+        let spp = match self.settings.stop {
+            StopRule::Spp(spp) => (spp / 16).min(LOOK),
+            StopRule::Time(seconds) => {
+                self.watcher.deadline = Some(seconds / 16.0);
+                LOOK
+            }
+            StopRule::TargetError(_) => LOOK,
+        };
+        if spp > 0 {
+            let mut pass = self.empty_pass();
+            self.trace(&mut pass, spp, Some(field), None, None);
+            self.passes.push(pass.finish());
+        }
     }
 
     /// What is left of the budget goes into one pass.

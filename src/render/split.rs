@@ -69,14 +69,11 @@ const SMALL_PART: f64 = 0.25;
 /// hence the power. None where nothing was measured, where photons know of light that paths have not found, or where what guiding changes is most of the variance and rests on few of
 /// the samples.
 pub fn gain(variance: f64, moments: &PictureMoments, paths: f64) -> Option<f64> {
-    let [learning, guided, unguided] = [moments.learning, moments.guided, moments.unguided].map(|m| m / paths);
-    let known = moments.effective >= LEAST_EVIDENCE;
-    if !known && learning > SMALL_PART * variance || moments.unseen > MOST_UNSEEN {
+    let PictureMoments { learning, guided, unguided, onward, effective, unseen } = *moments;
+    if effective < LEAST_EVIDENCE && onward / paths > SMALL_PART * variance || unseen > MOST_UNSEEN {
         return None;
     }
-    // Below zero where the vertices of a path together have more than the path.
-    let rest = variance - learning;
-    let (with, without) = (guided + rest, unguided + rest);
+    let [with, without] = [guided, unguided].map(|moment| variance + (moment - learning) / paths);
     (without.is_finite() && without > 0.0).then(|| (with / without).max(0.0).powf(SHARED))
 }
 
@@ -96,9 +93,11 @@ mod tests {
     #[test]
     fn guiding_pays_where_it_changes_most_of_the_variance() {
         let gain = |variance, [learning, guided, unguided]: [f64; 3], effective| {
-            gain(variance, &PictureMoments { learning, guided, unguided, effective, unseen: 0.1 }, 1.0)
+            let onward = learning;
+            gain(variance, &PictureMoments { learning, guided, unguided, onward, effective, unseen: 0.1 }, 1.0)
         };
-        let unseen = PictureMoments { learning: 1.0, guided: 1.0, unguided: 1.0, effective: 1e3, unseen: 0.5 };
+        let ones = PictureMoments { learning: 1.0, guided: 1.0, unguided: 1.0, ..PictureMoments::default() };
+        let unseen = PictureMoments { effective: 1e3, unseen: 0.5, ..ones };
         assert_eq!(super::gain(10.0, &unseen, 1.0), None, "photons know of light that no path has found");
         assert!(pays(gain(10.0, [8.0, 4.0, 30.0], 1e3).unwrap()));
         assert!(!pays(gain(10.0, [8.0, 7.0, 9.0], 1e3).unwrap()), "a small gain");
