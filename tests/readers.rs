@@ -4,7 +4,9 @@ use std::io::Write;
 use std::path::Path;
 
 use fanal::base::Error;
-use fanal::scene::file::{GeometryFile, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile, identity3};
+use fanal::scene::file::{
+    Distribution, GeometryFile, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile, identity3,
+};
 use fanal::scene::readers::{LoadedScene, load, read_exr_channels, read_image, resolve, save};
 use tempfile::TempDir;
 
@@ -201,6 +203,68 @@ fn both_formats_mean_the_same() {
     assert_eq!(load(&copy).unwrap().file, from_json.file);
 }
 
+/// Every kind of material and shape by its defaults, and what is done in another way is said.
+#[test]
+fn materials_and_shapes_of_mitsuba() {
+    let folder = folder();
+    let body = r#"
+        <shape type="disk"><bsdf type="mask"><texture name="opacity" type="checkerboard"/>
+            <bsdf type="twosided"><bsdf type="plastic"/></bsdf></bsdf></shape>
+        <shape type="cylinder"><point name="p0" x="1" y="0" z="0"/><point name="p1" x="1" y="0" z="4"/>
+            <float name="radius" value="0.5"/>
+            <bsdf type="roughplastic"><rgb name="diffuse_reflectance" value="0.1 0.2 0.3"/><float name="alpha" value="0.2"/>
+            <string name="distribution" value="ggx"/><boolean name="nonlinear" value="true"/></bsdf></shape>
+        <shape type="cube"><bsdf type="roughdielectric"><float name="alpha" value="0.3"/></bsdf></shape>
+        <shape type="cube"><bsdf type="thindielectric"/></shape>
+        <shape type="cube"><bsdf type="bumpmap"><texture name="any" type="checkerboard"/><bsdf type="diffuse"/></bsdf></shape>"#;
+    let loaded = load_xml(&folder, &xml_with(body)).unwrap();
+    let material = |i: usize| &loaded.file.materials[&loaded.file.shapes[i].material];
+    let MaterialFile::Mask { opacity: TextureFile::Checkerboard { .. }, .. } = material(0) else {
+        panic!("{:?}", material(0));
+    };
+    let (int_ior, ext_ior) = (1.49, 1.000277);
+    let plain = MaterialFile::Plastic {
+        alpha: 0.0,
+        distribution: Distribution::Beckmann,
+        int_ior,
+        ext_ior,
+        diffuse_reflectance: TextureFile::rgb([0.5; 3]),
+        specular_reflectance: TextureFile::rgb([1.0; 3]),
+        nonlinear: false,
+    };
+    assert_eq!(*material(0).innermost(), plain);
+    let rough = MaterialFile::Plastic {
+        alpha: 0.2,
+        distribution: Distribution::Ggx,
+        int_ior,
+        ext_ior,
+        diffuse_reflectance: TextureFile::rgb([0.1, 0.2, 0.3]),
+        specular_reflectance: TextureFile::rgb([1.0; 3]),
+        nonlinear: true,
+    };
+    assert_eq!(*material(1), rough);
+    let glass =
+        MaterialFile::RoughDielectric { alpha: 0.3, distribution: Distribution::Beckmann, int_ior: 1.5046, ext_ior };
+    assert_eq!(*material(2), glass);
+    assert_eq!(*material(3), MaterialFile::ThinDielectric { int_ior: 1.5046, ext_ior });
+    assert_eq!(*material(4), MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.5; 3]) });
+    let places: Vec<bool> = ["disk is made of", "cylinder is made of", "bumpmap is left out"]
+        .map(|what| loaded.warnings.iter().any(|warning| warning.contains("tested.xml:") && warning.contains(what)))
+        .to_vec();
+    assert_eq!(places, [true; 3], "{:?}", loaded.warnings);
+    // The cylinder stands on p0 and ends at p1, half a unit around.
+    let m = loaded.file.shapes[1].to_world;
+    let at = |p: [f32; 3]| {
+        [0, 1, 2].map(|row| m[4 * row] * p[0] + m[4 * row + 1] * p[1] + m[4 * row + 2] * p[2] + m[4 * row + 3])
+    };
+    assert_eq!((at([0.0; 3]), at([0.0, 0.0, 1.0])), ([1.0, 0.0, 0.0], [1.0, 0.0, 4.0]));
+    let [x, y, z] = at([1.0, 0.0, 0.0]);
+    assert!(((x - 1.0).hypot(y) - 0.5).abs() < 1e-6 && z == 0.0);
+    let copy = folder.path().join("copy.json");
+    save(&loaded.file, &copy).unwrap();
+    assert_eq!(load(&copy).unwrap().file, loaded.file);
+}
+
 /// Never a panic; an error of the kinds that name a place.
 fn refused(result: Result<LoadedScene, Error>, why: &str) -> Error {
     let error = result.expect_err(why);
@@ -235,6 +299,16 @@ fn unknown_or_wrong_xml_is_refused_with_its_line() {
         "<bsdf type='roughconductor' id='a'><float name='alpha' value='-1'/></bsdf>",
         "<bsdf type='twosided' id='a'><ref id='a'/></bsdf>",
         "<bsdf type='twosided' id='a'><bsdf type='dielectric'/></bsdf>",
+        "<bsdf type='twosided' id='a'><bsdf type='mask'><bsdf type='thindielectric'/></bsdf></bsdf>",
+        "<bsdf type='mask' id='a'><bsdf type='mask'><bsdf type='diffuse'/></bsdf></bsdf>",
+        "<bsdf type='mask' id='a'/>",
+        "<bsdf type='mask' id='a'><float name='opacity' value='2'/><bsdf type='diffuse'/></bsdf>",
+        "<bsdf type='plastic' id='a'><float name='int_ior' value='-1'/></bsdf>",
+        "<bsdf type='plastic' id='a'><float name='alpha' value='0.1'/></bsdf>",
+        "<bsdf type='roughplastic' id='a'><string name='alpha' value='rough'/></bsdf>",
+        "<bsdf type='roughdielectric' id='a'><string name='distribution' value='phong'/></bsdf>",
+        "<shape type='cylinder'><float name='radius' value='0'/></shape>",
+        "<shape type='cylinder'><point name='p1' x='0' y='0' z='0'/></shape>",
         "<shape type='torus'/>",
         "<shape type='cube'><ref id='nothing'/></shape>",
         "<shape type='cube'><transform name='to_world'><matrix value='1 0 0 0 0 1 0 0 0 0 nan 0 0 0 0 1'/></transform></shape>",

@@ -191,7 +191,7 @@ fn mixture_follows_its_density() {
         let parallax = Parallax { centre: Vec3::new(0.2, 0.6, 0.4), curvature: 1.2 };
         let field =
             GuideField::new(cache, vec![VoxelGuide { tree, parallax, bsdf_fraction: 0.3, effort: Effort::UNKNOWN }]);
-        let material = Material { two_sided: i == 0, kind };
+        let material = Material { two_sided: i == 0, ..kind.into() };
         let mixture = Mixture::new(&surface, &material, out, field.at(surface.point, surface.normal_towards(out)));
         let density = |wi| {
             let (value, pdf) = (mixture.eval(wi), mixture.pdf(wi).0);

@@ -18,6 +18,7 @@ use fanal::materials::image::Image;
 use fanal::reconstruct::gaussian::Gaussian;
 use fanal::render::{GuideMode, RenderSettings, render};
 use fanal::scene::Scene;
+use fanal::scene::file::{Distribution, MaterialFile, TextureFile};
 use glam::{Quat, Vec3};
 use scenes::{GUIDES, Guide, built, committed, mean, one_sided, picture, settings};
 use statistics::{Summary, sidak, student_quantile};
@@ -140,6 +141,62 @@ fn sky_furnaces() {
     for (guide, nee) in GUIDES.into_iter().flat_map(|guide| [(guide, true), (guide, false)]) {
         furnace(&sky_furnace(0.8), guide, nee, f64::from(0.8f32));
     }
+}
+
+/// A ball that absorbs nothing under a sky of radiance 1 cannot be told from the sky, whatever it is made of. Catches lobes that are
+/// chosen with another probability than they are divided by, beside a guide too, and light that is lost or counted twice at
+/// holes.
+#[test]
+fn white_balls_vanish() {
+    let white = || TextureFile::rgb([1.0; 3]);
+    let half = || TextureFile::rgb([0.5; 3]);
+    let plastic = MaterialFile::Plastic {
+        alpha: 0.0,
+        distribution: Distribution::Ggx,
+        int_ior: 1.5,
+        ext_ior: 1.0,
+        diffuse_reflectance: white(),
+        specular_reflectance: white(),
+        nonlinear: true,
+    };
+    let masked = MaterialFile::Mask { opacity: half(), material: Box::new(diffuse([1.0; 3])) };
+    let pane = MaterialFile::ThinDielectric { int_ior: 1.5, ext_ior: 1.0 };
+    for (name, material) in [("plastic", plastic), ("masked", masked), ("pane", pane)] {
+        let mut b = Builder::new(name, [8, 8]);
+        let material = b.add_material("white", material);
+        b.add_sphere("ball", Vec3::ZERO, 1.0, &material, None);
+        b.add_light(fanal::scene::file::LightFile::Constant { radiance: [1.0; 3] });
+        b.look_at(Vec3::Z * 4.0, Vec3::ZERO, Vec3::Y, 20.0);
+        let scene = built(b.finish());
+        for guide in [GUIDES[0], GUIDES[1], GUIDES[5]] {
+            furnace(&scene, guide, true, 1.0);
+            furnace(&scene, guide, false, 1.0);
+        }
+    }
+}
+
+/// Light through a screen of opacity 0.75 onto a white wall: a quarter of what arrives without it, for a light that only
+/// light sampling finds.
+#[test]
+fn holes_let_light_through() {
+    let mean_with = |screen: bool| {
+        let mut b = Builder::new("screen", [8, 8]);
+        let wall = b.add_material("wall", one_sided(0.5));
+        let opacity = TextureFile::rgb([0.75; 3]);
+        let black = Box::new(diffuse([0.0; 3]));
+        let holes = b.add_material("holes", MaterialFile::Mask { opacity, material: black });
+        b.add_quad("wall", Vec3::ZERO, [Vec3::X * 2.0, Vec3::Y * 2.0], &wall, None);
+        if screen {
+            b.add_quad("screen", Vec3::new(6.0, 0.0, 3.0), [Vec3::X * 2.0, Vec3::Y * 2.0], &holes, None);
+        }
+        b.add_light(fanal::scene::file::LightFile::Point { position: [12.0, 0.0, 6.0], intensity: [100.0; 3] });
+        b.look_at(Vec3::Z * 4.0, Vec3::ZERO, Vec3::Y, 20.0);
+        let mut settings = settings(GUIDES[0], 16, 1);
+        settings.transport.max_depth = 2;
+        mean(&picture(&built(b.finish()), &settings))
+    };
+    let (open, screened) = (mean_with(false), mean_with(true));
+    assert!(open > 0.01 && (screened / open - 0.25).abs() < 0.01, "{screened} of {open}");
 }
 
 /// Means of 8×8 blocks and of the whole picture, the last value.

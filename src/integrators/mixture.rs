@@ -6,7 +6,7 @@ use glam::Vec3;
 use crate::base::random::Random;
 use crate::geometry::Surface;
 use crate::guiding::field::{DirectionGuide, VoxelGuide};
-use crate::materials::{Material, Transport};
+use crate::materials::{BsdfSample, Material, Transport};
 
 /// How directions are sampled at one vertex.
 pub struct Mixture<'a> {
@@ -63,7 +63,11 @@ impl<'a> Mixture<'a> {
         let Some(guide) = self.guide else { return self.sample_bsdf(random, transport) };
         let alpha = guide.bsdf_fraction;
         if random.next_f32() < alpha {
-            let sample = self.material.sample(self.surface.uv, self.wo, random.next_2d(), transport)?;
+            let sample = self.material.sample(self.surface.uv, self.wo, random, transport)?;
+            if sample.delta {
+                // No guide ever chooses a delta lobe's direction.
+                return Some(self.delta(&sample, alpha));
+            }
             let direction = self.surface.frame.to_world(sample.wi);
             let pdfs = [sample.pdf, guide.pdf(direction)];
             return self.combine(direction, sample.weight * sample.pdf, sample.wi.z, pdfs, alpha);
@@ -94,17 +98,33 @@ impl<'a> Mixture<'a> {
     }
 
     fn sample_bsdf(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
-        let sample = self.material.sample(self.surface.uv, self.wo, random.next_2d(), transport)?;
-        let value = if sample.delta { Vec3::ZERO } else { sample.weight * sample.pdf };
+        let sample = self.material.sample(self.surface.uv, self.wo, random, transport)?;
+        if sample.delta {
+            return Some(self.delta(&sample, 1.0));
+        }
         Some(MixtureSample {
             direction: self.surface.frame.to_world(sample.wi),
             weight: sample.weight,
             bsdf_weight: sample.weight,
-            value,
+            value: sample.weight * sample.pdf,
             cos: sample.wi.z.abs(),
             pdf: sample.pdf,
             bsdf_share: 1.0,
-            delta: sample.delta,
+            delta: false,
         })
+    }
+
+    /// A delta lobe's direction, the BSDF having been sampled with probability `alpha`.
+    fn delta(&self, sample: &BsdfSample, alpha: f32) -> MixtureSample {
+        MixtureSample {
+            direction: self.surface.frame.to_world(sample.wi),
+            weight: sample.weight / alpha,
+            bsdf_weight: sample.weight,
+            value: Vec3::ZERO,
+            cos: sample.wi.z.abs(),
+            pdf: sample.pdf * alpha,
+            bsdf_share: 1.0,
+            delta: true,
+        }
     }
 }

@@ -126,7 +126,7 @@ impl PathTracer<'_> {
                 break;
             }
             count.rays += 1;
-            let Some(surface) = self.scene.intersect(&ray) else {
+            let Some(surface) = self.scene.trace(&ray, random) else {
                 return self.background(&ray, previous);
             };
             let emission = self.emission(&surface, &ray, previous);
@@ -228,14 +228,15 @@ impl PathTracer<'_> {
         }
         let (ray, t_max) = shadow_ray(surface, light.wi, light.distance);
         count.rays += 1;
-        if t_max > 0.0 && self.scene.accel.occluded(&ray, t_max) {
+        let visible = if t_max > 0.0 { self.scene.visibility(&ray, t_max) } else { 1.0 };
+        if visible == 0.0 {
             return nothing;
         }
         // The density is not asked for before it is needed: most lights are hidden where guiding helps most.
         let pdf = light.pdf * probability;
         let (onward, bsdf_share) = if light.delta { (0.0, 1.0) } else { mixture.pdf(light.wi) };
         let weight = if light.delta { 1.0 } else { mis::balance(pdf, onward) };
-        Direct { value: value * light.radiance * (weight / pdf), bsdf_share, ratio: pdf / onward }
+        Direct { value: value * light.radiance * (visible * weight / pdf), bsdf_share, ratio: pdf / onward }
     }
 }
 

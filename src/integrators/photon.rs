@@ -76,7 +76,7 @@ impl PhotonTracer<'_> {
         // A light path of n segments continues to the camera with at least one more: n + 1 vertices after the light.
         for depth in 1..self.settings.max_depth {
             count.rays += 1;
-            let Some(surface) = self.scene.intersect(&ray) else { return };
+            let Some(surface) = self.scene.trace(&ray, random) else { return };
             let material = self.scene.material(&surface);
             if !material.is_delta() && photon.is_useful(self.settings.nee) {
                 self.deposit(path, &surface, -ray.direction, &photon, records);

@@ -30,3 +30,20 @@ impl Dielectric {
         Some(BsdfSample { wi, weight: Vec3::splat(scale), pdf: 1.0 - reflected, delta: true })
     }
 }
+
+/// A thin pane of smooth glass: light goes straight through or is mirrored, all rounds between its two faces together.
+#[derive(Debug, Clone, Copy)]
+pub struct ThinDielectric {
+    /// Refractive index of the pane over that around it.
+    pub eta: f32,
+}
+
+impl ThinDielectric {
+    /// Mirrors with probability 2F/(1 + F), the sum over the rounds, else lets through.
+    pub fn sample(&self, wo: Vec3, u: f32) -> Option<BsdfSample> {
+        let once = fresnel::dielectric(wo.z.abs(), self.eta).0;
+        let reflected = 2.0 * once / (1.0 + once);
+        let (wi, pdf) = if u < reflected { (Vec3::new(-wo.x, -wo.y, wo.z), reflected) } else { (-wo, 1.0 - reflected) };
+        (wo.z != 0.0).then_some(BsdfSample { wi, weight: Vec3::ONE, pdf, delta: true })
+    }
+}

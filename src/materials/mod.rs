@@ -9,15 +9,22 @@ pub mod diffuse;
 pub mod fresnel;
 pub mod image;
 pub mod microfacet;
+pub mod plastic;
 pub mod rough_conductor;
+pub mod rough_dielectric;
 pub mod texture;
 
 use glam::{Vec2, Vec3};
 
 use conductor::Conductor;
-use dielectric::Dielectric;
+use dielectric::{Dielectric, ThinDielectric};
 use diffuse::Diffuse;
+use plastic::Plastic;
 use rough_conductor::RoughConductor;
+use rough_dielectric::RoughDielectric;
+use texture::Texture;
+
+use crate::base::random::Random;
 
 /// What a path carries: radiance from the lights to the camera, or importance the other way (photons). Refraction scales
 /// only radiance (Veach 1997, §5.2).
@@ -47,6 +54,8 @@ pub struct BsdfSample {
 pub struct Material {
     /// Scatters alike on both sides.
     pub two_sided: bool,
+    /// Probability that there is a surface at all; none where there is one everywhere.
+    pub opacity: Option<Texture>,
     /// The scattering.
     pub kind: Kind,
 }
@@ -62,12 +71,24 @@ pub enum Kind {
     RoughConductor(RoughConductor),
     /// Smooth glass.
     Dielectric(Dielectric),
+    /// A thin pane.
+    ThinDielectric(ThinDielectric),
+    /// Rough glass.
+    RoughDielectric(RoughDielectric),
+    /// A coated diffuse surface.
+    Plastic(Plastic),
+}
+
+impl From<Kind> for Material {
+    fn from(kind: Kind) -> Self {
+        Self { two_sided: false, opacity: None, kind }
+    }
 }
 
 impl Material {
     /// Whether every lobe is a delta lobe: such a surface is never connected to a light, guided, or stored in.
     pub fn is_delta(&self) -> bool {
-        matches!(self.kind, Kind::Conductor(_) | Kind::Dielectric(_))
+        matches!(self.kind, Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_))
     }
 
     /// f(wo, wi)·|cos θᵢ| of the lobes that are not delta, sr⁻¹.
@@ -76,7 +97,9 @@ impl Material {
         match &self.kind {
             Kind::Diffuse(m) => m.eval(uv, wo, wi),
             Kind::RoughConductor(m) => m.eval(uv, wo, wi),
-            Kind::Conductor(_) | Kind::Dielectric(_) => Vec3::ZERO,
+            Kind::RoughDielectric(m) => Vec3::splat(m.eval(wo, wi)),
+            Kind::Plastic(m) => m.eval(uv, wo, wi),
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => Vec3::ZERO,
         }
     }
 
@@ -86,12 +109,15 @@ impl Material {
         match &self.kind {
             Kind::Diffuse(_) => Diffuse::pdf(wo, wi),
             Kind::RoughConductor(m) => m.pdf(wo, wi),
-            Kind::Conductor(_) | Kind::Dielectric(_) => 0.0,
+            Kind::RoughDielectric(m) => m.pdf(wo, wi),
+            Kind::Plastic(m) => m.pdf(wo, wi),
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => 0.0,
         }
     }
 
     /// Samples `wi`; none where the surface absorbs.
-    pub fn sample(&self, uv: Vec2, wo: Vec3, u: [f32; 2], transport: Transport) -> Option<BsdfSample> {
+    pub fn sample(&self, uv: Vec2, wo: Vec3, random: &mut Random, transport: Transport) -> Option<BsdfSample> {
+        let u = random.next_2d();
         let flip = self.two_sided && wo.z < 0.0;
         let wo = if flip { -wo } else { wo };
         let sample = match &self.kind {
@@ -99,6 +125,9 @@ impl Material {
             Kind::RoughConductor(m) => m.sample(uv, wo, u),
             Kind::Conductor(m) => m.sample(uv, wo),
             Kind::Dielectric(m) => m.sample(wo, u[0], transport),
+            Kind::ThinDielectric(m) => m.sample(wo, u[0]),
+            Kind::RoughDielectric(m) => m.sample(wo, u, random.next_f32(), transport),
+            Kind::Plastic(m) => m.sample(uv, wo, u),
         }?;
         Some(if flip { BsdfSample { wi: -sample.wi, ..sample } } else { sample })
     }
@@ -109,7 +138,8 @@ impl Material {
             Kind::Diffuse(m) => m.reflectance.eval(uv),
             Kind::Conductor(m) => m.metal.albedo(uv),
             Kind::RoughConductor(m) => m.metal.albedo(uv),
-            Kind::Dielectric(_) => Vec3::ONE,
+            Kind::Plastic(m) => m.albedo(uv),
+            Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) => Vec3::ONE,
         }
     }
 

@@ -16,11 +16,13 @@ use crate::lights::envmap::Envmap;
 use crate::lights::point::{Point, Spot};
 use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::conductor::Conductor;
-use crate::materials::dielectric::Dielectric;
+use crate::materials::dielectric::{Dielectric, ThinDielectric};
 use crate::materials::diffuse::Diffuse;
 use crate::materials::fresnel::Metal;
 use crate::materials::microfacet::{Microfacets, SMOOTH, Shape as FacetShape};
+use crate::materials::plastic::Plastic;
 use crate::materials::rough_conductor::RoughConductor;
+use crate::materials::rough_dielectric::RoughDielectric;
 use crate::materials::texture::Texture;
 use crate::materials::{Kind, Material};
 
@@ -55,7 +57,13 @@ impl Scene {
         for light in &file.lights {
             lights.push(self::light(light, loaded)?);
         }
+        // Light is sampled on whole surfaces, so what shines has no holes.
+        let masked = (0..shapes.len())
+            .map(|shape| shape_light[shape].is_none() && materials[shape_material[shape] as usize].opacity.is_some())
+            .collect::<Vec<bool>>();
         Ok(Self {
+            has_masks: masked.contains(&true),
+            masked,
             name: file.name.clone(),
             size,
             camera,
@@ -109,9 +117,19 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
     let metal = |eta: &[f32; 3], k: &[f32; 3], reflectance: &TextureFile| -> Result<Metal> {
         Ok(Metal { eta: Vec3::from_array(*eta), k: Vec3::from_array(*k), reflectance: texture(reflectance, loaded)? })
     };
-    let kind = match file {
+    let facets = |alpha: f32, distribution: &Distribution| Microfacets {
+        shape: match distribution {
+            Distribution::Beckmann => FacetShape::Beckmann,
+            Distribution::Ggx => FacetShape::Ggx,
+        },
+        alpha,
+    };
+    Ok(Material::from(match file {
         MaterialFile::TwoSided { material: inner } => {
             return Ok(Material { two_sided: true, ..material(inner, loaded)? });
+        }
+        MaterialFile::Mask { opacity, material: inner } => {
+            return Ok(Material { opacity: Some(texture(opacity, loaded)?), ..material(inner, loaded)? });
         }
         MaterialFile::Diffuse { reflectance } => Kind::Diffuse(Diffuse { reflectance: texture(reflectance, loaded)? }),
         MaterialFile::Conductor { eta, k, specular_reflectance } => {
@@ -121,16 +139,34 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
             Kind::Conductor(Conductor { metal: metal(eta, k, specular_reflectance)? })
         }
         MaterialFile::RoughConductor { alpha, distribution, eta, k, specular_reflectance } => {
-            let shape = match distribution {
-                Distribution::Beckmann => FacetShape::Beckmann,
-                Distribution::Ggx => FacetShape::Ggx,
-            };
-            let facets = Microfacets { shape, alpha: *alpha };
+            let facets = facets(*alpha, distribution);
             Kind::RoughConductor(RoughConductor { metal: metal(eta, k, specular_reflectance)?, facets })
         }
-        MaterialFile::Dielectric { int_ior, ext_ior } => Kind::Dielectric(Dielectric { eta: int_ior / ext_ior }),
-    };
-    Ok(Material { two_sided: false, kind })
+        MaterialFile::RoughDielectric { alpha, distribution, int_ior, ext_ior } if *alpha >= SMOOTH => {
+            Kind::RoughDielectric(RoughDielectric { eta: int_ior / ext_ior, facets: facets(*alpha, distribution) })
+        }
+        MaterialFile::Dielectric { int_ior, ext_ior } | MaterialFile::RoughDielectric { int_ior, ext_ior, .. } => {
+            Kind::Dielectric(Dielectric { eta: int_ior / ext_ior })
+        }
+        MaterialFile::ThinDielectric { int_ior, ext_ior } => {
+            Kind::ThinDielectric(ThinDielectric { eta: int_ior / ext_ior })
+        }
+        MaterialFile::Plastic {
+            alpha,
+            distribution,
+            int_ior,
+            ext_ior,
+            diffuse_reflectance,
+            specular_reflectance,
+            nonlinear,
+        } => Kind::Plastic(Plastic::new(
+            texture(diffuse_reflectance, loaded)?,
+            texture(specular_reflectance, loaded)?,
+            int_ior / ext_ior,
+            *nonlinear,
+            (*alpha >= SMOOTH).then(|| facets(*alpha, distribution)),
+        )),
+    }))
 }
 
 fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {

@@ -167,6 +167,36 @@ fn white() -> TextureFile {
     TextureFile::rgb([1.0; 3])
 }
 
+impl MaterialFile {
+    /// Its textures, those of the materials inside too, with the names that they have in a file.
+    pub fn textures(&self) -> Vec<(&'static str, &TextureFile)> {
+        match self {
+            Self::Diffuse { reflectance } => vec![("reflectance", reflectance)],
+            Self::Conductor { specular_reflectance, .. } | Self::RoughConductor { specular_reflectance, .. } => {
+                vec![("specular_reflectance", specular_reflectance)]
+            }
+            Self::Plastic { diffuse_reflectance, specular_reflectance, .. } => {
+                vec![("diffuse_reflectance", diffuse_reflectance), ("specular_reflectance", specular_reflectance)]
+            }
+            Self::Mask { opacity, material } => {
+                let mut textures = material.textures();
+                textures.push(("opacity", opacity));
+                textures
+            }
+            Self::TwoSided { material } => material.textures(),
+            Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
+        }
+    }
+
+    /// The material inside masks and two-sided ones.
+    pub fn innermost(&self) -> &Self {
+        match self {
+            Self::Mask { material, .. } | Self::TwoSided { material } => material.innermost(),
+            other => other,
+        }
+    }
+}
+
 /// How a surface scatters light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
@@ -207,6 +237,53 @@ pub enum MaterialFile {
         int_ior: f32,
         /// Refractive index on the side that the normal points to.
         ext_ior: f32,
+    },
+    /// A thin pane of smooth glass: nothing is bent.
+    ThinDielectric {
+        /// Refractive index of the pane.
+        int_ior: f32,
+        /// Refractive index around it.
+        ext_ior: f32,
+    },
+    /// Rough glass (Walter et al. 2007).
+    RoughDielectric {
+        /// Roughness, the root mean square slope of the microfacets.
+        alpha: f32,
+        /// Microfacet distribution.
+        #[serde(default)]
+        distribution: Distribution,
+        /// Refractive index on the side that the normal points away from.
+        int_ior: f32,
+        /// Refractive index on the side that the normal points to.
+        ext_ior: f32,
+    },
+    /// A clear coat over a diffuse base; the back side is black.
+    Plastic {
+        /// Roughness of the coat, the root mean square slope of its microfacets; 0 is smooth.
+        #[serde(default)]
+        alpha: f32,
+        /// Microfacet distribution.
+        #[serde(default)]
+        distribution: Distribution,
+        /// Refractive index of the coat.
+        int_ior: f32,
+        /// Refractive index outside.
+        ext_ior: f32,
+        /// Albedo of the base.
+        diffuse_reflectance: TextureFile,
+        /// Factor on the coat's reflection.
+        #[serde(default = "white")]
+        specular_reflectance: TextureFile,
+        /// Whether light that the coat throws back to the base takes on its colour each time.
+        #[serde(default)]
+        nonlinear: bool,
+    },
+    /// Another material with holes.
+    Mask {
+        /// Probability in [0, 1] that the surface is there; the mean of a colour's channels.
+        opacity: TextureFile,
+        /// The material where it is.
+        material: Box<MaterialFile>,
     },
     /// Another material on both sides.
     TwoSided {
@@ -250,6 +327,10 @@ pub enum MeshFile {
     Rectangle,
     /// The cube [-1, 1]³, facing outwards.
     Cube,
+    /// The unit disk in z = 0, facing +z, as a polygon of its area.
+    Disk,
+    /// The side of the cylinder with radius 1 from z = 0 to z = 1, facing outwards, in flat strips with smooth normals.
+    Cylinder,
     /// A mesh written out.
     Inline {
         /// Vertex positions.

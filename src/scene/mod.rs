@@ -5,10 +5,12 @@ pub mod file;
 pub mod plan;
 pub mod readers;
 
+use crate::base::random::Random;
 use crate::camera::Camera;
 use crate::geometry::{Accel, Ray, Shape, Surface};
 use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::Material;
+use crate::math::channel_mean;
 
 /// A scene ready to be rendered. It never changes.
 pub struct Scene {
@@ -29,10 +31,55 @@ pub struct Scene {
     shape_material: Vec<u32>,
     shape_light: Vec<Option<u32>>,
     materials: Vec<Material>,
+    /// Which shapes have holes, and whether any has.
+    masked: Vec<bool>,
+    has_masks: bool,
 }
 
+/// Holes that a ray may pass through before it is taken to have hit something.
+const MOST_HOLES: usize = 1 << 12;
+
 impl Scene {
-    /// The nearest surface on a ray.
+    /// The nearest surface on a ray that is there: a masked one is with the probability of its opacity.
+    pub fn trace(&self, ray: &Ray, random: &mut Random) -> Option<Surface> {
+        let mut surface = self.intersect(ray)?;
+        if self.has_masks {
+            for _ in 0..MOST_HOLES {
+                let opacity = self.opacity(&surface);
+                if opacity >= 1.0 || random.next_f32() < opacity {
+                    break;
+                }
+                let behind = self.intersect(&surface.leave(ray.direction))?;
+                surface = Surface { distance: surface.distance + behind.distance, ..behind };
+            }
+        }
+        Some(surface)
+    }
+
+    /// Part of the light that comes through along the first `length` of a ray, in [0, 1].
+    pub fn visibility(&self, ray: &Ray, length: f32) -> f32 {
+        if !self.has_masks {
+            return f32::from(u8::from(!self.accel.occluded(ray, length)));
+        }
+        let (mut visible, mut ray, mut left) = (1.0, *ray, length);
+        for _ in 0..MOST_HOLES {
+            let Some(surface) = self.intersect(&ray).filter(|surface| surface.distance < left) else { return visible };
+            visible *= 1.0 - self.opacity(&surface);
+            if visible <= 0.0 {
+                break;
+            }
+            left -= surface.distance;
+            ray = surface.leave(ray.direction);
+        }
+        0.0
+    }
+
+    fn opacity(&self, surface: &Surface) -> f32 {
+        let mask = self.material(surface).opacity.as_ref().filter(|_| self.masked[surface.shape as usize]);
+        mask.map_or(1.0, |mask| channel_mean(mask.eval(surface.uv)).clamp(0.0, 1.0))
+    }
+
+    /// The nearest surface on a ray, holes or not.
     pub fn intersect(&self, ray: &Ray) -> Option<Surface> {
         let hit = self.accel.intersect(ray)?;
         Some(Surface::new(ray, &hit, &self.shapes[hit.shape as usize]))

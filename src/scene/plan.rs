@@ -32,12 +32,8 @@ type Names = BTreeSet<String>;
 /// Looks through a scene. Materials that no shape uses do not count.
 pub fn plan(scene: &SceneFile) -> EffectPlan {
     let used: BTreeSet<&str> = scene.shapes.iter().map(|s| s.material.as_str()).collect();
-    let materials: Vec<(&str, &MaterialFile)> = scene
-        .materials
-        .iter()
-        .filter(|(name, _)| used.contains(name.as_str()))
-        .map(|(n, m)| (n.as_str(), inner(m)))
-        .collect();
+    let materials: Vec<(&str, &MaterialFile)> =
+        scene.materials.iter().filter(|(name, _)| used.contains(name.as_str())).map(|(n, m)| (n.as_str(), m)).collect();
     let having = |test: fn(&MaterialFile) -> bool| -> Names {
         materials.iter().filter(|(_, m)| test(m)).map(|(name, _)| (*name).to_owned()).collect()
     };
@@ -62,10 +58,14 @@ pub fn plan(scene: &SceneFile) -> EffectPlan {
         effect("delta lights", "reached by sampling only:", &delta, "no point, spot or directional light"),
         effect("mirrors", "smooth metal:", &having(is_mirror), "no smooth metal"),
         effect("refraction", "clear material:", &having(is_clear), "no clear material"),
+        effect("thin panes", "thin clear material:", &having(is_pane), "no thin clear material"),
+        effect("rough refraction", "rough clear material:", &having(is_frosted), "no rough clear material"),
         effect("glossy reflection", "rough metal:", &having(is_glossy), "no rough metal"),
+        effect("clear coats", "coated material:", &having(is_coated), "no plastic"),
+        effect("alpha masks", "holes in", &having(is_masked), "no material has holes"),
         effect("textures", "vary the colour of", &having(is_textured), "all colours are constant"),
         effect("depth of field", "thin lens:", &lens, "the camera is a pinhole"),
-        guiding(scene, &having(|m| !is_mirror(m) && !is_clear(m)), &all),
+        guiding(scene, &having(|m| !is_mirror(m) && !is_clear(m) && !is_pane(m)), &all),
     ];
     EffectPlan { scene: scene.name.clone(), effects }
 }
@@ -107,32 +107,40 @@ fn light_name(light: &LightFile) -> String {
     .into()
 }
 
-fn inner(material: &MaterialFile) -> &MaterialFile {
-    match material {
-        MaterialFile::TwoSided { material } => inner(material),
-        other => other,
-    }
-}
-
 fn is_mirror(material: &MaterialFile) -> bool {
-    matches!(material, MaterialFile::Conductor { .. })
+    matches!(material.innermost(), MaterialFile::Conductor { .. })
 }
 
 fn is_clear(material: &MaterialFile) -> bool {
-    matches!(material, MaterialFile::Dielectric { .. })
+    matches!(material.innermost(), MaterialFile::Dielectric { .. })
+}
+
+fn is_pane(material: &MaterialFile) -> bool {
+    matches!(material.innermost(), MaterialFile::ThinDielectric { .. })
+}
+
+fn is_frosted(material: &MaterialFile) -> bool {
+    matches!(material.innermost(), MaterialFile::RoughDielectric { .. })
 }
 
 fn is_glossy(material: &MaterialFile) -> bool {
-    matches!(material, MaterialFile::RoughConductor { .. })
+    matches!(material.innermost(), MaterialFile::RoughConductor { .. })
+}
+
+fn is_coated(material: &MaterialFile) -> bool {
+    matches!(material.innermost(), MaterialFile::Plastic { .. })
+}
+
+fn is_masked(material: &MaterialFile) -> bool {
+    match material {
+        MaterialFile::Mask { .. } => true,
+        MaterialFile::TwoSided { material } => is_masked(material),
+        _ => false,
+    }
 }
 
 fn is_textured(material: &MaterialFile) -> bool {
-    match material {
-        MaterialFile::Diffuse { reflectance: t }
-        | MaterialFile::Conductor { specular_reflectance: t, .. }
-        | MaterialFile::RoughConductor { specular_reflectance: t, .. } => !matches!(t, TextureFile::Rgb { .. }),
-        MaterialFile::Dielectric { .. } | MaterialFile::TwoSided { .. } => false,
-    }
+    material.textures().iter().any(|(_, texture)| !matches!(texture, TextureFile::Rgb { .. }))
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! The meshes that need no file. Texture coordinates follow Mitsuba's shapes of the same name.
 
-use glam::{Vec2, Vec3};
+use std::f64::consts::TAU;
+
+use glam::{DVec2, Vec2, Vec3};
 
 use crate::geometry::mesh::Mesh;
 
@@ -44,9 +46,72 @@ pub fn cube() -> Mesh {
     mesh
 }
 
+/// Segments of what is round.
+pub const SEGMENTS: u32 = 128;
+
+/// The unit disk in z = 0 facing +z, as a polygon of the same area; u is the radius, v the turn.
+pub fn disk() -> Mesh {
+    let step = TAU / f64::from(SEGMENTS);
+    // A sector of the polygon has sin(step)/2·r².
+    let radius = (step / step.sin()).sqrt();
+    let mut mesh = Mesh::default();
+    for i in 0..SEGMENTS {
+        let turns = [i, i, i + 1].map(|k| f64::from(k) / f64::from(SEGMENTS));
+        let middle = 0.5 * (turns[1] + turns[2]);
+        let corners = [(0.0, middle), (radius, turns[1]), (radius, turns[2])];
+        for (r, turn) in corners {
+            let (sin, cos) = (TAU * turn).sin_cos();
+            mesh.positions.push(DVec2::new(r * cos, r * sin).as_vec2().extend(0.0));
+            mesh.normals.push(Vec3::Z);
+            mesh.uvs.push(Vec2::new(r.min(1.0) as f32, turn as f32));
+        }
+        mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+    }
+    mesh
+}
+
+/// The side of a cylinder with radius 1 from z = 0 to z = 1, facing outwards; u is the turn, v the height.
+pub fn cylinder() -> Mesh {
+    let mut mesh = Mesh::default();
+    for i in 0..=SEGMENTS {
+        let turn = f64::from(i) / f64::from(SEGMENTS);
+        // The last corners are the first, to the bit.
+        let (sin, cos) = (TAU * if i == SEGMENTS { 0.0 } else { turn }).sin_cos();
+        let normal = DVec2::new(cos, sin).as_vec2().extend(0.0);
+        for height in [0.0, 1.0] {
+            mesh.positions.push(normal + Vec3::Z * height);
+            mesh.normals.push(normal);
+            mesh.uvs.push(Vec2::new(turn as f32, height));
+        }
+    }
+    for i in 0..SEGMENTS {
+        let [below, above, next, next_above] = [0, 1, 2, 3].map(|k| 2 * i + k);
+        mesh.triangles.push([below, next, next_above]);
+        mesh.triangles.push([below, next_above, above]);
+    }
+    mesh
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::PI;
+
+    #[test]
+    fn round_shapes_face_outwards() {
+        for (mesh, area, up) in [(disk(), PI, true), (cylinder(), TAU, false)] {
+            let mut total = 0.0;
+            for triangle in &mesh.triangles {
+                let [a, b, c] = triangle.map(|i| mesh.positions[i as usize].as_dvec3());
+                let cross = (b - a).cross(c - a);
+                total += 0.5 * cross.length();
+                let outward = if up { glam::DVec3::Z } else { (a + b + c).with_z(0.0).normalize() };
+                assert!(cross.normalize().dot(outward) > 0.999);
+            }
+            // The strips of a cylinder are chords.
+            assert!((total / area - 1.0).abs() < 2e-4, "{total} {area}");
+        }
+    }
 
     fn check(mesh: &Mesh, area: f32) {
         let mut total = 0.0;

@@ -50,6 +50,8 @@ pub fn load(file: &MeshFile, directory: &Path, place: &Place) -> Result<(Mesh, u
         }
         MeshFile::Rectangle => finish(builtin::rectangle(), Shading::AsGiven, place),
         MeshFile::Cube => finish(builtin::cube(), Shading::AsGiven, place),
+        MeshFile::Disk => finish(builtin::disk(), Shading::AsGiven, place),
+        MeshFile::Cylinder => finish(builtin::cylinder(), Shading::AsGiven, place),
         MeshFile::Inline { positions, normals, uvs, triangles } => {
             let mesh = Mesh {
                 positions: positions.iter().map(|&p| Vec3::from_array(p)).collect(),

@@ -27,7 +27,7 @@ use rayon::prelude::*;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 use crate::materials::image::Image;
-use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
+use crate::scene::file::{LightFile, MeshFile, SceneFile, TextureFile};
 
 pub use exr::{Channels, read_exr_channels};
 pub use image::read_image;
@@ -146,8 +146,10 @@ fn load_images(
         Ok(image)
     };
     for (name, material) in &scene.materials {
-        if let Some(TextureFile::Bitmap { file, raw, .. }) = texture_of(material) {
-            add(file, *raw, places.at(&format!("materials.{name}")))?;
+        for (_, texture) in material.textures() {
+            if let TextureFile::Bitmap { file, raw, .. } = texture {
+                add(file, *raw, places.at(&format!("materials.{name}")))?;
+            }
         }
     }
     for (index, light) in scene.lights.iter().enumerate() {
@@ -158,17 +160,6 @@ fn load_images(
         }
     }
     Ok(images)
-}
-
-/// The one texture that a material may have.
-fn texture_of(material: &MaterialFile) -> Option<&TextureFile> {
-    match material {
-        MaterialFile::Diffuse { reflectance } => Some(reflectance),
-        MaterialFile::Conductor { specular_reflectance, .. }
-        | MaterialFile::RoughConductor { specular_reflectance, .. } => Some(specular_reflectance),
-        MaterialFile::Dielectric { .. } => None,
-        MaterialFile::TwoSided { material } => texture_of(material),
-    }
 }
 
 fn check_envmap(image: &Image, file: &str, place: Place, warnings: &mut Vec<String>) -> Result<()> {

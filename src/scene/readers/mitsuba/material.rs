@@ -8,7 +8,23 @@ use super::conductors::{INDEX_NAMES, conductor, conductor_names, refractive_inde
 use super::element::Element;
 use super::object::{Object, kind};
 
-const KINDS: [&str; 5] = ["diffuse", "conductor", "roughconductor", "dielectric", "twosided"];
+const KINDS: [&str; 12] = [
+    "diffuse",
+    "conductor",
+    "roughconductor",
+    "dielectric",
+    "thindielectric",
+    "roughdielectric",
+    "plastic",
+    "roughplastic",
+    "mask",
+    "twosided",
+    "bumpmap",
+    "normalmap",
+];
+
+/// How deep materials may be inside one another.
+const MOST_NESTED: u32 = 8;
 
 impl<'a> Reader<'a> {
     /// A material of its own: kept if it has an id, read in any case.
@@ -29,7 +45,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn material(&self, element: &'a Element) -> Result<MaterialFile> {
+    fn material(&mut self, element: &'a Element) -> Result<MaterialFile> {
         match kind(element)? {
             "diffuse" => {
                 let object = Object::new(element, &self.ids, &["reflectance"], &[])?;
@@ -37,20 +53,49 @@ impl<'a> Reader<'a> {
             }
             "conductor" => self.conductor(element),
             "roughconductor" => self.rough_conductor(element),
-            "dielectric" => self.dielectric(element),
+            "dielectric" | "thindielectric" | "roughdielectric" => self.dielectric(element),
+            "plastic" | "roughplastic" => self.plastic(element),
+            "mask" => self.mask(element),
             "twosided" => self.two_sided(element),
+            "bumpmap" | "normalmap" => self.flat(element),
             other => Err(element.unsupported(format!("bsdf \"{other}\""), &KINDS)),
         }
     }
 
-    fn two_sided(&self, element: &'a Element) -> Result<MaterialFile> {
+    fn two_sided(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let object = Object::new(element, &self.ids, &[], &["bsdf"])?;
-        let inner = object.single("bsdf")?.ok_or_else(|| element.malformed("twosided needs a bsdf inside"))?;
-        // Also what ends a material that contains itself.
-        if kind(inner)? == "twosided" {
-            return Err(inner.malformed("a twosided bsdf inside another"));
+        Ok(MaterialFile::TwoSided { material: Box::new(self.inside(&object)?) })
+    }
+
+    fn mask(&mut self, element: &'a Element) -> Result<MaterialFile> {
+        let object = Object::new(element, &self.ids, &["opacity"], &["bsdf"])?;
+        let opacity = self.texture(&object, "opacity", 0.5)?;
+        Ok(MaterialFile::Mask { opacity, material: Box::new(self.inside(&object)?) })
+    }
+
+    /// Bumps are left out: what is under them stays.
+    fn flat(&mut self, element: &'a Element) -> Result<MaterialFile> {
+        let kind = kind(element)?;
+        self.warnings.push(format!("{}: the {kind} is left out: its surface is shaded without it", element.place));
+        // The texture of a bump map may have any name.
+        let names: Vec<&str> = element.children.iter().filter_map(|child| child.attribute("name")).collect();
+        let object = Object::new(element, &self.ids, &names, &["bsdf"])?;
+        self.inside(&object)
+    }
+
+    /// The one material inside another.
+    fn inside(&mut self, object: &Object<'a>) -> Result<MaterialFile> {
+        let kind = kind(object.element)?;
+        let missing = || object.element.malformed(format!("{kind} needs a bsdf inside"));
+        let inner = object.single("bsdf")?.ok_or_else(missing)?;
+        // A material that contains itself ends here too.
+        if self.depth == MOST_NESTED {
+            return Err(inner.malformed(format!("bsdfs inside one another, more than {MOST_NESTED} deep")));
         }
-        Ok(MaterialFile::TwoSided { material: Box::new(self.material(inner)?) })
+        self.depth += 1;
+        let material = self.material(inner)?;
+        self.depth -= 1;
+        Ok(material)
     }
 
     fn conductor(&self, element: &'a Element) -> Result<MaterialFile> {
@@ -61,51 +106,50 @@ impl<'a> Reader<'a> {
     }
 
     fn rough_conductor(&self, element: &'a Element) -> Result<MaterialFile> {
-        let known = [
-            "material",
-            "eta",
-            "k",
-            "specular_reflectance",
-            "alpha",
-            "alpha_u",
-            "alpha_v",
-            "distribution",
-            "sample_visible",
-        ];
+        let known = [&ROUGHNESS[..], &["material", "eta", "k", "specular_reflectance"]].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;
-        object.boolean("sample_visible")?;
         let (eta, k) = metal_index(&object)?;
-        let alpha = match (object.float("alpha")?, object.float("alpha_u")?, object.float("alpha_v")?) {
-            (alpha, None, None) => alpha.unwrap_or(0.1),
-            (None, Some(u), Some(v)) if u == v => u,
-            _ => return Err(element.unsupported("anisotropic roughness", &["alpha", "alpha_u and alpha_v if equal"])),
-        };
-        let distribution = match object.string("distribution")?.unwrap_or("beckmann") {
-            "beckmann" => Distribution::Beckmann,
-            "ggx" => Distribution::Ggx,
-            other => return Err(element.unsupported(format!("distribution \"{other}\""), &["beckmann", "ggx"])),
-        };
+        let (alpha, distribution) = roughness(&object)?;
         let specular_reflectance = self.texture(&object, "specular_reflectance", 1.0)?;
-        Ok(MaterialFile::RoughConductor { alpha: alpha as f32, distribution, eta, k, specular_reflectance })
+        Ok(MaterialFile::RoughConductor { alpha, distribution, eta, k, specular_reflectance })
+    }
+
+    fn plastic(&self, element: &'a Element) -> Result<MaterialFile> {
+        let rough = kind(element)? == "roughplastic";
+        let own = ["int_ior", "ext_ior", "diffuse_reflectance", "specular_reflectance", "nonlinear"];
+        let known = [if rough { &ROUGHNESS[..] } else { &[] }, &own].concat();
+        let object = Object::new(element, &self.ids, &known, &[])?;
+        let (alpha, distribution) = if rough { roughness(&object)? } else { (0.0, Distribution::default()) };
+        Ok(MaterialFile::Plastic {
+            alpha,
+            distribution,
+            int_ior: index(&object, "int_ior", "polypropylene")?,
+            ext_ior: index(&object, "ext_ior", "air")?,
+            diffuse_reflectance: self.texture(&object, "diffuse_reflectance", 0.5)?,
+            specular_reflectance: self.texture(&object, "specular_reflectance", 1.0)?,
+            nonlinear: object.boolean("nonlinear")?.unwrap_or(false),
+        })
     }
 
     fn dielectric(&self, element: &'a Element) -> Result<MaterialFile> {
-        let known = ["int_ior", "ext_ior", "specular_reflectance", "specular_transmittance"];
+        let kind = kind(element)?;
+        let own = ["int_ior", "ext_ior", "specular_reflectance", "specular_transmittance"];
+        let known = [if kind == "roughdielectric" { &ROUGHNESS[..] } else { &[] }, &own].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;
         for factor in ["specular_reflectance", "specular_transmittance"] {
             if object.color(factor)?.is_some_and(|color| color != [1.0; 3]) {
                 return Err(element.unsupported(format!("{factor} other than 1 of a dielectric"), &["1"]));
             }
         }
-        let index = |name: &str, default: &str| match object.property(name).map(|property| property.tag.as_str()) {
-            Some("float" | "integer") => Ok(object.float(name)?.unwrap_or(1.0) as f32),
-            _ => {
-                let medium = object.string(name)?.unwrap_or(default);
-                let unknown = || element.unsupported(format!("{name} \"{medium}\""), &INDEX_NAMES);
-                refractive_index(medium).ok_or_else(unknown)
+        let [int_ior, ext_ior] = [index(&object, "int_ior", "bk7")?, index(&object, "ext_ior", "air")?];
+        Ok(match kind {
+            "thindielectric" => MaterialFile::ThinDielectric { int_ior, ext_ior },
+            "roughdielectric" => {
+                let (alpha, distribution) = roughness(&object)?;
+                MaterialFile::RoughDielectric { alpha, distribution, int_ior, ext_ior }
             }
-        };
-        Ok(MaterialFile::Dielectric { int_ior: index("int_ior", "bk7")?, ext_ior: index("ext_ior", "air")? })
+            _ => MaterialFile::Dielectric { int_ior, ext_ior },
+        })
     }
 
     /// A colour or texture, `default` in all channels if absent.
@@ -161,6 +205,35 @@ fn to_uv(object: &Object) -> Result<[f32; 9]> {
     let mut out = identity3();
     out[..6].copy_from_slice([row(0), row(1)].as_flattened());
     Ok(out)
+}
+
+/// The properties of [`roughness`].
+const ROUGHNESS: [&str; 5] = ["alpha", "alpha_u", "alpha_v", "distribution", "sample_visible"];
+
+fn roughness(object: &Object) -> Result<(f32, Distribution)> {
+    let element = object.element;
+    object.boolean("sample_visible")?;
+    let alpha = match (object.float("alpha")?, object.float("alpha_u")?, object.float("alpha_v")?) {
+        (alpha, None, None) => alpha.unwrap_or(0.1),
+        (None, Some(u), Some(v)) if u == v => u,
+        _ => return Err(element.unsupported("anisotropic roughness", &["alpha", "alpha_u and alpha_v if equal"])),
+    };
+    let distribution = match object.string("distribution")?.unwrap_or("beckmann") {
+        "beckmann" => Distribution::Beckmann,
+        "ggx" => Distribution::Ggx,
+        other => return Err(element.unsupported(format!("distribution \"{other}\""), &["beckmann", "ggx"])),
+    };
+    Ok((alpha as f32, distribution))
+}
+
+/// A refractive index, by its value or by the medium's name.
+fn index(object: &Object, name: &str, default: &str) -> Result<f32> {
+    if let Some("float" | "integer") = object.property(name).map(|property| property.tag.as_str()) {
+        return Ok(object.float(name)?.unwrap_or(1.0) as f32);
+    }
+    let medium = object.string(name)?.unwrap_or(default);
+    let unknown = || object.element.unsupported(format!("{name} \"{medium}\""), &INDEX_NAMES);
+    refractive_index(medium).ok_or_else(unknown)
 }
 
 /// eta and k, given or by the metal's name; without any, a perfect mirror.

@@ -77,6 +77,8 @@ struct Reader<'a> {
     warnings: Vec<String>,
     has_sensor: bool,
     has_integrator: bool,
+    /// Materials around the one that is being read.
+    depth: u32,
 }
 
 impl<'a> Reader<'a> {
@@ -92,7 +94,15 @@ impl<'a> Reader<'a> {
             shapes: Vec::new(),
             lights: Vec::new(),
         };
-        Self { ids, file, places: Places::new(path), warnings: Vec::new(), has_sensor: false, has_integrator: false }
+        Self {
+            ids,
+            file,
+            places: Places::new(path),
+            warnings: Vec::new(),
+            has_sensor: false,
+            has_integrator: false,
+            depth: 0,
+        }
     }
 
     fn top_level(&mut self, element: &'a Element) -> Result<()> {

@@ -1,13 +1,17 @@
 //! Shapes and the meshes that they share.
 
+use glam::{DMat4, DVec3};
+
 use crate::base::Result;
-use crate::scene::file::{GeometryFile, MaterialFile, MeshFile, ShapeFile, TextureFile};
+use crate::scene::file::{GeometryFile, MaterialFile, Matrix, MeshFile, ShapeFile, TextureFile};
+use crate::scene::readers::builtin::SEGMENTS;
 
 use super::Reader;
 use super::element::Element;
 use super::object::{Object, kind};
+use super::transform;
 
-const KINDS: [&str; 6] = ["obj", "ply", "serialized", "rectangle", "cube", "sphere"];
+const KINDS: [&str; 8] = ["obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder"];
 
 impl<'a> Reader<'a> {
     pub(super) fn shape(&mut self, element: &'a Element) -> Result<()> {
@@ -16,7 +20,8 @@ impl<'a> Reader<'a> {
             "obj" | "ply" => &["filename", "face_normals", "flip_tex_coords"][..],
             "serialized" => &["filename", "face_normals", "shape_index"],
             "cube" => &["face_normals"],
-            "rectangle" => &[],
+            "rectangle" | "disk" => &[],
+            "cylinder" => &["p0", "p1", "radius"],
             "sphere" => &["center", "radius"],
             other => return Err(element.unsupported(format!("shape \"{other}\""), &KINDS)),
         });
@@ -26,7 +31,7 @@ impl<'a> Reader<'a> {
         let shape = ShapeFile {
             name: element.attribute("id").unwrap_or_default().to_owned(),
             geometry: self.geometry(&object)?,
-            to_world: object.to_world()?,
+            to_world: placement(&object)?,
             flip_normals: object.boolean("flip_normals")?.unwrap_or(false) != mirrored_sphere(&object)?,
             material: self.material_of(&object, emission.is_some(), index)?,
             emission,
@@ -59,6 +64,11 @@ impl<'a> Reader<'a> {
                 MeshFile::Serialized { file: file()?, index: u32::try_from(index).map_err(invalid)?, face_normals }
             }
             "rectangle" => MeshFile::Rectangle,
+            round @ ("disk" | "cylinder") => {
+                let place = &object.element.place;
+                self.warnings.push(format!("{place}: the {round} is made of {SEGMENTS} flat parts"));
+                if round == "disk" { MeshFile::Disk } else { MeshFile::Cylinder }
+            }
             _ => MeshFile::Cube,
         };
         let name = mesh_name(&mesh);
@@ -97,6 +107,23 @@ impl<'a> Reader<'a> {
     }
 }
 
+/// `to_world`; for a cylinder also what takes the unit one to its axis and radius.
+fn placement(object: &Object) -> Result<Matrix> {
+    if kind(object.element)? != "cylinder" {
+        return object.to_world();
+    }
+    let end = |name: &str, default| Ok(DVec3::from_array(object.vector(name)?.unwrap_or(default)));
+    let (p0, p1) = (end("p0", [0.0; 3])?, end("p1", [0.0, 0.0, 1.0])?);
+    let radius = object.float("radius")?.unwrap_or(1.0);
+    let axis = p1 - p0;
+    if !(radius > 0.0 && axis.length() > 0.0) {
+        return Err(object.element.malformed("a cylinder needs a length and a radius above 0"));
+    }
+    let (s, t) = axis.normalize().any_orthonormal_pair();
+    let local = DMat4::from_cols((s * radius).extend(0.0), (t * radius).extend(0.0), axis.extend(0.0), p0.extend(1.0));
+    Ok(transform::rounded(object.transform("to_world")?.unwrap_or(DMat4::IDENTITY) * local))
+}
+
 /// Mitsuba turns a sphere inside out where its transform mirrors; here the front stays the front.
 fn mirrored_sphere(object: &Object) -> Result<bool> {
     let mirrors = object.transform("to_world")?.is_some_and(|matrix| matrix.determinant() < 0.0);
@@ -118,6 +145,8 @@ fn mesh_name(mesh: &MeshFile) -> String {
         MeshFile::Obj { file, face_normals } | MeshFile::Ply { file, face_normals } => (file.clone(), *face_normals),
         MeshFile::Serialized { file, index, face_normals } => (format!("{file} {index}"), *face_normals),
         MeshFile::Rectangle => ("rectangle".to_owned(), false),
+        MeshFile::Disk => ("disk".to_owned(), false),
+        MeshFile::Cylinder => ("cylinder".to_owned(), false),
         _ => ("cube".to_owned(), false),
     };
     if flat { format!("{base} (face normals)") } else { base }

@@ -7,29 +7,60 @@ use super::number::Checker;
 
 /// Checks one material.
 pub fn material(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()> {
+    wrapped(check, key, material_file, [false; 2])?;
+    values(check, key, material_file)
+}
+
+fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()> {
     match material_file {
-        MaterialFile::Diffuse { reflectance } => texture(check, &format!("{key}.reflectance"), reflectance),
-        MaterialFile::Conductor { eta, k, specular_reflectance } => {
-            index_of_metal(check, key, eta, k)?;
-            texture(check, &format!("{key}.specular_reflectance"), specular_reflectance)
+        MaterialFile::TwoSided { material } => return values(check, &format!("{key}.material"), material),
+        MaterialFile::Mask { opacity, material } => {
+            texture(check, &format!("{key}.opacity"), opacity)?;
+            return values(check, &format!("{key}.material"), material);
         }
-        MaterialFile::RoughConductor { alpha, eta, k, specular_reflectance, .. } => {
-            check.at_least(&format!("{key}.alpha"), *alpha, 0.0)?;
-            index_of_metal(check, key, eta, k)?;
-            texture(check, &format!("{key}.specular_reflectance"), specular_reflectance)
-        }
-        MaterialFile::Dielectric { int_ior, ext_ior } => {
-            check.positive(&format!("{key}.int_ior"), *int_ior)?;
-            check.positive(&format!("{key}.ext_ior"), *ext_ior)
-        }
-        MaterialFile::TwoSided { material: inner } => match **inner {
-            MaterialFile::Dielectric { .. } => {
-                check.fail(key, "a material that lets light through cannot be two-sided")
-            }
-            MaterialFile::TwoSided { .. } => check.fail(key, "a two-sided material inside another"),
-            _ => material(check, &format!("{key}.material"), inner),
-        },
+        _ => {}
     }
+    for (name, file) in material_file.textures() {
+        texture(check, &format!("{key}.{name}"), file)?;
+    }
+    match material_file {
+        MaterialFile::Conductor { eta, k, .. } => index_of_metal(check, key, eta, k),
+        MaterialFile::RoughConductor { alpha, eta, k, .. } => {
+            check.at_least(&format!("{key}.alpha"), *alpha, 0.0)?;
+            index_of_metal(check, key, eta, k)
+        }
+        MaterialFile::Dielectric { int_ior, ext_ior } | MaterialFile::ThinDielectric { int_ior, ext_ior } => {
+            interface(check, key, 0.0, *int_ior, *ext_ior)
+        }
+        MaterialFile::RoughDielectric { alpha, int_ior, ext_ior, .. }
+        | MaterialFile::Plastic { alpha, int_ior, ext_ior, .. } => interface(check, key, *alpha, *int_ior, *ext_ior),
+        MaterialFile::Diffuse { .. } | MaterialFile::TwoSided { .. } | MaterialFile::Mask { .. } => Ok(()),
+    }
+}
+
+/// What is around a material: two sides and holes, each once.
+fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]: [bool; 2]) -> Result<()> {
+    match file {
+        MaterialFile::TwoSided { material } if !two_sided => wrapped(check, key, material, [true, masked]),
+        MaterialFile::Mask { material, .. } if !masked => wrapped(check, key, material, [two_sided, true]),
+        MaterialFile::TwoSided { .. } | MaterialFile::Mask { .. } => {
+            check.fail(key, "a two-sided or masked material inside another of its kind")
+        }
+        MaterialFile::Dielectric { .. }
+        | MaterialFile::ThinDielectric { .. }
+        | MaterialFile::RoughDielectric { .. }
+            if two_sided =>
+        {
+            check.fail(key, "a material that lets light through cannot be two-sided")
+        }
+        _ => Ok(()),
+    }
+}
+
+fn interface(check: &Checker, key: &str, alpha: f32, int_ior: f32, ext_ior: f32) -> Result<()> {
+    check.at_least(&format!("{key}.alpha"), alpha, 0.0)?;
+    check.positive(&format!("{key}.int_ior"), int_ior)?;
+    check.positive(&format!("{key}.ext_ior"), ext_ior)
 }
 
 fn index_of_metal(check: &Checker, key: &str, eta: &[f32; 3], k: &[f32; 3]) -> Result<()> {
