@@ -213,7 +213,7 @@ fn albedo(material: &Material, wo: Vec3, transport: Transport) -> f64 {
 
 /// A base that absorbs nothing under a smooth coat sends everything back, in any direction: what enters, 1 − F, comes out again
 /// since η²(1 − R) is the mean transmittance from outside. Three standard errors are 0.01. A rough coat loses what its facets throw at one
-/// another, as a rough metal does. Catches a factor η² or a Fresnel term that is missing.
+/// another, on the way in and out, and 2 % by its quadrature. Catches a factor η² or a Fresnel term that is missing.
 #[test]
 fn white_plastic_keeps_energy() {
     for cos in [1.0, 0.5, 0.2] {
@@ -222,7 +222,7 @@ fn white_plastic_keeps_energy() {
         assert!((smooth - 1.0).abs() < 0.01, "{cos}: {smooth}");
         for shape in SHAPES {
             let rough = albedo(&plastic(1.0, Some(Microfacets { shape, alpha: 0.1 })), wo, Transport::Radiance);
-            assert!((0.94..1.02).contains(&rough), "{shape:?} {cos}: {rough}");
+            assert!((0.85..1.01).contains(&rough), "{shape:?} {cos}: {rough}");
         }
     }
 }
