@@ -195,7 +195,7 @@ const TILE: usize = 16;
 
 /// Spread of a picture's tiles, each with those around it; row by row.
 fn tiles(pixels: &[Pixel], width: usize) -> Vec<Spread> {
-    let height = pixels.len() / width;
+    let height = pixels.len().checked_div(width).unwrap_or(0);
     let [columns, rows] = [width, height].map(|size| size.div_ceil(TILE));
     let reach = |tile: usize, size: usize| tile * TILE..((tile + 1) * TILE).min(size);
     let alone = |tile: usize| {
@@ -285,6 +285,7 @@ fn weights(passes: &[FinishedPass], half: usize) -> Vec<Vec<f64>> {
 /// # Errors
 /// [`Error::Options`] where passes differ in size or there is none.
 pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
+    check_alike(passes)?;
     let [first, second] = [1, 0].map(|other| weights(passes, other));
     mixed(passes, |half, tile| if half == 0 { &first[tile] } else { &second[tile] })
 }
@@ -297,13 +298,19 @@ pub fn combine_weighted(passes: &[FinishedPass], weights: &[f64]) -> Result<Imag
     mixed(passes, |_, _| weights)
 }
 
-/// Halves weighted each in its own way, by `weights` of half and tile, then counted by their samples.
-fn mixed<'a>(passes: &[FinishedPass], weights: impl Fn(usize, usize) -> &'a [f64] + Sync) -> Result<Image> {
+/// Columns and pixels of all passes.
+fn check_alike(passes: &[FinishedPass]) -> Result<[usize; 2]> {
     let first = passes.first().ok_or_else(|| Error::Options("no pass was rendered, so there is no picture".into()))?;
-    let (width, pixels) = (first.width, first.halves[0].means.len());
-    if passes.iter().any(|p| p.width != width || p.halves[0].means.len() != pixels) {
+    let size = |pass: &FinishedPass| [pass.width, pass.halves[0].means.len()];
+    if passes.iter().any(|pass| size(pass) != size(first)) {
         return Err(Error::Options("passes of different sizes cannot be combined".into()));
     }
+    Ok(size(first))
+}
+
+/// Halves weighted each in its own way, by `weights` of half and tile, then counted by their samples.
+fn mixed<'a>(passes: &[FinishedPass], weights: impl Fn(usize, usize) -> &'a [f64] + Sync) -> Result<Image> {
+    let [width, pixels] = check_alike(passes)?;
     let pixel = |i: usize| {
         let (mut sum, mut samples) = (DVec3::ZERO, 0.0);
         let tile = i / width / TILE * width.div_ceil(TILE) + i % width / TILE;
@@ -323,7 +330,7 @@ fn mixed<'a>(passes: &[FinishedPass], weights: impl Fn(usize, usize) -> &'a [f64
         (samples > 0.0).then(|| (sum / samples).as_vec3())
     };
     let sampled: Vec<Option<Vec3>> = (0..pixels).into_par_iter().map(pixel).collect();
-    Ok(Image { width, height: pixels / width, pixels: filled(&sampled, width) })
+    Ok(Image { width, height: pixels.checked_div(width).unwrap_or(0), pixels: filled(&sampled, width) })
 }
 
 /// How many rows away a pixel without samples looks for one that has some.
@@ -448,6 +455,11 @@ mod tests {
         let picture = combine(&[holed.finish(), full.finish()]).unwrap();
         assert_eq!(picture.pixels[1], Vec3::splat(3.0));
         assert_eq!(combine(&[Pass::new(1, 1).finish()]).unwrap().pixels, [Vec3::ZERO]);
+        let sizes = [Pass::new(1, 1), Pass::new(40, 40)];
+        for order in [[0, 1], [1, 0]] {
+            assert!(matches!(combine(&order.map(|i: usize| sizes[i].finish())), Err(Error::Options(_))));
+        }
+        assert_eq!(combine(&[Pass::new(0, 0).finish()]).unwrap().pixels, []);
     }
 
     /// Passes of 8 samples of which one in 40 is 40 times as bright: the mean over 20,000 pictures of 3 passes is that of the

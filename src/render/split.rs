@@ -64,10 +64,10 @@ const SMALL_PART: f64 = 0.25;
 /// Variance of a sample with a guide over that without it.
 ///
 /// `variance` is that of a sample while learning, relative to the pixel's squared value; `moments`, in the same unit, were measured
-/// on `paths` samples. What next event estimation brings, and what lies between the pixels of an edge, is the same with a guide
-/// and without: it is in the variance alone. A path's vertices are counted as if their gains added up, which promises too much,
-/// hence the power. None where nothing was measured, where photons know of light that paths have not found, or where what guiding changes is most of the variance and rests on few of
-/// the samples.
+/// on `paths` samples. Means are the same whatever guides, so variances differ as second moments do; what lies between the pixels
+/// of an edge is in the variance alone. A path's vertices are counted as if their gains added up, which promises too much, hence
+/// the power. None where nothing was measured, where photons know of light that paths have not found, or where what guiding
+/// changes is much of the variance and rests on few samples.
 pub fn gain(variance: f64, moments: &PictureMoments, paths: f64) -> Option<f64> {
     let PictureMoments { learning, guided, unguided, onward, effective, unseen } = *moments;
     if effective < LEAST_EVIDENCE && onward / paths > SMALL_PART * variance || unseen > MOST_UNSEEN {
