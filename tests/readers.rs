@@ -216,7 +216,8 @@ fn materials_and_shapes_of_mitsuba() {
             <string name="distribution" value="ggx"/><boolean name="nonlinear" value="true"/></bsdf></shape>
         <shape type="cube"><bsdf type="roughdielectric"><float name="alpha" value="0.3"/></bsdf></shape>
         <shape type="cube"><bsdf type="thindielectric"/></shape>
-        <shape type="cube"><bsdf type="bumpmap"><texture name="any" type="checkerboard"/><bsdf type="diffuse"/></bsdf></shape>"#;
+        <shape type="cube"><bsdf type="bumpmap"><texture name="any" type="checkerboard"/><bsdf type="diffuse"/></bsdf></shape>
+        <shape type="cube"><bsdf type="mask"><bsdf type="diffuse"/></bsdf><emitter type="area"/></shape>"#;
     let loaded = load_xml(&folder, &xml_with(body)).unwrap();
     let material = |i: usize| &loaded.file.materials[&loaded.file.shapes[i].material];
     let MaterialFile::Mask { opacity: TextureFile::Checkerboard { .. }, .. } = material(0) else {
@@ -248,10 +249,10 @@ fn materials_and_shapes_of_mitsuba() {
     assert_eq!(*material(2), glass);
     assert_eq!(*material(3), MaterialFile::ThinDielectric { int_ior: 1.5046, ext_ior });
     assert_eq!(*material(4), MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.5; 3]) });
-    let places: Vec<bool> = ["disk is made of", "cylinder is made of", "bumpmap is left out"]
+    let places: Vec<bool> = ["disk is made of", "cylinder is made of", "bumpmap is left out", "mask is left out"]
         .map(|what| loaded.warnings.iter().any(|warning| warning.contains("tested.xml:") && warning.contains(what)))
         .to_vec();
-    assert_eq!(places, [true; 3], "{:?}", loaded.warnings);
+    assert_eq!(places, [true; 4], "{:?}", loaded.warnings);
     // The cylinder stands on p0 and ends at p1, half a unit around.
     let m = loaded.file.shapes[1].to_world;
     let at = |p: [f32; 3]| {

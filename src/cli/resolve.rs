@@ -81,6 +81,10 @@ impl RenderRequest {
         settings.learner.filtered = self.filtered;
         settings.learner.radiance_iterations = self.radiance_iterations;
         settings.reconstruction = self.reconstruct.unwrap_or(settings.reconstruction);
+        if self.load_guide.is_some() {
+            // A field that is loaded is sampled as it is.
+            settings.reconstruction = Reconstruction::None;
+        }
         settings.learner.layout =
             if settings.reconstruction == Reconstruction::Neural { Layout::Full } else { Layout::Values };
         settings

@@ -317,8 +317,8 @@ impl Learner {
             sum.unseen += if voxel.contribution > 0.0 { 0.0 } else { arrived };
             let (mut own, mut all, mut fractions) = (voxel.squares, voxel.all_squares, voxel.fractions);
             while let Some(outlier) = outliers.next_if(|outlier| outlier.voxel as usize == v) {
-                own.remove([outlier.squares()[0]]);
-                all = (all - outlier.squares()[1]).max(0.0);
+                own.remove([outlier.squares[0]]);
+                all = (all - outlier.squares[1]).max(0.0);
                 fractions.remove_estimates(&outlier.estimates, LEARNING_FRACTION);
             }
             let relative = fractions.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
@@ -460,8 +460,9 @@ impl Voxel {
     fn judge(&mut self, record: &PathRecord, rule: FractionRule) {
         let brought = f64::from(record.importance) * f64::from(record.estimate);
         self.contribution += brought;
-        self.squares.add([brought * brought]);
-        self.all_squares += brought * brought + (f64::from(record.importance) * f64::from(record.direct)).powi(2);
+        let [onward, all] = record.squares();
+        self.squares.add([onward]);
+        self.all_squares += all;
         self.returns.add([record.direct, record.estimate].map(f64::from));
         if self.tree.target() != Target::Radiance && record.value > 0.0 {
             self.weigh_kinds(record);
@@ -564,16 +565,9 @@ struct Outliers {
 #[derive(Debug, Clone, Copy)]
 struct Outlier {
     voxel: VoxelId,
-    importance: f64,
+    /// See [`PathRecord::squares`].
+    squares: [f64; 2],
     estimates: [Estimate; 3],
-}
-
-impl Outlier {
-    /// Of what it brought to the picture: without and with light sampling.
-    fn squares(&self) -> [f64; 2] {
-        let [rest, emitted, direct] = self.estimates.map(|e| e.square * self.importance * self.importance);
-        [rest + emitted, rest + emitted + direct]
-    }
 }
 
 /// Most samples that are remembered as outliers.
@@ -582,21 +576,20 @@ const MOST_OUTLIERS: usize = 1 << 13;
 impl Outliers {
     fn absorb(&mut self, paths: &[PathRecord], voxels: &[VoxelId]) {
         for (record, &voxel) in paths.iter().zip(voxels).filter(|(_, voxel)| **voxel != VoxelId::MAX) {
-            let importance = f64::from(record.importance);
-            let outlier = Outlier { voxel, importance, estimates: record.estimates() };
-            if outlier.squares()[1] > self.least {
-                self.found.push(outlier);
+            let squares = record.squares();
+            if squares[1] > self.least {
+                self.found.push(Outlier { voxel, squares, estimates: record.estimates() });
             }
             if self.found.len() >= 2 * MOST_OUTLIERS {
                 self.keep(MOST_OUTLIERS);
-                self.least = self.found.iter().map(|o| o.squares()[1]).fold(f64::INFINITY, f64::min);
+                self.least = self.found.iter().map(|o| o.squares[1]).fold(f64::INFINITY, f64::min);
             }
         }
     }
 
     fn keep(&mut self, most: usize) {
         if self.found.len() > most {
-            self.found.select_nth_unstable_by(most, |a, b| b.squares()[1].total_cmp(&a.squares()[1]));
+            self.found.select_nth_unstable_by(most, |a, b| b.squares[1].total_cmp(&a.squares[1]));
             self.found.truncate(most);
         }
     }

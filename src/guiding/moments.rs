@@ -130,15 +130,18 @@ impl Moments<{ FRACTIONS.len() }> {
 
     /// Adds a vertex whose direction was drawn with a fraction `alpha` in (0, 1) of BSDF samples.
     pub fn add_estimates(&mut self, estimates: &[Estimate], alpha: f64) {
-        self.add(FRACTIONS.map(|a| estimates.iter().map(|estimate| estimate.under(a, alpha)).sum()));
+        self.add(candidates(estimates, alpha));
     }
 
     /// Takes away again what [`Moments::add_estimates`] added.
     pub fn remove_estimates(&mut self, estimates: &[Estimate], alpha: f64) {
-        let mut added = Self::default();
-        added.add_estimates(estimates, alpha);
-        self.remove(added.sums);
+        self.remove(candidates(estimates, alpha));
     }
+}
+
+/// The second moment under each fraction.
+fn candidates(estimates: &[Estimate], alpha: f64) -> [f64; FRACTIONS.len()] {
+    FRACTIONS.map(|a| estimates.iter().map(|estimate| estimate.under(a, alpha)).sum())
 }
 
 /// A sample of one of the two strategies that light sampling and the mixture are, weighted by the balance heuristic.

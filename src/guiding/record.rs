@@ -44,6 +44,13 @@ pub struct PathRecord {
 }
 
 impl PathRecord {
+    /// Squares of what it brought to the picture: without and with light sampling.
+    pub fn squares(&self) -> [f64; 2] {
+        let [onward, direct] =
+            [self.estimate, self.direct].map(|x| (f64::from(self.importance) * f64::from(x)).powi(2));
+        [onward, onward + direct]
+    }
+
     /// What the vertex sent back, by how it was found: the rest of the path, light that the path ran into, light sampling.
     pub fn estimates(&self) -> [Estimate; 3] {
         let (all, emitted, direct) = (f64::from(self.estimate), f64::from(self.emitted), f64::from(self.direct));

@@ -24,7 +24,7 @@ pub struct Plastic {
     eta: f32,
     nonlinear: bool,
     facets: Option<Microfacets>,
-    /// What the coat lets through from outside, by cosine.
+    /// What a rough coat lets through from outside, by cosine; empty for a smooth one.
     transmitted: Vec<f32>,
     /// Part of diffuse light from inside that the coat reflects.
     internal: f32,
@@ -42,7 +42,8 @@ impl Plastic {
     /// what the coat reflects. Without `facets` the coat is smooth.
     pub fn new(base: Texture, reflectance: Texture, eta: f32, nonlinear: bool, facets: Option<Microfacets>) -> Self {
         let cosine = |i: usize| i as f32 / (COSINES - 1) as f32;
-        let transmitted = (0..COSINES).map(|i| hemispheric(cosine(i), eta, facets, false)).collect();
+        let tabulated = if facets.is_some() { COSINES } else { 0 };
+        let transmitted = (0..tabulated).map(|i| hemispheric(cosine(i), eta, facets, false)).collect();
         // 2·∫R·cos. A rough coat's is the mean at 64 cosines, both ends whole: a percent below the integral, but what Mitsuba
         // has, next to whose pictures a diffuse base would be 2 % too bright else.
         let weighted = |cos: f32| f64::from(hemispheric(cos, 1.0 / eta, facets, true) * cos);
@@ -52,11 +53,6 @@ impl Plastic {
         let [of_coat, of_base] = [&reflectance, &base].map(|texture| channel_mean(texture.mean()).max(0.0));
         let coat_share = if of_coat + of_base > 0.0 { of_coat / (of_coat + of_base) } else { 0.5 };
         Self { base, reflectance, eta, nonlinear, facets, transmitted, internal, coat_share }
-    }
-
-    /// Whether there is a delta lobe.
-    pub fn is_smooth(&self) -> bool {
-        self.facets.is_none()
     }
 
     /// Part of the light under the angle with cosine `cos` ≥ 0 that the coat lets through.

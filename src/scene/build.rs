@@ -57,13 +57,9 @@ impl Scene {
         for light in &file.lights {
             lights.push(self::light(light, loaded)?);
         }
-        // Light is sampled on whole surfaces, so what shines has no holes.
-        let masked = (0..shapes.len())
-            .map(|shape| shape_light[shape].is_none() && materials[shape_material[shape] as usize].opacity.is_some())
-            .collect::<Vec<bool>>();
+        let has_masks = shape_material.iter().any(|&index| materials[index as usize].opacity.is_some());
         Ok(Self {
-            has_masks: masked.contains(&true),
-            masked,
+            has_masks,
             name: file.name.clone(),
             size,
             camera,

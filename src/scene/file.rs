@@ -167,36 +167,6 @@ fn white() -> TextureFile {
     TextureFile::rgb([1.0; 3])
 }
 
-impl MaterialFile {
-    /// Its textures, those of the materials inside too, with the names that they have in a file.
-    pub fn textures(&self) -> Vec<(&'static str, &TextureFile)> {
-        match self {
-            Self::Diffuse { reflectance } => vec![("reflectance", reflectance)],
-            Self::Conductor { specular_reflectance, .. } | Self::RoughConductor { specular_reflectance, .. } => {
-                vec![("specular_reflectance", specular_reflectance)]
-            }
-            Self::Plastic { diffuse_reflectance, specular_reflectance, .. } => {
-                vec![("diffuse_reflectance", diffuse_reflectance), ("specular_reflectance", specular_reflectance)]
-            }
-            Self::Mask { opacity, material } => {
-                let mut textures = material.textures();
-                textures.push(("opacity", opacity));
-                textures
-            }
-            Self::TwoSided { material } => material.textures(),
-            Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
-        }
-    }
-
-    /// The material inside masks and two-sided ones.
-    pub fn innermost(&self) -> &Self {
-        match self {
-            Self::Mask { material, .. } | Self::TwoSided { material } => material.innermost(),
-            other => other,
-        }
-    }
-}
-
 /// How a surface scatters light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
@@ -290,6 +260,45 @@ pub enum MaterialFile {
         /// The material; its front is used on both sides.
         material: Box<MaterialFile>,
     },
+}
+
+impl MaterialFile {
+    /// Its textures, those of the materials inside too, with the names that they have in a file.
+    pub fn textures(&self) -> Vec<(&'static str, &TextureFile)> {
+        match self {
+            Self::Diffuse { reflectance } => vec![("reflectance", reflectance)],
+            Self::Conductor { specular_reflectance, .. } | Self::RoughConductor { specular_reflectance, .. } => {
+                vec![("specular_reflectance", specular_reflectance)]
+            }
+            Self::Plastic { diffuse_reflectance, specular_reflectance, .. } => {
+                vec![("diffuse_reflectance", diffuse_reflectance), ("specular_reflectance", specular_reflectance)]
+            }
+            Self::Mask { opacity, material } => {
+                let mut textures = material.textures();
+                textures.push(("opacity", opacity));
+                textures
+            }
+            Self::TwoSided { material } => material.textures(),
+            Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
+        }
+    }
+
+    /// Whether it has holes.
+    pub fn is_masked(&self) -> bool {
+        match self {
+            Self::Mask { .. } => true,
+            Self::TwoSided { material } => material.is_masked(),
+            _ => false,
+        }
+    }
+
+    /// The material inside masks and two-sided ones.
+    pub fn innermost(&self) -> &Self {
+        match self {
+            Self::Mask { material, .. } | Self::TwoSided { material } => material.innermost(),
+            other => other,
+        }
+    }
 }
 
 /// Where a mesh comes from.

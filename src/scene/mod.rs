@@ -31,8 +31,7 @@ pub struct Scene {
     shape_material: Vec<u32>,
     shape_light: Vec<Option<u32>>,
     materials: Vec<Material>,
-    /// Which shapes have holes, and whether any has.
-    masked: Vec<bool>,
+    /// Whether any shape has holes.
     has_masks: bool,
 }
 
@@ -74,8 +73,9 @@ impl Scene {
         0.0
     }
 
+    /// Light is sampled on whole surfaces, so what shines has no holes.
     fn opacity(&self, surface: &Surface) -> f32 {
-        let mask = self.material(surface).opacity.as_ref().filter(|_| self.masked[surface.shape as usize]);
+        let mask = self.material(surface).opacity.as_ref().filter(|_| self.light_of(surface).is_none());
         mask.map_or(1.0, |mask| channel_mean(mask.eval(surface.uv)).clamp(0.0, 1.0))
     }
 

@@ -62,7 +62,7 @@ pub fn plan(scene: &SceneFile) -> EffectPlan {
         effect("rough refraction", "rough clear material:", &having(is_frosted), "no rough clear material"),
         effect("glossy reflection", "rough metal:", &having(is_glossy), "no rough metal"),
         effect("clear coats", "coated material:", &having(is_coated), "no plastic"),
-        effect("alpha masks", "holes in", &having(is_masked), "no material has holes"),
+        effect("alpha masks", "holes in", &having(MaterialFile::is_masked), "no material has holes"),
         effect("textures", "vary the colour of", &having(is_textured), "all colours are constant"),
         effect("depth of field", "thin lens:", &lens, "the camera is a pinhole"),
         guiding(scene, &having(|m| !is_mirror(m) && !is_clear(m) && !is_pane(m)), &all),
@@ -129,14 +129,6 @@ fn is_glossy(material: &MaterialFile) -> bool {
 
 fn is_coated(material: &MaterialFile) -> bool {
     matches!(material.innermost(), MaterialFile::Plastic { .. })
-}
-
-fn is_masked(material: &MaterialFile) -> bool {
-    match material {
-        MaterialFile::Mask { .. } => true,
-        MaterialFile::TwoSided { material } => is_masked(material),
-        _ => false,
-    }
 }
 
 fn is_textured(material: &MaterialFile) -> bool {

@@ -92,8 +92,7 @@ fn render(
 ) -> Result<(Statistics, Result<()>)> {
     let mut settings = request.settings();
     let loaded_guide = request.load_guide.as_deref().map(file::load).transpose()?;
-    // A field that is loaded is sampled as it is: nothing is reconstructed.
-    let reconstructor = if loaded_guide.is_some() { counted() } else { reconstructor(request, &settings)? };
+    let reconstructor = reconstructor(request, &settings)?;
     let begun = Instant::now();
     let scene = Scene::build(loaded, request.size)?;
     let build = begun.elapsed().as_secs_f64();
@@ -139,14 +138,10 @@ fn report(request: &RenderRequest, statistics: &Statistics) -> Result<()> {
     write_bytes(path, &text)
 }
 
-fn counted() -> Box<dyn Reconstructor> {
-    Box::new(Counted::default())
-}
-
 /// What makes distributions in the mode asked for.
 fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<Box<dyn Reconstructor>> {
     match settings.reconstruction {
-        Reconstruction::None => return Ok(counted()),
+        Reconstruction::None => return Ok(Box::new(Counted::default())),
         Reconstruction::Gaussian => return Ok(Box::new(Gaussian::default())),
         Reconstruction::Neural => {}
     }

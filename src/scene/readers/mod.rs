@@ -27,7 +27,7 @@ use rayon::prelude::*;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 use crate::materials::image::Image;
-use crate::scene::file::{LightFile, MeshFile, SceneFile, TextureFile};
+use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
 
 pub use exr::{Channels, read_exr_channels};
 pub use image::read_image;
@@ -107,6 +107,12 @@ fn resolve_at(file: SceneFile, directory: &Path, places: &Places, mut warnings: 
         warnings.push(format!("{skipped_triangles} triangles without area were left out"));
     }
     let images = load_images(&file, directory, places, &mut warnings)?;
+    for (index, shape) in file.shapes.iter().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
+        if file.materials.get(&shape.material).is_some_and(MaterialFile::is_masked) {
+            let place = places.at(&format!("shapes[{index}]"));
+            warnings.push(format!("{place}: a shape that shines has no holes: its mask is left out"));
+        }
+    }
     Ok(LoadedScene { file, directory: directory.to_owned(), meshes, images, skipped_triangles, warnings })
 }
 
