@@ -122,9 +122,44 @@ fn plans_of_our_scenes() {
         effects.iter().filter(|e| e["on"] == true).map(|e| e["name"].as_str().unwrap().to_owned()).collect()
     };
     assert!(on("door-ajar").contains(&"guiding".into()));
-    assert!(on("glass-caustic").contains(&"refraction".into()));
+    assert!(on("glass-caustic").contains(&"transmission".into()));
     assert!(on("white-furnace").contains(&"environment".into()));
-    assert!(!on("cornell").contains(&"refraction".into()));
+    assert!(!on("blinds").contains(&"photons".into()));
+    assert!(!on("cornell").contains(&"transmission".into()));
+}
+
+/// Effects that a scene does not call for, compiled in, change no bit; those switched off are gone from the statistics.
+#[test]
+fn effects_are_switched() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    let render = |name: &str, more: &[&str]| -> serde_json::Value {
+        let (picture, stats) = (file(&format!("{name}.exr")), file(&format!("{name}.json")));
+        let scene = scene("cornell");
+        let fixed = ["render", &scene, "-o", &picture, "--stats", &stats, "--spp", "8", "--size", "24x24", "--quiet"];
+        let result = fanal(&[&fixed, more].concat());
+        assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
+        serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap()
+    };
+    let off = |stats: &serde_json::Value, effect: &str| {
+        stats["effects"].as_array().unwrap().iter().any(|e| e["name"] == effect && e["on"] == false)
+    };
+    let plain = render("plain", &["--guide", "none"]);
+    assert!(off(&plain, "medium") && off(&plain, "guiding") && !off(&plain, "area-lights"));
+    for (name, effects) in [("media", "+medium"), ("glass", "+transmission,+masks")] {
+        render(name, &["--guide", "none", "--effects", effects]);
+        let same = fanal(&["error", &file(&format!("{name}.exr")), &file("plain.exr"), "--json"]);
+        let json: serde_json::Value = serde_json::from_slice(&same.stdout).unwrap();
+        assert_eq!(json["relmse"], 0.0, "{effects}");
+    }
+    let learned = render("learned", &["--guide", "gaussian", "--effects", "-photons,-direct-light"]);
+    assert!(off(&learned, "photons") && off(&learned, "direct-light") && !off(&learned, "guiding"));
+    assert!(learned["decisions"].as_array().unwrap()[0].as_str().unwrap().starts_with("guiding o"));
+    assert_eq!(learned["seconds"]["photons"], 0.0);
+    let dark = render("dark", &["--guide", "gaussian", "--effects", "-area-lights"]);
+    assert_eq!(dark["method"], "none", "nothing is learned where there is no light");
+    let refused = fanal(&["plan", &scene("cornell"), "--effects", "-fog"]);
+    assert!(!refused.status.success() && String::from_utf8_lossy(&refused.stderr).contains("medium"));
 }
 
 /// A saved field guides another render and can be looked into; a damaged one is refused with its name.

@@ -15,6 +15,7 @@ use fanal::materials::dielectric::ThinDielectric;
 use fanal::materials::diffuse::Diffuse;
 use fanal::materials::fresnel::Metal;
 use fanal::materials::microfacet::{Microfacets, Shape};
+use fanal::materials::phase::HenyeyGreenstein;
 use fanal::materials::plastic::Plastic;
 use fanal::materials::rough_conductor::RoughConductor;
 use fanal::materials::rough_dielectric::RoughDielectric;
@@ -70,6 +71,20 @@ fn check(name: &str, material: &Material, wo: Vec3, alpha: f32) -> f64 {
             sample.filter(|s| !s.delta).map(|s| s.wi)
         },
     )
+}
+
+#[test]
+fn phase_function_follows_its_density() {
+    for (g, power) in [(-0.9, 4.0), (-0.3, 1.0), (0.0, 1.0), (0.6, 1.0), (0.99, 6.0)] {
+        let phase = HenyeyGreenstein::new(g);
+        let peak = if g < 0.0 { Vec3::Z } else { Vec3::NEG_Z };
+        Chart::around(peak, power).check(
+            &format!("phase function {g}"),
+            [32, 32],
+            |wi| f64::from(phase.pdf(wi)),
+            |random| Some(phase.sample(random.next_2d())),
+        );
+    }
 }
 
 #[test]

@@ -19,7 +19,7 @@ use fanal::guiding::field::{GuideField, VoxelGuide};
 use fanal::guiding::parallax::Parallax;
 use fanal::guiding::sampler::SamplingTree;
 use fanal::guiding::topology::{MAX_LEVEL, Topology};
-use fanal::integrators::mixture::Mixture;
+use fanal::integrators::mixture::{Mixture, Scattering};
 use fanal::materials::diffuse::Diffuse;
 use fanal::materials::fresnel::Metal;
 use fanal::materials::microfacet::{Microfacets, Shape};
@@ -27,6 +27,7 @@ use fanal::materials::rough_conductor::RoughConductor;
 use fanal::materials::texture::Texture;
 use fanal::materials::{Kind, Material, Transport};
 use fanal::math::{Frame, cylindrical};
+use fanal::scene::effects::Everything;
 use glam::{Vec2, Vec3};
 use statistics::assert_chi2;
 
@@ -192,7 +193,9 @@ fn mixture_follows_its_density() {
         let field =
             GuideField::new(cache, vec![VoxelGuide { tree, parallax, bsdf_fraction: 0.3, effort: Effort::UNKNOWN }]);
         let material = Material { two_sided: i == 0, ..kind.into() };
-        let mixture = Mixture::new(&surface, &material, out, field.at(surface.point, surface.normal_towards(out)));
+        let scattering = Scattering::Material(&material);
+        let mixture =
+            Mixture::<Everything>::new(&surface, scattering, out, field.at(surface.point, surface.normal_towards(out)));
         let density = |wi| {
             let (value, pdf) = (mixture.eval(wi), mixture.pdf(wi).0);
             if value == Vec3::ZERO { 0.0 } else { f64::from(pdf) }

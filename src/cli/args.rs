@@ -11,6 +11,7 @@ use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Target};
 use crate::render::{GuideMode, Reconstruction, SampleKinds};
 use crate::report::experiment::Method;
+use crate::scene::overrides::Override;
 
 /// A physically based renderer that learns where light comes from.
 #[derive(Debug, Parser)]
@@ -209,6 +210,9 @@ pub struct RenderArgs {
     /// Render until the estimated relMSE is so small
     #[arg(long, value_name = "RELMSE", group = "stop", allow_negative_numbers = true, value_parser = error_target)]
     pub target_error: Option<f64>,
+    /// Effects to switch on (+) or off (-) against `fanal plan`, whose names they have
+    #[arg(long, value_name = "+NAME,-NAME,…", value_delimiter = ',', allow_hyphen_values = true)]
+    pub effects: Vec<Override>,
     /// Next event estimation
     #[arg(long, value_enum, default_value = "on")]
     pub nee: Switch,
@@ -273,7 +277,8 @@ pub struct InspectArgs {
 
 const PLAN_EXAMPLES: &str = "Examples:
   fanal plan scenes/door-ajar
-  fanal plan scene.xml --json";
+  fanal plan scene.xml --json
+  fanal plan scene.xml --effects +photons,-medium";
 
 /// `fanal plan`.
 #[derive(Debug, Clone, Args)]
@@ -281,6 +286,9 @@ const PLAN_EXAMPLES: &str = "Examples:
 pub struct PlanArgs {
     /// Scene: our JSON, Mitsuba XML, or a folder with scene.json or scene.xml
     pub scene: PathBuf,
+    /// Effects to switch on (+) or off (-) against the plan
+    #[arg(long, value_name = "+NAME,-NAME,…", value_delimiter = ',', allow_hyphen_values = true)]
+    pub effects: Vec<Override>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

@@ -10,6 +10,7 @@ use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Layout, Target};
 use crate::render::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 use crate::scene::file::SceneFile;
+use crate::scene::overrides::Override;
 
 /// Everything that a render depends on beside the scene. All values are in range.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,6 +29,8 @@ pub struct RenderRequest {
     pub stop: StopRule,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// Effects switched on or off against the plan.
+    pub effects: Vec<Override>,
     /// Next event estimation.
     pub nee: bool,
     /// How paths end; `None` is as the guide has it.
@@ -135,6 +138,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         exposure: exposure(args)?,
         stop,
         seed: args.seed,
+        effects: args.effects.clone(),
         nee: args.nee.is_on(),
         roulette: args.roulette,
         guide: args.guide,

@@ -22,10 +22,17 @@ impl Builder {
         let scene = SceneFile {
             version: VERSION,
             name: name.into(),
-            camera: CameraFile { to_world: IDENTITY, fov: 45.0, aperture_radius: 0.0, focus_distance: None },
+            camera: CameraFile {
+                to_world: IDENTITY,
+                fov: 45.0,
+                aperture_radius: 0.0,
+                focus_distance: None,
+                medium: None,
+            },
             film: FilmFile { width: size[0], height: size[1] },
             render: RenderFile::default(),
             materials: Default::default(),
+            media: Default::default(),
             meshes: Default::default(),
             shapes: Vec::new(),
             lights: Vec::new(),
@@ -103,6 +110,8 @@ impl Builder {
             to_world: matrix(to_world),
             flip_normals: false,
             material: material.into(),
+            interior: None,
+            exterior: None,
             emission,
         });
     }

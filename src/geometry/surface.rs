@@ -45,6 +45,13 @@ impl Surface {
         }
     }
 
+    /// A point inside a medium that was reached after `distance` and sends light towards `out`. There is no surface: the normal
+    /// is zero, so that a ray leaves from the point itself, and +z of the frame is `out`.
+    pub fn in_medium(point: Vec3, distance: f32, out: Vec3) -> Self {
+        let (error, normal, uv) = (Vec3::ZERO, Vec3::ZERO, Vec2::ZERO);
+        Self { point, error, normal, frame: Frame::new(out), uv, distance, shape: u32::MAX }
+    }
+
     fn on_triangle(hit: &Hit, shape: &Shape, sign: f32) -> Self {
         let [a, b, c] = shape.triangle(hit.triangle);
         let [b1, b2] = hit.barycentric;

@@ -21,7 +21,13 @@ enum Node {
 struct Facing(u8);
 
 impl Facing {
+    /// Points of a medium have no normal.
+    const NONE: Self = Self(6);
+
     fn of(normal: Vec3) -> Self {
+        if normal == Vec3::ZERO {
+            return Self::NONE;
+        }
         let axis = normal.abs().max_position();
         Self(2 * axis as u8 + u8::from(normal[axis] < 0.0))
     }
@@ -279,8 +285,8 @@ impl SpatialCache {
         cache.cell_of = vec![0; leaves];
         let mut visited = 0;
         for (i, (&(cell, facing), &root)) in parts.keys.iter().zip(&parts.roots).enumerate() {
-            if facing > 5 {
-                return Err(format!("cell {i} faces in direction {facing}, expected 0 to 5"));
+            if facing > Facing::NONE.0 {
+                return Err(format!("cell {i} faces in direction {facing}, expected 0 to 6"));
             }
             let key = (cell, Facing(facing));
             cache.keys.push(key);

@@ -1,19 +1,57 @@
 //! One-sample multiple importance sampling of BSDF and guide (Müller 2017 §3.3; Zhu 2021 eq. 5):
 //! p = α·p_bsdf + (1 − α)·p_guide.
 
+use std::marker::PhantomData;
+
 use glam::Vec3;
 
 use crate::base::random::Random;
 use crate::geometry::Surface;
 use crate::guiding::field::{DirectionGuide, VoxelGuide};
+use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::{BsdfSample, Material, Transport};
+use crate::scene::Scene;
+use crate::scene::effects::Effects;
+use crate::scene::media::Arrival;
 
-/// How directions are sampled at one vertex.
-pub struct Mixture<'a> {
+/// What turns light around at a vertex.
+#[derive(Debug, Clone, Copy)]
+pub enum Scattering<'a> {
+    /// A surface.
+    Material(&'a Material),
+    /// A medium.
+    Phase(HenyeyGreenstein),
+}
+
+impl<'a> Scattering<'a> {
+    /// What a ray arrived at, and what scatters there; none for the background.
+    #[inline]
+    pub fn at(scene: &'a Scene, arrival: Arrival) -> Option<(Surface, Self)> {
+        match arrival {
+            Arrival::Background => None,
+            Arrival::Surface(surface) => Some((surface, Self::Material(scene.material(&surface)))),
+            Arrival::Medium(point, phase) => Some((point, Self::Phase(phase))),
+        }
+    }
+
+    /// Whether it is a surface's.
+    pub fn is_material(&self) -> bool {
+        matches!(self, Self::Material(_))
+    }
+
+    /// Whether every lobe is a delta lobe.
+    pub fn is_delta(&self) -> bool {
+        matches!(self, Self::Material(material) if material.is_delta())
+    }
+}
+
+/// How directions are sampled at one vertex, compiled for the effects `E`.
+pub struct Mixture<'a, E> {
     surface: &'a Surface,
-    material: &'a Material,
+    scattering: Scattering<'a>,
     wo: Vec3,
     guide: Option<DirectionGuide<'a>>,
+    effects: PhantomData<E>,
 }
 
 /// A direction drawn from a [`Mixture`].
@@ -27,7 +65,7 @@ pub struct MixtureSample {
     pub bsdf_weight: Vec3,
     /// f·|cos θ|; zero for a delta lobe, where it has no finite value.
     pub value: Vec3,
-    /// |cos θ| to the shading normal.
+    /// |cos θ| to the shading normal; 1 in a medium.
     pub cos: f32,
     /// Density p of the mixture w.r.t. solid angle; for a delta lobe its probability.
     pub pdf: f32,
@@ -37,21 +75,55 @@ pub struct MixtureSample {
     pub delta: bool,
 }
 
-impl<'a> Mixture<'a> {
+impl<'a, E: Effects> Mixture<'a, E> {
     /// The mixture at `surface` for light that leaves in the world direction `out`; `guide` is none for a delta material.
-    pub fn new(surface: &'a Surface, material: &'a Material, out: Vec3, guide: Option<&'a VoxelGuide>) -> Self {
+    pub fn new(surface: &'a Surface, scattering: Scattering<'a>, out: Vec3, guide: Option<&'a VoxelGuide>) -> Self {
         let guide = guide.and_then(|guide| guide.directions(surface.point));
-        Self { surface, material, wo: surface.frame.to_local(out), guide }
+        Self { surface, scattering, wo: surface.frame.to_local(out), guide, effects: PhantomData }
+    }
+
+    /// f·|cos θ| towards `wi` in the local frame; in a medium the phase function.
+    #[inline]
+    fn value(&self, wi: Vec3) -> Vec3 {
+        match self.scattering {
+            Scattering::Material(material) => material.eval(self.surface.uv, self.wo, wi),
+            Scattering::Phase(phase) => Vec3::splat(phase.pdf(wi)),
+        }
+    }
+
+    /// Its density.
+    #[inline]
+    fn density(&self, wi: Vec3) -> f32 {
+        match self.scattering {
+            Scattering::Material(material) => material.pdf(self.wo, wi),
+            Scattering::Phase(phase) => phase.pdf(wi),
+        }
+    }
+
+    #[inline]
+    fn draw(&self, random: &mut Random, transport: Transport) -> Option<BsdfSample> {
+        match self.scattering {
+            Scattering::Material(material) => material.sample(self.surface.uv, self.wo, random, transport),
+            Scattering::Phase(phase) => {
+                let wi = phase.sample(random.next_2d());
+                Some(BsdfSample { wi, weight: Vec3::ONE, pdf: phase.pdf(wi), delta: false })
+            }
+        }
+    }
+
+    /// |cos θ| of a local direction.
+    fn cos(&self, wi: Vec3) -> f32 {
+        if self.scattering.is_material() { wi.z.abs() } else { 1.0 }
     }
 
     /// f·|cos θ| towards the world direction `wi`.
     pub fn eval(&self, wi: Vec3) -> Vec3 {
-        self.material.eval(self.surface.uv, self.wo, self.surface.frame.to_local(wi))
+        self.value(self.surface.frame.to_local(wi))
     }
 
     /// The density with which [`Mixture::sample`] chooses the world direction `wi`, and the part of it that is the BSDF's.
     pub fn pdf(&self, wi: Vec3) -> (f32, f32) {
-        let pdf = self.material.pdf(self.wo, self.surface.frame.to_local(wi));
+        let pdf = self.density(self.surface.frame.to_local(wi));
         let Some(guide) = self.guide else { return (pdf, 1.0) };
         let bsdf = guide.bsdf_fraction * pdf;
         let both = bsdf + (1.0 - guide.bsdf_fraction) * guide.pdf(wi);
@@ -63,27 +135,27 @@ impl<'a> Mixture<'a> {
         let Some(guide) = self.guide else { return self.sample_bsdf(random, transport) };
         let alpha = guide.bsdf_fraction;
         if random.next_f32() < alpha {
-            let sample = self.material.sample(self.surface.uv, self.wo, random, transport)?;
+            let sample = self.draw(random, transport)?;
             if sample.delta {
                 // No guide ever chooses a delta lobe's direction.
                 return Some(self.delta(&sample, alpha));
             }
             let direction = self.surface.frame.to_world(sample.wi);
             let pdfs = [sample.pdf, guide.pdf(direction)];
-            return self.combine(direction, sample.weight * sample.pdf, sample.wi.z, pdfs, alpha);
+            return self.combine(direction, sample.weight * sample.pdf, sample.wi, pdfs, alpha);
         }
         let (direction, guide_pdf) = guide.sample(random);
         let local = self.surface.frame.to_local(direction);
-        let value = self.material.eval(self.surface.uv, self.wo, local);
-        let bsdf_pdf = self.material.pdf(self.wo, local);
-        self.combine(direction, value, local.z, [bsdf_pdf, guide_pdf], alpha)
+        let value = self.value(local);
+        let bsdf_pdf = self.density(local);
+        self.combine(direction, value, local, [bsdf_pdf, guide_pdf], alpha)
     }
 
     fn combine(
         &self,
         direction: Vec3,
         value: Vec3,
-        z: f32,
+        wi: Vec3,
         [bsdf_pdf, guide_pdf]: [f32; 2],
         alpha: f32,
     ) -> Option<MixtureSample> {
@@ -94,11 +166,11 @@ impl<'a> Mixture<'a> {
         let weight = value / pdf;
         let bsdf_share = alpha * bsdf_pdf / pdf;
         let bsdf_weight = if bsdf_pdf > 0.0 { value / bsdf_pdf } else { weight };
-        Some(MixtureSample { direction, weight, bsdf_weight, value, cos: z.abs(), pdf, bsdf_share, delta: false })
+        Some(MixtureSample { direction, weight, bsdf_weight, value, cos: self.cos(wi), pdf, bsdf_share, delta: false })
     }
 
     fn sample_bsdf(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
-        let sample = self.material.sample(self.surface.uv, self.wo, random, transport)?;
+        let sample = self.draw(random, transport)?;
         if sample.delta {
             return Some(self.delta(&sample, 1.0));
         }
@@ -107,7 +179,7 @@ impl<'a> Mixture<'a> {
             weight: sample.weight,
             bsdf_weight: sample.weight,
             value: sample.weight * sample.pdf,
-            cos: sample.wi.z.abs(),
+            cos: self.cos(sample.wi),
             pdf: sample.pdf,
             bsdf_share: 1.0,
             delta: false,
@@ -121,7 +193,7 @@ impl<'a> Mixture<'a> {
             weight: sample.weight / alpha,
             bsdf_weight: sample.weight,
             value: Vec3::ZERO,
-            cos: sample.wi.z.abs(),
+            cos: self.cos(sample.wi),
             pdf: sample.pdf * alpha,
             bsdf_share: 1.0,
             delta: true,

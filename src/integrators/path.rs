@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 
-use super::mixture::{Mixture, MixtureSample};
+use super::mixture::{Mixture, MixtureSample, Scattering};
 use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
 use crate::base::random::Random;
 use crate::geometry::{Ray, Surface};
@@ -13,10 +13,12 @@ use crate::guiding::leaves::{DirectLight, Target};
 use crate::guiding::record::PathRecord;
 use crate::lights::Light;
 use crate::materials::Transport;
+use crate::materials::medium::MediumId;
 use crate::math::channel_mean;
 use crate::math::error_bound::gamma;
 use crate::sampling::mis;
 use crate::scene::Scene;
+use crate::scene::effects::{Effects, Everything, With};
 
 /// Traces camera paths.
 pub struct PathTracer<'a> {
@@ -35,10 +37,12 @@ pub struct PathTracer<'a> {
 /// One vertex of a camera path, kept until the light it received is known.
 struct Vertex {
     surface: Surface,
-    /// Shading normal on the side that the path arrived at.
+    /// Shading normal on the side that the path arrived at; zero in a medium.
     normal: Vec3,
     /// Throughput of the path up to here.
     throughput: Vec3,
+    /// What a medium before the vertex lets through, over the density of getting there.
+    passed: Vec3,
     /// Emission towards the previous vertex.
     emission: Emission,
     /// Light sampling at this vertex.
@@ -99,8 +103,29 @@ impl PathTracer<'_> {
         records: Option<&mut Vec<PathRecord>>,
         count: &mut RayCount,
     ) -> Vec3 {
+        let needs = self.scene.needs();
+        match (needs.media, needs.materials, self.field.is_some()) {
+            (true, ..) => self.trace_with::<Everything>(ray, random, scratch, pixel, records, count),
+            (_, true, true) => self.trace_with::<With<true, true, false>>(ray, random, scratch, pixel, records, count),
+            (_, true, false) => {
+                self.trace_with::<With<false, true, false>>(ray, random, scratch, pixel, records, count)
+            }
+            (_, _, true) => self.trace_with::<With<true, false, false>>(ray, random, scratch, pixel, records, count),
+            (_, _, false) => self.trace_with::<With<false, false, false>>(ray, random, scratch, pixel, records, count),
+        }
+    }
+
+    fn trace_with<E: Effects>(
+        &self,
+        ray: Ray,
+        random: &mut Random,
+        scratch: &mut PathScratch,
+        pixel: Option<f32>,
+        records: Option<&mut Vec<PathRecord>>,
+        count: &mut RayCount,
+    ) -> Vec3 {
         scratch.vertices.clear();
-        let background = self.walk(ray, random, pixel, &mut scratch.vertices, count);
+        let background = self.walk::<E>(ray, random, pixel, &mut scratch.vertices, count);
         let Some(records) = records else { return self.gather(&scratch.vertices, background, |_, _, _| ()) };
         let record = |vertex: &Vertex, next: Option<&Vertex>, along: [Vec3; 2]| {
             let met = next.map_or(background, |next| next.emission);
@@ -110,7 +135,7 @@ impl PathTracer<'_> {
     }
 
     /// Extends the path until it ends; returns what the last segment brought from the background.
-    fn walk(
+    fn walk<E: Effects>(
         &self,
         mut ray: Ray,
         random: &mut Random,
@@ -121,25 +146,32 @@ impl PathTracer<'_> {
         let mut previous: Option<Previous> = None;
         let mut throughput = Vec3::ONE;
         let mut reflected = Vec3::ONE;
+        let mut medium = self.scene.camera_medium;
         for depth in 1.. {
             if depth > self.settings.max_depth {
                 break;
             }
             count.rays += 1;
-            let Some(surface) = self.scene.trace(&ray, random) else {
-                return self.background(&ray, previous);
+            let (arrival, passed) = self.scene.advance::<E>(&ray, &mut medium, throughput, random);
+            throughput *= passed;
+            reflected *= passed;
+            let Some((surface, scattering)) = Scattering::at(self.scene, arrival) else {
+                return self.background(&ray, previous).dimmed(passed);
             };
-            let emission = self.emission(&surface, &ray, previous);
-            let material = self.scene.material(&surface);
-            let normal = surface.normal_towards(-ray.direction);
-            let mut vertex = Vertex { surface, normal, throughput, emission, direct: Direct::default(), step: None };
+            let on_surface = scattering.is_material();
+            let emission = if on_surface { self.emission(&surface, &ray, previous) } else { Emission::default() };
+            let emission = emission.dimmed(passed);
+            let normal = if on_surface { surface.normal_towards(-ray.direction) } else { Vec3::ZERO };
+            let direct = Direct::default();
+            let mut vertex = Vertex { surface, normal, throughput, passed, emission, direct, step: None };
             if depth == self.settings.max_depth {
                 vertices.push(vertex);
                 break;
             }
-            let smooth = material.is_delta();
-            let guide = self.field.filter(|_| !smooth).and_then(|field| field.at(surface.point, normal));
-            let mixture = Mixture::new(&surface, material, -ray.direction, guide);
+            let smooth = scattering.is_delta();
+            let field = if E::GUIDING { self.field } else { None };
+            let guide = field.filter(|_| !smooth).and_then(|field| field.at(surface.point, normal));
+            let mixture = Mixture::<E>::new(&surface, scattering, -ray.direction, guide);
             let carried = channel_mean(throughput);
             let importance = pixel.map(|value| carried / value);
             let knows = self.settings.roulette == Roulette::Window;
@@ -147,7 +179,7 @@ impl PathTracer<'_> {
             let mut light_probability = 0.0;
             if self.settings.nee && !smooth {
                 light_probability = importance.map_or(1.0, |importance| effort.light_probability(importance, carried));
-                vertex.direct = self.connect(&surface, &mixture, light_probability, random, count);
+                vertex.direct = self.connect(&surface, &mixture, medium, light_probability, random, count);
             }
             let Some(sample) = mixture.sample(random, Transport::Radiance) else {
                 vertices.push(vertex);
@@ -167,6 +199,9 @@ impl PathTracer<'_> {
             reflected /= survival;
             let light_probability = if sample.delta { 0.0 } else { light_probability };
             previous = Some(Previous { point: surface.point, pdf: sample.pdf, light_probability });
+            if E::MEDIA && on_surface {
+                medium = self.scene.medium_beyond(&surface, sample.direction, medium);
+            }
             ray = surface.leave(sample.direction);
         }
         Emission::default()
@@ -207,11 +242,13 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Next event estimation: f·L·w / p for one sampled light, tried with `probability`.
-    fn connect(
+    /// Next event estimation: f·L·w / p for one sampled light, tried with `probability`, from a vertex that the path reached
+    /// through `medium`.
+    fn connect<E: Effects>(
         &self,
         surface: &Surface,
-        mixture: &Mixture,
+        mixture: &Mixture<E>,
+        medium: Option<MediumId>,
         probability: f32,
         random: &mut Random,
         count: &mut RayCount,
@@ -228,15 +265,15 @@ impl PathTracer<'_> {
         }
         let (ray, t_max) = shadow_ray(surface, light.wi, light.distance);
         count.rays += 1;
-        let visible = if t_max > 0.0 { self.scene.visibility(&ray, t_max) } else { 1.0 };
-        if visible == 0.0 {
+        let visible = self.scene.passes::<E>(surface, &ray, t_max, medium);
+        if visible == Vec3::ZERO {
             return nothing;
         }
         // The density is not asked for before it is needed: most lights are hidden where guiding helps most.
         let pdf = light.pdf * probability;
         let (onward, bsdf_share) = if light.delta { (0.0, 1.0) } else { mixture.pdf(light.wi) };
         let weight = if light.delta { 1.0 } else { mis::balance(pdf, onward) };
-        Direct { value: value * light.radiance * (visible * weight / pdf), bsdf_share, ratio: pdf / onward }
+        Direct { value: value * light.radiance * visible * (weight / pdf), bsdf_share, ratio: pdf / onward }
     }
 }
 
@@ -266,6 +303,11 @@ struct Emission {
 }
 
 impl Emission {
+    /// The same seen through a medium that lets `passed` through.
+    fn dimmed(self, passed: Vec3) -> Self {
+        Self { radiance: self.radiance * passed, ..self }
+    }
+
     /// As it enters the picture, and what of it is to be learned.
     fn parts(&self, direct: DirectLight) -> [Vec3; 2] {
         let weighted = self.radiance * self.weight;
@@ -294,7 +336,7 @@ impl PathTracer<'_> {
                 reflected += step.sample.weight * incoming / step.survival;
                 record(vertex, vertices.get(i + 1), [incoming, learned]);
             }
-            [incoming, learned] = vertex.emission.parts(self.direct).map(|emitted| emitted + reflected);
+            [incoming, learned] = vertex.emission.parts(self.direct).map(|emitted| emitted + reflected * vertex.passed);
         }
         incoming
     }

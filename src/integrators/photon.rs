@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::mixture::Mixture;
+use super::mixture::{Mixture, Scattering};
 use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
 use crate::base::random::Random;
 use crate::geometry::Surface;
@@ -14,6 +14,7 @@ use crate::lights::Emission;
 use crate::materials::Transport;
 use crate::math::channel_mean;
 use crate::scene::Scene;
+use crate::scene::effects::{Effects, With};
 
 /// Traces light paths.
 pub struct PhotonTracer<'a> {
@@ -57,11 +58,16 @@ impl PhotonTracer<'_> {
         count: &mut RayCount,
     ) -> Option<Start> {
         let start = self.emission.sample(random)?;
-        self.walk(&start, random, (path, paths), records, count);
+        let needs = self.scene.needs();
+        match (needs.media, needs.materials) {
+            (true, _) => self.walk::<With<false, true, true>>(&start, random, (path, paths), records, count),
+            (_, true) => self.walk::<With<false, true, false>>(&start, random, (path, paths), records, count),
+            (_, false) => self.walk::<With<false, false, false>>(&start, random, (path, paths), records, count),
+        }
         Some(start)
     }
 
-    fn walk(
+    fn walk<E: Effects>(
         &self,
         start: &Start,
         random: &mut Random,
@@ -71,28 +77,37 @@ impl PhotonTracer<'_> {
     ) {
         let Some((emission, mut photon)) = self.emit(start) else { return };
         photon.power /= paths as f32;
-        let start = channel_mean(photon.power);
+        let begun = channel_mean(photon.power);
         let mut ray = emission.ray;
+        let mut medium = self.scene.light_medium(start.light);
         // A light path of n segments continues to the camera with at least one more: n + 1 vertices after the light.
         for depth in 1..self.settings.max_depth {
             count.rays += 1;
-            let Some(surface) = self.scene.trace(&ray, random) else { return };
-            let material = self.scene.material(&surface);
-            if !material.is_delta() && photon.is_useful(self.settings.nee) {
-                self.deposit(path, &surface, -ray.direction, &photon, records);
+            let (arrival, passed) = self.scene.advance::<E>(&ray, &mut medium, photon.power, random);
+            photon.power *= passed;
+            let Some((surface, scattering)) = Scattering::at(self.scene, arrival) else { return };
+            let on_surface = scattering.is_material();
+            if !scattering.is_delta() && photon.is_useful(self.settings.nee) {
+                self.deposit(path, &surface, on_surface, -ray.direction, &photon, records);
             }
-            let mixture = Mixture::new(&surface, material, -ray.direction, None);
+            let mixture = Mixture::<E>::new(&surface, scattering, -ray.direction, None);
             let Some(sample) = mixture.sample(random, Transport::Importance) else { return };
-            photon.power *= sample.weight * shading_correction(&surface, -ray.direction, sample.direction);
-            let survival = self.survival(depth, channel_mean(photon.power) / start);
+            photon.power *= sample.weight;
+            if on_surface {
+                photon.power *= shading_correction(&surface, -ray.direction, sample.direction);
+            }
+            let survival = self.survival(depth, channel_mean(photon.power) / begun);
             if !(survival > 0.0 && random.next_f32() < survival) {
                 return;
             }
             photon.power /= survival;
-            photon.previous_normal = surface.normal_towards(sample.direction);
+            photon.previous_normal = side(&surface, on_surface, sample.direction);
             photon.at_infinity = false;
             photon.delta_chain = if sample.delta { photon.delta_chain + 1 } else { 0 };
             photon.scattered |= !sample.delta;
+            if E::MEDIA {
+                medium = self.scene.medium_beyond(&surface, sample.direction, medium);
+            }
             ray = surface.leave(sample.direction);
         }
     }
@@ -120,7 +135,15 @@ impl PhotonTracer<'_> {
         }
     }
 
-    fn deposit(&self, path: u32, surface: &Surface, direction: Vec3, photon: &Photon, records: &mut Vec<PhotonRecord>) {
+    fn deposit(
+        &self,
+        path: u32,
+        surface: &Surface,
+        on_surface: bool,
+        direction: Vec3,
+        photon: &Photon,
+        records: &mut Vec<PhotonRecord>,
+    ) {
         let power = channel_mean(photon.power);
         if !(power.is_finite() && power > 0.0) {
             return;
@@ -131,10 +154,15 @@ impl PhotonTracer<'_> {
             direction,
             power,
             distance: if photon.at_infinity { f32::INFINITY } else { surface.distance },
-            normal: surface.normal_towards(direction),
+            normal: side(surface, on_surface, direction),
             previous_normal: photon.previous_normal,
         });
     }
+}
+
+/// The shading normal on the side that `direction` points to; zero in a medium.
+fn side(surface: &Surface, on_surface: bool, direction: Vec3) -> Vec3 {
+    if on_surface { surface.normal_towards(direction) } else { Vec3::ZERO }
 }
 
 /// Adjoint correction for shading normals (Veach 1997, eq. 5.19): power is carried by the geometric cosine, the BSDF's

@@ -8,7 +8,9 @@ pub mod dielectric;
 pub mod diffuse;
 pub mod fresnel;
 pub mod image;
+pub mod medium;
 pub mod microfacet;
+pub mod phase;
 pub mod plastic;
 pub mod rough_conductor;
 pub mod rough_dielectric;
@@ -77,6 +79,8 @@ pub enum Kind {
     RoughDielectric(RoughDielectric),
     /// A coated diffuse surface.
     Plastic(Plastic),
+    /// The border of a medium, which light passes as if it were not there.
+    Null,
 }
 
 impl From<Kind> for Material {
@@ -88,7 +92,7 @@ impl From<Kind> for Material {
 impl Material {
     /// Whether every lobe is a delta lobe: such a surface is never connected to a light, guided, or stored in.
     pub fn is_delta(&self) -> bool {
-        matches!(self.kind, Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_))
+        matches!(self.kind, Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null)
     }
 
     /// f(wo, wi)·|cos θᵢ| of the lobes that are not delta, sr⁻¹.
@@ -99,7 +103,7 @@ impl Material {
             Kind::RoughConductor(m) => m.eval(uv, wo, wi),
             Kind::RoughDielectric(m) => Vec3::splat(m.eval(wo, wi)),
             Kind::Plastic(m) => m.eval(uv, wo, wi),
-            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => Vec3::ZERO,
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => Vec3::ZERO,
         }
     }
 
@@ -111,7 +115,7 @@ impl Material {
             Kind::RoughConductor(m) => m.pdf(wo, wi),
             Kind::RoughDielectric(m) => m.pdf(wo, wi),
             Kind::Plastic(m) => m.pdf(wo, wi),
-            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => 0.0,
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => 0.0,
         }
     }
 
@@ -128,6 +132,7 @@ impl Material {
             Kind::ThinDielectric(m) => m.sample(wo, u[0]),
             Kind::RoughDielectric(m) => m.sample(wo, u, random.next_f32(), transport),
             Kind::Plastic(m) => m.sample(uv, wo, u),
+            Kind::Null => Some(BsdfSample { wi: -wo, weight: Vec3::ONE, pdf: 1.0, delta: true }),
         }?;
         Some(if flip { BsdfSample { wi: -sample.wi, ..sample } } else { sample })
     }
@@ -139,7 +144,7 @@ impl Material {
             Kind::Conductor(m) => m.metal.albedo(uv),
             Kind::RoughConductor(m) => m.metal.albedo(uv),
             Kind::Plastic(m) => m.albedo(uv),
-            Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) => Vec3::ONE,
+            Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) | Kind::Null => Vec3::ONE,
         }
     }
 

@@ -105,6 +105,20 @@ pub fn learn(
     Ok(field)
 }
 
+/// What learning decided, in sentences.
+fn decisions(gave_up: bool, trend: &Trend, iterations: &[Iteration], photon_share: f64) -> Vec<String> {
+    let count = iterations.len();
+    let measured = trend.gain.map_or("not measured yet".into(), |gain| format!("{gain:.2} times that without"));
+    let verdict = if gave_up { "off: it does not pay" } else { "on" };
+    let guiding =
+        format!("guiding {verdict}: the variance of a sample with it is {measured}, after {count} iterations");
+    let photons = iterations.first().filter(|first| first.photon_share > 0.0).map(|_| {
+        let verdict = if photon_share > 0.0 { "on" } else { "off: what they teach does not pay" };
+        format!("photons {verdict}: {photon_share:.2} light paths for each camera path in the end")
+    });
+    [Some(guiding), photons].into_iter().flatten().collect()
+}
+
 /// Fewest paths in a chunk: enough to keep a few threads busy.
 const LEAST_CHUNK: u64 = 1 << 14;
 /// Samples per pixel that tell enough of what pixels will be.
@@ -228,6 +242,7 @@ impl<'a> Run<'a> {
                 break;
             }
             let (begun, traced) = (self.watcher.elapsed(), self.statistics.seconds.trace);
+            let photon_share = learning.photon_share;
             self.watcher.control.progress.message(&format!("learning, iteration {t}"));
             let field = learning.field(true);
             let mut pass = self.empty_pass();
@@ -265,6 +280,7 @@ impl<'a> Run<'a> {
                 seconds,
                 mean_variance: finished.sample_variance().map_or(f64::NAN, |v| v / f64::from(camera)),
                 gain: trend.gain,
+                photon_share,
                 ..iteration
             });
             // The first two passes are not worth their noise, but they are all there is of a render stopped early.
@@ -275,6 +291,7 @@ impl<'a> Run<'a> {
             }
         }
         self.gave_up = !self.pays(&trend);
+        self.statistics.decisions = decisions(self.gave_up, &trend, &self.statistics.iterations, learning.photon_share);
         let field = if self.gave_up { GuideField::empty() } else { learning.field(false) };
         self.statistics.guide = GuideStatistics::of(&field);
         self.evidence = learning.learner.evidence();

@@ -7,6 +7,7 @@ use crate::guiding::learner::LearnerSettings;
 use crate::guiding::leaves::{DirectLight, Layout, Target};
 use crate::integrators::TransportSettings;
 use crate::network::config::Mode;
+use crate::scene::plan::{EffectKind, EffectPlan};
 
 /// What guides the paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -186,6 +187,46 @@ impl RenderSettings {
         let learner = LearnerSettings { memory: self.learner.memory, ..defaults.learner };
         let transport = TransportSettings { roulette: defaults.transport.roulette, ..self.transport };
         Self { transport, seed: self.seed, learner, ..defaults }
+    }
+
+    /// The same without what the scene's plan has off.
+    pub fn following(mut self, plan: &EffectPlan) -> Self {
+        if !plan.is_on(EffectKind::Guiding) {
+            self.guide = GuideMode::None;
+        }
+        if !plan.is_on(EffectKind::Photons) && self.samples == SampleKinds::Both {
+            self.samples = SampleKinds::Path;
+        }
+        if !plan.is_on(EffectKind::Reconstruction) || self.guide == GuideMode::None {
+            self.reconstruction = Reconstruction::None;
+            self.learner.layout = Layout::Values;
+        }
+        self.transport.nee &= plan.is_on(EffectKind::DirectLight);
+        self
+    }
+
+    /// Writes into the plan what these settings leave out of what the scene calls for.
+    pub fn note(&self, plan: &mut EffectPlan) {
+        let mut off = |kind, why: &str| {
+            if plan.is_on(kind) {
+                plan.decide(kind, false, why);
+            }
+        };
+        if !self.transport.nee {
+            off(EffectKind::DirectLight, "next event estimation is off");
+        }
+        if self.guide == GuideMode::None {
+            let why = "the method is none: nothing is guided";
+            for kind in [EffectKind::Guiding, EffectKind::Photons, EffectKind::Reconstruction] {
+                off(kind, why);
+            }
+        }
+        if !self.samples.photons() {
+            off(EffectKind::Photons, "guides learn from camera paths alone");
+        }
+        if self.reconstruction == Reconstruction::None {
+            off(EffectKind::Reconstruction, "the guide is sampled as it was counted");
+        }
     }
 
     /// The mode that trees are collected in, as models and shards record it.

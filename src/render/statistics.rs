@@ -45,6 +45,8 @@ pub struct Iteration {
     pub nodes: usize,
     /// Part of the time that made distributions.
     pub reconstruct_seconds: f64,
+    /// Light paths for each camera path, as decided from the iterations before.
+    pub photon_share: f64,
     /// Variance of a pixel's mean, averaged; NaN where one sample cannot tell.
     pub mean_variance: f64,
     /// About the variance of a sample with the guide that the iteration made over that without it; none where it cannot tell.
@@ -115,6 +117,8 @@ pub struct Statistics {
     pub iterations: Vec<Iteration>,
     /// Effects of the scene.
     pub effects: Vec<Effect>,
+    /// What was decided while rendering, by counts, each in a sentence.
+    pub decisions: Vec<String>,
     /// relMSE as the render estimates it itself, where it ran to a target error.
     pub estimated_relmse: Option<f64>,
     /// Errors against the reference, where there is one.

@@ -25,6 +25,7 @@ use crate::render::{
     Control, GuideMode, Outcome, Reconstruction, RenderSettings, StopRule, learn, render, render_with_field,
 };
 use crate::scene::Scene;
+use crate::scene::plan::plan;
 use crate::scene::readers::{LoadedScene, read_image};
 
 /// A way to render.
@@ -229,6 +230,7 @@ impl Experiment<'_> {
 
     fn render(&self, scene: &Scene, guide: GuideMode, stop: StopRule, seed: u64, control: &Control) -> Result<Outcome> {
         let settings = RenderSettings { stop, seed, ..self.settings.with_guide(guide) };
+        let settings = settings.following(&plan(&self.loaded.file));
         let (counted, gaussian) = (Counted::default(), Gaussian::default());
         let reconstructor: &dyn Reconstructor = match settings.reconstruction {
             Reconstruction::None => &counted,

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use glam::{Affine3A, Mat3, Mat4, Vec3};
 
 use super::Scene;
-use super::file::{Distribution, GeometryFile, LightFile, MaterialFile, Matrix, ShapeFile, TextureFile};
+use super::effects::Needs;
+use super::file::{Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, ShapeFile, TextureFile};
+use super::media::Border;
 use super::readers::LoadedScene;
 use crate::base::{Error, Place, Result};
 use crate::camera::Camera;
@@ -19,7 +21,9 @@ use crate::materials::conductor::Conductor;
 use crate::materials::dielectric::{Dielectric, ThinDielectric};
 use crate::materials::diffuse::Diffuse;
 use crate::materials::fresnel::Metal;
+use crate::materials::medium::{Medium, MediumId};
 use crate::materials::microfacet::{Microfacets, SMOOTH, Shape as FacetShape};
+use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::plastic::Plastic;
 use crate::materials::rough_conductor::RoughConductor;
 use crate::materials::rough_dielectric::RoughDielectric;
@@ -38,13 +42,27 @@ impl Scene {
         let mut shapes = Vec::with_capacity(file.shapes.len());
         let mut shape_material = Vec::with_capacity(file.shapes.len());
         let mut shape_light = Vec::with_capacity(file.shapes.len());
+        let mut shape_border = Vec::with_capacity(file.shapes.len());
         let mut lights = Vec::new();
+        let media_names: BTreeMap<&str, MediumId> = file.media.keys().map(String::as_str).zip(0..).collect();
+        let medium = |name: &Option<String>| -> Result<Option<MediumId>> {
+            let Some(name) = name else { return Ok(None) };
+            media_names.get(name.as_str()).copied().map(Some).ok_or_else(|| unresolved(loaded, "medium", name))
+        };
+        // What is said of no shape is where the camera is.
+        let camera_medium = medium(&file.camera.medium)?;
+        let mut light_medium = Vec::new();
         for shape_file in &file.shapes {
             let shape = shape(shape_file, loaded)?;
             let name = shape_file.material.as_str();
             shape_material.push(*names.get(name).ok_or_else(|| unresolved(loaded, "material", name))?);
+            let border = Border { interior: medium(&shape_file.interior)?, exterior: medium(&shape_file.exterior)? };
+            shape_border.push((border != Border::default()).then_some(border));
             let emission = shape_file.emission.map(Vec3::from_array).filter(|e| *e != Vec3::ZERO);
             shape_light.push(emission.map(|_| lights.len() as u32));
+            if emission.is_some() {
+                light_medium.push(if border == Border::default() { camera_medium } else { border.exterior });
+            }
             lights.extend(emission.map(|radiance| Light::Area(AreaLight::new(shape.clone(), radiance))));
             shapes.push(shape);
         }
@@ -56,10 +74,25 @@ impl Scene {
         let bounds = bounding_sphere(accel.bounds(), camera.position());
         for light in &file.lights {
             lights.push(self::light(light, loaded)?);
+            light_medium.push(camera_medium);
         }
-        let has_masks = shape_material.iter().any(|&index| materials[index as usize].opacity.is_some());
+        let used = || shape_material.iter().map(|&index| &materials[index as usize]);
+        let has_masks = used().any(|material| material.opacity.is_some());
+        let needs = Needs {
+            materials: loaded.needs.materials
+                || has_masks
+                || used().any(|material| !matches!(material.kind, Kind::Diffuse(_))),
+            media: loaded.needs.media
+                || !file.media.is_empty()
+                || used().any(|material| matches!(material.kind, Kind::Null)),
+        };
         Ok(Self {
             has_masks,
+            needs,
+            media: file.media.values().map(self::medium).collect(),
+            shape_border,
+            light_medium,
+            camera_medium,
             name: file.name.clone(),
             size,
             camera,
@@ -127,6 +160,7 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
         MaterialFile::Mask { opacity, material: inner } => {
             return Ok(Material { opacity: Some(texture(opacity, loaded)?), ..material(inner, loaded)? });
         }
+        MaterialFile::Null => Kind::Null,
         MaterialFile::Diffuse { reflectance } => Kind::Diffuse(Diffuse { reflectance: texture(reflectance, loaded)? }),
         MaterialFile::Conductor { eta, k, specular_reflectance } => {
             Kind::Conductor(Conductor { metal: metal(eta, k, specular_reflectance)? })
@@ -163,6 +197,15 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
             (*alpha >= SMOOTH).then(|| facets(*alpha, distribution)),
         )),
     }))
+}
+
+fn medium(file: &MediumFile) -> Medium {
+    let MediumFile::Homogeneous { sigma_t, albedo, g } = file;
+    Medium {
+        extinction: Vec3::from_array(*sigma_t),
+        albedo: Vec3::from_array(*albedo),
+        phase: HenyeyGreenstein::new(*g),
+    }
 }
 
 fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {

@@ -51,6 +51,9 @@ pub struct SceneFile {
     /// Materials by name.
     #[serde(default)]
     pub materials: BTreeMap<String, MaterialFile>,
+    /// Participating media by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub media: BTreeMap<String, MediumFile>,
     /// Meshes by name; several shapes may use one.
     #[serde(default)]
     pub meshes: BTreeMap<String, MeshFile>,
@@ -77,6 +80,25 @@ pub struct CameraFile {
     /// Distance of the plane in focus along the viewing axis; needed where `aperture_radius` is not 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub focus_distance: Option<f32>,
+    /// Name of the medium that the camera is in; none is empty space.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub medium: Option<String>,
+}
+
+/// A participating medium, the same everywhere.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum MediumFile {
+    /// Absorbs and scatters with Henyey and Greenstein's phase function.
+    Homogeneous {
+        /// Extinction coefficient σ_t per channel, 1 / scene unit.
+        sigma_t: [f32; 3],
+        /// Scattered part of what is lost, σ_s / σ_t per channel, in [0, 1].
+        albedo: [f32; 3],
+        /// Mean cosine of the scattering angle, in (-1, 1); 0 is isotropic.
+        #[serde(default, skip_serializing_if = "is_default")]
+        g: f32,
+    },
 }
 
 /// Size of the picture in pixels.
@@ -248,6 +270,8 @@ pub enum MaterialFile {
         #[serde(default)]
         nonlinear: bool,
     },
+    /// No surface: only the border between two media.
+    Null,
     /// Another material with holes.
     Mask {
         /// Probability in [0, 1] that the surface is there; the mean of a colour's channels.
@@ -279,7 +303,44 @@ impl MaterialFile {
                 textures
             }
             Self::TwoSided { material } => material.textures(),
-            Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
+            Self::Null | Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
+        }
+    }
+
+    /// [`MaterialFile::textures`] to be changed.
+    pub fn textures_mut(&mut self) -> Vec<(&'static str, &mut TextureFile)> {
+        match self {
+            Self::Diffuse { reflectance } => vec![("reflectance", reflectance)],
+            Self::Conductor { specular_reflectance, .. } | Self::RoughConductor { specular_reflectance, .. } => {
+                vec![("specular_reflectance", specular_reflectance)]
+            }
+            Self::Plastic { diffuse_reflectance, specular_reflectance, .. } => {
+                vec![("diffuse_reflectance", diffuse_reflectance), ("specular_reflectance", specular_reflectance)]
+            }
+            Self::Mask { opacity, material } => {
+                let mut textures = material.textures_mut();
+                textures.push(("opacity", opacity));
+                textures
+            }
+            Self::TwoSided { material } => material.textures_mut(),
+            Self::Null | Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
+        }
+    }
+
+    /// Whether it scatters alike on both sides.
+    pub fn is_two_sided(&self) -> bool {
+        match self {
+            Self::TwoSided { .. } => true,
+            Self::Mask { material, .. } => material.is_two_sided(),
+            _ => false,
+        }
+    }
+
+    /// [`MaterialFile::innermost`] to be changed.
+    pub fn innermost_mut(&mut self) -> &mut Self {
+        match self {
+            Self::Mask { material, .. } | Self::TwoSided { material } => material.innermost_mut(),
+            other => other,
         }
     }
 
@@ -372,6 +433,12 @@ pub struct ShapeFile {
     pub flip_normals: bool,
     /// Name of the material.
     pub material: String,
+    /// Name of the medium behind the surface; where neither side has one, the medium does not change there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub interior: Option<String>,
+    /// Name of the medium in front of the surface.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exterior: Option<String>,
     /// Radiance that the front side emits, W·m⁻²·sr⁻¹ per channel.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub emission: Option<[f32; 3]>,

@@ -1,7 +1,10 @@
 //! Scenes: the file model, its readers, and the immutable scene that is rendered.
 
 pub mod build;
+pub mod effects;
 pub mod file;
+pub mod media;
+pub mod overrides;
 pub mod plan;
 pub mod readers;
 
@@ -10,7 +13,10 @@ use crate::camera::Camera;
 use crate::geometry::{Accel, Ray, Shape, Surface};
 use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::Material;
+use crate::materials::medium::{Medium, MediumId};
 use crate::math::channel_mean;
+use effects::Needs;
+use media::Border;
 
 /// A scene ready to be rendered. It never changes.
 pub struct Scene {
@@ -33,6 +39,15 @@ pub struct Scene {
     materials: Vec<Material>,
     /// Whether any shape has holes.
     has_masks: bool,
+    media: Vec<Medium>,
+    /// Media on both sides of a shape; none where the shape does not say.
+    shape_border: Vec<Option<Border>>,
+    /// Media that light leaves into, by light.
+    light_medium: Vec<Option<MediumId>>,
+    /// The medium around the camera.
+    pub camera_medium: Option<MediumId>,
+    /// What the tracers must be compiled for.
+    needs: Needs,
 }
 
 /// Holes that a ray may pass through before it is taken to have hit something.
@@ -94,6 +109,11 @@ impl Scene {
     pub fn light_of(&self, surface: &Surface) -> Option<(usize, &Light)> {
         let index = self.shape_light[surface.shape as usize]? as usize;
         Some((index, &self.lights.lights[index]))
+    }
+
+    /// What the tracers must be compiled for.
+    pub fn needs(&self) -> Needs {
+        self.needs
     }
 
     /// All materials, in the order of their names.

@@ -6,24 +6,116 @@ use serde::Serialize;
 
 use super::file::{LightFile, MaterialFile, SceneFile, TextureFile};
 
+/// An effect that a scene may call for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[allow(missing_docs, reason = "each says what it is; their names on the command line are theirs in kebab case")]
+pub enum EffectKind {
+    DirectLight,
+    AreaLights,
+    PointLights,
+    SpotLights,
+    DirectionalLights,
+    Environment,
+    Mirrors,
+    Transmission,
+    ThinTransmission,
+    Glossy,
+    Coats,
+    Masks,
+    Textures,
+    Medium,
+    DepthOfField,
+    Photons,
+    Guiding,
+    Reconstruction,
+}
+
+impl EffectKind {
+    /// All effects, in the order of the plan.
+    pub const ALL: [Self; 18] = [
+        Self::DirectLight,
+        Self::AreaLights,
+        Self::PointLights,
+        Self::SpotLights,
+        Self::DirectionalLights,
+        Self::Environment,
+        Self::Mirrors,
+        Self::Transmission,
+        Self::ThinTransmission,
+        Self::Glossy,
+        Self::Coats,
+        Self::Masks,
+        Self::Textures,
+        Self::Medium,
+        Self::DepthOfField,
+        Self::Photons,
+        Self::Guiding,
+        Self::Reconstruction,
+    ];
+
+    /// Its name in plans and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::DirectLight => "direct-light",
+            Self::AreaLights => "area-lights",
+            Self::PointLights => "point-lights",
+            Self::SpotLights => "spot-lights",
+            Self::DirectionalLights => "directional-lights",
+            Self::Environment => "environment",
+            Self::Mirrors => "mirrors",
+            Self::Transmission => "transmission",
+            Self::ThinTransmission => "thin-transmission",
+            Self::Glossy => "glossy",
+            Self::Coats => "coats",
+            Self::Masks => "masks",
+            Self::Textures => "textures",
+            Self::Medium => "medium",
+            Self::DepthOfField => "depth-of-field",
+            Self::Photons => "photons",
+            Self::Guiding => "guiding",
+            Self::Reconstruction => "reconstruction",
+        }
+    }
+
+    /// The effect with that name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
 /// All effects that this version knows.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct EffectPlan {
     /// The scene's name.
     pub scene: String,
-    /// Each effect, in a fixed order.
+    /// Each effect, in the order of [`EffectKind::ALL`].
     pub effects: Vec<Effect>,
 }
 
 /// One effect.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Effect {
-    /// Its name.
-    pub name: &'static str,
+    /// Which.
+    pub name: EffectKind,
     /// Whether the scene calls for it.
     pub on: bool,
     /// What calls for it, or why it is off.
     pub cause: String,
+}
+
+impl EffectPlan {
+    /// Whether an effect is on.
+    pub fn is_on(&self, kind: EffectKind) -> bool {
+        self.effects.iter().any(|effect| effect.name == kind && effect.on)
+    }
+
+    /// Decides otherwise, because of `cause`.
+    pub fn decide(&mut self, kind: EffectKind, on: bool, cause: impl Into<String>) {
+        if let Some(effect) = self.effects.iter_mut().find(|effect| effect.name == kind) {
+            (effect.on, effect.cause) = (on, cause.into());
+        }
+    }
 }
 
 /// The names of what has a property; an effect is on where there are some.
@@ -31,62 +123,125 @@ type Names = BTreeSet<String>;
 
 /// Looks through a scene. Materials that no shape uses do not count.
 pub fn plan(scene: &SceneFile) -> EffectPlan {
-    let used: BTreeSet<&str> = scene.shapes.iter().map(|s| s.material.as_str()).collect();
-    let materials: Vec<(&str, &MaterialFile)> =
-        scene.materials.iter().filter(|(name, _)| used.contains(name.as_str())).map(|(n, m)| (n.as_str(), m)).collect();
-    let having = |test: fn(&MaterialFile) -> bool| -> Names {
-        materials.iter().filter(|(_, m)| test(m)).map(|(name, _)| (*name).to_owned()).collect()
-    };
-    let emitters = scene.shapes.iter().filter(|s| s.emission.is_some()).count();
-    let area: Names = (emitters > 0).then(|| format!("{emitters} emitting shapes")).into_iter().collect();
-    let lights =
-        |test: fn(&LightFile) -> bool| -> Names { scene.lights.iter().filter(|l| test(l)).map(light_name).collect() };
-    let infinite = lights(|l| matches!(l, LightFile::Constant { .. } | LightFile::Envmap { .. }));
-    let delta =
-        lights(|l| matches!(l, LightFile::Point { .. } | LightFile::Spot { .. } | LightFile::Directional { .. }));
-    let hittable: Names = area.union(&infinite).cloned().collect();
-    let all: Names = hittable.union(&delta).cloned().collect();
-    let lens: Names = (scene.camera.aperture_radius > 0.0)
-        .then(|| format!("aperture {}", scene.camera.aperture_radius))
-        .into_iter()
-        .collect();
-    let effects = vec![
-        effect("direct light", "sampled towards", &all, "there is no light"),
-        effect("light hit by rays", "weighted against sampled light", &hittable, "no light can be hit by a ray"),
-        effect("photons", "emitted from", &all, "there is no light"),
-        effect("environment", "surrounds the scene:", &infinite, "no constant light or environment map"),
-        effect("delta lights", "reached by sampling only:", &delta, "no point, spot or directional light"),
-        effect("mirrors", "smooth metal:", &having(is_mirror), "no smooth metal"),
-        effect("refraction", "clear material:", &having(is_clear), "no clear material"),
-        effect("thin panes", "thin clear material:", &having(is_pane), "no thin clear material"),
-        effect("rough refraction", "rough clear material:", &having(is_frosted), "no rough clear material"),
-        effect("glossy reflection", "rough metal:", &having(is_glossy), "no rough metal"),
-        effect("clear coats", "coated material:", &having(is_coated), "no plastic"),
-        effect("alpha masks", "holes in", &having(MaterialFile::is_masked), "no material has holes"),
-        effect("textures", "vary the colour of", &having(is_textured), "all colours are constant"),
-        effect("depth of field", "thin lens:", &lens, "the camera is a pinhole"),
-        guiding(scene, &having(|m| !is_mirror(m) && !is_clear(m) && !is_pane(m)), &all),
-    ];
-    EffectPlan { scene: scene.name.clone(), effects }
+    let effects = EffectKind::ALL.into_iter().map(|name| {
+        let (on, cause) = Survey::new(scene).verdict(name);
+        Effect { name, on, cause }
+    });
+    EffectPlan { scene: scene.name.clone(), effects: effects.collect() }
 }
 
-fn effect(name: &'static str, verb: &str, causes: &Names, why_off: &str) -> Effect {
-    let on = !causes.is_empty();
-    Effect { name, on, cause: if on { format!("{verb} {}", list(causes)) } else { why_off.into() } }
+/// What a scene holds.
+struct Survey<'a> {
+    scene: &'a SceneFile,
+    materials: Vec<(&'a str, &'a MaterialFile)>,
 }
 
-/// Guiding needs a lobe to choose directions in, and light that comes by way of a surface.
-fn guiding(scene: &SceneFile, guidable: &Names, lights: &Names) -> Effect {
-    let (on, cause) = if lights.is_empty() {
-        (false, "there is no light".into())
-    } else if scene.render.max_depth <= 2 {
-        (false, format!("depth {} has direct light only", scene.render.max_depth))
-    } else if guidable.is_empty() {
-        (false, "every material is smooth and leaves no choice of direction".into())
-    } else {
-        (true, format!("indirect light on {}", list(guidable)))
-    };
-    Effect { name: "guiding", on, cause }
+impl<'a> Survey<'a> {
+    fn new(scene: &'a SceneFile) -> Self {
+        let used: BTreeSet<&str> = scene.shapes.iter().map(|shape| shape.material.as_str()).collect();
+        let materials = scene.materials.iter().filter(|(name, _)| used.contains(name.as_str()));
+        Self { scene, materials: materials.map(|(name, material)| (name.as_str(), material)).collect() }
+    }
+
+    fn verdict(&self, kind: EffectKind) -> (bool, String) {
+        use EffectKind as K;
+        match kind {
+            K::DirectLight => on("sampled towards", &self.all_lights(), "there is no light"),
+            K::AreaLights => on("light from", &self.emitters(), "no shape emits"),
+            K::PointLights => self.lights("point light", |l| matches!(l, LightFile::Point { .. })),
+            K::SpotLights => self.lights("spot light", |l| matches!(l, LightFile::Spot { .. })),
+            K::DirectionalLights => self.lights("directional light", |l| matches!(l, LightFile::Directional { .. })),
+            K::Environment => self.lights("constant light or environment map", is_environment),
+            K::Mirrors => on("smooth metal:", &self.having(is_mirror), "no smooth metal"),
+            K::Transmission => on("clear material:", &self.having(is_clear), "no clear material"),
+            K::ThinTransmission => on("thin clear material:", &self.having(is_pane), "no thin clear material"),
+            K::Glossy => on("rough metal:", &self.having(is_glossy), "no rough metal"),
+            K::Coats => on("coated material:", &self.having(is_coated), "no plastic"),
+            K::Masks => on("holes in", &self.having(MaterialFile::is_masked), "no material has holes"),
+            K::Textures => on("vary the colour of", &self.having(is_textured), "all colours are constant"),
+            K::Medium => on("light is scattered or absorbed in", &self.media(), "no shape has one, nor the camera"),
+            K::DepthOfField => match self.scene.camera.aperture_radius {
+                radius if radius > 0.0 => (true, format!("a lens of radius {radius}")),
+                _ => (false, "the camera is a pinhole".into()),
+            },
+            K::Photons => self.photons(),
+            K::Guiding => self.guiding(),
+            K::Reconstruction => match self.guiding() {
+                (true, _) => (true, "guides learn from few samples".into()),
+                (false, cause) => (false, format!("no guiding: {cause}")),
+            },
+        }
+    }
+
+    fn having(&self, test: fn(&MaterialFile) -> bool) -> Names {
+        self.materials.iter().filter(|(_, m)| test(m)).map(|(name, _)| (*name).to_owned()).collect()
+    }
+
+    fn emitters(&self) -> Names {
+        let count = self.scene.shapes.iter().filter(|shape| shape.emission.is_some()).count();
+        (count > 0).then(|| format!("{count} emitting shapes")).into_iter().collect()
+    }
+
+    fn lights(&self, name: &str, test: fn(&LightFile) -> bool) -> (bool, String) {
+        match self.scene.lights.iter().filter(|light| test(light)).count() {
+            0 => (false, format!("no {name}")),
+            1 => (true, format!("1 {name}")),
+            count => (true, format!("{count} of kind {name}")),
+        }
+    }
+
+    fn all_lights(&self) -> Names {
+        self.scene.lights.iter().map(|light| light_name(light).to_owned()).chain(self.emitters()).collect()
+    }
+
+    /// Media that some ray can be in.
+    fn media(&self) -> Names {
+        let shapes = self.scene.shapes.iter().flat_map(|shape| [&shape.interior, &shape.exterior]);
+        shapes.chain([&self.scene.camera.medium]).flatten().cloned().collect()
+    }
+
+    /// Photons find what camera paths seldom do: light that comes by way of clear or smooth things, and light of lamps that
+    /// stand hidden. Photons of a sky start all over the scene's outside, and few of them arrive where the camera looks; where
+    /// nothing gathers them, or they come alike from everywhere, they mislead more than they tell (measured on scenes/blinds).
+    fn photons(&self) -> (bool, String) {
+        let lights = self.all_lights();
+        let gather = |m: &MaterialFile| is_mirror(m) || is_clear(m) || is_pane(m) || is_glossy(m) || is_coated(m);
+        let gathering = self.having(gather);
+        let only = |test: fn(&LightFile) -> bool| self.emitters().is_empty() && self.scene.lights.iter().all(test);
+        if lights.is_empty() {
+            (false, "there is no light".into())
+        } else if self.having(is_guidable).is_empty() && self.media().is_empty() {
+            (false, "no surface could be lit by way of another: every material is smooth".into())
+        } else if only(|light| matches!(light, LightFile::Constant { .. })) {
+            (false, "light that comes alike from everywhere is gathered nowhere".into())
+        } else if !gathering.is_empty() {
+            let (gathering, lights) = (list(&gathering), list(&lights));
+            (true, format!("{gathering} can lie between {lights} and surfaces that are not smooth"))
+        } else if only(is_environment) {
+            (false, "all light comes from the environment, and nothing smooth or clear gathers it".into())
+        } else {
+            (true, format!("{} may light surfaces that the camera sees only by way of others", list(&lights)))
+        }
+    }
+
+    /// Guiding needs a lobe to choose directions in, and light that comes by way of a surface or a medium.
+    fn guiding(&self) -> (bool, String) {
+        let mut guidable = self.having(is_guidable);
+        guidable.extend(self.media());
+        if self.all_lights().is_empty() {
+            (false, "there is no light".into())
+        } else if self.scene.render.max_depth <= 2 {
+            (false, format!("depth {} has direct light only", self.scene.render.max_depth))
+        } else if guidable.is_empty() {
+            (false, "every material is smooth and leaves no choice of direction".into())
+        } else {
+            (true, format!("indirect light on {}", list(&guidable)))
+        }
+    }
+}
+
+fn on(verb: &str, causes: &Names, why_off: &str) -> (bool, String) {
+    if causes.is_empty() { (false, why_off.into()) } else { (true, format!("{verb} {}", list(causes))) }
 }
 
 /// At most four names.
@@ -96,7 +251,7 @@ fn list(names: &Names) -> String {
     if more == 0 { shown.join(", ") } else { format!("{} and {more} more", shown.join(", ")) }
 }
 
-fn light_name(light: &LightFile) -> String {
+fn light_name(light: &LightFile) -> &'static str {
     match light {
         LightFile::Point { .. } => "point light",
         LightFile::Spot { .. } => "spot light",
@@ -104,31 +259,47 @@ fn light_name(light: &LightFile) -> String {
         LightFile::Constant { .. } => "constant light",
         LightFile::Envmap { .. } => "environment map",
     }
-    .into()
 }
 
-fn is_mirror(material: &MaterialFile) -> bool {
+/// Whether light comes from all around.
+pub(super) fn is_environment(light: &LightFile) -> bool {
+    matches!(light, LightFile::Constant { .. } | LightFile::Envmap { .. })
+}
+
+/// Smooth metal.
+pub(super) fn is_mirror(material: &MaterialFile) -> bool {
     matches!(material.innermost(), MaterialFile::Conductor { .. })
 }
 
-fn is_clear(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::Dielectric { .. })
+/// Glass, rough or smooth.
+pub(super) fn is_clear(material: &MaterialFile) -> bool {
+    matches!(material.innermost(), MaterialFile::Dielectric { .. } | MaterialFile::RoughDielectric { .. })
 }
 
-fn is_pane(material: &MaterialFile) -> bool {
+/// A thin pane.
+pub(super) fn is_pane(material: &MaterialFile) -> bool {
     matches!(material.innermost(), MaterialFile::ThinDielectric { .. })
 }
 
-fn is_frosted(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::RoughDielectric { .. })
-}
-
-fn is_glossy(material: &MaterialFile) -> bool {
+/// Rough metal.
+pub(super) fn is_glossy(material: &MaterialFile) -> bool {
     matches!(material.innermost(), MaterialFile::RoughConductor { .. })
 }
 
-fn is_coated(material: &MaterialFile) -> bool {
+/// Plastic.
+pub(super) fn is_coated(material: &MaterialFile) -> bool {
     matches!(material.innermost(), MaterialFile::Plastic { .. })
+}
+
+/// Whether there is a choice of directions.
+fn is_guidable(material: &MaterialFile) -> bool {
+    !matches!(
+        material.innermost(),
+        MaterialFile::Conductor { .. }
+            | MaterialFile::Dielectric { .. }
+            | MaterialFile::ThinDielectric { .. }
+            | MaterialFile::Null
+    )
 }
 
 fn is_textured(material: &MaterialFile) -> bool {
@@ -149,24 +320,48 @@ mod tests {
         "lights": [{"type": "point", "position": [0,0,0], "intensity": [1,1,1]}]}"#;
 
     fn on(scene: &SceneFile) -> Vec<&'static str> {
-        plan(scene).effects.into_iter().filter(|e| e.on).map(|e| e.name).collect()
+        plan(scene).effects.into_iter().filter(|e| e.on).map(|e| e.name.name()).collect()
     }
 
     #[test]
     fn effects_follow_what_is_used() {
         let mut scene: SceneFile = serde_json::from_str(SCENE).unwrap();
-        assert_eq!(on(&scene), ["direct light", "photons", "delta lights", "refraction", "guiding"]);
+        let all = ["direct-light", "point-lights", "transmission", "photons", "guiding", "reconstruction"];
+        assert_eq!(on(&scene), all);
         scene.shapes.remove(0);
-        assert_eq!(on(&scene), ["direct light", "photons", "delta lights", "refraction"]);
+        assert_eq!(on(&scene), ["direct-light", "point-lights", "transmission"]);
         scene.lights.clear();
         scene.shapes[0].material = "unused".into();
         assert_eq!(on(&scene), ["mirrors"]);
     }
 
     #[test]
+    fn photons_need_a_lamp_or_something_that_gathers_them() {
+        let mut scene: SceneFile = serde_json::from_str(SCENE).unwrap();
+        let map = LightFile::Envmap { file: "sky.exr".into(), scale: 1.0, to_world: crate::scene::file::IDENTITY };
+        scene.lights = vec![map];
+        assert!(plan(&scene).is_on(EffectKind::Photons));
+        scene.shapes.truncate(1);
+        assert!(!plan(&scene).is_on(EffectKind::Photons));
+        scene.lights = vec![LightFile::Constant { radiance: [1.0; 3] }];
+        assert!(!plan(&scene).is_on(EffectKind::Photons));
+        scene.shapes[0].emission = Some([1.0; 3]);
+        assert!(plan(&scene).is_on(EffectKind::Photons));
+    }
+
+    #[test]
     fn direct_light_needs_no_guiding() {
         let mut scene: SceneFile = serde_json::from_str(SCENE).unwrap();
         scene.render.max_depth = 2;
-        assert!(plan(&scene).effects.iter().any(|e| e.name == "guiding" && !e.on && e.cause.contains("depth 2")));
+        let guiding = |e: &Effect| e.name == EffectKind::Guiding && !e.on && e.cause.contains("depth 2");
+        assert!(plan(&scene).effects.iter().any(guiding));
+    }
+
+    #[test]
+    fn names_are_those_of_the_json() {
+        for kind in EffectKind::ALL {
+            assert_eq!(serde_json::to_value(kind).unwrap(), kind.name());
+            assert_eq!(EffectKind::named(kind.name()), Some(kind));
+        }
     }
 }

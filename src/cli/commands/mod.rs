@@ -10,11 +10,13 @@ pub mod render;
 use super::args::Common;
 use super::print;
 use crate::base::{Error, Result};
-use crate::scene::readers::{LoadedScene, load};
+use crate::scene::overrides::Override;
+use crate::scene::plan::EffectPlan;
+use crate::scene::readers::{LoadedScene, load_with};
 
 /// Loads a scene and passes its warnings on.
-fn load_scene(path: &std::path::Path, common: &Common) -> Result<LoadedScene> {
-    let loaded = load(path)?;
+fn load_scene(path: &std::path::Path, effects: &[Override], common: &Common) -> Result<LoadedScene> {
+    let loaded = load_with(path, effects)?;
     print::warnings(&loaded.warnings, common.quiet);
     Ok(loaded)
 }
@@ -26,4 +28,11 @@ fn in_pool<T: Send>(common: &Common, work: impl FnOnce() -> Result<T> + Send) ->
         .build()
         .map_err(|e| Error::Options(format!("threads cannot be started: {e}")))?;
     pool.install(work)
+}
+
+/// Writes into the plan what was asked for.
+fn apply(plan: &mut EffectPlan, overrides: &[Override]) {
+    for &Override { kind, on } in overrides {
+        plan.decide(kind, on, "asked for with --effects");
+    }
 }

@@ -1,6 +1,6 @@
 //! `fanal plan`.
 
-use super::{in_pool, load_scene};
+use super::{apply, in_pool, load_scene};
 use crate::base::Result;
 use crate::cli::args::PlanArgs;
 use crate::cli::print;
@@ -11,12 +11,13 @@ use crate::scene::plan::plan;
 /// # Errors
 /// What reading the scene says.
 pub fn run(args: &PlanArgs) -> Result<()> {
-    let plan = plan(&in_pool(&args.common, || load_scene(&args.scene, &args.common))?.file);
+    let mut plan = plan(&in_pool(&args.common, || load_scene(&args.scene, &args.effects, &args.common))?.file);
+    apply(&mut plan, &args.effects);
     if args.json {
         return print::json(&plan);
     }
     plan.effects.iter().try_for_each(|effect| {
         let state = if effect.on { "on " } else { "off" };
-        print::line(&format!("{state}  {:<20}  {}", effect.name, effect.cause))
+        print::line(&format!("{state}  {:<20}  {}", effect.name.name(), effect.cause))
     })
 }

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use super::{in_pool, load_scene};
+use super::{apply, in_pool, load_scene};
 use crate::base::files::write_bytes;
 use crate::base::{Error, Progress, Result};
 use crate::cli::args::{Backend, RenderArgs};
@@ -20,7 +20,7 @@ use crate::render::{
     self, Control, ErrorPoint, GuideMode, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics, StopRule,
 };
 use crate::scene::Scene;
-use crate::scene::plan::plan;
+use crate::scene::plan::{EffectKind, plan};
 use crate::scene::readers::{LoadedScene, read_image};
 
 /// Least time between two pictures while rendering.
@@ -37,9 +37,10 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     }
     in_pool(&args.common, || {
         let begun = Instant::now();
-        let loaded = load_scene(&args.scene, &args.common)?;
+        let mut loaded = load_scene(&args.scene, &args.effects, &args.common)?;
         let load = begun.elapsed().as_secs_f64();
         let request = resolve(args, &loaded.file)?;
+        loaded.file.render.max_depth = request.max_depth;
         let reference = reference(&request)?;
         let stop = interrupt::flag()?;
         let progress = progress::progress(args.common.quiet);
@@ -90,7 +91,13 @@ fn render(
     progress: &dyn Progress,
     stop: &AtomicBool,
 ) -> Result<(Statistics, Result<()>)> {
-    let mut settings = request.settings();
+    let mut plan = plan(&loaded.file);
+    if let Some(samples) = request.samples {
+        plan.decide(EffectKind::Photons, samples.photons(), "asked for with --samples");
+    }
+    apply(&mut plan, &request.effects);
+    let mut settings = request.settings().following(&plan);
+    settings.note(&mut plan);
     let loaded_guide = request.load_guide.as_deref().map(file::load).transpose()?;
     let reconstructor = reconstructor(request, &settings)?;
     let begun = Instant::now();
@@ -116,7 +123,7 @@ fn render(
     statistics.errors = errors.take();
     statistics.scene = request.scene.display().to_string();
     statistics.seconds.build = build;
-    statistics.effects = plan(&loaded.file).effects;
+    statistics.effects = plan.effects;
     if let Some(reference) = reference {
         let measures = measure(&outcome.image, reference)?;
         statistics.errors.push(ErrorPoint::new(statistics.seconds.total, statistics.spp, &measures));

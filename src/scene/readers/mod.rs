@@ -27,7 +27,9 @@ use rayon::prelude::*;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 use crate::materials::image::Image;
+use crate::scene::effects::Needs;
 use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
+use crate::scene::overrides::{self, Override};
 
 pub use exr::{Channels, read_exr_channels};
 pub use image::read_image;
@@ -51,6 +53,8 @@ pub struct LoadedScene {
     pub skipped_triangles: usize,
     /// What was understood in another way than it may have been meant.
     pub warnings: Vec<String>,
+    /// Effects that were switched on although nothing in the file calls for them.
+    pub needs: Needs,
 }
 
 /// Loads a scene: a `.json` file in our own format, a Mitsuba `.xml` file, or a folder that holds `scene.json` or `scene.xml`.
@@ -58,13 +62,21 @@ pub struct LoadedScene {
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`], [`Error::Unsupported`] and [`Error::Limit`], naming file and place.
 pub fn load(path: &Path) -> Result<LoadedScene> {
+    load_with(path, &[])
+}
+
+/// [`load`] with effects switched on or off. Nothing is read that only an effect refers to which is off.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with(path: &Path, overrides: &[Override]) -> Result<LoadedScene> {
     let path = document(path)?;
     let directory = path.parent().unwrap_or(Path::new("")).to_owned();
     match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
-        Some("json") => resolve_at(json::read(&path)?, &directory, &Places::new(&path), Vec::new()),
+        Some("json") => resolve_at(json::read(&path)?, &directory, &Places::new(&path), Vec::new(), overrides),
         Some("xml") => {
             let mitsuba::Translation { file, places, warnings } = mitsuba::read(&path)?;
-            resolve_at(file, &directory, &places, warnings)
+            resolve_at(file, &directory, &places, warnings, overrides)
         }
         _ => Err(Error::Unsupported {
             place: Place::file(&path),
@@ -92,11 +104,18 @@ fn document(path: &Path) -> Result<PathBuf> {
 /// # Errors
 /// As [`load`]; places are key paths such as `shapes[3].material`.
 pub fn resolve(file: SceneFile, directory: &Path, source: &Path) -> Result<LoadedScene> {
-    resolve_at(file, directory, &Places::new(source), Vec::new())
+    resolve_at(file, directory, &Places::new(source), Vec::new(), &[])
 }
 
-fn resolve_at(file: SceneFile, directory: &Path, places: &Places, mut warnings: Vec<String>) -> Result<LoadedScene> {
+fn resolve_at(
+    mut file: SceneFile,
+    directory: &Path,
+    places: &Places,
+    mut warnings: Vec<String>,
+    overrides: &[Override],
+) -> Result<LoadedScene> {
     validate::validate(&file, places)?;
+    let needs = overrides::apply(&mut file, overrides);
     let mut skipped_triangles = 0;
     let mut meshes = BTreeMap::new();
     for (name, (mesh, skipped)) in load_meshes(&file.meshes, directory, places)? {
@@ -113,7 +132,7 @@ fn resolve_at(file: SceneFile, directory: &Path, places: &Places, mut warnings: 
             warnings.push(format!("{place}: a shape that shines has no holes: its mask is left out"));
         }
     }
-    Ok(LoadedScene { file, directory: directory.to_owned(), meshes, images, skipped_triangles, warnings })
+    Ok(LoadedScene { file, directory: directory.to_owned(), meshes, images, skipped_triangles, warnings, needs })
 }
 
 type Cleaned = (Mesh, usize);

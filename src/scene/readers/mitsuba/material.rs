@@ -55,6 +55,7 @@ impl<'a> Reader<'a> {
             "roughconductor" => self.rough_conductor(element),
             "dielectric" | "thindielectric" | "roughdielectric" => self.dielectric(element),
             "plastic" | "roughplastic" => self.plastic(element),
+            "null" => Object::new(element, &self.ids, &[], &[]).map(|_| MaterialFile::Null),
             "mask" => self.mask(element),
             "twosided" => self.two_sided(element),
             "bumpmap" | "normalmap" => self.flat(element),

@@ -5,6 +5,7 @@ mod conductors;
 mod element;
 mod emitter;
 mod material;
+mod medium;
 mod object;
 mod sensor;
 mod shape;
@@ -86,10 +87,17 @@ impl<'a> Reader<'a> {
         let file = SceneFile {
             version: VERSION,
             name: String::new(),
-            camera: CameraFile { to_world: IDENTITY, fov: 90.0, aperture_radius: 0.0, focus_distance: None },
+            camera: CameraFile {
+                to_world: IDENTITY,
+                fov: 90.0,
+                aperture_radius: 0.0,
+                focus_distance: None,
+                medium: None,
+            },
             film: FilmFile { width: 768, height: 576 },
             render: RenderFile::default(),
             materials: Default::default(),
+            media: Default::default(),
             meshes: Default::default(),
             shapes: Vec::new(),
             lights: Vec::new(),
@@ -112,11 +120,21 @@ impl<'a> Reader<'a> {
             "bsdf" => self.named_material(element),
             // Read where it is used.
             "texture" if element.attribute("id").is_some() => Ok(()),
+            "medium" if element.attribute("id").is_some() => Ok(()),
             "shape" => self.shape(element),
             "emitter" => self.emitter(element),
             other => {
-                let known =
-                    ["default", "include", "integrator", "sensor", "bsdf", "texture with an id", "shape", "emitter"];
+                let known = [
+                    "default",
+                    "include",
+                    "integrator",
+                    "sensor",
+                    "bsdf",
+                    "texture with an id",
+                    "medium with an id",
+                    "shape",
+                    "emitter",
+                ];
                 Err(element.unsupported(format!("<{other}> inside <scene>"), &known))
             }
         }
@@ -127,8 +145,8 @@ impl<'a> Reader<'a> {
             return Err(element.malformed("a second integrator"));
         }
         match object::kind(element)? {
-            "path" => {}
-            other => return Err(element.unsupported(format!("integrator \"{other}\""), &["path"])),
+            "path" | "volpath" => {}
+            other => return Err(element.unsupported(format!("integrator \"{other}\""), &["path", "volpath"])),
         }
         // How paths end early and what is shown where nothing is hit do not belong to a scene's radiance.
         let object = object::Object::new(element, &self.ids, &["max_depth", "rr_depth", "hide_emitters"], &[])?;

@@ -161,7 +161,7 @@ impl<'a> Object<'a> {
 }
 
 /// The element that a reference means, or the element itself.
-fn follow<'a>(element: &'a Element, ids: &Ids<'a>) -> Result<&'a Element> {
+pub fn follow<'a>(element: &'a Element, ids: &Ids<'a>) -> Result<&'a Element> {
     if element.tag != "ref" {
         return Ok(element);
     }

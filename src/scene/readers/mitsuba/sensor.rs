@@ -22,7 +22,7 @@ impl<'a> Reader<'a> {
         };
         let mut known = vec!["to_world", "fov", "fov_axis", "focal_length", "near_clip", "far_clip", "focus_distance"];
         known.extend(lens.then_some("aperture_radius"));
-        let object = Object::new(element, &self.ids, &known, &["film", "sampler"])?;
+        let object = Object::new(element, &self.ids, &known, &["film", "sampler", "medium"])?;
         let sampler = object.single("sampler")?;
         if let Some(sampler) = sampler {
             self.sampler(sampler)?;
@@ -37,7 +37,9 @@ impl<'a> Reader<'a> {
             (true, None) => return Err(element.malformed("a thinlens needs an aperture_radius")),
             (_, radius) => radius.unwrap_or(0.0) as f32,
         };
+        let [medium] = self.media(element, "camera", ["medium"])?;
         self.file.camera = CameraFile {
+            medium,
             to_world: object.to_world()?,
             fov: horizontal_fov(&object, &self.file.film)? as f32,
             aperture_radius: aperture,

@@ -25,10 +25,13 @@ impl<'a> Reader<'a> {
             "sphere" => &["center", "radius"],
             other => return Err(element.unsupported(format!("shape \"{other}\""), &KINDS)),
         });
-        let object = Object::new(element, &self.ids, &known, &["bsdf", "emitter"])?;
+        let object = Object::new(element, &self.ids, &known, &["bsdf", "emitter", "medium"])?;
         let index = self.file.shapes.len();
         let emission = object.single("emitter")?.map(|emitter| self.area_light(emitter)).transpose()?;
+        let [interior, exterior] = self.media(element, &format!("shape {index}"), ["interior", "exterior"])?;
         let shape = ShapeFile {
+            interior,
+            exterior,
             name: element.attribute("id").unwrap_or_default().to_owned(),
             geometry: self.geometry(&object)?,
             to_world: placement(&object)?,

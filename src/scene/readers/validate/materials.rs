@@ -34,7 +34,10 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
         }
         MaterialFile::RoughDielectric { alpha, int_ior, ext_ior, .. }
         | MaterialFile::Plastic { alpha, int_ior, ext_ior, .. } => interface(check, key, *alpha, *int_ior, *ext_ior),
-        MaterialFile::Diffuse { .. } | MaterialFile::TwoSided { .. } | MaterialFile::Mask { .. } => Ok(()),
+        MaterialFile::Null
+        | MaterialFile::Diffuse { .. }
+        | MaterialFile::TwoSided { .. }
+        | MaterialFile::Mask { .. } => Ok(()),
     }
 }
 
@@ -46,7 +49,8 @@ fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]:
         MaterialFile::TwoSided { .. } | MaterialFile::Mask { .. } => {
             check.fail(key, "a two-sided or masked material inside another of its kind")
         }
-        MaterialFile::Dielectric { .. }
+        MaterialFile::Null
+        | MaterialFile::Dielectric { .. }
         | MaterialFile::ThinDielectric { .. }
         | MaterialFile::RoughDielectric { .. }
             if two_sided =>

@@ -8,7 +8,8 @@ use glam::DMat3;
 
 use crate::base::{Error, Result};
 use crate::scene::file::{
-    CameraFile, FilmFile, GeometryFile, LightFile, Matrix, MeshFile, RenderFile, SceneFile, ShapeFile, VERSION,
+    CameraFile, FilmFile, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, MeshFile, RenderFile, SceneFile,
+    ShapeFile, VERSION,
 };
 
 use super::json::unsupported_version;
@@ -35,6 +36,10 @@ pub fn validate(file: &SceneFile, places: &Places) -> Result<()> {
     for (name, material) in &file.materials {
         materials::material(&check, &format!("materials.{name}"), material)?;
     }
+    for (name, medium) in &file.media {
+        self::medium(&check, &format!("media.{name}"), medium)?;
+    }
+    known_medium(&check, "camera.medium", file.camera.medium.as_ref(), file)?;
     for (name, mesh) in &file.meshes {
         inline_mesh(&check, &format!("meshes.{name}"), mesh)?;
     }
@@ -57,6 +62,23 @@ fn camera(check: &Checker, camera: &CameraFile) -> Result<()> {
     match camera.focus_distance {
         Some(distance) => check.positive("camera.focus_distance", distance),
         None if camera.aperture_radius > 0.0 => check.fail("camera", "a lens needs a focus_distance"),
+        None => Ok(()),
+    }
+}
+
+fn medium(check: &Checker, key: &str, medium: &MediumFile) -> Result<()> {
+    let MediumFile::Homogeneous { sigma_t, albedo, g } = medium;
+    check.color(&format!("{key}.sigma_t"), sigma_t)?;
+    check.albedo(&format!("{key}.albedo"), albedo)?;
+    if !(*g > -1.0 && *g < 1.0) {
+        return check.fail(&format!("{key}.g"), format!("g is {g}, expected a number between -1 and 1"));
+    }
+    Ok(())
+}
+
+fn known_medium(check: &Checker, key: &str, name: Option<&String>, file: &SceneFile) -> Result<()> {
+    match name.filter(|name| !file.media.contains_key(*name)) {
+        Some(name) => check.fail(key, format!("there is no medium \"{name}\"")),
         None => Ok(()),
     }
 }
@@ -100,8 +122,14 @@ fn shape(check: &Checker, key: &str, shape: &ShapeFile, file: &SceneFile) -> Res
     if !file.materials.contains_key(&shape.material) {
         return check.fail(&format!("{key}.material"), format!("there is no material \"{}\"", shape.material));
     }
+    for (side, name) in [("interior", &shape.interior), ("exterior", &shape.exterior)] {
+        known_medium(check, &format!("{key}.{side}"), name.as_ref(), file)?;
+    }
     if let Some(emission) = &shape.emission {
         check.color(&format!("{key}.emission"), emission)?;
+        if matches!(file.materials[&shape.material].innermost(), MaterialFile::Null) {
+            return check.fail(&format!("{key}.emission"), "what is no surface cannot emit; give it a black material");
+        }
     }
     match &shape.geometry {
         GeometryFile::Mesh { mesh } if !file.meshes.contains_key(mesh) => {

@@ -1,0 +1,184 @@
+//! Effects that are switched on or off against the scene's plan.
+//!
+//! What is switched off is taken out of the scene file before anything that it refers to is read: it loads nothing and runs
+//! nothing. What is switched on although the scene does not call for it is compiled in and finds nothing to do.
+
+use std::str::FromStr;
+
+use super::effects::Needs;
+use super::file::LightFile;
+use super::file::{MaterialFile, SceneFile, TextureFile};
+use super::plan::{EffectKind, is_clear, is_coated, is_environment, is_glossy, is_mirror, is_pane};
+
+/// `+name` or `-name`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Override {
+    /// Which effect.
+    pub kind: EffectKind,
+    /// Whether it is to be on.
+    pub on: bool,
+}
+
+impl FromStr for Override {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let names = || EffectKind::ALL.map(EffectKind::name).join(", ");
+        let (on, name) = match (text.strip_prefix('+'), text.strip_prefix('-')) {
+            (Some(name), _) => (true, name),
+            (_, Some(name)) => (false, name),
+            _ => return Err(format!("\"{text}\" begins with neither + nor -, as in +photons,-medium")),
+        };
+        let kind =
+            EffectKind::named(name).ok_or_else(|| format!("no effect is named \"{name}\"; there are {}", names()))?;
+        Ok(Self { kind, on })
+    }
+}
+
+/// Takes what is switched off out of the scene, and returns what the tracers must be compiled for besides.
+pub fn apply(scene: &mut SceneFile, overrides: &[Override]) -> Needs {
+    let mut needs = Needs::default();
+    for &Override { kind, on } in overrides {
+        if on {
+            needs.media |= kind == EffectKind::Medium;
+            needs.materials |= MATERIALS.contains(&kind);
+        } else {
+            remove(scene, kind);
+        }
+    }
+    needs
+}
+
+/// Effects of materials that the loop for plain diffuse surfaces leaves out.
+const MATERIALS: [EffectKind; 6] = [
+    EffectKind::Mirrors,
+    EffectKind::Transmission,
+    EffectKind::ThinTransmission,
+    EffectKind::Glossy,
+    EffectKind::Coats,
+    EffectKind::Masks,
+];
+
+fn remove(scene: &mut SceneFile, kind: EffectKind) {
+    use EffectKind as K;
+    match kind {
+        K::AreaLights => scene.shapes.iter_mut().for_each(|shape| shape.emission = None),
+        K::PointLights => scene.lights.retain(|light| !matches!(light, LightFile::Point { .. })),
+        K::SpotLights => scene.lights.retain(|light| !matches!(light, LightFile::Spot { .. })),
+        K::DirectionalLights => scene.lights.retain(|light| !matches!(light, LightFile::Directional { .. })),
+        K::Environment => scene.lights.retain(|light| !is_environment(light)),
+        K::DepthOfField => scene.camera.aperture_radius = 0.0,
+        K::Medium => remove_media(scene),
+        K::Masks => scene.materials.values_mut().for_each(unmask),
+        K::Textures => {
+            scene.materials.values_mut().flat_map(MaterialFile::textures_mut).for_each(|(_, texture)| flatten(texture));
+        }
+        K::Mirrors => make_diffuse(scene, is_mirror),
+        K::Transmission => make_diffuse(scene, is_clear),
+        K::ThinTransmission => make_diffuse(scene, is_pane),
+        K::Glossy => make_diffuse(scene, is_glossy),
+        K::Coats => make_diffuse(scene, is_coated),
+        // Not of the scene but of how it is rendered.
+        K::DirectLight | K::Photons | K::Guiding | K::Reconstruction => {}
+    }
+}
+
+/// Borders of media stay, so that what is inside a medium stays visible.
+fn remove_media(scene: &mut SceneFile) {
+    scene.media.clear();
+    scene.camera.medium = None;
+    for shape in &mut scene.shapes {
+        (shape.interior, shape.exterior) = (None, None);
+    }
+}
+
+/// Takes the mask off.
+fn unmask(material: &mut MaterialFile) {
+    match material {
+        MaterialFile::TwoSided { material } => unmask(material),
+        MaterialFile::Mask { material: inner, .. } => *material = (**inner).clone(),
+        _ => {}
+    }
+}
+
+/// The mean of a checkerboard; grey instead of a picture, which is not read.
+fn flatten(texture: &mut TextureFile) {
+    let value = match texture {
+        TextureFile::Rgb { .. } => return,
+        TextureFile::Checkerboard { color0, color1, .. } => [0, 1, 2].map(|c| 0.5 * (color0[c] + color1[c])),
+        TextureFile::Bitmap { .. } => [0.5; 3],
+    };
+    *texture = TextureFile::rgb(value);
+}
+
+/// A plain surface of the same colour instead; two-sided, since light came from everywhere.
+fn make_diffuse(scene: &mut SceneFile, test: fn(&MaterialFile) -> bool) {
+    for material in scene.materials.values_mut().filter(|material| test(material)) {
+        let inner = material.innermost_mut();
+        let colour = inner.textures().first().map_or(TextureFile::rgb([0.5; 3]), |(_, texture)| (*texture).clone());
+        *inner = MaterialFile::Diffuse { reflectance: colour };
+        if !material.is_two_sided() {
+            let plain = std::mem::replace(material, MaterialFile::Null);
+            *material = MaterialFile::TwoSided { material: Box::new(plain) };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::plan::plan;
+    use super::*;
+
+    const SCENE: &str = r#"{"version": 1,
+        "camera": {"to_world": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1], "fov": 40, "aperture_radius": 0.1, "focus_distance": 2, "medium": "fog"},
+        "film": {"width": 1, "height": 1},
+        "media": {"fog": {"type": "homogeneous", "sigma_t": [1,1,1], "albedo": [1,1,1]}},
+        "materials": {
+            "mirror": {"type": "conductor", "eta": [1,1,1], "k": [1,1,1]},
+            "glass": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1},
+            "pane": {"type": "thin_dielectric", "int_ior": 1.5, "ext_ior": 1},
+            "gold": {"type": "rough_conductor", "alpha": 0.1, "eta": [1,1,1], "k": [1,1,1]},
+            "paint": {"type": "plastic", "int_ior": 1.5, "ext_ior": 1, "diffuse_reflectance": {"type": "rgb", "value": [1,0,0]}},
+            "leaf": {"type": "mask", "opacity": {"type": "bitmap", "file": "leaf.png"},
+                     "material": {"type": "diffuse", "reflectance": {"type": "checkerboard", "color0": [1,1,1], "color1": [0,0,0]}}}},
+        "shapes": [
+            {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "mirror", "emission": [1,1,1]},
+            {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "glass", "interior": "fog"},
+            {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "pane"},
+            {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "gold"},
+            {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "paint"},
+            {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "leaf"}],
+        "lights": [{"type": "point", "position": [0,0,0], "intensity": [1,1,1]},
+                   {"type": "spot", "to_world": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1], "intensity": [1,1,1], "cutoff_angle": 20, "beam_width": 10},
+                   {"type": "directional", "direction": [0,0,1], "irradiance": [1,1,1]},
+                   {"type": "constant", "radiance": [1,1,1]}]}"#;
+
+    /// Each effect of the scene, switched off alone, is gone from its plan, and no other is but what depends on it.
+    #[test]
+    fn what_is_off_is_gone() {
+        let whole: SceneFile = serde_json::from_str(SCENE).unwrap();
+        let before = plan(&whole);
+        for kind in EffectKind::ALL {
+            assert!(before.is_on(kind), "{}", kind.name());
+            let mut scene = whole.clone();
+            assert_eq!(apply(&mut scene, &[Override { kind, on: false }]), Needs::default());
+            let after = plan(&scene);
+            let of_rendering = EffectKind::ALL.iter().position(|&k| k == EffectKind::Photons).unwrap();
+            for (index, other) in EffectKind::ALL.into_iter().enumerate() {
+                let stays = other != kind || index >= of_rendering || other == EffectKind::DirectLight;
+                // The leaf's only picture is in its mask, but its board of two colours is a texture as well.
+                assert_eq!(after.is_on(other), stays, "{} without {}", other.name(), kind.name());
+            }
+        }
+    }
+
+    #[test]
+    fn overrides_are_read_and_refused() {
+        assert_eq!("+photons".parse(), Ok(Override { kind: EffectKind::Photons, on: true }));
+        assert_eq!("-depth-of-field".parse(), Ok(Override { kind: EffectKind::DepthOfField, on: false }));
+        for wrong in ["photons", "+", "-fog", ""] {
+            assert!(wrong.parse::<Override>().is_err(), "{wrong}");
+        }
+        assert!("-fog".parse::<Override>().unwrap_err().contains("medium"));
+    }
+}
