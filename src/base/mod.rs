@@ -5,6 +5,7 @@ pub mod files;
 pub mod process;
 pub mod progress;
 pub mod random;
+mod sobol;
 pub mod tensors;
 
 pub use error::{Error, Place, Result};

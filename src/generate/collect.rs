@@ -115,6 +115,7 @@ impl Collector<'_> {
             target: self.learning.learner.target(),
             picture: None,
             first_sample: self.first_sample,
+            sequences_from: None,
             spp,
             chunk: CHUNK,
         };

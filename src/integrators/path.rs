@@ -152,6 +152,7 @@ impl PathTracer<'_> {
                 break;
             }
             count.rays += 1;
+            random.begin_vertex(depth);
             let (arrival, passed) = self.scene.advance::<E>(&ray, &mut medium, throughput, random);
             throughput *= passed;
             reflected *= passed;
@@ -223,7 +224,7 @@ impl PathTracer<'_> {
         let radiance = light.emitted(surface, -ray.direction);
         match previous {
             Some(p) if p.light_probability > 0.0 => {
-                let choice = self.scene.lights.selection.probability(index) as f32 * p.light_probability;
+                let choice = self.scene.lights.probability(p.point, index) * p.light_probability;
                 let weight = mis::balance(p.pdf, light.pdf(p.point, surface) * choice);
                 Emission { radiance, weight, connected: true }
             }

@@ -4,11 +4,12 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
+use super::tree::{Cone, LightBounds};
 use super::{Emission, LightSample};
 use crate::geometry::sphere::Sphere;
 use crate::geometry::{Geometry, Ray, Shape, Surface};
-use crate::math::Frame;
 use crate::math::error_bound::{gamma, offset_origin};
+use crate::math::{Frame, channel_mean};
 use crate::sampling::discrete::Discrete;
 use crate::sampling::warp;
 
@@ -113,6 +114,32 @@ impl AreaLight {
         let direction = Frame::new(normal).to_world(warp::square_to_cosine_hemisphere(v));
         let origin = offset_origin(point, error, normal, direction);
         Some(Emission { ray: Ray { origin, direction }, power: self.power(), normal })
+    }
+
+    /// Where it is, and the normals of its emitting side.
+    pub(super) fn bounds(&self) -> LightBounds {
+        let Geometry::Mesh { mesh, to_world, .. } = &self.shape.geometry else {
+            let Geometry::Sphere(sphere) = &self.shape.geometry else { unreachable!("a shape is a mesh or a sphere") };
+            let radius = Vec3::splat(sphere.radius);
+            let intensity = channel_mean(self.power()) / (4.0 * PI);
+            return LightBounds {
+                low: sphere.center - radius,
+                high: sphere.center + radius,
+                cone: Cone::ALL,
+                intensity,
+            };
+        };
+        let sign = if self.shape.flip_normals { -1.0 } else { 1.0 } * to_world.matrix3.determinant().signum();
+        let (mut low, mut high, mut cone) = (Vec3::INFINITY, Vec3::NEG_INFINITY, None::<Cone>);
+        for index in 0..mesh.triangles.len() as u32 {
+            let [a, b, c] = self.shape.triangle(index);
+            (low, high) = (low.min(a).min(b).min(c), high.max(a).max(b).max(c));
+            if let Some(normal) = (b - a).cross(c - a).try_normalize() {
+                let own = Cone::new(normal * sign, 0.0);
+                cone = Some(cone.map_or(own, |cone| cone.union(own)));
+            }
+        }
+        LightBounds { low, high, cone: cone.unwrap_or(Cone::ALL), intensity: channel_mean(self.power()) / PI }
     }
 
     /// π·A·L.

@@ -4,15 +4,18 @@ pub mod area;
 pub mod distant;
 pub mod envmap;
 pub mod point;
+pub mod tree;
 
 use glam::Vec3;
 
 use crate::geometry::Ray;
 use crate::math::channel_mean;
+use crate::sampling::discrete::Discrete;
 use area::AreaLight;
 use distant::{Constant, Directional};
 use envmap::Envmap;
 use point::{Point, Spot};
+use tree::{LightBounds, LightTree};
 
 /// A direction towards a light.
 #[derive(Debug, Clone, Copy)]
@@ -119,6 +122,16 @@ impl Light {
         }
     }
 
+    /// Where the light is and where it shines; none for lights at infinity.
+    fn bounds(&self) -> Option<LightBounds> {
+        match self {
+            Self::Area(light) => Some(light.bounds()),
+            Self::Point(light) => Some(light.bounds()),
+            Self::Spot(light) => Some(light.bounds()),
+            Self::Directional(_) | Self::Constant(_) | Self::Envmap(_) => None,
+        }
+    }
+
     /// Emitted power per channel, W; for lights at infinity what enters the bounding sphere.
     pub fn power(&self, bounds: &BoundingSphere) -> Vec3 {
         match self {
@@ -137,10 +150,13 @@ impl Light {
 pub struct LightSet {
     /// All lights.
     pub lights: Vec<Light>,
-    /// For connections: half uniform, so that a weak light next to the receiver is found, half by power.
-    pub selection: crate::sampling::discrete::Discrete,
+    /// For connections: half uniform, half by power. Those with a place share their sum among them by the tree.
+    selection: Discrete,
+    /// What lights with a place have of it in all.
+    placed: f32,
+    tree: LightTree,
     /// For photons: by power.
-    pub emission: crate::sampling::discrete::Discrete,
+    pub emission: Discrete,
 }
 
 impl LightSet {
@@ -149,9 +165,44 @@ impl LightSet {
         let power: Vec<f64> = lights.iter().map(|l| f64::from(channel_mean(l.power(bounds)))).collect();
         let total: f64 = power.iter().sum();
         let uniform = 1.0 / lights.len().max(1) as f64;
-        let selection = power.iter().map(|p| 0.5 * uniform + if total > 0.0 { 0.5 * p / total } else { 0.0 });
-        use crate::sampling::discrete::Discrete;
-        Self { selection: Discrete::new(selection), emission: Discrete::new(power.iter().copied()), lights }
+        let weight = |p: f64| 0.5 * uniform + if total > 0.0 { 0.5 * p / total } else { 0.0 };
+        let bounds: Vec<Option<LightBounds>> = lights.iter().map(Light::bounds).collect();
+        // Lights with a place come before the others on the line from 0 to 1, whatever their order in the scene.
+        let mut distant = power.clone();
+        let mut placed = 0.0;
+        for (weighted, bounds) in distant.iter_mut().zip(&bounds) {
+            *weighted = weight(*weighted);
+            if bounds.is_some() {
+                placed += std::mem::take(weighted);
+            }
+        }
+        Self {
+            placed: if distant.iter().all(|weight| *weight == 0.0) { 1.0 } else { placed as f32 },
+            selection: Discrete::new(distant),
+            tree: LightTree::new(&bounds),
+            emission: Discrete::new(power.iter().copied()),
+            lights,
+        }
+    }
+
+    /// Chooses a light for `point`; returns its index and the probability of the choice.
+    fn choose(&self, point: Vec3, choice: f64) -> Option<(usize, f32)> {
+        let placed = f64::from(self.placed);
+        if choice < placed {
+            let (index, probability) = self.tree.sample(point, choice / placed)?;
+            return Some((index, self.placed * probability));
+        }
+        let (index, _) = self.selection.sample((choice - placed) / (1.0 - placed));
+        Some((index, (1.0 - self.placed) * self.selection.probability(index) as f32))
+    }
+
+    /// The probability with which [`LightSet::sample`] chooses light `index` for `point`.
+    pub fn probability(&self, point: Vec3, index: usize) -> f32 {
+        if self.lights[index].is_at_infinity() {
+            (1.0 - self.placed) * self.selection.probability(index) as f32
+        } else {
+            self.placed * self.tree.probability(point, index)
+        }
     }
 
     /// A sample of a chosen light; its density includes the choice.
@@ -159,9 +210,9 @@ impl LightSet {
         if self.lights.is_empty() {
             return None;
         }
-        let (index, _) = self.selection.sample(choice);
+        let (index, probability) = self.choose(point, choice)?;
         let sample = self.lights[index].sample(point, u)?;
-        Some(LightSample { pdf: sample.pdf * self.selection.probability(index) as f32, ..sample })
+        Some(LightSample { pdf: sample.pdf * probability, ..sample })
     }
 
     /// Radiance of all background lights in direction `wi`, and the density with which [`LightSet::sample`] chooses it.
@@ -170,7 +221,7 @@ impl LightSet {
         for (i, light) in self.lights.iter().enumerate() {
             if matches!(light, Light::Constant(_) | Light::Envmap(_)) {
                 sum.0 += light.background(wi);
-                sum.1 += light.background_pdf(wi) * self.selection.probability(i) as f32;
+                sum.1 += light.background_pdf(wi) * (1.0 - self.placed) * self.selection.probability(i) as f32;
             }
         }
         sum

@@ -4,9 +4,10 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Affine3A, Vec3};
 
+use super::tree::{Cone, LightBounds};
 use super::{Emission, LightSample};
 use crate::geometry::Ray;
-use crate::math::Frame;
+use crate::math::{Frame, channel_mean};
 use crate::sampling::warp;
 
 /// A point light.
@@ -40,6 +41,12 @@ impl Point {
     pub fn emit(&self, u: [f32; 2]) -> Emission {
         let direction = warp::square_to_sphere(u);
         Emission { ray: Ray { origin: self.position, direction }, power: self.power(), normal: direction }
+    }
+
+    /// Where it is; it shines everywhere.
+    pub(super) fn bounds(&self) -> LightBounds {
+        let intensity = channel_mean(self.intensity);
+        LightBounds { low: self.position, high: self.position, cone: Cone::ALL, intensity }
     }
 
     /// 4π·I.
@@ -86,6 +93,12 @@ impl Spot {
     /// The only direction.
     pub fn sample(&self, point: Vec3) -> Option<LightSample> {
         towards(self.position, point, |direction| self.intensity(direction))
+    }
+
+    /// Where it is and shines.
+    pub(super) fn bounds(&self) -> LightBounds {
+        let intensity = channel_mean(self.intensity);
+        LightBounds { low: self.position, high: self.position, cone: Cone::new(self.frame.n, self.cutoff), intensity }
     }
 
     /// A photon in a uniform direction of the cone.

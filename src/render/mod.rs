@@ -143,6 +143,8 @@ struct Run<'a> {
     evidence: Evidence,
     /// Camera samples per pixel so far.
     rendered: u32,
+    /// Those before the pass that is being made, where its samples follow sequences.
+    sequences_from: Option<u32>,
 }
 
 /// What the iterations so far say about the next.
@@ -175,6 +177,7 @@ impl<'a> Run<'a> {
             spent: 0.0,
             evidence: Evidence::default(),
             rendered: 0,
+            sequences_from: None,
         };
         let total = match settings.stop {
             StopRule::Spp(spp) => u64::from(spp) * run.pixels(),
@@ -186,6 +189,11 @@ impl<'a> Run<'a> {
 
     fn pixels(&self) -> u64 {
         u64::from(self.scene.size[0]) * u64::from(self.scene.size[1])
+    }
+
+    fn begin_pass(&mut self) -> Pass {
+        self.sequences_from = Some(self.rendered);
+        self.empty_pass()
     }
 
     fn empty_pass(&self) -> Pass {
@@ -213,6 +221,7 @@ impl<'a> Run<'a> {
             target: learning.as_ref().map_or(self.settings.learner.target, |l| l.learner.target()),
             picture,
             first_sample: self.rendered,
+            sequences_from: self.sequences_from,
             spp,
             chunk: chunk.max(LEAST_CHUNK).max(self.pixels().div_ceil(EVERY_ROW)),
         };
@@ -245,7 +254,7 @@ impl<'a> Run<'a> {
             let photon_share = learning.photon_share;
             self.watcher.control.progress.message(&format!("learning, iteration {t}"));
             let field = learning.field(true);
-            let mut pass = self.empty_pass();
+            let mut pass = self.begin_pass();
             let picture = self.pixel_values();
             if let StopRule::Time(seconds) = self.settings.stop {
                 self.watcher.deadline = Some(self.settings.learning_share * seconds);
@@ -379,7 +388,7 @@ impl<'a> Run<'a> {
             StopRule::TargetError(_) => LOOK,
         };
         if spp > 0 {
-            let mut pass = self.empty_pass();
+            let mut pass = self.begin_pass();
             self.trace(&mut pass, spp, Some(field), None, None);
             self.passes.push(pass.finish());
         }
@@ -387,7 +396,7 @@ impl<'a> Run<'a> {
 
     /// What is left of the budget goes into one pass.
     fn final_pass(&mut self, field: Option<&GuideField>) -> Result<Image> {
-        let mut pass = self.empty_pass();
+        let mut pass = self.begin_pass();
         let picture = field.and_then(|_| self.pixel_values());
         let mut rendered = 0;
         loop {

@@ -30,6 +30,9 @@ const BLOCK: u64 = 1 << 10;
 /// Makes the random numbers of light paths differ from those of camera paths.
 const PHOTON_STREAM: u64 = 1 << 63;
 
+/// Makes the sequences of camera paths differ from their independent numbers.
+const SEQUENCE_SEED: u64 = 0x5EED_0F5E_7B0B_0105;
+
 /// Records of one chunk.
 #[derive(Default)]
 pub struct Records {
@@ -53,8 +56,10 @@ pub struct PassTracer<'a> {
     pub target: Target,
     /// Values that pixels will about have; none where nothing is known of them.
     pub picture: Option<&'a [f32]>,
-    /// Camera samples per pixel of the passes before, so that no random number is used twice.
+    /// Camera samples per pixel before, so that no random number is used twice.
     pub first_sample: u32,
+    /// Those of them at which the sequences of the pass begin; none where its samples are to be independent.
+    pub sequences_from: Option<u32>,
     /// Camera paths per pixel.
     pub spp: u32,
     /// Paths per chunk, at most [`CHUNK`]. What is learned depends on it, the samples do not.
@@ -209,8 +214,18 @@ impl PassTracer<'_> {
         (u64::from(rows[(place / width) as usize]) * width + place % width, sample)
     }
 
+    /// The random numbers of a camera sample. The even and the odd samples of a pass follow sequences of their own, since each half
+    /// judges the other and must know nothing of it.
+    fn random(&self, pixel: u64, sample: u64) -> Random {
+        let random = Random::new(self.settings.seed, pixel, sample);
+        let Some(start) = self.sequences_from.map(u64::from) else { return random };
+        let place = sample - start;
+        let family = Random::new(self.settings.seed ^ SEQUENCE_SEED, pixel, 2 * start + place % 2);
+        random.in_sequences(family.key(), (place / 2) as u32)
+    }
+
     fn camera_path(&self, pixel: u64, sample: u64, keep: bool, scratch: &mut PathScratch, block: &mut Block) {
-        let mut random = Random::new(self.settings.seed, pixel, u64::from(self.first_sample) + sample);
+        let mut random = self.random(pixel, u64::from(self.first_sample) + sample);
         let [dx, dy] = random.next_2d();
         let width = u64::from(self.scene.size[0]);
         let film = [(pixel % width) as f32 + dx, (pixel / width) as f32 + dy];

@@ -30,6 +30,8 @@ impl Run<'_> {
         // What was learned from decides about the field and so about the number of samples.
         self.passes.clear();
         let mut halves = [0, 1].map(|_| Half { pass: self.empty_pass(), done: None });
+        // Estimates of the error by the spread of samples hold for independent ones.
+        self.sequences_from = None;
         let mut each = 0;
         let mut estimate = f64::NAN;
         let begun = self.watcher.elapsed();
