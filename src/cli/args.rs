@@ -11,6 +11,7 @@ use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Target};
 use crate::render::{GuideMode, Reconstruction, SampleKinds};
 use crate::report::experiment::Method;
+use crate::scene::file::FilterFile;
 
 /// A physically based renderer that learns where light comes from.
 #[derive(Debug, Parser)]
@@ -123,6 +124,31 @@ words!(
     Window: "By what is expected of them, light sampling likewise (Vorba and Křivánek 2016)",
 );
 
+/// Pixel filters, as wide as usual.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PixelFilter {
+    /// The mean over the pixel
+    Box,
+    /// A tent over two pixels
+    Tent,
+    /// A Gaussian with a standard deviation of half a pixel
+    Gaussian,
+    /// A Blackman-Harris window over three pixels
+    BlackmanHarris,
+}
+
+impl PixelFilter {
+    /// The filter as a scene file has it.
+    pub fn file(self) -> FilterFile {
+        match self {
+            Self::Box => FilterFile::default(),
+            Self::Tent => FilterFile::TENT,
+            Self::Gaussian => FilterFile::GAUSSIAN,
+            Self::BlackmanHarris => FilterFile::BLACKMAN_HARRIS,
+        }
+    }
+}
+
 /// Who executes the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Backend {
@@ -218,6 +244,9 @@ pub struct RenderArgs {
     /// Size of the picture in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<[u32; 2]>,
+    /// What of the light around it a pixel shows [default: the scene's]
+    #[arg(long, value_enum, value_name = "FILTER")]
+    pub pixel_filter: Option<PixelFilter>,
     /// Stops by which a PNG file is brightened [default: 0]
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = stops)]
     pub exposure: Option<f32>,

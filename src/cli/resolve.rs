@@ -2,14 +2,14 @@
 
 use std::path::PathBuf;
 
-use super::args::{Backend, RenderArgs};
+use super::args::{Backend, PixelFilter, RenderArgs};
 use crate::base::{Error, Result};
 use crate::film::check_size;
 use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Layout, Target};
 use crate::render::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
-use crate::scene::file::SceneFile;
+use crate::scene::file::{FilterFile, SceneFile};
 
 /// Everything that a render depends on beside the scene. All values are in range.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,6 +20,8 @@ pub struct RenderRequest {
     pub output: PathBuf,
     /// Columns and rows.
     pub size: [u32; 2],
+    /// What of the light around it a pixel shows.
+    pub filter: FilterFile,
     /// 1 = emission only, n = n−1 bounces.
     pub max_depth: u32,
     /// Stops by which a PNG file is brightened.
@@ -68,6 +70,7 @@ impl RenderRequest {
     /// The renderer's settings.
     pub fn settings(&self) -> RenderSettings {
         let mut settings = RenderSettings::new(self.guide, self.stop);
+        settings.filter = self.filter;
         settings.transport.max_depth = self.max_depth;
         settings.transport.nee = self.nee;
         settings.transport.roulette = self.roulette.unwrap_or(settings.transport.roulette);
@@ -131,6 +134,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         scene: args.scene.clone(),
         output: args.output.clone(),
         size,
+        filter: args.pixel_filter.map_or(scene.film.filter, PixelFilter::file),
         max_depth,
         exposure: exposure(args)?,
         stop,
@@ -194,6 +198,8 @@ mod tests {
         let given = request(&["--size", "8x4", "--time", "2.5", "--guide", "none", "--max-depth", "3"]).unwrap();
         assert_eq!((given.size, given.stop), ([8, 4], StopRule::Time(2.5)));
         assert_eq!(given.max_depth, 3);
+        assert_eq!((plain.filter, plain.settings().filter), (FilterFile::default(), FilterFile::default()));
+        assert_eq!(request(&["--pixel-filter", "tent"]).unwrap().settings().filter, FilterFile::TENT);
     }
 
     #[test]

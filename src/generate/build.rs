@@ -3,8 +3,8 @@
 use glam::{Mat3, Mat4, Quat, Vec3};
 
 use crate::scene::file::{
-    CameraFile, FilmFile, GeometryFile, IDENTITY, LightFile, MaterialFile, Matrix, MeshFile, RenderFile, SceneFile,
-    ShapeFile, TextureFile, VERSION,
+    CameraFile, FilmFile, FilterFile, GeometryFile, IDENTITY, LightFile, MaterialFile, Matrix, MeshFile, RenderFile,
+    SceneFile, ShapeFile, TextureFile, VERSION,
 };
 
 use super::solids::{Solid, Solids};
@@ -23,7 +23,7 @@ impl Builder {
             version: VERSION,
             name: name.into(),
             camera: CameraFile { to_world: IDENTITY, fov: 45.0, aperture_radius: 0.0, focus_distance: None },
-            film: FilmFile { width: size[0], height: size[1] },
+            film: FilmFile { width: size[0], height: size[1], filter: FilterFile::default() },
             render: RenderFile::default(),
             materials: Default::default(),
             meshes: Default::default(),

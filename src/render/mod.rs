@@ -18,7 +18,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::base::progress::Progress;
 use crate::base::{Error, Result};
-use crate::film::{FinishedPass, Pass, check_size, combine, expected_values, outliers};
+use crate::film::{FinishedPass, Pass, PixelFilter, check_size, combine, expected_values, outliers};
 use crate::guiding::field::{Evidence, GuideField};
 use crate::materials::Material;
 use crate::materials::image::Image;
@@ -115,6 +115,7 @@ const EVERY_ROW: u64 = 12;
 struct Run<'a> {
     scene: &'a Scene,
     settings: &'a RenderSettings,
+    filter: PixelFilter,
     watcher: Watcher<'a>,
     statistics: Statistics,
     passes: Vec<FinishedPass>,
@@ -152,6 +153,7 @@ impl<'a> Run<'a> {
         let run = Self {
             scene,
             settings,
+            filter: PixelFilter::new(settings.filter)?,
             watcher: Watcher::new(control),
             statistics: Statistics::default(),
             passes: Vec::new(),
@@ -195,6 +197,7 @@ impl<'a> Run<'a> {
         let tracer = PassTracer {
             scene: self.scene,
             settings: self.settings,
+            filter: &self.filter,
             field,
             target: learning.as_ref().map_or(self.settings.learner.target, |l| l.learner.target()),
             picture,

@@ -14,7 +14,7 @@ use super::learning::Learning;
 use super::settings::RenderSettings;
 use super::statistics::Statistics;
 use crate::base::random::Random;
-use crate::film::Pass;
+use crate::film::{Pass, PixelFilter};
 use crate::guiding::emission::{EmissionGuide, Start};
 use crate::guiding::field::GuideField;
 use crate::guiding::leaves::Target;
@@ -47,6 +47,8 @@ pub struct PassTracer<'a> {
     pub scene: &'a Scene,
     /// Settings.
     pub settings: &'a RenderSettings,
+    /// Where in the pixel's surroundings its samples lie.
+    pub filter: &'a PixelFilter,
     /// What guides.
     pub field: Option<&'a GuideField>,
     /// What records are to hold.
@@ -211,7 +213,7 @@ impl PassTracer<'_> {
 
     fn camera_path(&self, pixel: u64, sample: u64, keep: bool, scratch: &mut PathScratch, block: &mut Block) {
         let mut random = Random::new(self.settings.seed, pixel, u64::from(self.first_sample) + sample);
-        let [dx, dy] = random.next_2d();
+        let [dx, dy] = self.filter.sample(random.next_2d());
         let width = u64::from(self.scene.size[0]);
         let film = [(pixel % width) as f32 + dx, (pixel / width) as f32 + dy];
         let ray = self.scene.camera.ray(film, random.next_2d());

@@ -7,6 +7,7 @@ use crate::guiding::learner::LearnerSettings;
 use crate::guiding::leaves::{DirectLight, Layout, Target};
 use crate::integrators::TransportSettings;
 use crate::network::config::Mode;
+use crate::scene::file::FilterFile;
 
 /// What guides the paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,6 +128,8 @@ pub struct RenderSettings {
     /// Most of the render's cost that may go into reconstruction, as a share of what tracing costs. Counted in rays, so that a
     /// budget in samples gives the same picture on every machine.
     pub reconstruction_share: f64,
+    /// What of the light around it a pixel shows.
+    pub filter: FilterFile,
     /// When to stop.
     pub stop: StopRule,
     /// Seed of all random numbers.
@@ -175,6 +178,7 @@ impl RenderSettings {
             learning_share: 0.5,
             gives_up: guide != GuideMode::Ppg,
             reconstruction_share: 0.06,
+            filter: FilterFile::default(),
             stop,
             seed: 0,
         }
@@ -185,7 +189,7 @@ impl RenderSettings {
         let defaults = Self::new(guide, self.stop);
         let learner = LearnerSettings { memory: self.learner.memory, ..defaults.learner };
         let transport = TransportSettings { roulette: defaults.transport.roulette, ..self.transport };
-        Self { transport, seed: self.seed, learner, ..defaults }
+        Self { transport, seed: self.seed, filter: self.filter, learner, ..defaults }
     }
 
     /// The mode that trees are collected in, as models and shards record it.

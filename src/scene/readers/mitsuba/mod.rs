@@ -13,7 +13,7 @@ mod transform;
 use std::path::Path;
 
 use crate::base::Result;
-use crate::scene::file::{CameraFile, FilmFile, IDENTITY, RenderFile, SceneFile, VERSION};
+use crate::scene::file::{CameraFile, FilmFile, FilterFile, IDENTITY, RenderFile, SceneFile, VERSION};
 
 use super::places::Places;
 use element::Element;
@@ -87,7 +87,7 @@ impl<'a> Reader<'a> {
             version: VERSION,
             name: String::new(),
             camera: CameraFile { to_world: IDENTITY, fov: 90.0, aperture_radius: 0.0, focus_distance: None },
-            film: FilmFile { width: 768, height: 576 },
+            film: FilmFile { width: 768, height: 576, filter: FilterFile::GAUSSIAN },
             render: RenderFile::default(),
             materials: Default::default(),
             meshes: Default::default(),
