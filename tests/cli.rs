@@ -55,6 +55,8 @@ fn contradictions_and_bad_values_are_usage_errors() {
         (&["--size", "12"], &["--size", "640x480"]),
         (&["--guide", "magic"], &["--guide", "hybrid"]),
         (&["--threads", "0"], &["--threads"]),
+        (&["--pixel-filter", "lens"], &["--pixel-filter", "blackman-harris"]),
+        (&["--aov", "albedo,lantern"], &["--aov", "lantern", "guiding"]),
         (&["--lanterns"], &["--lanterns"]),
     ] {
         fails(2, &[&base, options].concat(), Some(&out), words);
@@ -84,6 +86,7 @@ fn bad_input_is_one_readable_paragraph() {
         (&["render", &cornell, "-o", &name, "--reference", "no-such.exr"], &["no-such.exr"]),
         (&["render", &cornell, "-o", &name, "--stats", &missing], &["missing"]),
         (&["render", &cornell, "-o", "out.jpg"], &["out.jpg", ".exr"]),
+        (&["render", &cornell, "-o", "out.png", "--aov", "depth"], &["--aov", ".exr", "PNG"]),
         (&["render", &cornell, "-o", &missing], &["missing"]),
         (&["plan", "no-such-scene.xml"], &["no-such-scene.xml"]),
         (&["error", "a.exr", "b.exr"], &["a.exr"]),
@@ -162,4 +165,30 @@ fn guides_are_saved_loaded_and_drawn() {
     fails(1, &["inspect", &guide], None, &["door.guide", "damaged"]);
     std::fs::remove_file(&picture).unwrap();
     fails(1, &[&render[..], &["--load-guide", &guide]].concat(), Some(Path::new(&picture)), &["door.guide"]);
+}
+
+/// Layers lie in one part beside the picture, which does not change by them.
+#[test]
+fn layers_are_written_beside_the_picture() {
+    use fanal::scene::readers::read_exr_channels;
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    let render = |name: &str, options: &[&str]| {
+        let path = file(name);
+        let cornell = scene("cornell");
+        let plain = ["render", &cornell, "--size", "20x15", "--spp", "4", "--guide", "none", "--quiet", "-o", &path];
+        let result = fanal(&[&plain[..], options].concat());
+        assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
+        read_exr_channels(Path::new(&path)).unwrap()
+    };
+    let (_, _, plain) = render("plain.exr", &[]);
+    let (width, height, all) = render("all.exr", &["--aov", "all"]);
+    assert_eq!((width, height, all.len()), (20, 15, 3 + 15));
+    let find = |name: &str| all.iter().find(|(other, _)| other == name);
+    assert!(plain.iter().all(|channel| find(&channel.0) == Some(channel)));
+    assert!(find("samples.Y").unwrap().1.iter().all(|&n| n == 4.0));
+    assert!(find("variance.R").unwrap().1.iter().all(|v| v.is_finite() && *v >= 0.0));
+    let (_, _, two) = render("two.exr", &["--aov", "depth,albedo"]);
+    let names: Vec<&str> = two.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["B", "G", "R", "albedo.B", "albedo.G", "albedo.R", "depth.Z"]);
 }

@@ -9,7 +9,7 @@ use glam::Vec3;
 use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Target};
-use crate::render::{GuideMode, Reconstruction, SampleKinds};
+use crate::render::{Aov, GuideMode, Reconstruction, SampleKinds};
 use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;
 
@@ -149,6 +149,46 @@ impl PixelFilter {
     }
 }
 
+/// Layers beside the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Layer {
+    /// All of them
+    All,
+    /// albedo.R/G/B: reflectance; 0 where nothing is hit
+    Albedo,
+    /// normal.X/Y/Z: shading normal in the world, on the camera's side; 0 where nothing is hit
+    Normal,
+    /// position.X/Y/Z: point in the world; 0 where nothing is hit
+    Position,
+    /// depth.Z: distance along the ray (not along the viewing axis); 0 where nothing is hit
+    Depth,
+    /// samples.Y: camera samples that the pixel is made of
+    Samples,
+    /// variance.R/G/B: variance of the pixel's mean; 0 where one sample cannot tell
+    Variance,
+    /// guiding.Y: probability that the guide chooses the direction at the first surface; 0 where unguided
+    Guiding,
+}
+
+impl Layer {
+    /// The layers of a list, each once.
+    pub fn aovs(list: &[Self]) -> Vec<Aov> {
+        let wanted = |aov: &Aov| {
+            let layer = match aov {
+                Aov::Albedo => Self::Albedo,
+                Aov::Normal => Self::Normal,
+                Aov::Position => Self::Position,
+                Aov::Depth => Self::Depth,
+                Aov::Samples => Self::Samples,
+                Aov::Variance => Self::Variance,
+                Aov::Guiding => Self::Guiding,
+            };
+            list.contains(&layer) || list.contains(&Self::All)
+        };
+        Aov::ALL.into_iter().filter(wanted).collect()
+    }
+}
+
 /// Who executes the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Backend {
@@ -247,6 +287,10 @@ pub struct RenderArgs {
     /// What of the light around it a pixel shows [default: the scene's]
     #[arg(long, value_enum, value_name = "FILTER")]
     pub pixel_filter: Option<PixelFilter>,
+    /// Layers beside the picture in the EXR file, separated by commas. Features are those of the first surface that a camera ray
+    /// hits, mirrors and glass included, averaged over up to 16 samples per pixel
+    #[arg(long, value_enum, value_name = "LAYERS", value_delimiter = ',')]
+    pub aov: Vec<Layer>,
     /// Stops by which a PNG file is brightened [default: 0]
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = stops)]
     pub exposure: Option<f32>,

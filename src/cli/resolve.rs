@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use super::args::{Backend, PixelFilter, RenderArgs};
+use super::args::{Backend, Layer, PixelFilter, RenderArgs};
 use crate::base::{Error, Result};
 use crate::film::check_size;
 use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Layout, Target};
-use crate::render::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
+use crate::render::{Aov, GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 use crate::scene::file::{FilterFile, SceneFile};
 
 /// Everything that a render depends on beside the scene. All values are in range.
@@ -24,6 +24,8 @@ pub struct RenderRequest {
     pub filter: FilterFile,
     /// 1 = emission only, n = n−1 bounces.
     pub max_depth: u32,
+    /// Layers beside the picture.
+    pub aovs: Vec<Aov>,
     /// Stops by which a PNG file is brightened.
     pub exposure: f32,
     /// When to stop.
@@ -71,6 +73,7 @@ impl RenderRequest {
     pub fn settings(&self) -> RenderSettings {
         let mut settings = RenderSettings::new(self.guide, self.stop);
         settings.filter = self.filter;
+        settings.keeps_spread = self.aovs.iter().any(|aov| aov.is_of_film());
         settings.transport.max_depth = self.max_depth;
         settings.transport.nee = self.nee;
         settings.transport.roulette = self.roulette.unwrap_or(settings.transport.roulette);
@@ -136,6 +139,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         size,
         filter: args.pixel_filter.map_or(scene.film.filter, PixelFilter::file),
         max_depth,
+        aovs: aovs(args)?,
         exposure: exposure(args)?,
         stop,
         seed: args.seed,
@@ -159,11 +163,24 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
     })
 }
 
+fn is_png(args: &RenderArgs) -> bool {
+    args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+}
+
+/// The layers, refused where they could not be written.
+fn aovs(args: &RenderArgs) -> Result<Vec<Aov>> {
+    if is_png(args) && !args.aov.is_empty() {
+        return Err(Error::Options(
+            "--aov needs an .exr file: a PNG file has no room for layers, nor for numbers beyond 0 to 1".into(),
+        ));
+    }
+    Ok(Layer::aovs(&args.aov))
+}
+
 /// The exposure, refused where it would do nothing.
 fn exposure(args: &RenderArgs) -> Result<f32> {
-    let is_png = args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
     match args.exposure {
-        Some(_) if !is_png => Err(Error::Options(
+        Some(_) if !is_png(args) => Err(Error::Options(
             "--exposure is for PNG files; an EXR file holds linear radiance, brighten it in the viewer".into(),
         )),
         given => Ok(given.unwrap_or(0.0)),

@@ -15,6 +15,7 @@ use super::settings::RenderSettings;
 use super::statistics::Statistics;
 use crate::base::random::Random;
 use crate::film::{Pass, PixelFilter};
+use crate::geometry::Ray;
 use crate::guiding::emission::{EmissionGuide, Start};
 use crate::guiding::field::GuideField;
 use crate::guiding::leaves::Target;
@@ -212,11 +213,8 @@ impl PassTracer<'_> {
     }
 
     fn camera_path(&self, pixel: u64, sample: u64, keep: bool, scratch: &mut PathScratch, block: &mut Block) {
-        let mut random = Random::new(self.settings.seed, pixel, u64::from(self.first_sample) + sample);
-        let [dx, dy] = self.filter.sample(random.next_2d());
-        let width = u64::from(self.scene.size[0]);
-        let film = [(pixel % width) as f32 + dx, (pixel / width) as f32 + dy];
-        let ray = self.scene.camera.ray(film, random.next_2d());
+        let sample = u64::from(self.first_sample) + sample;
+        let (ray, mut random) = camera_ray(self.scene, self.settings, self.filter, pixel, sample);
         let tracer = PathTracer {
             scene: self.scene,
             settings: self.settings.transport,
@@ -229,6 +227,21 @@ impl PassTracer<'_> {
         let radiance = tracer.trace(ray, &mut random, scratch, value, records, &mut block.rays);
         block.radiance.push(radiance);
     }
+}
+
+/// The ray of a pixel's camera sample, and the random numbers that its path goes on with.
+pub(super) fn camera_ray(
+    scene: &Scene,
+    settings: &RenderSettings,
+    filter: &PixelFilter,
+    pixel: u64,
+    sample: u64,
+) -> (Ray, Random) {
+    let mut random = Random::new(settings.seed, pixel, sample);
+    let [dx, dy] = filter.sample(random.next_2d());
+    let width = u64::from(scene.size[0]);
+    let film = [(pixel % width) as f32 + dx, (pixel / width) as f32 + dy];
+    (scene.camera.ray(film, random.next_2d()), random)
 }
 
 #[cfg(test)]

@@ -130,6 +130,8 @@ pub struct RenderSettings {
     pub reconstruction_share: f64,
     /// What of the light around it a pixel shows.
     pub filter: FilterFile,
+    /// Whether the outcome tells how far each pixel may be off.
+    pub keeps_spread: bool,
     /// When to stop.
     pub stop: StopRule,
     /// Seed of all random numbers.
@@ -179,6 +181,7 @@ impl RenderSettings {
             gives_up: guide != GuideMode::Ppg,
             reconstruction_share: 0.06,
             filter: FilterFile::default(),
+            keeps_spread: false,
             stop,
             seed: 0,
         }

@@ -11,13 +11,13 @@ use crate::cli::args::{Backend, RenderArgs};
 use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::{interrupt, progress};
 use crate::film::exr::Attribute;
-use crate::film::{check_folder, check_writable, measure, write, write_or_rescue};
+use crate::film::{Picture, check_folder, check_writable, measure, write, write_or_rescue};
 use crate::guiding::file;
 use crate::materials::image::Image;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
 use crate::render::{
-    self, Control, ErrorPoint, GuideMode, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics, StopRule,
+    self, Control, ErrorPoint, GuideMode, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics, StopRule, aov,
 };
 use crate::scene::Scene;
 use crate::scene::plan::plan;
@@ -112,6 +112,7 @@ fn render(
         Some((field, _)) => render::render_with_field(&scene, &settings, field, &control)?,
         None => render::render_watched(&scene, &settings, reconstructor.as_ref(), &control)?,
     };
+    let channels = aov::channels(&scene, &settings, &outcome, &request.aovs)?;
     let mut statistics = outcome.statistics;
     statistics.errors = errors.take();
     statistics.scene = request.scene.display().to_string();
@@ -124,7 +125,8 @@ fn render(
     let begun = Instant::now();
     let counts = [("spp", statistics.spp.to_string()), ("droppedSamples", statistics.dropped_samples.to_string())];
     let header: Vec<Attribute> = header.into_iter().chain(counts.map(|(k, v)| (k.to_owned(), v))).collect();
-    let written = write_or_rescue(&request.output, &outcome.image, &header, request.exposure);
+    let picture = Picture { channels: &channels, ..Picture::plain(&outcome.image, &header) };
+    let written = write_or_rescue(&request.output, &picture, request.exposure);
     let saved = request.save_guide.as_deref().map(|path| file::save(path, &outcome.field, &outcome.evidence));
     statistics.seconds.write = begun.elapsed().as_secs_f64();
     Ok((statistics, written.and(saved.unwrap_or(Ok(())))))
