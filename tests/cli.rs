@@ -1,5 +1,6 @@
 //! The `fanal` program from outside: help, exit codes, and what a user reads when something is wrong.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -191,4 +192,47 @@ fn layers_are_written_beside_the_picture() {
     let (_, _, two) = render("two.exr", &["--aov", "depth,albedo"]);
     let names: Vec<&str> = two.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names, ["B", "G", "R", "albedo.B", "albedo.G", "albedo.R", "depth.Z"]);
+}
+
+/// The header says how a picture was made, and two makings differ in nothing but time and threads.
+#[test]
+fn headers_say_how_the_picture_was_made() {
+    use exr::meta::MetaData;
+    use exr::meta::attribute::AttributeValue;
+    let folder = tempfile::tempdir().unwrap();
+    let render = |name: &str, threads: &str| {
+        let path = folder.path().join(name);
+        let (scene, output) = (scene("cornell"), path.display().to_string());
+        let options = ["render", &scene, "-o", &output, "--size", "20x15", "--spp", "4", "--guide", "none", "--quiet"];
+        let more = ["--seed", "3", "--max-depth", "5", "--pixel-filter", "tent", "--threads", threads];
+        assert!(fanal(&[&options[..], &more].concat()).status.success());
+        path
+    };
+    let attributes = |path: &Path| {
+        let header = MetaData::read_from_file(path, false).unwrap().headers.remove(0).own_attributes;
+        let text = |value| if let AttributeValue::Text(text) = value { text.to_string() } else { String::new() };
+        let software = header.software_name.map(|name| ("software".to_owned(), name.to_string()));
+        header.other.into_iter().map(|(k, v)| (k.to_string(), text(v))).chain(software).collect::<BTreeMap<_, _>>()
+    };
+    let [mut one, mut two] = [("1.exr", "1"), ("2.exr", "2")].map(|(name, threads)| attributes(&render(name, threads)));
+    for (name, value) in [
+        ("software", concat!("fanal ", env!("CARGO_PKG_VERSION"))),
+        ("scene", &scene("cornell")),
+        ("method", "none"),
+        ("seed", "3"),
+        ("size", "20x15"),
+        ("filter", r#"{"type":"tent","radius":1.0}"#),
+        ("maxDepth", "5"),
+        ("stop", "spp 4"),
+        ("spp", "4"),
+        ("droppedSamples", "0"),
+        ("threads", "1"),
+    ] {
+        assert_eq!(one.get(name).map(String::as_str), Some(value), "{name}: {one:?}");
+    }
+    assert!(one["seconds"].parse::<f64>().is_ok_and(|seconds| seconds >= 0.0));
+    for name in ["seconds", "threads"] {
+        assert!(one.remove(name).is_some() && two.remove(name).is_some());
+    }
+    assert_eq!(one, two);
 }

@@ -17,7 +17,7 @@ use crate::materials::image::Image;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
 use crate::render::{
-    self, Control, ErrorPoint, GuideMode, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics, StopRule, aov,
+    self, Control, ErrorPoint, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics, StopRule, aov,
 };
 use crate::scene::Scene;
 use crate::scene::plan::plan;
@@ -96,9 +96,9 @@ fn render(
     let begun = Instant::now();
     let scene = Scene::build(loaded, request.size)?;
     let build = begun.elapsed().as_secs_f64();
+    let header = attributes(request, &settings);
     settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), request.size);
     let errors = RefCell::new(Vec::new());
-    let header = attributes(&request.scene.display().to_string(), settings.guide, settings.seed);
     let show = |snapshot: Snapshot| {
         // What cannot be written now may be written later; the end says so if not.
         let _ = write(&request.output, &snapshot.image, &header, request.exposure);
@@ -123,8 +123,7 @@ fn render(
         statistics.errors.push(ErrorPoint::new(statistics.seconds.total, statistics.spp, &measures));
     }
     let begun = Instant::now();
-    let counts = [("spp", statistics.spp.to_string()), ("droppedSamples", statistics.dropped_samples.to_string())];
-    let header: Vec<Attribute> = header.into_iter().chain(counts.map(|(k, v)| (k.to_owned(), v))).collect();
+    let header: Vec<Attribute> = header.into_iter().chain(results(&statistics)).collect();
     let picture = Picture { channels: &channels, ..Picture::plain(&outcome.image, &header) };
     let written = write_or_rescue(&request.output, &picture, request.exposure);
     let saved = request.save_guide.as_deref().map(|path| file::save(path, &outcome.field, &outcome.evidence));
@@ -165,14 +164,36 @@ fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<B
     Ok(Box::new(neural))
 }
 
-/// What the header of an EXR file says about its making, before it is made.
-fn attributes(scene: &str, guide: GuideMode, seed: u64) -> Vec<Attribute> {
+/// What the header of an EXR file says about its making, before it is made. No name may be one that EXR reserves for other types,
+/// such as `version`.
+fn attributes(request: &RenderRequest, settings: &RenderSettings) -> Vec<Attribute> {
+    let [width, height] = request.size;
+    let stop = match settings.stop {
+        StopRule::Spp(spp) => format!("spp {spp}"),
+        StopRule::Time(seconds) => format!("time {seconds}"),
+        StopRule::TargetError(error) => format!("target-error {error}"),
+    };
     [
         ("software", format!("fanal {}", env!("CARGO_PKG_VERSION"))),
-        ("scene", scene.to_owned()),
-        ("method", guide.name().to_owned()),
-        ("seed", seed.to_string()),
+        ("scene", request.scene.display().to_string()),
+        ("method", settings.guide.name().to_owned()),
+        ("seed", settings.seed.to_string()),
+        ("size", format!("{width}x{height}")),
+        ("filter", serde_json::to_string(&settings.filter).unwrap_or_default()),
+        ("maxDepth", settings.transport.max_depth.to_string()),
+        ("stop", stop),
     ]
     .map(|(key, value)| (key.to_owned(), value))
     .to_vec()
+}
+
+/// What it says once it is made. Of all attributes only `seconds` and `threads` differ between two makings of the same picture.
+fn results(statistics: &Statistics) -> [Attribute; 4] {
+    [
+        ("spp", statistics.spp.to_string()),
+        ("droppedSamples", statistics.dropped_samples.to_string()),
+        ("seconds", format!("{:.3}", statistics.seconds.total)),
+        ("threads", statistics.threads.to_string()),
+    ]
+    .map(|(key, value)| (key.to_owned(), value))
 }
