@@ -57,6 +57,8 @@ fn contradictions_and_bad_values_are_usage_errors() {
         (&["--guide", "magic"], &["--guide", "hybrid"]),
         (&["--threads", "0"], &["--threads"]),
         (&["--pixel-filter", "lens"], &["--pixel-filter", "blackman-harris"]),
+        (&["--crop", "1,2,3"], &["--crop", "four whole numbers"]),
+        (&["--crop", "1,2,-3,4"], &["--crop", "four whole numbers"]),
         (&["--aov", "albedo,lantern"], &["--aov", "lantern", "guiding"]),
         (&["--lanterns"], &["--lanterns"]),
     ] {
@@ -87,6 +89,8 @@ fn bad_input_is_one_readable_paragraph() {
         (&["render", &cornell, "-o", &name, "--reference", "no-such.exr"], &["no-such.exr"]),
         (&["render", &cornell, "-o", &name, "--stats", &missing], &["missing"]),
         (&["render", &cornell, "-o", "out.jpg"], &["out.jpg", ".exr"]),
+        (&["render", &cornell, "-o", &name, "--size", "8x6", "--crop", "0,0,9,1"], &["--crop", "0,0,9,1", "8x6"]),
+        (&["render", &cornell, "-o", &name, "--size", "8x6", "--crop", "0,0,0,1"], &["--crop", "0,0,0,1", "8x6"]),
         (&["render", &cornell, "-o", "out.png", "--aov", "depth"], &["--aov", ".exr", "PNG"]),
         (&["render", &cornell, "-o", &missing], &["missing"]),
         (&["plan", "no-such-scene.xml"], &["no-such-scene.xml"]),
@@ -235,4 +239,40 @@ fn headers_say_how_the_picture_was_made() {
         assert!(one.remove(name).is_some() && two.remove(name).is_some());
     }
     assert_eq!(one, two);
+}
+
+/// A window lies in its place in an EXR file and alone in a PNG file, and is compared with its part of a whole picture.
+#[test]
+fn windows_are_rendered_and_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    let cornell = scene("cornell");
+    let render = |name: &str, options: &[&str]| {
+        let path = file(name);
+        let plain = ["render", &cornell, "--size", "20x15", "--spp", "2", "--guide", "none", "--quiet", "-o", &path];
+        let result = fanal(&[&plain[..], options].concat());
+        assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
+        path
+    };
+    let (whole, stats) = (render("whole.exr", &[]), file("stats.json"));
+    let part = render("part.exr", &["--crop", "3,4,8,6", "--reference", &whole, "--stats", &stats]);
+    let stats: serde_json::Value = serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap();
+    assert_eq!((&stats["width"], &stats["height"], &stats["errors"][0]["relmse"]), (&8.into(), &6.into(), &0.0.into()));
+    let header = exr::meta::MetaData::read_from_file(&part, false).unwrap().headers.remove(0);
+    assert_eq!(header.shared_attributes.display_window.size, exr::math::Vec2(20, 15));
+    assert_eq!(header.own_attributes.layer_position, exr::math::Vec2(3, 4));
+    assert_eq!(header.layer_size, exr::math::Vec2(8, 6));
+    let shown = render("part.png", &["--crop", "3,4,8,6"]);
+    let size = fanal::scene::readers::read_image(Path::new(&shown), false).map(|image| (image.width, image.height));
+    assert_eq!(size.unwrap(), (8, 6));
+    for pair in [[&part, &whole], [&whole, &part], [&part, &part]] {
+        let text = fanal(&["error", pair[0], pair[1]]);
+        let text = String::from_utf8_lossy(&text.stdout);
+        assert!(text.contains("relMSE            0.000000"), "{pair:?}: {text}");
+    }
+    let other = render("other.exr", &["--crop", "4,4,8,6"]);
+    fails(1, &["error", &part, &other], None, &["different windows", "3,4,8,6", "4,4,8,6"]);
+    let wrong =
+        ["render", &cornell, "-o", &file("no.exr"), "--size", "20x16", "--crop", "3,4,8,6", "--reference", &whole];
+    fails(1, &wrong, Some(&folder.path().join("no.exr")), &["whole.exr", "20x15", "8x6"]);
 }

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
-use fanal::film::Channel;
+use fanal::film::{Channel, Window};
 use fanal::generate::build::{Builder, diffuse};
 use fanal::render::{Aov, GuideMode, Outcome, RenderSettings, StopRule, aov, render};
 use fanal::scene::Scene;
@@ -168,4 +168,50 @@ fn the_variance_layer_is_the_variance_of_pictures() {
     let means: f64 = sums.iter().flatten().map(|sum| sum * sum / n as f64).sum();
     let measured = (squares - means) / (n - 1) as f64;
     assert!((claimed / measured - 1.0).abs() < 0.1, "{claimed} claimed, {measured} measured");
+}
+
+/// A window's pixels, and layers, have the bits that they have in the whole picture; its rows are visited in another order, and it
+/// begins and ends inside tiles. Wide filters look over its edge.
+#[test]
+fn a_window_is_a_part_of_the_whole_picture() {
+    let scene = committed("glass-caustic", [40, 30]);
+    let whole =
+        RenderSettings { filter: FilterFile::GAUSSIAN, ..RenderSettings::new(GuideMode::None, StopRule::Spp(6)) };
+    let window = Window { x: 9, y: 5, width: 23, height: 19 };
+    let part = RenderSettings { crop: Some(window), ..whole.clone() };
+    let [all, some] = [&whole, &part].map(|settings| picture(&scene, settings));
+    assert_eq!((some.width, some.height), (23, 19));
+    assert!(window.cut(&all).expect("it is inside") == some);
+    assert!(some.pixels.iter().any(|p| p.element_sum() > 0.0));
+    for (whole, part) in all_channels(&scene, &whole).iter().zip(all_channels(&scene, &part)) {
+        let cut: Vec<f32> = (0..window.pixels())
+            .map(|i| window.place(i).map(|n| n as usize))
+            .map(|[column, row]| whole.values[row * 40 + column])
+            .collect();
+        assert!(cut == part.values, "{}", part.name);
+    }
+    for outside in [Window { x: 20, ..window }, Window { width: 0, ..window }] {
+        let settings = RenderSettings { crop: Some(outside), ..whole.clone() };
+        let reconstructor = reconstructor(GuideMode::None);
+        let result = render(&scene, &settings, reconstructor.as_ref(), &Silent, &AtomicBool::new(false));
+        assert!(result.is_err_and(|e| e.to_string().contains("40x30")));
+    }
+}
+
+/// Guides learn from the window alone, for any number of threads alike.
+#[test]
+fn windows_are_guided() {
+    let scene = committed("door-ajar", [64, 48]);
+    let window = Window { x: 20, y: 10, width: 17, height: 13 };
+    for guide in [GUIDES[5], GUIDES[6]] {
+        let settings = RenderSettings { crop: Some(window), ..settings(guide, 48, 1) };
+        let by = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a few threads can be had");
+            pool.install(|| rendered(&scene, &settings))
+        };
+        let (one, three) = (by(1), by(3));
+        assert!(one.image == three.image, "{guide:?}");
+        assert_eq!((one.statistics.width, one.statistics.height), (17, 13));
+        assert!(one.statistics.guide.trees > 0, "{guide:?}");
+    }
 }

@@ -6,6 +6,7 @@ use clap::builder::PossibleValue;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec3;
 
+use crate::film::Window;
 use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Target};
@@ -284,6 +285,10 @@ pub struct RenderArgs {
     /// Size of the picture in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<[u32; 2]>,
+    /// Render only this part of the picture: columns to the left of it, rows above it, its columns and rows. Its pixels get the
+    /// samples that they get in the whole picture; an EXR file says where in it they are, a PNG file holds them alone
+    #[arg(long, value_name = "X,Y,W,H", value_parser = window)]
+    pub crop: Option<Window>,
     /// What of the light around it a pixel shows [default: the scene's]
     #[arg(long, value_enum, value_name = "FILTER")]
     pub pixel_filter: Option<PixelFilter>,
@@ -510,6 +515,14 @@ fn stops(text: &str) -> Result<f32, String> {
 fn size(text: &str) -> Result<[u32; 2], String> {
     let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     sides.ok_or_else(|| "expected columns and rows, for example 640x480".into())
+}
+
+fn window(text: &str) -> Result<Window, String> {
+    let numbers: Option<Vec<u32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, width, height]) => Ok(Window { x, y, width, height }),
+        _ => Err("expected four whole numbers, for example 120,80,64,48".into()),
+    }
 }
 
 fn point(text: &str) -> Result<Vec3, String> {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::args::{Backend, Layer, PixelFilter, RenderArgs};
 use crate::base::{Error, Result};
-use crate::film::check_size;
+use crate::film::{Placed, Window, check_size};
 use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Layout, Target};
@@ -20,6 +20,8 @@ pub struct RenderRequest {
     pub output: PathBuf,
     /// Columns and rows.
     pub size: [u32; 2],
+    /// What of the picture is rendered; none for all of it.
+    pub crop: Option<Window>,
     /// What of the light around it a pixel shows.
     pub filter: FilterFile,
     /// 1 = emission only, n = n−1 bounces.
@@ -69,10 +71,16 @@ pub struct RenderRequest {
 }
 
 impl RenderRequest {
+    /// Where in a larger picture the rendered one is.
+    pub fn placed(&self) -> Placed {
+        self.crop.map(|window| (window, self.size))
+    }
+
     /// The renderer's settings.
     pub fn settings(&self) -> RenderSettings {
         let mut settings = RenderSettings::new(self.guide, self.stop);
         settings.filter = self.filter;
+        settings.crop = self.crop;
         settings.keeps_spread = self.aovs.iter().any(|aov| aov.is_of_film());
         settings.transport.max_depth = self.max_depth;
         settings.transport.nee = self.nee;
@@ -104,6 +112,9 @@ impl RenderRequest {
 pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
     let size = args.size.unwrap_or([scene.film.width, scene.film.height]);
     check_size(size[0], size[1])?;
+    if let Some(window) = args.crop {
+        window.check_inside(size).map_err(|e| Error::Options(format!("--crop: {e}")))?;
+    }
     let max_depth = args.max_depth.unwrap_or(scene.render.max_depth);
     let stop = match (args.spp, args.time, args.target_error) {
         (None, None, None) => StopRule::Spp(scene.render.spp),
@@ -137,6 +148,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         scene: args.scene.clone(),
         output: args.output.clone(),
         size,
+        crop: args.crop,
         filter: args.pixel_filter.map_or(scene.film.filter, PixelFilter::file),
         max_depth,
         aovs: aovs(args)?,

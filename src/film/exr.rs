@@ -10,7 +10,7 @@ use exr::meta::attribute::{AttributeValue, IntegerBounds, Text};
 use exr::meta::header::ImageAttributes;
 use exr::prelude::{Encoding, Image as ExrImage, Layer, LayerAttributes, WritableImage};
 
-use super::window::Window;
+use super::window::Placed;
 use crate::base::files::write_bytes;
 use crate::base::{Error, Result};
 use crate::materials::image::Image;
@@ -35,7 +35,7 @@ pub struct Picture<'a> {
     /// What lies beside it.
     pub channels: &'a [Channel],
     /// Where in a larger picture it is, and that one's columns and rows; none where it is all there is.
-    pub window: Option<(Window, [u32; 2])>,
+    pub window: Placed,
     /// How it was made. Those with an empty name are left out, `software` becomes the standard attribute.
     pub attributes: &'a [Attribute],
 }
@@ -143,6 +143,7 @@ pub fn write(path: &Path, picture: &Picture) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::window::Window;
     use super::*;
     use exr::prelude::{ReadChannels, ReadLayers};
     use glam::Vec3;

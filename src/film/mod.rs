@@ -17,4 +17,4 @@ pub use exr::{Channel, Picture};
 pub use filter::PixelFilter;
 pub use output::{check_folder, check_writable, write, write_or_rescue, write_picture};
 pub use spread::{PixelSpread, pixel_spread};
-pub use window::{Window, window_of};
+pub use window::{Placed, Window, matched, window_of};

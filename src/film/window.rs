@@ -70,9 +70,28 @@ impl Window {
     }
 }
 
+/// A window and the columns and rows of the picture that it is a part of; none for a whole picture.
+pub type Placed = Option<(Window, [u32; 2])>;
+
+/// What of `image`, which is `own`, there is to hold against a picture that is `other`: of a whole picture that one's window, of
+/// everything else all.
+///
+/// # Errors
+/// [`Error::Options`] where both are different windows.
+pub fn matched(image: Image, own: Placed, other: Placed) -> Result<Image> {
+    match (own, other) {
+        (None, Some((window, size))) if [image.width, image.height] == size.map(|n| n as usize) => window.cut(&image),
+        (Some((a, _)), Some((b, _))) if own != other => Err(Error::Options(format!(
+            "the pictures are different windows: {},{},{},{} and {},{},{},{}",
+            a.x, a.y, a.width, a.height, b.x, b.y, b.width, b.height
+        ))),
+        _ => Ok(image),
+    }
+}
+
 /// The window that the EXR file at `path` holds of a larger picture, and that one's columns and rows; none where it holds a whole
 /// picture, reaches beyond it, or is no EXR file that can be read.
-pub fn window_of(path: &Path) -> Option<(Window, [u32; 2])> {
+pub fn window_of(path: &Path) -> Placed {
     let meta = MetaData::read_from_file(path, false).ok()?;
     let header = meta.headers.first()?;
     let display = header.shared_attributes.display_window;
@@ -106,6 +125,19 @@ mod tests {
         std::fs::write(&path, encode(&Picture::plain(&whole, &[])).unwrap()).unwrap();
         assert_eq!(window_of(&path), None);
         assert_eq!(window_of(folder.path()), None);
+    }
+
+    #[test]
+    fn only_what_both_show_is_compared() {
+        let image = |width, height| Image { width, height, pixels: vec![Vec3::ONE; width * height] };
+        let window = Window { x: 3, y: 1, width: 2, height: 2 };
+        let placed = Some((window, [5, 4]));
+        assert_eq!(matched(image(5, 4), None, placed).unwrap(), image(2, 2));
+        assert_eq!(matched(image(2, 2), None, placed).unwrap(), image(2, 2));
+        assert_eq!(matched(image(2, 2), placed, placed).unwrap(), image(2, 2));
+        assert_eq!(matched(image(2, 2), placed, None).unwrap(), image(2, 2));
+        let moved = Some((Window { x: 2, ..window }, [5, 4]));
+        assert!(matched(image(2, 2), placed, moved).is_err());
     }
 
     #[test]

@@ -102,12 +102,13 @@ pub fn channels(scene: &Scene, settings: &RenderSettings, outcome: &Outcome, aov
 fn features(scene: &Scene, settings: &RenderSettings, outcome: &Outcome) -> Result<Vec<Features>> {
     let filter = PixelFilter::new(settings.filter)?;
     let samples = outcome.statistics.spp.clamp(1, MOST_SAMPLES);
+    let window = settings.window(scene.size);
     let pixels = outcome.image.pixels.len();
     let field = Some(&outcome.field).filter(|field| !field.voxels().is_empty());
     let pixel = |pixel: usize| {
         let (mut sum, mut hits) = (Features::default(), 0.0f32);
         for sample in 0..u64::from(samples) {
-            if let Some(seen) = seen(scene, settings, &filter, field, [pixel as u64, sample]) {
+            if let Some(seen) = seen(scene, settings, &filter, field, window.place(pixel as u64), sample) {
                 sum.albedo += seen.albedo;
                 sum.normal += seen.normal;
                 sum.position += seen.position;
@@ -134,9 +135,10 @@ fn seen(
     settings: &RenderSettings,
     filter: &PixelFilter,
     field: Option<&GuideField>,
-    [pixel, sample]: [u64; 2],
+    place: [u32; 2],
+    sample: u64,
 ) -> Option<Features> {
-    let (ray, mut random) = camera_ray(scene, settings, filter, pixel, sample);
+    let (ray, mut random) = camera_ray(scene, settings, filter, place, sample);
     let surface = scene.trace(&ray, &mut random)?;
     let material = scene.material(&surface);
     let normal = surface.normal_towards(-ray.direction);

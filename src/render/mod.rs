@@ -21,7 +21,7 @@ use std::sync::atomic::AtomicBool;
 use crate::base::progress::Progress;
 use crate::base::{Error, Result};
 use crate::film::{
-    FinishedPass, Pass, PixelFilter, PixelSpread, check_size, combine, expected_values, outliers, pixel_spread,
+    FinishedPass, Pass, PixelFilter, PixelSpread, Window, check_size, combine, expected_values, outliers, pixel_spread,
 };
 use crate::guiding::field::{Evidence, GuideField};
 use crate::materials::Material;
@@ -124,6 +124,8 @@ const EVERY_ROW: u64 = 12;
 struct Run<'a> {
     scene: &'a Scene,
     settings: &'a RenderSettings,
+    /// What of the picture is rendered.
+    window: Window,
     filter: PixelFilter,
     watcher: Watcher<'a>,
     statistics: Statistics,
@@ -159,9 +161,12 @@ impl<'a> Run<'a> {
     fn begin(scene: &'a Scene, settings: &'a RenderSettings, control: &'a Control<'a>) -> Result<Self> {
         check_size(scene.size[0], scene.size[1])?;
         settings.check()?;
+        let window = settings.window(scene.size);
+        window.check_inside(scene.size)?;
         let run = Self {
             scene,
             settings,
+            window,
             filter: PixelFilter::new(settings.filter)?,
             watcher: Watcher::new(control),
             statistics: Statistics::default(),
@@ -182,11 +187,11 @@ impl<'a> Run<'a> {
     }
 
     fn pixels(&self) -> u64 {
-        u64::from(self.scene.size[0]) * u64::from(self.scene.size[1])
+        self.window.pixels()
     }
 
     fn empty_pass(&self) -> Pass {
-        Pass::new(self.scene.size[0] as usize, self.scene.size[1] as usize)
+        Pass::new(self.window.width as usize, self.window.height as usize)
     }
 
     /// Traces `spp` camera paths per pixel into `pass`; returns whether all were made.
@@ -206,6 +211,7 @@ impl<'a> Run<'a> {
         let tracer = PassTracer {
             scene: self.scene,
             settings: self.settings,
+            window: self.window,
             filter: &self.filter,
             field,
             target: learning.as_ref().map_or(self.settings.learner.target, |l| l.learner.target()),

@@ -14,7 +14,7 @@ use super::learning::Learning;
 use super::settings::RenderSettings;
 use super::statistics::Statistics;
 use crate::base::random::Random;
-use crate::film::{Pass, PixelFilter};
+use crate::film::{Pass, PixelFilter, Window};
 use crate::geometry::Ray;
 use crate::guiding::emission::{EmissionGuide, Start};
 use crate::guiding::field::GuideField;
@@ -48,6 +48,8 @@ pub struct PassTracer<'a> {
     pub scene: &'a Scene,
     /// Settings.
     pub settings: &'a RenderSettings,
+    /// The part of the picture that is traced; its pixels are those of the pass.
+    pub window: Window,
     /// Where in the pixel's surroundings its samples lie.
     pub filter: &'a PixelFilter,
     /// What guides.
@@ -82,7 +84,7 @@ struct Block {
 
 impl PassTracer<'_> {
     fn pixels(&self) -> u64 {
-        u64::from(self.scene.size[0]) * u64::from(self.scene.size[1])
+        self.window.pixels()
     }
 
     /// Adds the pass's samples to `pass` and, where there is one, gives its records to `learning`. After every chunk `go_on` is
@@ -96,7 +98,7 @@ impl PassTracer<'_> {
         go_on: &mut dyn FnMut(&Pass, u64) -> bool,
     ) -> bool {
         let total = self.pixels() * u64::from(self.spp);
-        let rows = row_order(self.scene.size[1]);
+        let rows = row_order(self.window.height);
         let mut start = 0;
         while start < total {
             let end = (start + self.chunk.clamp(1, CHUNK)).min(total);
@@ -208,13 +210,13 @@ impl PassTracer<'_> {
     /// Pixel and sample of a linear index.
     fn place(&self, index: u64, rows: &[u32]) -> (u64, u64) {
         let (place, sample) = (index % self.pixels(), index / self.pixels());
-        let width = u64::from(self.scene.size[0]);
+        let width = u64::from(self.window.width);
         (u64::from(rows[(place / width) as usize]) * width + place % width, sample)
     }
 
     fn camera_path(&self, pixel: u64, sample: u64, keep: bool, scratch: &mut PathScratch, block: &mut Block) {
         let sample = u64::from(self.first_sample) + sample;
-        let (ray, mut random) = camera_ray(self.scene, self.settings, self.filter, pixel, sample);
+        let (ray, mut random) = camera_ray(self.scene, self.settings, self.filter, self.window.place(pixel), sample);
         let tracer = PathTracer {
             scene: self.scene,
             settings: self.settings.transport,
@@ -229,18 +231,19 @@ impl PassTracer<'_> {
     }
 }
 
-/// The ray of a pixel's camera sample, and the random numbers that its path goes on with.
+/// The ray of a camera sample of the pixel in a column and row of the whole picture, and the random numbers that its path goes on
+/// with.
 pub(super) fn camera_ray(
     scene: &Scene,
     settings: &RenderSettings,
     filter: &PixelFilter,
-    pixel: u64,
+    [column, row]: [u32; 2],
     sample: u64,
 ) -> (Ray, Random) {
+    let pixel = u64::from(row) * u64::from(scene.size[0]) + u64::from(column);
     let mut random = Random::new(settings.seed, pixel, sample);
     let [dx, dy] = filter.sample(random.next_2d());
-    let width = u64::from(scene.size[0]);
-    let film = [(pixel % width) as f32 + dx, (pixel / width) as f32 + dy];
+    let film = [column as f32 + dx, row as f32 + dy];
     (scene.camera.ray(film, random.next_2d()), random)
 }
 

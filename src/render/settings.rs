@@ -1,6 +1,7 @@
 //! What to render with, resolved once.
 
 use crate::base::{Error, Result};
+use crate::film::Window;
 use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::learner::LearnerSettings;
@@ -130,6 +131,9 @@ pub struct RenderSettings {
     pub reconstruction_share: f64,
     /// What of the light around it a pixel shows.
     pub filter: FilterFile,
+    /// What of the picture is rendered; none for all of it. Every pixel gets the samples that it gets in the whole picture, but
+    /// guides learn from what the window shows.
+    pub crop: Option<Window>,
     /// Whether the outcome tells how far each pixel may be off.
     pub keeps_spread: bool,
     /// When to stop.
@@ -181,6 +185,7 @@ impl RenderSettings {
             gives_up: guide != GuideMode::Ppg,
             reconstruction_share: 0.06,
             filter: FilterFile::default(),
+            crop: None,
             keeps_spread: false,
             stop,
             seed: 0,
@@ -192,7 +197,12 @@ impl RenderSettings {
         let defaults = Self::new(guide, self.stop);
         let learner = LearnerSettings { memory: self.learner.memory, ..defaults.learner };
         let transport = TransportSettings { roulette: defaults.transport.roulette, ..self.transport };
-        Self { transport, seed: self.seed, filter: self.filter, learner, ..defaults }
+        Self { transport, seed: self.seed, filter: self.filter, crop: self.crop, learner, ..defaults }
+    }
+
+    /// What is rendered of a picture with these columns and rows.
+    pub fn window(&self, size: [u32; 2]) -> Window {
+        self.crop.unwrap_or(Window::whole(size))
     }
 
     /// The mode that trees are collected in, as models and shards record it.

@@ -11,13 +11,15 @@ use crate::cli::args::{Backend, RenderArgs};
 use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::{interrupt, progress};
 use crate::film::exr::Attribute;
-use crate::film::{Picture, check_folder, check_writable, measure, write, write_or_rescue};
+use crate::film::{
+    Picture, Window, check_folder, check_writable, matched, measure, window_of, write_or_rescue, write_picture,
+};
 use crate::guiding::file;
 use crate::materials::image::Image;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
 use crate::render::{
-    self, Control, ErrorPoint, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics, StopRule, aov,
+    self, Aov, Control, ErrorPoint, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics, StopRule, aov,
 };
 use crate::scene::Scene;
 use crate::scene::plan::plan;
@@ -54,9 +56,9 @@ pub fn run(args: &RenderArgs) -> Result<()> {
 /// The reference, if there is one and it fits.
 fn reference(request: &RenderRequest) -> Result<Option<Image>> {
     let Some(path) = &request.reference else { return Ok(None) };
-    let image = read_image(path, false)?;
-    let [width, height] = request.size.map(|n| n as usize);
-    if (image.width, image.height) != (width, height) {
+    let image = matched(read_image(path, false)?, window_of(path), request.placed())?;
+    let Window { width, height, .. } = request.settings().window(request.size);
+    if (image.width, image.height) != (width as usize, height as usize) {
         return Err(Error::Options(format!(
             "{}: the reference is {}x{} pixels, the picture {width}x{height}; give --size",
             path.display(),
@@ -69,14 +71,23 @@ fn reference(request: &RenderRequest) -> Result<Option<Image>> {
 
 /// What writing a picture takes, in seconds for each pixel: measured for EXR files, PNG files take less.
 const WRITING: f64 = 4e-7;
+/// What each further channel takes.
+const LAYER_WRITING: f64 = 1.5e-7;
+/// What finding features takes, in seconds for each pixel and thread.
+const FEATURES: f64 = 16e-7;
 
-/// The rule to stop by when a command `elapsed` seconds old starts to render: `--time` is that of the whole command.
-fn stop_rule(stop: StopRule, elapsed: f64, size: [u32; 2]) -> StopRule {
+/// What is left to do for each pixel once it is rendered, in seconds.
+fn afterwards(aovs: &[Aov], threads: usize) -> f64 {
+    let channels: usize = aovs.iter().map(|aov| aov.channels().len()).sum();
+    let features = if aovs.iter().all(|aov| aov.is_of_film()) { 0.0 } else { FEATURES / threads.max(1) as f64 };
+    WRITING + LAYER_WRITING * channels as f64 + features
+}
+
+/// The rule to stop by when a command `elapsed` seconds old starts to render and is `afterwards` seconds from its end when that is
+/// done: `--time` is that of the whole command.
+fn stop_rule(stop: StopRule, elapsed: f64, afterwards: f64) -> StopRule {
     match stop {
-        StopRule::Time(seconds) => {
-            let other = elapsed + WRITING * f64::from(size[0]) * f64::from(size[1]);
-            StopRule::Time((seconds - other).max(0.1 * seconds))
-        }
+        StopRule::Time(seconds) => StopRule::Time((seconds - elapsed - afterwards).max(0.1 * seconds)),
         stop => stop,
     }
 }
@@ -97,11 +108,14 @@ fn render(
     let scene = Scene::build(loaded, request.size)?;
     let build = begun.elapsed().as_secs_f64();
     let header = attributes(request, &settings);
-    settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), request.size);
+    let pixels = settings.window(request.size).pixels() as f64;
+    let left = pixels * afterwards(&request.aovs, rayon::current_num_threads());
+    settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), left);
     let errors = RefCell::new(Vec::new());
     let show = |snapshot: Snapshot| {
         // What cannot be written now may be written later; the end says so if not.
-        let _ = write(&request.output, &snapshot.image, &header, request.exposure);
+        let picture = Picture { window: request.placed(), ..Picture::plain(&snapshot.image, &header) };
+        let _ = write_picture(&request.output, &picture, request.exposure);
         if let Some(Ok(measures)) = reference.map(|reference| measure(&snapshot.image, reference)) {
             errors.borrow_mut().push(ErrorPoint::new(snapshot.seconds, snapshot.spp, &measures));
         }
@@ -124,7 +138,7 @@ fn render(
     }
     let begun = Instant::now();
     let header: Vec<Attribute> = header.into_iter().chain(results(&statistics)).collect();
-    let picture = Picture { channels: &channels, ..Picture::plain(&outcome.image, &header) };
+    let picture = Picture { image: &outcome.image, channels: &channels, window: request.placed(), attributes: &header };
     let written = write_or_rescue(&request.output, &picture, request.exposure);
     let saved = request.save_guide.as_deref().map(|path| file::save(path, &outcome.field, &outcome.evidence));
     statistics.seconds.write = begun.elapsed().as_secs_f64();
