@@ -277,16 +277,16 @@ impl FinishedPass {
 /// their variance looks far too small. At worst all samples count alike. So they do where the last passes are without variance.
 pub(super) fn weights(passes: &[FinishedPass], half: usize) -> Vec<Vec<f64>> {
     let tiles = passes.first().map_or(0, |pass| pass.halves[half].tiles.len());
+    let samples: Vec<f64> = passes.iter().map(|pass| pass.samples() as f64).collect();
     let tile = |tile: usize| {
-        let samples = passes.iter().map(|pass| pass.samples() as f64);
         let mut variance = 0.0f64;
-        let mut weights: Vec<f64> = samples.clone().collect();
+        let mut weights = samples.clone();
         for (weight, half) in weights.iter_mut().zip(passes.iter().map(|pass| &pass.halves[half])).rev() {
             variance = variance.max(half.tiles[tile].variance().unwrap_or(0.0));
             *weight /= variance;
         }
         if weights.iter().any(|w| !w.is_finite()) {
-            weights = samples.collect();
+            weights.clone_from(&samples);
         }
         weights
     };
