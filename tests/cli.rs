@@ -1,5 +1,6 @@
 //! The `fanal` program from outside: help, exit codes, and what a user reads when something is wrong.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -55,6 +56,10 @@ fn contradictions_and_bad_values_are_usage_errors() {
         (&["--size", "12"], &["--size", "640x480"]),
         (&["--guide", "magic"], &["--guide", "hybrid"]),
         (&["--threads", "0"], &["--threads"]),
+        (&["--pixel-filter", "lens"], &["--pixel-filter", "blackman-harris"]),
+        (&["--crop", "1,2,3"], &["--crop", "four whole numbers"]),
+        (&["--crop", "1,2,-3,4"], &["--crop", "four whole numbers"]),
+        (&["--aov", "albedo,lantern"], &["--aov", "lantern", "guiding"]),
         (&["--lanterns"], &["--lanterns"]),
     ] {
         fails(2, &[&base, options].concat(), Some(&out), words);
@@ -84,6 +89,9 @@ fn bad_input_is_one_readable_paragraph() {
         (&["render", &cornell, "-o", &name, "--reference", "no-such.exr"], &["no-such.exr"]),
         (&["render", &cornell, "-o", &name, "--stats", &missing], &["missing"]),
         (&["render", &cornell, "-o", "out.jpg"], &["out.jpg", ".exr"]),
+        (&["render", &cornell, "-o", &name, "--size", "8x6", "--crop", "0,0,9,1"], &["--crop", "0,0,9,1", "8x6"]),
+        (&["render", &cornell, "-o", &name, "--size", "8x6", "--crop", "0,0,0,1"], &["--crop", "0,0,0,1", "8x6"]),
+        (&["render", &cornell, "-o", "out.png", "--aov", "depth"], &["--aov", ".exr", "PNG"]),
         (&["render", &cornell, "-o", &missing], &["missing"]),
         (&["plan", "no-such-scene.xml"], &["no-such-scene.xml"]),
         (&["error", "a.exr", "b.exr"], &["a.exr"]),
@@ -197,4 +205,109 @@ fn guides_are_saved_loaded_and_drawn() {
     fails(1, &["inspect", &guide], None, &["door.guide", "damaged"]);
     std::fs::remove_file(&picture).unwrap();
     fails(1, &[&render[..], &["--load-guide", &guide]].concat(), Some(Path::new(&picture)), &["door.guide"]);
+}
+
+/// Layers lie in one part beside the picture, which does not change by them.
+#[test]
+fn layers_are_written_beside_the_picture() {
+    use fanal::scene::readers::read_exr_channels;
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    let render = |name: &str, options: &[&str]| {
+        let path = file(name);
+        let cornell = scene("cornell");
+        let plain = ["render", &cornell, "--size", "20x15", "--spp", "4", "--guide", "none", "--quiet", "-o", &path];
+        let result = fanal(&[&plain[..], options].concat());
+        assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
+        read_exr_channels(Path::new(&path)).unwrap()
+    };
+    let (_, _, plain) = render("plain.exr", &[]);
+    let (width, height, all) = render("all.exr", &["--aov", "all"]);
+    assert_eq!((width, height, all.len()), (20, 15, 3 + 15));
+    let find = |name: &str| all.iter().find(|(other, _)| other == name);
+    assert!(plain.iter().all(|channel| find(&channel.0) == Some(channel)));
+    assert!(find("samples.Y").unwrap().1.iter().all(|&n| n == 4.0));
+    assert!(find("variance.R").unwrap().1.iter().all(|v| v.is_finite() && *v >= 0.0));
+    let (_, _, two) = render("two.exr", &["--aov", "depth,albedo"]);
+    let names: Vec<&str> = two.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["B", "G", "R", "albedo.B", "albedo.G", "albedo.R", "depth.Z"]);
+}
+
+/// The header says how a picture was made, and two makings differ in nothing but time and threads.
+#[test]
+fn headers_say_how_the_picture_was_made() {
+    use exr::meta::MetaData;
+    use exr::meta::attribute::AttributeValue;
+    let folder = tempfile::tempdir().unwrap();
+    let render = |name: &str, threads: &str| {
+        let path = folder.path().join(name);
+        let (scene, output) = (scene("cornell"), path.display().to_string());
+        let options = ["render", &scene, "-o", &output, "--size", "20x15", "--spp", "4", "--guide", "none", "--quiet"];
+        let more = ["--seed", "3", "--max-depth", "5", "--pixel-filter", "tent", "--threads", threads];
+        assert!(fanal(&[&options[..], &more].concat()).status.success());
+        path
+    };
+    let attributes = |path: &Path| {
+        let header = MetaData::read_from_file(path, false).unwrap().headers.remove(0).own_attributes;
+        let text = |value| if let AttributeValue::Text(text) = value { text.to_string() } else { String::new() };
+        let software = header.software_name.map(|name| ("software".to_owned(), name.to_string()));
+        header.other.into_iter().map(|(k, v)| (k.to_string(), text(v))).chain(software).collect::<BTreeMap<_, _>>()
+    };
+    let [mut one, mut two] = [("1.exr", "1"), ("2.exr", "2")].map(|(name, threads)| attributes(&render(name, threads)));
+    for (name, value) in [
+        ("software", concat!("fanal ", env!("CARGO_PKG_VERSION"))),
+        ("scene", &scene("cornell")),
+        ("method", "none"),
+        ("seed", "3"),
+        ("size", "20x15"),
+        ("filter", r#"{"type":"tent","radius":1.0}"#),
+        ("maxDepth", "5"),
+        ("stop", "spp 4"),
+        ("spp", "4"),
+        ("droppedSamples", "0"),
+        ("threads", "1"),
+    ] {
+        assert_eq!(one.get(name).map(String::as_str), Some(value), "{name}: {one:?}");
+    }
+    assert!(one["seconds"].parse::<f64>().is_ok_and(|seconds| seconds >= 0.0));
+    for name in ["seconds", "threads"] {
+        assert!(one.remove(name).is_some() && two.remove(name).is_some());
+    }
+    assert_eq!(one, two);
+}
+
+/// A window lies in its place in an EXR file and alone in a PNG file, and is compared with its part of a whole picture.
+#[test]
+fn windows_are_rendered_and_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    let cornell = scene("cornell");
+    let render = |name: &str, options: &[&str]| {
+        let path = file(name);
+        let plain = ["render", &cornell, "--size", "20x15", "--spp", "2", "--guide", "none", "--quiet", "-o", &path];
+        let result = fanal(&[&plain[..], options].concat());
+        assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
+        path
+    };
+    let (whole, stats) = (render("whole.exr", &[]), file("stats.json"));
+    let part = render("part.exr", &["--crop", "3,4,8,6", "--reference", &whole, "--stats", &stats]);
+    let stats: serde_json::Value = serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap();
+    assert_eq!((&stats["width"], &stats["height"], &stats["errors"][0]["relmse"]), (&8.into(), &6.into(), &0.0.into()));
+    let header = exr::meta::MetaData::read_from_file(&part, false).unwrap().headers.remove(0);
+    assert_eq!(header.shared_attributes.display_window.size, exr::math::Vec2(20, 15));
+    assert_eq!(header.own_attributes.layer_position, exr::math::Vec2(3, 4));
+    assert_eq!(header.layer_size, exr::math::Vec2(8, 6));
+    let shown = render("part.png", &["--crop", "3,4,8,6"]);
+    let size = fanal::scene::readers::read_image(Path::new(&shown), false).map(|image| (image.width, image.height));
+    assert_eq!(size.unwrap(), (8, 6));
+    for pair in [[&part, &whole], [&whole, &part], [&part, &part]] {
+        let text = fanal(&["error", pair[0], pair[1]]);
+        let text = String::from_utf8_lossy(&text.stdout);
+        assert!(text.contains("relMSE            0.000000"), "{pair:?}: {text}");
+    }
+    let other = render("other.exr", &["--crop", "4,4,8,6"]);
+    fails(1, &["error", &part, &other], None, &["different windows", "3,4,8,6", "4,4,8,6"]);
+    let wrong =
+        ["render", &cornell, "-o", &file("no.exr"), "--size", "20x16", "--crop", "3,4,8,6", "--reference", &whole];
+    fails(1, &wrong, Some(&folder.path().join("no.exr")), &["whole.exr", "20x15", "8x6"]);
 }

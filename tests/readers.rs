@@ -5,7 +5,7 @@ use std::path::Path;
 
 use fanal::base::Error;
 use fanal::scene::file::{
-    Distribution, GeometryFile, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile, identity3,
+    Distribution, FilterFile, GeometryFile, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile, identity3,
 };
 use fanal::scene::readers::{LoadedScene, load, read_exr_channels, read_image, resolve, save};
 use tempfile::TempDir;
@@ -201,6 +201,45 @@ fn both_formats_mean_the_same() {
     let copy = folder.path().join("copy.json");
     save(&from_json.file, &copy).unwrap();
     assert_eq!(load(&copy).unwrap().file, from_json.file);
+}
+
+/// Filters of Mitsuba films by their defaults; where nothing is said, Mitsuba's own is a Gaussian. Those with negative lobes cannot
+/// be sampled.
+#[test]
+fn filters_of_mitsuba() {
+    let folder = folder();
+    let sensor = r#"<sensor type="perspective"/>"#;
+    let with = |filter: &str| {
+        let own = format!(r#"<sensor type="perspective"><film type="hdrfilm">{filter}</film></sensor>"#);
+        load_xml(&folder, &xml_with("").replace(sensor, &own))
+    };
+    let wide = FilterFile::Gaussian { stddev: 0.75, radius: None };
+    for (filter, expected, warned) in [
+        ("", FilterFile::GAUSSIAN, false),
+        (r#"<rfilter type="box"/>"#, FilterFile::default(), false),
+        (r#"<rfilter type="tent"/>"#, FilterFile::TENT, false),
+        (r#"<rfilter type="tent"><float name="radius" value="2"/></rfilter>"#, FilterFile::Tent { radius: 2.0 }, false),
+        (r#"<rfilter type="gaussian"/>"#, FilterFile::GAUSSIAN, false),
+        (r#"<rfilter type="gaussian"><float name="stddev" value="0.75"/></rfilter>"#, wide, false),
+        (r#"<rfilter type="mitchell"><float name="B" value="0.3"/></rfilter>"#, FilterFile::GAUSSIAN, true),
+        (r#"<rfilter type="catmullrom"/>"#, FilterFile::GAUSSIAN, true),
+        (r#"<rfilter type="lanczos"><integer name="lobes" value="3"/></rfilter>"#, FilterFile::GAUSSIAN, true),
+    ] {
+        let loaded = with(filter).unwrap();
+        assert_eq!(loaded.file.film.filter, expected, "{filter}");
+        let says =
+            loaded.warnings.iter().any(|warning| warning.contains("tested.xml:") && warning.contains("Gaussian"));
+        assert_eq!(says, warned, "{filter}: {:?}", loaded.warnings);
+    }
+    for (filter, words) in [
+        (r#"<rfilter type="sinc"/>"#, "gaussian"),
+        (r#"<rfilter type="box"><float name="radius" value="2"/></rfilter>"#, "radius"),
+        (r#"<rfilter type="tent"><float name="radius" value="-2"/></rfilter>"#, "radius"),
+        (r#"<rfilter type="gaussian"><float name="stddev" value="1e9"/></rfilter>"#, "stddev"),
+    ] {
+        let message = with(filter).unwrap_err().to_string();
+        assert!(message.contains("tested.xml:") && message.contains(words), "{filter}: {message}");
+    }
 }
 
 /// Every kind of material and shape by its defaults, and what is done in another way is said.

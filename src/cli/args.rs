@@ -6,11 +6,13 @@ use clap::builder::PossibleValue;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec3;
 
+use crate::film::Window;
 use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Target};
-use crate::render::{GuideMode, Reconstruction, SampleKinds};
+use crate::render::{Aov, GuideMode, Reconstruction, SampleKinds};
 use crate::report::experiment::Method;
+use crate::scene::file::FilterFile;
 use crate::scene::overrides::Override;
 
 /// A physically based renderer that learns where light comes from.
@@ -124,6 +126,71 @@ words!(
     Window: "By what is expected of them, light sampling likewise (Vorba and Křivánek 2016)",
 );
 
+/// Pixel filters, as wide as usual.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PixelFilter {
+    /// The mean over the pixel
+    Box,
+    /// A tent over two pixels
+    Tent,
+    /// A Gaussian with a standard deviation of half a pixel
+    Gaussian,
+    /// A Blackman-Harris window over three pixels
+    BlackmanHarris,
+}
+
+impl PixelFilter {
+    /// The filter as a scene file has it.
+    pub fn file(self) -> FilterFile {
+        match self {
+            Self::Box => FilterFile::default(),
+            Self::Tent => FilterFile::TENT,
+            Self::Gaussian => FilterFile::GAUSSIAN,
+            Self::BlackmanHarris => FilterFile::BLACKMAN_HARRIS,
+        }
+    }
+}
+
+/// Layers beside the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Layer {
+    /// All of them
+    All,
+    /// albedo.R/G/B: reflectance; 0 where nothing is hit
+    Albedo,
+    /// normal.X/Y/Z: shading normal in the world, on the camera's side; 0 where nothing is hit
+    Normal,
+    /// position.X/Y/Z: point in the world; 0 where nothing is hit
+    Position,
+    /// depth.Z: distance along the ray (not along the viewing axis); 0 where nothing is hit
+    Depth,
+    /// samples.Y: camera samples that the pixel is made of
+    Samples,
+    /// variance.R/G/B: variance of the pixel's mean; 0 where one sample cannot tell
+    Variance,
+    /// guiding.Y: probability that the guide chooses the direction at the first surface; 0 where unguided
+    Guiding,
+}
+
+impl Layer {
+    /// The layers of a list, each once.
+    pub fn aovs(list: &[Self]) -> Vec<Aov> {
+        let wanted = |aov: &Aov| {
+            let layer = match aov {
+                Aov::Albedo => Self::Albedo,
+                Aov::Normal => Self::Normal,
+                Aov::Position => Self::Position,
+                Aov::Depth => Self::Depth,
+                Aov::Samples => Self::Samples,
+                Aov::Variance => Self::Variance,
+                Aov::Guiding => Self::Guiding,
+            };
+            list.contains(&layer) || list.contains(&Self::All)
+        };
+        Aov::ALL.into_iter().filter(wanted).collect()
+    }
+}
+
 /// Who executes the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Backend {
@@ -222,6 +289,17 @@ pub struct RenderArgs {
     /// Size of the picture in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<[u32; 2]>,
+    /// Render only this part of the picture: columns to the left of it, rows above it, its columns and rows. Its pixels get the
+    /// samples that they get in the whole picture; an EXR file says where in it they are, a PNG file holds them alone
+    #[arg(long, value_name = "X,Y,W,H", value_parser = window)]
+    pub crop: Option<Window>,
+    /// What of the light around it a pixel shows [default: the scene's]
+    #[arg(long, value_enum, value_name = "FILTER")]
+    pub pixel_filter: Option<PixelFilter>,
+    /// Layers beside the picture in the EXR file, separated by commas. Features are those of the first surface that a camera ray
+    /// hits, mirrors and glass included, averaged over up to 16 samples per pixel
+    #[arg(long, value_enum, value_name = "LAYERS", value_delimiter = ',')]
+    pub aov: Vec<Layer>,
     /// Stops by which a PNG file is brightened [default: 0]
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = stops)]
     pub exposure: Option<f32>,
@@ -445,6 +523,14 @@ fn stops(text: &str) -> Result<f32, String> {
 fn size(text: &str) -> Result<[u32; 2], String> {
     let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     sides.ok_or_else(|| "expected columns and rows, for example 640x480".into())
+}
+
+fn window(text: &str) -> Result<Window, String> {
+    let numbers: Option<Vec<u32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, width, height]) => Ok(Window { x, y, width, height }),
+        _ => Err("expected four whole numbers, for example 120,80,64,48".into()),
+    }
 }
 
 fn point(text: &str) -> Result<Vec3, String> {

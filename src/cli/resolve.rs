@@ -2,14 +2,14 @@
 
 use std::path::PathBuf;
 
-use super::args::{Backend, RenderArgs};
+use super::args::{Backend, Layer, PixelFilter, RenderArgs};
 use crate::base::{Error, Result};
-use crate::film::check_size;
+use crate::film::{Placed, Window, check_size};
 use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Layout, Target};
-use crate::render::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
-use crate::scene::file::SceneFile;
+use crate::render::{Aov, GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
+use crate::scene::file::{FilterFile, SceneFile};
 use crate::scene::overrides::Override;
 
 /// Everything that a render depends on beside the scene. All values are in range.
@@ -21,8 +21,14 @@ pub struct RenderRequest {
     pub output: PathBuf,
     /// Columns and rows.
     pub size: [u32; 2],
+    /// What of the picture is rendered; none for all of it.
+    pub crop: Option<Window>,
+    /// What of the light around it a pixel shows.
+    pub filter: FilterFile,
     /// 1 = emission only, n = n−1 bounces.
     pub max_depth: u32,
+    /// Layers beside the picture.
+    pub aovs: Vec<Aov>,
     /// Stops by which a PNG file is brightened.
     pub exposure: f32,
     /// When to stop.
@@ -68,9 +74,17 @@ pub struct RenderRequest {
 }
 
 impl RenderRequest {
+    /// Where in a larger picture the rendered one is.
+    pub fn placed(&self) -> Placed {
+        self.crop.map(|window| (window, self.size))
+    }
+
     /// The renderer's settings.
     pub fn settings(&self) -> RenderSettings {
         let mut settings = RenderSettings::new(self.guide, self.stop);
+        settings.filter = self.filter;
+        settings.crop = self.crop;
+        settings.keeps_spread = self.aovs.iter().any(|aov| aov.is_of_film());
         settings.transport.max_depth = self.max_depth;
         settings.transport.nee = self.nee;
         settings.transport.roulette = self.roulette.unwrap_or(settings.transport.roulette);
@@ -101,6 +115,9 @@ impl RenderRequest {
 pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
     let size = args.size.unwrap_or([scene.film.width, scene.film.height]);
     check_size(size[0], size[1])?;
+    if let Some(window) = args.crop {
+        window.check_inside(size).map_err(|e| Error::Options(format!("--crop: {e}")))?;
+    }
     let max_depth = args.max_depth.unwrap_or(scene.render.max_depth);
     let stop = match (args.spp, args.time, args.target_error) {
         (None, None, None) => StopRule::Spp(scene.render.spp),
@@ -134,7 +151,10 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         scene: args.scene.clone(),
         output: args.output.clone(),
         size,
+        crop: args.crop,
+        filter: args.pixel_filter.map_or(scene.film.filter, PixelFilter::file),
         max_depth,
+        aovs: aovs(args)?,
         exposure: exposure(args)?,
         stop,
         seed: args.seed,
@@ -159,11 +179,24 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
     })
 }
 
+fn is_png(args: &RenderArgs) -> bool {
+    args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+}
+
+/// The layers, refused where they could not be written.
+fn aovs(args: &RenderArgs) -> Result<Vec<Aov>> {
+    if is_png(args) && !args.aov.is_empty() {
+        return Err(Error::Options(
+            "--aov needs an .exr file: a PNG file has no room for layers, nor for numbers beyond 0 to 1".into(),
+        ));
+    }
+    Ok(Layer::aovs(&args.aov))
+}
+
 /// The exposure, refused where it would do nothing.
 fn exposure(args: &RenderArgs) -> Result<f32> {
-    let is_png = args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
     match args.exposure {
-        Some(_) if !is_png => Err(Error::Options(
+        Some(_) if !is_png(args) => Err(Error::Options(
             "--exposure is for PNG files; an EXR file holds linear radiance, brighten it in the viewer".into(),
         )),
         given => Ok(given.unwrap_or(0.0)),
@@ -198,6 +231,8 @@ mod tests {
         let given = request(&["--size", "8x4", "--time", "2.5", "--guide", "none", "--max-depth", "3"]).unwrap();
         assert_eq!((given.size, given.stop), ([8, 4], StopRule::Time(2.5)));
         assert_eq!(given.max_depth, 3);
+        assert_eq!((plain.filter, plain.settings().filter), (FilterFile::default(), FilterFile::default()));
+        assert_eq!(request(&["--pixel-filter", "tent"]).unwrap().settings().filter, FilterFile::TENT);
     }
 
     #[test]

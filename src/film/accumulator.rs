@@ -157,7 +157,17 @@ impl Pass {
         };
         let [a, b] = &self.halves;
         let (spread, (a, b)) = rayon::join(|| Spread::of(self.pixels()), || rayon::join(|| half(a), || half(b)));
-        FinishedPass { width: self.width, halves: [a, b], spread }
+        FinishedPass { width: self.width, halves: [a, b], spread, variance: Vec::new() }
+    }
+
+    /// The same with the variance of each pixel's samples, for [`pixel_spread`](super::pixel_spread).
+    pub fn finish_with_variance(&self) -> FinishedPass {
+        let [first, second] = &self.halves;
+        let variance = |(a, b): (&Pixel, &Pixel)| {
+            a.merged(b).sample_variance().map_or(Vec3::NAN, |v| DVec3::from_array(v).as_vec3())
+        };
+        let variance = first.par_iter().zip(second).map(variance).collect();
+        FinishedPass { variance, ..self.finish() }
     }
 }
 
@@ -224,6 +234,8 @@ pub struct FinishedPass {
     width: usize,
     halves: [Half; 2],
     spread: Spread,
+    /// Variance of one sample of each pixel, NaN below two samples; empty where it was not asked for.
+    pub(super) variance: Vec<Vec3>,
 }
 
 /// Every other sample of a pass.
@@ -247,6 +259,11 @@ impl FinishedPass {
         self.halves.iter().map(Half::samples).sum()
     }
 
+    /// Samples of one pixel in one half.
+    pub(super) fn count(&self, half: usize, pixel: usize) -> u32 {
+        self.halves[half].counts[pixel]
+    }
+
     /// Variance of one sample, averaged over channels and pixels; `None` below two samples.
     pub fn sample_variance(&self) -> Option<f64> {
         self.spread.variance()
@@ -258,18 +275,18 @@ impl FinishedPass {
 ///
 /// Later passes are guided by more than earlier ones, so none is believed to be worse: where fewer samples have missed rare light,
 /// their variance looks far too small. At worst all samples count alike. So they do where the last passes are without variance.
-fn weights(passes: &[FinishedPass], half: usize) -> Vec<Vec<f64>> {
+pub(super) fn weights(passes: &[FinishedPass], half: usize) -> Vec<Vec<f64>> {
     let tiles = passes.first().map_or(0, |pass| pass.halves[half].tiles.len());
+    let samples: Vec<f64> = passes.iter().map(|pass| pass.samples() as f64).collect();
     let tile = |tile: usize| {
-        let samples = passes.iter().map(|pass| pass.samples() as f64);
         let mut variance = 0.0f64;
-        let mut weights: Vec<f64> = samples.clone().collect();
+        let mut weights = samples.clone();
         for (weight, half) in weights.iter_mut().zip(passes.iter().map(|pass| &pass.halves[half])).rev() {
             variance = variance.max(half.tiles[tile].variance().unwrap_or(0.0));
             *weight /= variance;
         }
         if weights.iter().any(|w| !w.is_finite()) {
-            weights = samples.collect();
+            weights.clone_from(&samples);
         }
         weights
     };
@@ -286,6 +303,10 @@ fn weights(passes: &[FinishedPass], half: usize) -> Vec<Vec<f64>> {
 /// [`Error::Options`] where passes differ in size or there is none.
 pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
     check_alike(passes)?;
+    if passes.len() == 1 {
+        // Then no pixel depends on its tile, so that a window of a picture is what it is in the whole.
+        return combine_weighted(passes, &[1.0]);
+    }
     let [first, second] = [1, 0].map(|other| weights(passes, other));
     mixed(passes, |half, tile| if half == 0 { &first[tile] } else { &second[tile] })
 }
@@ -299,7 +320,7 @@ pub fn combine_weighted(passes: &[FinishedPass], weights: &[f64]) -> Result<Imag
 }
 
 /// Columns and pixels of all passes.
-fn check_alike(passes: &[FinishedPass]) -> Result<[usize; 2]> {
+pub(super) fn check_alike(passes: &[FinishedPass]) -> Result<[usize; 2]> {
     let first = passes.first().ok_or_else(|| Error::Options("no pass was rendered, so there is no picture".into()))?;
     let size = |pass: &FinishedPass| [pass.width, pass.halves[0].means.len()];
     if passes.iter().any(|pass| size(pass) != size(first)) {
@@ -308,12 +329,17 @@ fn check_alike(passes: &[FinishedPass]) -> Result<[usize; 2]> {
     Ok(size(first))
 }
 
+/// The tile of a pixel in a picture of so many columns.
+pub(super) fn tile_of(pixel: usize, width: usize) -> usize {
+    pixel / width / TILE * width.div_ceil(TILE) + pixel % width / TILE
+}
+
 /// Halves weighted each in its own way, by `weights` of half and tile, then counted by their samples.
 fn mixed<'a>(passes: &[FinishedPass], weights: impl Fn(usize, usize) -> &'a [f64] + Sync) -> Result<Image> {
     let [width, pixels] = check_alike(passes)?;
     let pixel = |i: usize| {
         let (mut sum, mut samples) = (DVec3::ZERO, 0.0);
-        let tile = i / width / TILE * width.div_ceil(TILE) + i % width / TILE;
+        let tile = tile_of(i, width);
         for half in 0..2 {
             let (mut mean, mut total, mut count) = (DVec3::ZERO, 0.0, 0.0);
             let weights = weights(half, tile);

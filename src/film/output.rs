@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::exr::{Attribute, Picture};
 use super::{exr, png};
 use crate::base::{Error, Result};
 use crate::materials::image::Image;
@@ -44,25 +45,33 @@ pub fn check_folder(path: &Path) -> Result<()> {
     tempfile::tempfile_in(folder).map(drop).map_err(|e| Error::io(folder, e))
 }
 
-/// Writes a picture in the format that its name tells; attributes go into EXR files, which stay linear; `exposure`,
-/// in stops, brightens PNG files.
+/// Writes a picture alone, see [`write_picture`].
+///
+/// # Errors
+/// As [`write_picture`].
+pub fn write(path: &Path, image: &Image, attributes: &[Attribute], exposure: f32) -> Result<()> {
+    write_picture(path, &Picture::plain(image, attributes), exposure)
+}
+
+/// Writes a picture in the format that its name tells; channels, window and attributes go into EXR files, which stay linear;
+/// `exposure`, in stops, brightens PNG files.
 ///
 /// # Errors
 /// [`Error::Options`] for an unknown format or an empty picture, [`Error::Io`] naming `path`.
-pub fn write(path: &Path, image: &Image, attributes: &[exr::Attribute], exposure: f32) -> Result<()> {
+pub fn write_picture(path: &Path, picture: &Picture, exposure: f32) -> Result<()> {
     match format(path)? {
-        Format::Exr => exr::write(path, image, attributes),
-        Format::Png => png::write(path, image, exposure),
+        Format::Exr => exr::write(path, picture),
+        Format::Png => png::write(path, picture.image, exposure),
     }
 }
 
-/// As [`write`], but a picture that cannot be written to `path` is written to the folder for temporary files instead.
+/// As [`write_picture`], but a picture that cannot be written to `path` is written to the folder for temporary files instead.
 ///
 /// # Errors
 /// The error of the first attempt, with the fallback path where that worked: the picture is safe then, but not where wanted.
-pub fn write_or_rescue(path: &Path, image: &Image, attributes: &[exr::Attribute], exposure: f32) -> Result<()> {
-    let Err(first) = write(path, image, attributes, exposure) else { return Ok(()) };
-    match rescue(path, image, attributes, exposure) {
+pub fn write_or_rescue(path: &Path, picture: &Picture, exposure: f32) -> Result<()> {
+    let Err(first) = write_picture(path, picture, exposure) else { return Ok(()) };
+    match rescue(path, picture, exposure) {
         Ok(fallback) => Err(Error::io(
             path,
             std::io::Error::other(format!("{first}; the picture was saved as {} instead", fallback.display())),
@@ -72,11 +81,11 @@ pub fn write_or_rescue(path: &Path, image: &Image, attributes: &[exr::Attribute]
 }
 
 /// Writes to a new file: its name carries the process id, so that it replaces nothing.
-fn rescue(path: &Path, image: &Image, attributes: &[exr::Attribute], exposure: f32) -> Result<PathBuf> {
+fn rescue(path: &Path, picture: &Picture, exposure: f32) -> Result<PathBuf> {
     let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or("picture");
     let extension = if format(path).is_ok_and(|f| f == Format::Png) { "png" } else { "exr" };
     let fallback = std::env::temp_dir().join(format!("fanal-{}-{stem}.{extension}", std::process::id()));
-    write(&fallback, image, attributes, exposure)?;
+    write_picture(&fallback, picture, exposure)?;
     Ok(fallback)
 }
 
@@ -105,7 +114,7 @@ mod tests {
     fn picture_outlives_its_folder() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("gone/lantern.exr");
-        let message = write_or_rescue(&path, &picture(), &[], 0.0).unwrap_err().to_string();
+        let message = write_or_rescue(&path, &Picture::plain(&picture(), &[]), 0.0).unwrap_err().to_string();
         let fallback = std::env::temp_dir().join(format!("fanal-{}-lantern.exr", std::process::id()));
         assert!(message.contains(&*fallback.to_string_lossy()), "{message}");
         assert!(std::fs::metadata(&fallback).is_ok_and(|m| m.len() > 0));

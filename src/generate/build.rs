@@ -3,8 +3,8 @@
 use glam::{Mat3, Mat4, Quat, Vec3};
 
 use crate::scene::file::{
-    CameraFile, FilmFile, GeometryFile, IDENTITY, LightFile, MaterialFile, Matrix, MeshFile, RenderFile, SceneFile,
-    ShapeFile, TextureFile, VERSION,
+    CameraFile, FilmFile, FilterFile, GeometryFile, IDENTITY, LightFile, MaterialFile, Matrix, MeshFile, RenderFile,
+    SceneFile, ShapeFile, TextureFile, VERSION,
 };
 
 use super::solids::{Solid, Solids};
@@ -29,7 +29,7 @@ impl Builder {
                 focus_distance: None,
                 medium: None,
             },
-            film: FilmFile { width: size[0], height: size[1] },
+            film: FilmFile { width: size[0], height: size[1], filter: FilterFile::default() },
             render: RenderFile::default(),
             materials: Default::default(),
             media: Default::default(),

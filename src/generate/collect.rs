@@ -11,7 +11,7 @@ use super::recipe::{Job, Recipe};
 use super::shard::{TreeSample, write_shard};
 use crate::base::random::Random;
 use crate::base::{Progress, Result};
-use crate::film::Pass;
+use crate::film::{Pass, PixelFilter, Window};
 use crate::guiding::cache::VoxelId;
 use crate::guiding::distribution::{Distribution, kl};
 use crate::guiding::leaves::distribution_of_values;
@@ -111,6 +111,8 @@ impl Collector<'_> {
         let tracer = PassTracer {
             scene: self.scene,
             settings: &self.settings,
+            window: Window::whole(self.scene.size),
+            filter: &PixelFilter::default(),
             field: Some(&field),
             target: self.learning.learner.target(),
             picture: None,

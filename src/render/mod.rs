@@ -1,5 +1,6 @@
 //! Rendering: passes of growing size that learn, then a final pass; budgets; statistics.
 
+pub mod aov;
 mod control;
 mod learning;
 mod pass;
@@ -8,6 +9,7 @@ mod split;
 mod statistics;
 mod target;
 
+pub use aov::Aov;
 pub use control::{Control, Refresh, Snapshot};
 pub use learning::Learning;
 pub use pass::{CHUNK, PassTracer, Records};
@@ -18,7 +20,9 @@ use std::sync::atomic::AtomicBool;
 
 use crate::base::progress::Progress;
 use crate::base::{Error, Result};
-use crate::film::{FinishedPass, Pass, check_size, combine, expected_values, outliers};
+use crate::film::{
+    FinishedPass, Pass, PixelFilter, PixelSpread, Window, check_size, combine, expected_values, outliers, pixel_spread,
+};
 use crate::guiding::field::{Evidence, GuideField};
 use crate::materials::Material;
 use crate::materials::image::Image;
@@ -31,6 +35,8 @@ use split::{Outlook, gain, learns_on, pays};
 pub struct Outcome {
     /// The picture, linear RGB.
     pub image: Image,
+    /// How far its pixels may be off, where the settings ask for that.
+    pub spread: Option<PixelSpread>,
     /// Where time and samples went.
     pub statistics: Statistics,
     /// The field that guided the final pass.
@@ -119,6 +125,9 @@ fn decisions(gave_up: bool, trend: &Trend, iterations: &[Iteration], photon_shar
     [Some(guiding), photons].into_iter().flatten().collect()
 }
 
+/// A picture, and how far its pixels may be off where that is wanted.
+type Rendered = (Image, Option<PixelSpread>);
+
 /// Fewest paths in a chunk: enough to keep a few threads busy.
 const LEAST_CHUNK: u64 = 1 << 14;
 /// Samples per pixel that tell enough of what pixels will be.
@@ -129,6 +138,9 @@ const EVERY_ROW: u64 = 12;
 struct Run<'a> {
     scene: &'a Scene,
     settings: &'a RenderSettings,
+    /// What of the picture is rendered.
+    window: Window,
+    filter: PixelFilter,
     watcher: Watcher<'a>,
     statistics: Statistics,
     passes: Vec<FinishedPass>,
@@ -165,9 +177,13 @@ impl<'a> Run<'a> {
     fn begin(scene: &'a Scene, settings: &'a RenderSettings, control: &'a Control<'a>) -> Result<Self> {
         check_size(scene.size[0], scene.size[1])?;
         settings.check()?;
+        let window = settings.window(scene.size);
+        window.check_inside(scene.size)?;
         let run = Self {
             scene,
             settings,
+            window,
+            filter: PixelFilter::new(settings.filter)?,
             watcher: Watcher::new(control),
             statistics: Statistics::default(),
             passes: Vec::new(),
@@ -188,7 +204,7 @@ impl<'a> Run<'a> {
     }
 
     fn pixels(&self) -> u64 {
-        u64::from(self.scene.size[0]) * u64::from(self.scene.size[1])
+        self.window.pixels()
     }
 
     fn begin_pass(&mut self) -> Pass {
@@ -197,7 +213,7 @@ impl<'a> Run<'a> {
     }
 
     fn empty_pass(&self) -> Pass {
-        Pass::new(self.scene.size[0] as usize, self.scene.size[1] as usize)
+        Pass::new(self.window.width as usize, self.window.height as usize)
     }
 
     /// Traces `spp` camera paths per pixel into `pass`; returns whether all were made.
@@ -217,6 +233,8 @@ impl<'a> Run<'a> {
         let tracer = PassTracer {
             scene: self.scene,
             settings: self.settings,
+            window: self.window,
+            filter: &self.filter,
             field,
             target: learning.as_ref().map_or(self.settings.learner.target, |l| l.learner.target()),
             picture,
@@ -262,7 +280,7 @@ impl<'a> Run<'a> {
             let complete = self.trace(&mut pass, camera, Some(&field), Some(&mut learning), picture.as_deref());
             if t == 0 && !complete {
                 // Too many pixels for the time: what little there is left is better spent on samples than on trees.
-                self.passes.push(pass.finish());
+                self.passes.push(self.finished(&pass));
                 return Ok(GuideField::empty());
             }
             let rays = self.reconstruction_rays();
@@ -274,7 +292,7 @@ impl<'a> Run<'a> {
                 &mut self.statistics.seconds,
             )?;
             let seconds = self.watcher.elapsed() - begun;
-            let finished = pass.finish();
+            let finished = self.finished(&pass);
             let variance = pass.variance_relative_to(picture.as_deref());
             trend.gain = variance.and_then(|v| gain(v, &learning.moments, finished.samples() as f64));
             trend.variances.extend(finished.sample_variance());
@@ -366,7 +384,7 @@ impl<'a> Run<'a> {
     /// The picture with the field as it is, and the end.
     fn finish(mut self, field: Option<GuideField>) -> Result<Outcome> {
         self.watcher.control.progress.message("rendering");
-        let image = match self.settings.stop {
+        let (image, spread) = match self.settings.stop {
             StopRule::TargetError(error) => self.render_to(error, field.as_ref())?,
             StopRule::Spp(_) | StopRule::Time(_) => self.final_pass(field.as_ref())?,
         };
@@ -374,7 +392,13 @@ impl<'a> Run<'a> {
         let mut statistics = self.statistics;
         statistics.seconds.total = self.watcher.elapsed();
         statistics.describe(self.scene, self.settings, self.spent.ceil() as u32);
-        Ok(Outcome { image, statistics, field: field.unwrap_or_else(GuideField::empty), evidence: self.evidence })
+        Ok(Outcome {
+            image,
+            spread,
+            statistics,
+            field: field.unwrap_or_else(GuideField::empty),
+            evidence: self.evidence,
+        })
     }
 
     /// A first pass with a field that nothing was learned for: about what pixels will be, by which roulette judges the rest.
@@ -390,12 +414,12 @@ impl<'a> Run<'a> {
         if spp > 0 {
             let mut pass = self.begin_pass();
             self.trace(&mut pass, spp, Some(field), None, None);
-            self.passes.push(pass.finish());
+            self.passes.push(self.finished(&pass));
         }
     }
 
     /// What is left of the budget goes into one pass.
-    fn final_pass(&mut self, field: Option<&GuideField>) -> Result<Image> {
+    fn final_pass(&mut self, field: Option<&GuideField>) -> Result<Rendered> {
         let mut pass = self.begin_pass();
         let picture = field.and_then(|_| self.pixel_values());
         let mut rendered = 0;
@@ -417,7 +441,7 @@ impl<'a> Run<'a> {
             }
         }
         if rendered > 0 {
-            let finished = pass.finish();
+            let finished = self.finished(&pass);
             // What a guide that does not pay has found by chance is a few bright pixels that the others would have to outweigh.
             let guided: u64 = self.passes.iter().map(FinishedPass::samples).sum();
             if self.gave_up && finished.samples() > guided {
@@ -425,8 +449,20 @@ impl<'a> Run<'a> {
             }
             self.passes.push(finished);
         }
-        combine(&self.passes)
-            .map_err(|_| Error::Options("no sample was rendered: the render was stopped before its first pass".into()))
+        let image = combine(&self.passes).map_err(|_| {
+            Error::Options("no sample was rendered: the render was stopped before its first pass".into())
+        })?;
+        Ok((image, self.spread(&self.passes, None)?))
+    }
+
+    /// Ends a pass whose samples may enter the picture.
+    fn finished(&self, pass: &Pass) -> FinishedPass {
+        if self.settings.keeps_spread { pass.finish_with_variance() } else { pass.finish() }
+    }
+
+    /// How far pixels of the picture that passes make may be off, where that is wanted.
+    fn spread(&self, passes: &[FinishedPass], weights: Option<&[f64]>) -> Result<Option<PixelSpread>> {
+        self.settings.keeps_spread.then(|| pixel_spread(passes, weights)).transpose()
     }
 
     /// Samples per pixel of the next batch under a time budget: about a tenth of what is left, by the speed so far.

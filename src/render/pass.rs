@@ -14,7 +14,8 @@ use super::learning::Learning;
 use super::settings::RenderSettings;
 use super::statistics::Statistics;
 use crate::base::random::Random;
-use crate::film::Pass;
+use crate::film::{Pass, PixelFilter, Window};
+use crate::geometry::Ray;
 use crate::guiding::emission::{EmissionGuide, Start};
 use crate::guiding::field::GuideField;
 use crate::guiding::leaves::Target;
@@ -50,6 +51,10 @@ pub struct PassTracer<'a> {
     pub scene: &'a Scene,
     /// Settings.
     pub settings: &'a RenderSettings,
+    /// The part of the picture that is traced; its pixels are those of the pass.
+    pub window: Window,
+    /// Where in the pixel's surroundings its samples lie.
+    pub filter: &'a PixelFilter,
     /// What guides.
     pub field: Option<&'a GuideField>,
     /// What records are to hold.
@@ -84,7 +89,7 @@ struct Block {
 
 impl PassTracer<'_> {
     fn pixels(&self) -> u64 {
-        u64::from(self.scene.size[0]) * u64::from(self.scene.size[1])
+        self.window.pixels()
     }
 
     /// Adds the pass's samples to `pass` and, where there is one, gives its records to `learning`. After every chunk `go_on` is
@@ -98,7 +103,7 @@ impl PassTracer<'_> {
         go_on: &mut dyn FnMut(&Pass, u64) -> bool,
     ) -> bool {
         let total = self.pixels() * u64::from(self.spp);
-        let rows = row_order(self.scene.size[1]);
+        let rows = row_order(self.window.height);
         let mut start = 0;
         while start < total {
             let end = (start + self.chunk.clamp(1, CHUNK)).min(total);
@@ -210,26 +215,14 @@ impl PassTracer<'_> {
     /// Pixel and sample of a linear index.
     fn place(&self, index: u64, rows: &[u32]) -> (u64, u64) {
         let (place, sample) = (index % self.pixels(), index / self.pixels());
-        let width = u64::from(self.scene.size[0]);
+        let width = u64::from(self.window.width);
         (u64::from(rows[(place / width) as usize]) * width + place % width, sample)
     }
 
-    /// The random numbers of a camera sample. The even and the odd samples of a pass follow sequences of their own, since each half
-    /// judges the other and must know nothing of it.
-    fn random(&self, pixel: u64, sample: u64) -> Random {
-        let random = Random::new(self.settings.seed, pixel, sample);
-        let Some(start) = self.sequences_from.map(u64::from) else { return random };
-        let place = sample - start;
-        let family = Random::new(self.settings.seed ^ SEQUENCE_SEED, pixel, 2 * start + place % 2);
-        random.in_sequences(family.key(), (place / 2) as u32)
-    }
-
     fn camera_path(&self, pixel: u64, sample: u64, keep: bool, scratch: &mut PathScratch, block: &mut Block) {
-        let mut random = self.random(pixel, u64::from(self.first_sample) + sample);
-        let [dx, dy] = random.next_2d();
-        let width = u64::from(self.scene.size[0]);
-        let film = [(pixel % width) as f32 + dx, (pixel / width) as f32 + dy];
-        let ray = self.scene.camera.ray(film, random.next_2d());
+        let number = u64::from(self.first_sample) + sample;
+        let sample = CameraSample { place: self.window.place(pixel), number, sequences_from: self.sequences_from };
+        let (ray, mut random) = camera_ray(self.scene, self.settings, self.filter, sample);
         let tracer = PathTracer {
             scene: self.scene,
             settings: self.settings.transport,
@@ -242,6 +235,44 @@ impl PassTracer<'_> {
         let radiance = tracer.trace(ray, &mut random, scratch, value, records, &mut block.rays);
         block.radiance.push(radiance);
     }
+}
+
+/// One camera sample.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CameraSample {
+    /// Column and row in the whole picture.
+    pub place: [u32; 2],
+    /// Its number among all of the pixel's.
+    pub number: u64,
+    /// The number at which the sequences of its pass begin; none where its random numbers are independent.
+    pub sequences_from: Option<u32>,
+}
+
+impl CameraSample {
+    /// Its random numbers. The even and the odd samples of a pass follow sequences of their own, since each half judges the other
+    /// and must know nothing of it.
+    fn random(&self, seed: u64, pixel: u64) -> Random {
+        let random = Random::new(seed, pixel, self.number);
+        let Some(start) = self.sequences_from.map(u64::from) else { return random };
+        let point = self.number - start;
+        let family = Random::new(seed ^ SEQUENCE_SEED, pixel, 2 * start + point % 2);
+        random.in_sequences(family.key(), (point / 2) as u32)
+    }
+}
+
+/// The ray of a camera sample, and the random numbers that its path goes on with.
+pub(super) fn camera_ray(
+    scene: &Scene,
+    settings: &RenderSettings,
+    filter: &PixelFilter,
+    sample: CameraSample,
+) -> (Ray, Random) {
+    let [column, row] = sample.place;
+    let pixel = u64::from(row) * u64::from(scene.size[0]) + u64::from(column);
+    let mut random = sample.random(settings.seed, pixel);
+    let [dx, dy] = filter.sample(random.next_2d());
+    let film = [column as f32 + dx, row as f32 + dy];
+    (scene.camera.ray(film, random.next_2d()), random)
 }
 
 #[cfg(test)]

@@ -1,12 +1,14 @@
 //! What to render with, resolved once.
 
 use crate::base::{Error, Result};
+use crate::film::Window;
 use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::learner::LearnerSettings;
 use crate::guiding::leaves::{DirectLight, Layout, Target};
 use crate::integrators::TransportSettings;
 use crate::network::config::Mode;
+use crate::scene::file::FilterFile;
 use crate::scene::plan::{EffectKind, EffectPlan};
 
 /// What guides the paths.
@@ -128,6 +130,13 @@ pub struct RenderSettings {
     /// Most of the render's cost that may go into reconstruction, as a share of what tracing costs. Counted in rays, so that a
     /// budget in samples gives the same picture on every machine.
     pub reconstruction_share: f64,
+    /// What of the light around it a pixel shows.
+    pub filter: FilterFile,
+    /// What of the picture is rendered; none for all of it. Every pixel gets the samples that it gets in the whole picture, but
+    /// guides learn from what the window shows.
+    pub crop: Option<Window>,
+    /// Whether the outcome tells how far each pixel may be off.
+    pub keeps_spread: bool,
     /// When to stop.
     pub stop: StopRule,
     /// Seed of all random numbers.
@@ -176,6 +185,9 @@ impl RenderSettings {
             learning_share: 0.5,
             gives_up: guide != GuideMode::Ppg,
             reconstruction_share: 0.06,
+            filter: FilterFile::default(),
+            crop: None,
+            keeps_spread: false,
             stop,
             seed: 0,
         }
@@ -186,7 +198,12 @@ impl RenderSettings {
         let defaults = Self::new(guide, self.stop);
         let learner = LearnerSettings { memory: self.learner.memory, ..defaults.learner };
         let transport = TransportSettings { roulette: defaults.transport.roulette, ..self.transport };
-        Self { transport, seed: self.seed, learner, ..defaults }
+        Self { transport, seed: self.seed, filter: self.filter, crop: self.crop, learner, ..defaults }
+    }
+
+    /// What is rendered of a picture with these columns and rows.
+    pub fn window(&self, size: [u32; 2]) -> Window {
+        self.crop.unwrap_or(Window::whole(size))
     }
 
     /// The same without what the scene's plan has off.

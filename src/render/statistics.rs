@@ -91,9 +91,9 @@ pub struct Statistics {
     pub seed: u64,
     /// Threads of the pool.
     pub threads: usize,
-    /// Columns.
+    /// Columns of what was rendered.
     pub width: u32,
-    /// Rows.
+    /// Rows of what was rendered.
     pub height: u32,
     /// Samples per pixel spent, camera and light paths together.
     pub spp: u32,
@@ -154,7 +154,8 @@ impl Statistics {
         self.method = settings.guide.name().into();
         self.seed = settings.seed;
         self.threads = rayon::current_num_threads();
-        [self.width, self.height] = scene.size;
+        let window = settings.window(scene.size);
+        [self.width, self.height] = [window.width, window.height];
         self.spp = spp;
         self.peak_rss_bytes = process::peak_rss();
         let total = self.seconds.total.max(1e-9);

@@ -5,11 +5,10 @@
 //! number of samples, no half knows anything about its values. The picture is the plain mean of the two; weights that follow the
 //! counts would tie them again. A half that is done goes on being sampled for the estimate until the other is done too.
 
-use super::Run;
+use super::{Rendered, Run};
 use crate::base::Result;
 use crate::film::{FinishedPass, Pass, combine_weighted};
 use crate::guiding::field::GuideField;
-use crate::materials::image::Image;
 
 /// Samples per pixel of each half before the first look.
 const FIRST: u32 = 16;
@@ -18,6 +17,9 @@ const GROWTH: f64 = 1.1;
 /// Samples per pixel of a half at which even an unreachable target ends.
 const MOST: u32 = 1 << 23;
 
+/// Weights of the two halves.
+const EQUAL: [f64; 2] = [0.5; 2];
+
 struct Half {
     pass: Pass,
     /// The pass when the other half found it good enough.
@@ -25,7 +27,7 @@ struct Half {
 }
 
 impl Run<'_> {
-    pub(super) fn render_to(&mut self, target: f64, field: Option<&GuideField>) -> Result<Image> {
+    pub(super) fn render_to(&mut self, target: f64, field: Option<&GuideField>) -> Result<Rendered> {
         let picture = field.and_then(|_| self.pixel_values());
         // What was learned from decides about the field and so about the number of samples.
         self.passes.clear();
@@ -47,7 +49,7 @@ impl Run<'_> {
             for (half, error) in [(0, errors[1]), (1, errors[0])] {
                 let half = &mut halves[half];
                 if half.done.is_none() && error <= target {
-                    half.done = Some(half.pass.finish());
+                    half.done = Some(self.finished(&half.pass));
                 }
             }
             estimate = 0.5 * (errors[0] + errors[1]);
@@ -57,7 +59,7 @@ impl Run<'_> {
             self.watcher.control.progress.message(&message);
         }
         self.statistics.estimated_relmse = Some(estimate);
-        let passes = halves.map(|half| half.done.unwrap_or_else(|| half.pass.finish()));
-        combine_weighted(&passes, &[0.5; 2])
+        let passes = halves.map(|half| half.done.unwrap_or_else(|| self.finished(&half.pass)));
+        Ok((combine_weighted(&passes, &EQUAL)?, self.spread(&passes, Some(&EQUAL))?))
     }
 }

@@ -101,14 +101,94 @@ pub enum MediumFile {
     },
 }
 
-/// Size of the picture in pixels.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+/// The picture: its size in pixels, and what of the light around them pixels show.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FilmFile {
     /// Columns.
     pub width: u32,
     /// Rows.
     pub height: u32,
+    /// The pixel filter.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub filter: FilterFile,
+}
+
+/// How much light counts for a pixel by its offset from the pixel's centre along each axis. Lengths are in pixels; beyond the
+/// radius nothing counts. Every filter has the integral 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum FilterFile {
+    /// Everything alike; with a radius of 0.5 the mean over the pixel.
+    Box {
+        /// Half the filter's width.
+        #[serde(default = "half")]
+        radius: f32,
+    },
+    /// Falls off linearly.
+    Tent {
+        /// Half the filter's width.
+        #[serde(default = "one")]
+        radius: f32,
+    },
+    /// A Gaussian, lowered so that it ends in 0 at the radius.
+    Gaussian {
+        /// Standard deviation before the cut.
+        #[serde(default = "half")]
+        stddev: f32,
+        /// Half the filter's width; 4 standard deviations where it is not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        radius: Option<f32>,
+    },
+    /// The window of four cosine terms (Harris 1978): like a Gaussian, smooth where it ends.
+    BlackmanHarris {
+        /// Half the filter's width.
+        #[serde(default = "blackman_harris_radius")]
+        radius: f32,
+    },
+}
+
+fn half() -> f32 {
+    0.5
+}
+
+fn blackman_harris_radius() -> f32 {
+    1.5
+}
+
+impl Default for FilterFile {
+    fn default() -> Self {
+        Self::Box { radius: half() }
+    }
+}
+
+impl FilterFile {
+    /// Largest radius and largest standard deviation, pixels.
+    pub const MOST: f32 = 64.0;
+    /// The tent of Mitsuba and others.
+    pub const TENT: Self = Self::Tent { radius: 1.0 };
+    /// The Gaussian of Mitsuba and others.
+    pub const GAUSSIAN: Self = Self::Gaussian { stddev: 0.5, radius: None };
+    /// About as wide as [`Self::GAUSSIAN`].
+    pub const BLACKMAN_HARRIS: Self = Self::BlackmanHarris { radius: 1.5 };
+
+    /// Name on the command line and in headers.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Box { .. } => "box",
+            Self::Tent { .. } => "tent",
+            Self::Gaussian { .. } => "gaussian",
+            Self::BlackmanHarris { .. } => "blackman-harris",
+        }
+    }
+
+    /// Half the filter's width, pixels.
+    pub fn radius(&self) -> f32 {
+        match *self {
+            Self::Box { radius } | Self::Tent { radius } | Self::BlackmanHarris { radius } => radius,
+            Self::Gaussian { stddev, radius } => radius.unwrap_or(4.0 * stddev),
+        }
+    }
 }
 
 /// Rendering defaults.

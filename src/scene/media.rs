@@ -81,6 +81,19 @@ impl Scene {
         if self.accel.occluded(ray, length) { Vec3::ZERO } else { Vec3::ONE }
     }
 
+    /// The nearest surface on a ray that is there, media and their borders left out.
+    pub fn seen(&self, ray: &Ray, random: &mut Random) -> Option<Surface> {
+        let (mut surface, mut behind) = (self.trace(ray, random)?, 0.0);
+        for _ in 0..MOST_HOLES {
+            if !self.is_border(&surface) {
+                break;
+            }
+            behind += surface.distance;
+            surface = self.trace(&surface.leave(ray.direction), random)?;
+        }
+        Some(Surface { distance: behind + surface.distance, ..surface })
+    }
+
     /// Follows a ray that carries `carried` per channel to where it meets a surface or is scattered by a medium. Returns that
     /// with the factor on what it carries; `medium`, in which it starts, becomes the one in which it arrives.
     fn travel(&self, ray: &Ray, medium: &mut Option<MediumId>, carried: Vec3, random: &mut Random) -> (Arrival, Vec3) {

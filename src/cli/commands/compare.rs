@@ -26,6 +26,7 @@ pub fn run(args: &CompareArgs) -> Result<()> {
         let neural = args.model.as_ref().map_or_else(Neural::built_in, |folder| Neural::embedded(folder))?;
         let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
         settings.transport.max_depth = args.max_depth.unwrap_or(loaded.file.render.max_depth);
+        settings.filter = loaded.file.film.filter;
         neural.check_mode(&settings.mode())?;
         let experiment = Experiment {
             loaded: &loaded,

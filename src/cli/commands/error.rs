@@ -4,16 +4,18 @@ use super::in_pool;
 use crate::base::Result;
 use crate::cli::args::ErrorArgs;
 use crate::cli::print;
-use crate::film::measure;
+use crate::film::{matched, measure, window_of};
 use crate::scene::readers::read_image;
 
-/// Reads two pictures and prints how far they are apart.
+/// Reads two pictures and prints how far they are apart; of a whole one and a window of it, the window is compared.
 ///
 /// # Errors
-/// What [`read_image`] and [`measure`] say.
+/// What [`read_image`], [`matched`] and [`measure`] say.
 pub fn run(args: &ErrorArgs) -> Result<()> {
     let (picture, reference) =
         in_pool(&args.common, || Ok((read_image(&args.picture, false)?, read_image(&args.reference, false)?)))?;
+    let (shown, known) = (window_of(&args.picture), window_of(&args.reference));
+    let (picture, reference) = (matched(picture, shown, known)?, matched(reference, known, shown)?);
     let measures = measure(&picture, &reference)?;
     if args.json {
         return print::json(&measures);

@@ -11,13 +11,15 @@ use crate::cli::args::{Backend, RenderArgs};
 use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::{interrupt, progress};
 use crate::film::exr::Attribute;
-use crate::film::{check_folder, check_writable, measure, write, write_or_rescue};
+use crate::film::{
+    Picture, Window, check_folder, check_writable, matched, measure, window_of, write_or_rescue, write_picture,
+};
 use crate::guiding::file;
 use crate::materials::image::Image;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
 use crate::render::{
-    self, Control, ErrorPoint, GuideMode, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics, StopRule,
+    self, Aov, Control, ErrorPoint, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics, StopRule, aov,
 };
 use crate::scene::Scene;
 use crate::scene::plan::{EffectKind, plan};
@@ -55,9 +57,9 @@ pub fn run(args: &RenderArgs) -> Result<()> {
 /// The reference, if there is one and it fits.
 fn reference(request: &RenderRequest) -> Result<Option<Image>> {
     let Some(path) = &request.reference else { return Ok(None) };
-    let image = read_image(path, false)?;
-    let [width, height] = request.size.map(|n| n as usize);
-    if (image.width, image.height) != (width, height) {
+    let image = matched(read_image(path, false)?, window_of(path), request.placed())?;
+    let Window { width, height, .. } = request.settings().window(request.size);
+    if (image.width, image.height) != (width as usize, height as usize) {
         return Err(Error::Options(format!(
             "{}: the reference is {}x{} pixels, the picture {width}x{height}; give --size",
             path.display(),
@@ -70,14 +72,23 @@ fn reference(request: &RenderRequest) -> Result<Option<Image>> {
 
 /// What writing a picture takes, in seconds for each pixel: measured for EXR files, PNG files take less.
 const WRITING: f64 = 4e-7;
+/// What each further channel takes.
+const LAYER_WRITING: f64 = 1.5e-7;
+/// What finding features takes, in seconds for each pixel and thread.
+const FEATURES: f64 = 16e-7;
 
-/// The rule to stop by when a command `elapsed` seconds old starts to render: `--time` is that of the whole command.
-fn stop_rule(stop: StopRule, elapsed: f64, size: [u32; 2]) -> StopRule {
+/// What is left to do for each pixel once it is rendered, in seconds.
+fn afterwards(aovs: &[Aov], threads: usize) -> f64 {
+    let channels: usize = aovs.iter().map(|aov| aov.channels().len()).sum();
+    let features = if aovs.iter().all(|aov| aov.is_of_film()) { 0.0 } else { FEATURES / threads.max(1) as f64 };
+    WRITING + LAYER_WRITING * channels as f64 + features
+}
+
+/// The rule to stop by when a command `elapsed` seconds old starts to render and is `afterwards` seconds from its end when that is
+/// done: `--time` is that of the whole command.
+fn stop_rule(stop: StopRule, elapsed: f64, afterwards: f64) -> StopRule {
     match stop {
-        StopRule::Time(seconds) => {
-            let other = elapsed + WRITING * f64::from(size[0]) * f64::from(size[1]);
-            StopRule::Time((seconds - other).max(0.1 * seconds))
-        }
+        StopRule::Time(seconds) => StopRule::Time((seconds - elapsed - afterwards).max(0.1 * seconds)),
         stop => stop,
     }
 }
@@ -103,12 +114,15 @@ fn render(
     let begun = Instant::now();
     let scene = Scene::build(loaded, request.size)?;
     let build = begun.elapsed().as_secs_f64();
-    settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), request.size);
+    let header = attributes(request, &settings);
+    let pixels = settings.window(request.size).pixels() as f64;
+    let left = pixels * afterwards(&request.aovs, rayon::current_num_threads());
+    settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), left);
     let errors = RefCell::new(Vec::new());
-    let header = attributes(&request.scene.display().to_string(), settings.guide, settings.seed);
     let show = |snapshot: Snapshot| {
         // What cannot be written now may be written later; the end says so if not.
-        let _ = write(&request.output, &snapshot.image, &header, request.exposure);
+        let picture = Picture { window: request.placed(), ..Picture::plain(&snapshot.image, &header) };
+        let _ = write_picture(&request.output, &picture, request.exposure);
         if let Some(Ok(measures)) = reference.map(|reference| measure(&snapshot.image, reference)) {
             errors.borrow_mut().push(ErrorPoint::new(snapshot.seconds, snapshot.spp, &measures));
         }
@@ -119,6 +133,7 @@ fn render(
         Some((field, _)) => render::render_with_field(&scene, &settings, field, &control)?,
         None => render::render_watched(&scene, &settings, reconstructor.as_ref(), &control)?,
     };
+    let channels = aov::channels(&scene, &settings, &outcome, &request.aovs)?;
     let mut statistics = outcome.statistics;
     statistics.errors = errors.take();
     statistics.scene = request.scene.display().to_string();
@@ -129,9 +144,9 @@ fn render(
         statistics.errors.push(ErrorPoint::new(statistics.seconds.total, statistics.spp, &measures));
     }
     let begun = Instant::now();
-    let counts = [("spp", statistics.spp.to_string()), ("droppedSamples", statistics.dropped_samples.to_string())];
-    let header: Vec<Attribute> = header.into_iter().chain(counts.map(|(k, v)| (k.to_owned(), v))).collect();
-    let written = write_or_rescue(&request.output, &outcome.image, &header, request.exposure);
+    let header: Vec<Attribute> = header.into_iter().chain(results(&statistics)).collect();
+    let picture = Picture { image: &outcome.image, channels: &channels, window: request.placed(), attributes: &header };
+    let written = write_or_rescue(&request.output, &picture, request.exposure);
     let saved = request.save_guide.as_deref().map(|path| file::save(path, &outcome.field, &outcome.evidence));
     statistics.seconds.write = begun.elapsed().as_secs_f64();
     Ok((statistics, written.and(saved.unwrap_or(Ok(())))))
@@ -170,14 +185,36 @@ fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<B
     Ok(Box::new(neural))
 }
 
-/// What the header of an EXR file says about its making, before it is made.
-fn attributes(scene: &str, guide: GuideMode, seed: u64) -> Vec<Attribute> {
+/// What the header of an EXR file says about its making, before it is made. No name may be one that EXR reserves for other types,
+/// such as `version`.
+fn attributes(request: &RenderRequest, settings: &RenderSettings) -> Vec<Attribute> {
+    let [width, height] = request.size;
+    let stop = match settings.stop {
+        StopRule::Spp(spp) => format!("spp {spp}"),
+        StopRule::Time(seconds) => format!("time {seconds}"),
+        StopRule::TargetError(error) => format!("target-error {error}"),
+    };
     [
         ("software", format!("fanal {}", env!("CARGO_PKG_VERSION"))),
-        ("scene", scene.to_owned()),
-        ("method", guide.name().to_owned()),
-        ("seed", seed.to_string()),
+        ("scene", request.scene.display().to_string()),
+        ("method", settings.guide.name().to_owned()),
+        ("seed", settings.seed.to_string()),
+        ("size", format!("{width}x{height}")),
+        ("filter", serde_json::to_string(&settings.filter).unwrap_or_default()),
+        ("maxDepth", settings.transport.max_depth.to_string()),
+        ("stop", stop),
     ]
     .map(|(key, value)| (key.to_owned(), value))
     .to_vec()
+}
+
+/// What it says once it is made. Of all attributes only `seconds` and `threads` differ between two makings of the same picture.
+fn results(statistics: &Statistics) -> [Attribute; 4] {
+    [
+        ("spp", statistics.spp.to_string()),
+        ("droppedSamples", statistics.dropped_samples.to_string()),
+        ("seconds", format!("{:.3}", statistics.seconds.total)),
+        ("threads", statistics.threads.to_string()),
+    ]
+    .map(|(key, value)| (key.to_owned(), value))
 }

@@ -14,7 +14,7 @@ mod transform;
 use std::path::Path;
 
 use crate::base::Result;
-use crate::scene::file::{CameraFile, FilmFile, IDENTITY, RenderFile, SceneFile, VERSION};
+use crate::scene::file::{CameraFile, FilmFile, FilterFile, IDENTITY, RenderFile, SceneFile, VERSION};
 
 use super::places::Places;
 use element::Element;
@@ -94,7 +94,7 @@ impl<'a> Reader<'a> {
                 focus_distance: None,
                 medium: None,
             },
-            film: FilmFile { width: 768, height: 576 },
+            film: FilmFile { width: 768, height: 576, filter: FilterFile::GAUSSIAN },
             render: RenderFile::default(),
             materials: Default::default(),
             media: Default::default(),

@@ -1,7 +1,7 @@
 //! Sensors, films and samplers.
 
 use crate::base::Result;
-use crate::scene::file::{CameraFile, FilmFile};
+use crate::scene::file::{CameraFile, FilmFile, FilterFile};
 
 use super::Reader;
 use super::element::Element;
@@ -74,15 +74,40 @@ impl<'a> Reader<'a> {
             None => Ok(default),
         };
         let default = &self.file.film;
-        self.file.film = FilmFile { width: side("width", default.width)?, height: side("height", default.height)? };
+        let (width, height) = (side("width", default.width)?, side("height", default.height)?);
         self.places.set("film", element.place.clone());
-        let filter = object.single("rfilter")?;
-        let filter_kind = filter.map_or(Ok("gaussian"), |filter| kind(filter))?;
-        if filter_kind != "box" {
-            let place = &filter.unwrap_or(element).place;
-            self.warnings.push(format!("{place}: the box filter is used instead of \"{filter_kind}\""));
-        }
+        let filter = object.single("rfilter")?.map_or(Ok(FilterFile::GAUSSIAN), |filter| self.filter(filter))?;
+        self.file.film = FilmFile { width, height, filter };
         Ok(())
+    }
+
+    /// A reconstruction filter. Those with negative lobes have no density to draw samples from.
+    fn filter(&mut self, element: &'a Element) -> Result<FilterFile> {
+        let kind = kind(element)?;
+        let known: &[&str] = match kind {
+            "box" | "catmullrom" => &[],
+            "tent" => &["radius"],
+            "gaussian" => &["stddev"],
+            "mitchell" => &["A", "B", "C"],
+            "lanczos" => &["lobes"],
+            other => {
+                let known = ["box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos"];
+                return Err(element.unsupported(format!("rfilter \"{other}\""), &known));
+            }
+        };
+        let object = Object::new(element, &self.ids, known, &[])?;
+        self.places.set("film.filter", element.place.clone());
+        let number = |name: &str, default: f64| Ok(object.float(name)?.unwrap_or(default) as f32);
+        Ok(match kind {
+            "box" => FilterFile::default(),
+            "tent" => FilterFile::Tent { radius: number("radius", 1.0)? },
+            "gaussian" => FilterFile::Gaussian { stddev: number("stddev", 0.5)?, radius: None },
+            _ => {
+                let place = &element.place;
+                self.warnings.push(format!("{place}: the Gaussian filter is used instead of \"{kind}\""));
+                FilterFile::GAUSSIAN
+            }
+        })
     }
 }
 

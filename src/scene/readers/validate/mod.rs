@@ -8,8 +8,8 @@ use glam::DMat3;
 
 use crate::base::{Error, Result};
 use crate::scene::file::{
-    CameraFile, FilmFile, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, MeshFile, RenderFile, SceneFile,
-    ShapeFile, VERSION,
+    CameraFile, FilmFile, FilterFile, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, MeshFile, RenderFile,
+    SceneFile, ShapeFile, VERSION,
 };
 
 use super::json::unsupported_version;
@@ -91,7 +91,23 @@ fn film(check: &Checker, film: &FilmFile) -> Result<()> {
         check.limit(key, u64::from(side), u64::from(LARGEST_SIDE))?;
     }
     let pixels = u64::from(film.width) * u64::from(film.height);
-    check.limit("film", pixels, MOST_PIXELS)
+    check.limit("film", pixels, MOST_PIXELS)?;
+    filter(check, &film.filter)
+}
+
+fn filter(check: &Checker, filter: &FilterFile) -> Result<()> {
+    let width = |name: &str, value: f32| {
+        let key = format!("film.filter.{name}");
+        check.positive(&key, value)?;
+        if value > FilterFile::MOST {
+            return check.fail(&key, format!("{name} is {value} pixels, expected at most {}", FilterFile::MOST));
+        }
+        Ok(())
+    };
+    if let FilterFile::Gaussian { stddev, .. } = filter {
+        width("stddev", *stddev)?;
+    }
+    width("radius", filter.radius())
 }
 
 fn render(check: &Checker, render: &RenderFile) -> Result<()> {

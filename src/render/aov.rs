@@ -1,0 +1,155 @@
+//! Layers beside the picture: what denoisers, compositing and people who look for noise want to know of each pixel.
+//!
+//! Features are those of the first surface on a camera ray, whatever it is made of: mirrors and glass are not looked through. They
+//! are averaged over the pixel's first [`MOST_SAMPLES`] camera samples, whose rays are those of the picture. All this is done after
+//! the picture, which does not change by it, and not at all where no layer is wanted.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::Outcome;
+use super::pass::{CameraSample, camera_ray};
+use super::settings::RenderSettings;
+use crate::base::Result;
+use crate::film::{Channel, PixelFilter};
+use crate::guiding::field::GuideField;
+use crate::scene::Scene;
+
+/// Camera samples that features are averaged over, where the picture has as many.
+pub const MOST_SAMPLES: u32 = 16;
+
+/// A layer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Aov {
+    /// `albedo.R/G/B`: reflectance; 0 where nothing is hit.
+    Albedo,
+    /// `normal.X/Y/Z`: unit shading normal in the world, on the side of the camera; 0 where nothing is hit.
+    Normal,
+    /// `position.X/Y/Z`: point in the world, averaged over samples that hit something; 0 where none does.
+    Position,
+    /// `depth.Z`: distance along the camera ray, averaged over samples that hit something; 0 where none does.
+    Depth,
+    /// `samples.Y`: camera samples that the pixel's value is made of.
+    Samples,
+    /// `variance.R/G/B`: variance of the pixel's value; 0 where fewer than two samples cannot tell.
+    Variance,
+    /// `guiding.Y`: probability that the guide, not the BSDF, chooses the direction in which the path leaves the surface.
+    Guiding,
+}
+
+impl Aov {
+    /// All layers.
+    pub const ALL: [Self; 7] =
+        [Self::Albedo, Self::Normal, Self::Position, Self::Depth, Self::Samples, Self::Variance, Self::Guiding];
+
+    /// Whether it is made of the film's samples; the others are features of surfaces.
+    pub fn is_of_film(self) -> bool {
+        matches!(self, Self::Samples | Self::Variance)
+    }
+
+    /// Its channels' names.
+    pub fn channels(self) -> &'static [&'static str] {
+        match self {
+            Self::Albedo => &["albedo.R", "albedo.G", "albedo.B"],
+            Self::Normal => &["normal.X", "normal.Y", "normal.Z"],
+            Self::Position => &["position.X", "position.Y", "position.Z"],
+            Self::Depth => &["depth.Z"],
+            Self::Samples => &["samples.Y"],
+            Self::Variance => &["variance.R", "variance.G", "variance.B"],
+            Self::Guiding => &["guiding.Y"],
+        }
+    }
+}
+
+/// What is seen in a pixel.
+#[derive(Debug, Clone, Copy, Default)]
+struct Features {
+    albedo: Vec3,
+    normal: Vec3,
+    position: Vec3,
+    depth: f32,
+    guiding: f32,
+}
+
+/// The channels of `aovs` for the picture that `outcome` holds, which was rendered with `settings`.
+///
+/// # Errors
+/// [`Error::Options`](crate::base::Error::Options) for a filter that cannot be.
+pub fn channels(scene: &Scene, settings: &RenderSettings, outcome: &Outcome, aovs: &[Aov]) -> Result<Vec<Channel>> {
+    let wanted = aovs.iter().any(|aov| !aov.is_of_film());
+    let features = if wanted { features(scene, settings, outcome)? } else { Vec::new() };
+    let film = outcome.spread.as_ref();
+    let of = |aov: Aov, part: usize| -> Vec<f32> {
+        let feature = |f: fn(&Features) -> Vec3| features.iter().map(|features| f(features)[part]).collect();
+        match aov {
+            Aov::Albedo => feature(|f| f.albedo),
+            Aov::Normal => feature(|f| f.normal),
+            Aov::Position => feature(|f| f.position),
+            Aov::Depth => feature(|f| Vec3::splat(f.depth)),
+            Aov::Guiding => feature(|f| Vec3::splat(f.guiding)),
+            Aov::Samples => film.map_or(Vec::new(), |film| film.samples.iter().map(|&n| n as f32).collect()),
+            Aov::Variance => film.map_or(Vec::new(), |film| film.variance.iter().map(|v| v[part]).collect()),
+        }
+    };
+    let named = |&aov: &Aov| {
+        let names = aov.channels().iter().enumerate();
+        names.map(move |(part, &name)| (aov, part, name)).collect::<Vec<_>>()
+    };
+    let channel = |(aov, part, name): (Aov, usize, &str)| Channel { name: name.to_owned(), values: of(aov, part) };
+    Ok(aovs.iter().flat_map(named).map(channel).collect())
+}
+
+fn features(scene: &Scene, settings: &RenderSettings, outcome: &Outcome) -> Result<Vec<Features>> {
+    let filter = PixelFilter::new(settings.filter)?;
+    let samples = outcome.statistics.spp.clamp(1, MOST_SAMPLES);
+    let window = settings.window(scene.size);
+    let pixels = outcome.image.pixels.len();
+    let field = Some(&outcome.field).filter(|field| !field.voxels().is_empty());
+    let pixel = |pixel: usize| {
+        let (mut sum, mut hits) = (Features::default(), 0.0f32);
+        for sample in 0..u64::from(samples) {
+            if let Some(seen) = seen(scene, settings, &filter, field, window.place(pixel as u64), sample) {
+                sum.albedo += seen.albedo;
+                sum.normal += seen.normal;
+                sum.position += seen.position;
+                sum.depth += seen.depth;
+                sum.guiding += seen.guiding;
+                hits += 1.0;
+            }
+        }
+        let (all, hits) = (samples as f32, hits.max(1.0));
+        Features {
+            albedo: sum.albedo / all,
+            normal: sum.normal / all,
+            position: sum.position / hits,
+            depth: sum.depth / hits,
+            guiding: sum.guiding / all,
+        }
+    };
+    Ok((0..pixels).into_par_iter().with_min_len(256).map(pixel).collect())
+}
+
+/// What one camera ray meets first.
+fn seen(
+    scene: &Scene,
+    settings: &RenderSettings,
+    filter: &PixelFilter,
+    field: Option<&GuideField>,
+    place: [u32; 2],
+    sample: u64,
+) -> Option<Features> {
+    let sample = CameraSample { place, number: sample, sequences_from: Some(0) };
+    let (ray, mut random) = camera_ray(scene, settings, filter, sample);
+    let surface = scene.seen(&ray, &mut random)?;
+    let material = scene.material(&surface);
+    let normal = surface.normal_towards(-ray.direction);
+    let guide = field.filter(|_| !material.is_delta()).and_then(|field| field.at(surface.point, normal));
+    let guided = guide.and_then(|guide| guide.directions(surface.point));
+    Some(Features {
+        albedo: material.albedo(surface.uv),
+        normal,
+        position: surface.point,
+        depth: surface.distance,
+        guiding: guided.map_or(0.0, |guide| 1.0 - guide.bsdf_fraction),
+    })
+}
