@@ -4,7 +4,7 @@
 use std::arch::x86_64::*;
 
 use super::Hit;
-use super::node::{Node, Packet, WIDTH};
+use super::node::{LANES, Node, Packet, WIDTH};
 use super::query::Slabs;
 use crate::geometry::triangle::{ERROR_EDGE, ERROR_XY, ERROR_Z, Shear};
 
@@ -24,6 +24,20 @@ fn store(values: &mut Array, vector: __m256) {
     unsafe { _mm256_storeu_ps(values.as_mut_ptr(), vector) }
 }
 
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn load4(values: &[f32; LANES]) -> __m128 {
+    // SAFETY: an array of four floats is 16 readable bytes, and the load needs no alignment.
+    unsafe { _mm_loadu_ps(values.as_ptr()) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn store4(values: &mut [f32; LANES], vector: __m128) {
+    // SAFETY: an array of four floats is 16 writable bytes, and the store needs no alignment.
+    unsafe { _mm_storeu_ps(values.as_mut_ptr(), vector) }
+}
+
 /// See [`super::portable::boxes`]. Of maximum and minimum the second operand remains where the first is not a number.
 #[inline]
 #[target_feature(enable = "avx2,fma")]
@@ -40,125 +54,117 @@ pub fn boxes(node: &Node, slabs: &Slabs, t_max: f32, distances: &mut Array) -> u
     _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as u32
 }
 
-/// Eight triangles in the sheared coordinates of the ray, up to the edge functions.
-struct Sheared {
-    x: [__m256; 3],
-    y: [__m256; 3],
-    z: [__m256; 3],
-    edges: [__m256; 3],
-    /// Lanes that the ray may pass through.
-    inside: __m256,
-    /// Lanes with an edge function of zero, to be tested in double precision.
+/// What the test of a packet found.
+struct Found {
+    /// Lanes that the ray meets.
+    mask: u32,
+    /// Lanes that have an edge function of zero, to be tested in double precision.
     on_edge: u32,
+    distances: __m128,
+    inverse: __m128,
+    v: __m128,
+    w: __m128,
 }
 
+/// The test of [`Shear::intersect`]. `INCLUSIVE` counts hits at `t_max` as well.
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-fn shear_packet(packet: &Packet, shear: &Shear) -> Sheared {
-    let [kx, ky, kz] = shear.axes;
-    let origin = |axis: usize| _mm256_set1_ps(shear.origin[axis]);
-    let (ox, oy, oz) = (origin(kx), origin(ky), origin(kz));
-    let (sx, sy) = (_mm256_set1_ps(shear.shear.x), _mm256_set1_ps(shear.shear.y));
-    let zero = _mm256_setzero_ps();
-    let (mut x, mut y, mut z) = ([zero; 3], [zero; 3], [zero; 3]);
-    for (i, vertex) in packet.vertices.iter().enumerate() {
-        z[i] = _mm256_sub_ps(load(&vertex[kz]), oz);
-        x[i] = _mm256_sub_ps(_mm256_sub_ps(load(&vertex[kx]), ox), _mm256_mul_ps(sx, z[i]));
-        y[i] = _mm256_sub_ps(_mm256_sub_ps(load(&vertex[ky]), oy), _mm256_mul_ps(sy, z[i]));
+fn test<const INCLUSIVE: bool>(packet: &Packet, shear: &Shear, t_max: f32) -> Found {
+    let zero = _mm_setzero_ps();
+    let [kx, ky, kz] = shear.axes.map(|axis| axis % 3);
+    let origin = [shear.origin.x, shear.origin.y, shear.origin.z];
+    let [ox, oy, oz] = [kx, ky, kz].map(|axis| _mm_set1_ps(origin[axis]));
+    let [sx, sy, sz] = [shear.shear.x, shear.shear.y, shear.shear.z].map(|s| _mm_set1_ps(s));
+    let [a, b, c] = &packet.vertices;
+    let az = _mm_sub_ps(load4(&a[kz]), oz);
+    let bz = _mm_sub_ps(load4(&b[kz]), oz);
+    let cz = _mm_sub_ps(load4(&c[kz]), oz);
+    let ax = _mm_sub_ps(_mm_sub_ps(load4(&a[kx]), ox), _mm_mul_ps(sx, az));
+    let ay = _mm_sub_ps(_mm_sub_ps(load4(&a[ky]), oy), _mm_mul_ps(sy, az));
+    let bx = _mm_sub_ps(_mm_sub_ps(load4(&b[kx]), ox), _mm_mul_ps(sx, bz));
+    let by = _mm_sub_ps(_mm_sub_ps(load4(&b[ky]), oy), _mm_mul_ps(sy, bz));
+    let cx = _mm_sub_ps(_mm_sub_ps(load4(&c[kx]), ox), _mm_mul_ps(sx, cz));
+    let cy = _mm_sub_ps(_mm_sub_ps(load4(&c[ky]), oy), _mm_mul_ps(sy, cz));
+    let u = _mm_sub_ps(_mm_mul_ps(cx, by), _mm_mul_ps(cy, bx));
+    let v = _mm_sub_ps(_mm_mul_ps(ax, cy), _mm_mul_ps(ay, cx));
+    let w = _mm_sub_ps(_mm_mul_ps(bx, ay), _mm_mul_ps(by, ax));
+    let is_zero = |edge: __m128| _mm_cmp_ps::<_CMP_EQ_OQ>(edge, zero);
+    let on_edge = _mm_or_ps(_mm_or_ps(is_zero(u), is_zero(v)), is_zero(w));
+    // All of one sign: the least is not negative or the largest is not positive. Neither holds for what is not a number.
+    let least = _mm_min_ps(u, _mm_min_ps(v, w));
+    let largest = _mm_max_ps(u, _mm_max_ps(v, w));
+    let one_sign = _mm_or_ps(_mm_cmp_ps::<_CMP_GE_OQ>(least, zero), _mm_cmp_ps::<_CMP_LE_OQ>(largest, zero));
+    let inside = _mm_andnot_ps(on_edge, one_sign);
+    let mut found = Found { mask: 0, on_edge: _mm_movemask_ps(on_edge) as u32, distances: zero, inverse: zero, v, w };
+    if _mm_movemask_ps(inside) == 0 {
+        return found;
     }
-    let ([ax, bx, cx], [ay, by, cy]) = (x, y);
-    let u = _mm256_sub_ps(_mm256_mul_ps(cx, by), _mm256_mul_ps(cy, bx));
-    let v = _mm256_sub_ps(_mm256_mul_ps(ax, cy), _mm256_mul_ps(ay, cx));
-    let w = _mm256_sub_ps(_mm256_mul_ps(bx, ay), _mm256_mul_ps(by, ax));
-    let is_zero = |edge: __m256| _mm256_cmp_ps::<_CMP_EQ_OQ>(edge, zero);
-    let on_edge = _mm256_or_ps(_mm256_or_ps(is_zero(u), is_zero(v)), is_zero(w));
-    let least = _mm256_min_ps(u, _mm256_min_ps(v, w));
-    let largest = _mm256_max_ps(u, _mm256_max_ps(v, w));
-    let outside = _mm256_and_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(least, zero), _mm256_cmp_ps::<_CMP_GT_OQ>(largest, zero));
-    let ordered = _mm256_cmp_ps::<_CMP_ORD_Q>(least, largest);
-    let inside = _mm256_andnot_ps(_mm256_or_ps(outside, on_edge), ordered);
-    Sheared { x, y, z, edges: [u, v, w], inside, on_edge: _mm256_movemask_ps(on_edge) as u32 }
-}
-
-#[inline]
-#[target_feature(enable = "avx2,fma")]
-fn largest_of([a, b, c]: [__m256; 3]) -> __m256 {
-    let magnitude = |v: __m256| _mm256_andnot_ps(_mm256_set1_ps(-0.0), v);
-    _mm256_max_ps(_mm256_max_ps(magnitude(a), magnitude(b)), magnitude(c))
-}
-
-/// Lanes in which the ray meets a triangle, except those on an edge, with distances and inverse determinants.
-/// `inclusive` counts hits at `t_max` as well.
-#[inline]
-#[target_feature(enable = "avx2,fma")]
-fn hits<const INCLUSIVE: bool>(sheared: &Sheared, shear_z: f32, t_max: f32) -> (u32, __m256, __m256) {
-    let [u, v, w] = sheared.edges;
-    let zero = _mm256_setzero_ps();
-    let det = _mm256_add_ps(_mm256_add_ps(u, v), w);
-    let inverse = _mm256_div_ps(_mm256_set1_ps(1.0), det);
-    let z = sheared.z.map(|z| _mm256_mul_ps(z, _mm256_set1_ps(shear_z)));
-    let sum = _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(u, z[0]), _mm256_mul_ps(v, z[1])), _mm256_mul_ps(w, z[2]));
-    let t = _mm256_mul_ps(sum, inverse);
-    let before = if INCLUSIVE {
-        _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(t_max))
-    } else {
-        _mm256_cmp_ps::<_CMP_LT_OQ>(t, _mm256_set1_ps(t_max))
+    let inverse = _mm_div_ps(_mm_set1_ps(1.0), _mm_add_ps(_mm_add_ps(u, v), w));
+    let [az, bz, cz] = [_mm_mul_ps(az, sz), _mm_mul_ps(bz, sz), _mm_mul_ps(cz, sz)];
+    let sum = _mm_add_ps(_mm_add_ps(_mm_mul_ps(u, az), _mm_mul_ps(v, bz)), _mm_mul_ps(w, cz));
+    let t = _mm_mul_ps(sum, inverse);
+    let before = match INCLUSIVE {
+        true => _mm_cmp_ps::<_CMP_LE_OQ>(t, _mm_set1_ps(t_max)),
+        false => _mm_cmp_ps::<_CMP_LT_OQ>(t, _mm_set1_ps(t_max)),
     };
-    let valid = _mm256_and_ps(_mm256_and_ps(sheared.inside, before), _mm256_cmp_ps::<_CMP_GT_OQ>(t, zero));
-    let behind = _mm256_cmp_ps::<_CMP_NGT_UQ>(_mm256_min_ps(z[0], _mm256_min_ps(z[1], z[2])), zero);
-    if _mm256_movemask_ps(_mm256_and_ps(valid, behind)) == 0 {
-        return (_mm256_movemask_ps(valid) as u32, t, inverse);
+    let mut valid = _mm_and_ps(_mm_and_ps(inside, before), _mm_cmp_ps::<_CMP_GT_OQ>(t, zero));
+    let not_in_front = _mm_cmp_ps::<_CMP_NGT_UQ>(_mm_min_ps(az, _mm_min_ps(bz, cz)), zero);
+    let doubtful = _mm_and_ps(valid, not_in_front);
+    if _mm_movemask_ps(doubtful) != 0 {
+        let extent = [largest_of([ax, bx, cx]), largest_of([ay, by, cy]), largest_of([az, bz, cz])];
+        let error = distance_error(extent, largest_of([u, v, w]));
+        let magnitude = _mm_andnot_ps(_mm_set1_ps(-0.0), inverse);
+        let within = _mm_cmp_ps::<_CMP_NGT_UQ>(t, _mm_mul_ps(error, magnitude));
+        valid = _mm_andnot_ps(_mm_and_ps(doubtful, within), valid);
     }
-    let error = distance_error([largest_of(sheared.x), largest_of(sheared.y), largest_of(z)], largest_of([u, v, w]));
-    let magnitude = _mm256_andnot_ps(_mm256_set1_ps(-0.0), inverse);
-    let within_error = _mm256_cmp_ps::<_CMP_NGT_UQ>(t, _mm256_mul_ps(error, magnitude));
-    let doubtful = _mm256_and_ps(behind, within_error);
-    (_mm256_movemask_ps(_mm256_andnot_ps(doubtful, valid)) as u32, t, inverse)
+    found.mask = _mm_movemask_ps(valid) as u32;
+    found.distances = t;
+    found.inverse = inverse;
+    found
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn largest_of([a, b, c]: [__m128; 3]) -> __m128 {
+    let magnitude = |v: __m128| _mm_andnot_ps(_mm_set1_ps(-0.0), v);
+    _mm_max_ps(_mm_max_ps(magnitude(a), magnitude(b)), magnitude(c))
 }
 
 /// See [`crate::geometry::triangle::distance_error`].
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-fn distance_error([x, y, z]: [__m256; 3], edge: __m256) -> __m256 {
-    let times = |factor: f32, v: __m256| _mm256_mul_ps(_mm256_set1_ps(factor), v);
-    let dx = times(ERROR_XY, _mm256_add_ps(x, z));
-    let dy = times(ERROR_XY, _mm256_add_ps(y, z));
+fn distance_error([x, y, z]: [__m128; 3], edge: __m128) -> __m128 {
+    let times = |factor: f32, v: __m128| _mm_mul_ps(_mm_set1_ps(factor), v);
+    let dx = times(ERROR_XY, _mm_add_ps(x, z));
+    let dy = times(ERROR_XY, _mm_add_ps(y, z));
     let dz = times(ERROR_Z, z);
-    let products = _mm256_add_ps(_mm256_mul_ps(times(ERROR_EDGE, x), y), _mm256_mul_ps(dy, x));
-    let edge_error = times(2.0, _mm256_add_ps(products, _mm256_mul_ps(dx, y)));
-    let sum = _mm256_add_ps(_mm256_mul_ps(times(ERROR_Z, edge), z), _mm256_mul_ps(edge_error, z));
-    times(3.0, _mm256_add_ps(sum, _mm256_mul_ps(dz, edge)))
+    let products = _mm_add_ps(_mm_mul_ps(times(ERROR_EDGE, x), y), _mm_mul_ps(dy, x));
+    let edge_error = times(2.0, _mm_add_ps(products, _mm_mul_ps(dx, y)));
+    let sum = _mm_add_ps(_mm_mul_ps(times(ERROR_Z, edge), z), _mm_mul_ps(edge_error, z));
+    times(3.0, _mm_add_ps(sum, _mm_mul_ps(dz, edge)))
 }
 
 /// See [`super::portable::closest`].
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 pub fn closest(packet: &Packet, shear: &Shear, best: &mut Hit) {
-    let sheared = shear_packet(packet, shear);
-    if sheared.on_edge != 0 {
-        closest_on_edge(packet, shear, sheared.on_edge, best);
-    }
-    if _mm256_movemask_ps(sheared.inside) == 0 {
+    let Found { mut mask, on_edge, distances, inverse, v, w } = test::<true>(packet, shear, best.distance);
+    if mask | on_edge == 0 {
         return;
     }
-    let (mut mask, t, inverse) = hits::<true>(&sheared, shear.shear.z, best.distance);
-    if mask == 0 {
-        return;
+    if on_edge != 0 {
+        closest_on_edge(packet, shear, on_edge, best);
     }
-    let mut distances = [0.0; WIDTH];
-    let mut barycentric = [[0.0; WIDTH]; 2];
-    store(&mut distances, t);
-    store(&mut barycentric[0], _mm256_mul_ps(sheared.edges[1], inverse));
-    store(&mut barycentric[1], _mm256_mul_ps(sheared.edges[2], inverse));
+    let mut found = [[0.0; LANES]; 3];
+    store4(&mut found[0], distances);
+    store4(&mut found[1], _mm_mul_ps(v, inverse));
+    store4(&mut found[2], _mm_mul_ps(w, inverse));
     while mask != 0 {
-        let lane = mask.trailing_zeros() as usize % WIDTH;
+        let lane = mask.trailing_zeros() as usize % LANES;
         mask &= mask - 1;
-        best.replace(Hit {
-            distance: distances[lane],
-            shape: packet.shapes[lane],
-            triangle: packet.triangles[lane],
-            barycentric: barycentric.map(|b| b[lane]),
-        });
+        let [distance, b1, b2] = found.map(|values| values[lane]);
+        let (shape, triangle) = (packet.shapes[lane], packet.triangles[lane]);
+        best.replace(Hit { distance, shape, triangle, barycentric: [b1, b2] });
     }
 }
 
@@ -166,15 +172,21 @@ pub fn closest(packet: &Packet, shear: &Shear, best: &mut Hit) {
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 pub fn occluded(packet: &Packet, shear: &Shear, t_max: f32) -> bool {
-    let sheared = shear_packet(packet, shear);
-    if sheared.on_edge != 0 && occluded_on_edge(packet, shear, sheared.on_edge, t_max) {
-        return true;
+    let Found { mask, on_edge, .. } = test::<false>(packet, shear, t_max);
+    mask != 0 || on_edge != 0 && occluded_on_edge(packet, shear, on_edge, t_max)
+}
+
+/// Asks for all of `value` before it is needed.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub fn prefetch<T>(value: *const T) {
+    for line in (0..size_of::<T>()).step_by(64) {
+        _mm_prefetch::<_MM_HINT_T0>(value.cast::<i8>().wrapping_add(line));
     }
-    _mm256_movemask_ps(sheared.inside) != 0 && hits::<false>(&sheared, shear.shear.z, t_max).0 != 0
 }
 
 fn lanes(mask: u32) -> impl Iterator<Item = usize> {
-    (0..WIDTH).filter(move |lane| mask >> lane & 1 == 1)
+    (0..LANES).filter(move |lane| mask >> lane & 1 == 1)
 }
 
 #[cold]

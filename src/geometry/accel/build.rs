@@ -9,10 +9,10 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 
-use super::node::{Child, Node, Packet, Triangle, WIDTH};
+use super::node::{Child, LANES, Node, Packet, Triangle, WIDTH};
 
-/// Cost of a node, relative to that of a packet, by measurement.
-const NODE_COST: f32 = 1.0;
+/// Cost of a node, relative to that of a packet: a little too high for the fastest tree, for fuller packets.
+const NODE_COST: f32 = 2.0;
 /// Cost of a packet of triangles, however many.
 const PACKET_COST: f32 = 1.0;
 /// Part of the nodes that the first round of reinsertion tries; later rounds try fewer.
@@ -93,7 +93,7 @@ impl<'a> Cut<'a> {
     }
 
     fn visit(&mut self, index: usize) {
-        const TOO_MANY: u8 = WIDTH as u8 + 1;
+        const TOO_MANY: u8 = LANES as u8 + 1;
         let node = &self.binary.nodes[index];
         let area = node.aabb().half_area();
         let Some([left, right]) = children(node) else {
@@ -138,7 +138,7 @@ impl<'a> Cut<'a> {
     fn is_leaf(&self, index: usize) -> bool {
         let node = &self.binary.nodes[index];
         children(node).is_none()
-            || usize::from(self.counts[index]) <= WIDTH && self.costs[index][0] == node.aabb().half_area() * PACKET_COST
+            || usize::from(self.counts[index]) <= LANES && self.costs[index][0] == node.aabb().half_area() * PACKET_COST
     }
 
     /// Appends the roots into which a subtree falls when it may have at most `roots`.
@@ -206,7 +206,7 @@ impl<'a> Cut<'a> {
     }
 
     fn for_each_primitive(&self, leaf: usize, mut visit: impl FnMut(usize)) {
-        let mut pending = [leaf; WIDTH];
+        let mut pending = [leaf; LANES];
         let mut count = 1;
         while count > 0 {
             count -= 1;

@@ -4,7 +4,7 @@
 //! shapes use has its own hierarchy, built once, and appears in the top one as an instance.
 //!
 //! The hierarchy is eight wide (Wald, Benthin, Boulos 2008; Dammertz, Hanika, Keller 2008): a node's eight boxes, or a leaf's
-//! eight triangles, are tested together. With or without vector instructions the hits are the same to the last bit, and of
+//! four triangles, are tested together. With or without vector instructions the hits are the same to the last bit, and of
 //! hits at the same distance the first shape's first triangle is taken, so the way down the hierarchy never shows.
 
 #[cfg(target_arch = "x86_64")]

@@ -1,7 +1,7 @@
 //! The tests in plain Rust, with the same result to the last bit as those with vector instructions.
 
 use super::Hit;
-use super::node::{Node, Packet, WIDTH};
+use super::node::{LANES, Node, Packet, WIDTH};
 use super::query::Slabs;
 use crate::geometry::triangle::Shear;
 
@@ -25,7 +25,7 @@ pub fn boxes(node: &Node, slabs: &Slabs, t_max: f32, distances: &mut [f32; WIDTH
 
 /// Replaces `best` by the nearest hit of the packet that precedes it.
 pub fn closest(packet: &Packet, shear: &Shear, best: &mut Hit) {
-    for lane in 0..WIDTH {
+    for lane in 0..LANES {
         // Up to and including the best distance, of which the order of the primitives decides.
         if let Some((distance, barycentric)) = shear.intersect(&packet.triangle(lane), best.distance.next_up()) {
             best.replace(Hit { distance, shape: packet.shapes[lane], triangle: packet.triangles[lane], barycentric });
@@ -35,5 +35,5 @@ pub fn closest(packet: &Packet, shear: &Shear, best: &mut Hit) {
 
 /// Whether the ray meets a triangle of the packet before `t_max`.
 pub fn occluded(packet: &Packet, shear: &Shear, t_max: f32) -> bool {
-    (0..WIDTH).any(|lane| shear.intersect(&packet.triangle(lane), t_max).is_some())
+    (0..LANES).any(|lane| shear.intersect(&packet.triangle(lane), t_max).is_some())
 }

@@ -42,6 +42,7 @@ trait Tests: Copy {
     fn boxes(self, node: &Node, slabs: &Slabs, t_max: f32, distances: &mut [f32; WIDTH]) -> u32;
     fn closest(self, packet: &Packet, shear: &Shear, best: &mut Hit);
     fn occluded(self, packet: &Packet, shear: &Shear, t_max: f32) -> bool;
+    fn prefetch<T>(self, value: *const T);
 }
 
 impl Tests for Portable {
@@ -59,6 +60,9 @@ impl Tests for Portable {
     fn occluded(self, packet: &Packet, shear: &Shear, t_max: f32) -> bool {
         portable::occluded(packet, shear, t_max)
     }
+
+    #[inline(always)]
+    fn prefetch<T>(self, _: *const T) {}
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -79,6 +83,12 @@ impl Tests for Avx2 {
     fn occluded(self, packet: &Packet, shear: &Shear, t_max: f32) -> bool {
         // SAFETY: `self` proves that the processor has the features.
         unsafe { avx2::occluded(packet, shear, t_max) }
+    }
+
+    #[inline(always)]
+    fn prefetch<T>(self, value: *const T) {
+        // SAFETY: `self` proves that the processor has the features.
+        unsafe { avx2::prefetch(value) }
     }
 }
 
@@ -179,6 +189,19 @@ impl Hierarchy {
         self.walk_occluded(tests, query, t_max, others, stack)
     }
 
+    /// Asks for the children of `mask` before they are needed.
+    #[inline(always)]
+    fn prefetch<T: Tests>(&self, tests: T, node: &Node, mut mask: u32) {
+        while mask != 0 {
+            match node.children[mask.trailing_zeros() as usize % WIDTH].kind() {
+                Kind::Node(index) => tests.prefetch(self.nodes.as_ptr().wrapping_add(index)),
+                Kind::Packet(index) => tests.prefetch(self.packets.as_ptr().wrapping_add(index)),
+                Kind::Other(_) => {}
+            }
+            mask &= mask - 1;
+        }
+    }
+
     /// The nearest child first; the others wait with their distances, the nearest on top. Distances are not negative, so their
     /// bits are ordered like them.
     #[inline(always)]
@@ -192,6 +215,7 @@ impl Hierarchy {
                     let node = &self.nodes[index];
                     let mask = tests.boxes(node, &query.slabs, best.distance, &mut distances);
                     if mask != 0 {
+                        self.prefetch(tests, node, mask);
                         (current, waiting) = descend(node, mask, &distances, stack, waiting);
                         continue;
                     }
@@ -230,6 +254,7 @@ impl Hierarchy {
                 Kind::Node(index) => {
                     let node = &self.nodes[index];
                     let mut mask = tests.boxes(node, &query.slabs, t_max, &mut distances);
+                    self.prefetch(tests, node, mask);
                     while mask != 0 {
                         stack[waiting] = node.children[mask.trailing_zeros() as usize % WIDTH];
                         waiting += 1;
