@@ -53,6 +53,8 @@ fn main() {
     let accel = Accel::new(&shapes);
     match Options::parse().what {
         Some(What::Queries { raw }) => {
+            // A first round fills the caches, as those of a peer are that answers again and again.
+            queries(&accel, &rays);
             let [closest, any] = queries(&accel, &rays);
             println!("closest {closest:.6} any {any:.6}");
             if let Some(folder) = raw {

@@ -264,3 +264,19 @@ fn deep_hierarchies_have_room() {
         }
     }
 }
+
+/// A surface takes at most 120 bytes per triangle, with its positions, normals, texture coordinates and indices; loose triangles
+/// that overlap in all directions, the worst case, have a hierarchy of at most 100.
+#[test]
+fn memory_per_triangle() {
+    let per_triangle = |mesh: Mesh| {
+        let triangles = mesh.triangles.len() as f64;
+        Accel::new(&[Shape::mesh(Arc::new(mesh), Affine3A::IDENTITY, false)]).bytes() as f64 / triangles
+    };
+    let surface = closed_sphere(200, 200, 1.0, Vec3::ZERO);
+    let of_vertices = (surface.positions.len() * (12 + 12 + 8)) as f64 / surface.triangles.len() as f64;
+    let bytes = of_vertices + 12.0 + per_triangle(surface);
+    assert!((60.0..=120.0).contains(&bytes), "{bytes} bytes per triangle");
+    let loose = per_triangle(soup(&mut Random::new(15, 0, 0), 50_000, 0.02));
+    assert!((40.0..=100.0).contains(&loose), "{loose} bytes per loose triangle");
+}
