@@ -264,6 +264,11 @@ impl FinishedPass {
         self.halves[half].counts[pixel]
     }
 
+    /// Mean of one pixel's samples in one half.
+    pub(super) fn mean(&self, half: usize, pixel: usize) -> Vec3 {
+        self.halves[half].means[pixel]
+    }
+
     /// Variance of one sample, averaged over channels and pixels; `None` below two samples.
     pub fn sample_variance(&self) -> Option<f64> {
         self.spread.variance()

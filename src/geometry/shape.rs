@@ -28,6 +28,10 @@ pub enum Geometry {
         to_world: Affine3A,
         /// Inverse transpose of the linear part: takes normals to world.
         normal_to_world: Mat3,
+        /// −1 where the placement mirrors the mesh and so turns its winding around; otherwise 1.
+        winding: f32,
+        /// `to_world` is the identity: the mesh is in world coordinates.
+        in_world: bool,
     },
     /// A sphere in world coordinates.
     Sphere(Sphere),
@@ -37,7 +41,9 @@ impl Shape {
     /// A mesh placed by the invertible `to_world`.
     pub fn mesh(mesh: Arc<Mesh>, to_world: Affine3A, flip_normals: bool) -> Self {
         let normal_to_world = Mat3::from(to_world.matrix3).inverse().transpose();
-        Self { geometry: Geometry::Mesh { mesh, to_world, normal_to_world }, flip_normals }
+        let winding = to_world.matrix3.determinant().signum();
+        let in_world = to_world == Affine3A::IDENTITY;
+        Self { geometry: Geometry::Mesh { mesh, to_world, normal_to_world, winding, in_world }, flip_normals }
     }
 
     /// A sphere.
@@ -46,10 +52,12 @@ impl Shape {
     }
 
     /// World positions of a triangle's vertices; the origin for a sphere, which has none.
+    #[inline]
     pub fn triangle(&self, index: u32) -> [Vec3; 3] {
         match &self.geometry {
-            Geometry::Mesh { mesh, to_world, .. } => {
-                mesh.triangles[index as usize].map(|v| to_world.transform_point3(mesh.positions[v as usize]))
+            Geometry::Mesh { mesh, to_world, in_world, .. } => {
+                let corners = mesh.triangles[index as usize].map(|v| mesh.positions[v as usize]);
+                if *in_world { corners } else { corners.map(|p| to_world.transform_point3(p)) }
             }
             Geometry::Sphere(_) => [Vec3::ZERO; 3],
         }

@@ -32,7 +32,7 @@ impl Surface {
     pub fn new(ray: &Ray, hit: &Hit, shape: &Shape) -> Self {
         let sign = if shape.flip_normals { -1.0 } else { 1.0 };
         match &shape.geometry {
-            Geometry::Mesh { .. } => Self::on_triangle(hit, shape, sign),
+            Geometry::Mesh { winding, .. } => Self::on_triangle(hit, shape, sign, *winding),
             Geometry::Sphere(sphere) => {
                 // Projecting back onto the sphere removes the error that grows with the distance of the ray's origin.
                 let outward = (ray.at(hit.distance) - sphere.center).normalize_or(Vec3::Z);
@@ -52,13 +52,13 @@ impl Surface {
         Self { point, error, normal, frame: Frame::new(out), uv, distance, shape: u32::MAX }
     }
 
-    fn on_triangle(hit: &Hit, shape: &Shape, sign: f32) -> Self {
+    fn on_triangle(hit: &Hit, shape: &Shape, sign: f32, winding: f32) -> Self {
         let [a, b, c] = shape.triangle(hit.triangle);
         let [b1, b2] = hit.barycentric;
         let b0 = 1.0 - b1 - b2;
         let point = a * b0 + b * b1 + c * b2;
         let error = gamma(12) * ((a * b0).abs() + (b * b1).abs() + (c * b2).abs());
-        let normal = mirror(shape) * sign * (b - a).cross(c - a).normalize_or(Vec3::Z);
+        let normal = winding * sign * (b - a).cross(c - a).normalize_or(Vec3::Z);
         let [ta, tb, tc] = shape.triangle_uvs(hit.triangle);
         let shading = shading_normal(shape, hit, [b0, b1, b2]).map_or(normal, |n| n * sign);
         Self {
@@ -80,14 +80,6 @@ impl Surface {
     /// The ray that leaves this point along the unit vector `direction` without hitting the surface again.
     pub fn leave(&self, direction: Vec3) -> Ray {
         Ray { origin: offset_origin(self.point, self.error, self.normal, direction), direction }
-    }
-}
-
-/// −1 where the placement mirrors the mesh and so turns its winding around.
-fn mirror(shape: &Shape) -> f32 {
-    match &shape.geometry {
-        Geometry::Mesh { to_world, .. } => to_world.matrix3.determinant().signum(),
-        Geometry::Sphere(_) => 1.0,
     }
 }
 

@@ -8,9 +8,9 @@ use crate::math::error_bound::gamma;
 /// Per-ray constants: the axis permutation and shear that take the ray to the unit ray along +z.
 #[derive(Debug, Clone, Copy)]
 pub struct Shear {
-    origin: Vec3,
-    axes: [usize; 3],
-    shear: Vec3,
+    pub(super) origin: Vec3,
+    pub(super) axes: [usize; 3],
+    pub(super) shear: Vec3,
 }
 
 impl Shear {
@@ -57,16 +57,26 @@ impl Shear {
         if !(t > 0.0 && t < t_max) {
             return None;
         }
+        // No rounding brings a triangle in front of the origin behind it: signs of differences are exact.
+        let in_front = az > 0.0 && bz > 0.0 && cz > 0.0;
         let largest = |x: f32, y: f32, z: f32| x.abs().max(y.abs()).max(z.abs());
         let extent = [largest(ax, bx, cx), largest(ay, by, cy), largest(az, bz, cz)];
-        (t > distance_error(extent, largest(u, v, w)) * inverse.abs()).then_some((t, [v * inverse, w * inverse]))
+        let is_beyond_error = || t > distance_error(extent, largest(u, v, w)) * inverse.abs();
+        (in_front || is_beyond_error()).then_some((t, [v * inverse, w * inverse]))
     }
 }
 
 /// Bound of the rounding error of u·az + v·bz + w·cz, given the largest sheared coordinates and the largest edge function
 /// (Pharr, Jakob, Humphreys 2016, §3.9.6). A distance below it may belong to the surface that the ray leaves.
-fn distance_error([x, y, z]: [f32; 3], edge: f32) -> f32 {
-    let (dx, dy, dz) = (gamma(5) * (x + z), gamma(5) * (y + z), gamma(3) * z);
-    let edge_error = 2.0 * (gamma(2) * x * y + dy * x + dx * y);
-    3.0 * (gamma(3) * edge * z + edge_error * z + dz * edge)
+pub(super) fn distance_error([x, y, z]: [f32; 3], edge: f32) -> f32 {
+    let (dx, dy, dz) = (ERROR_XY * (x + z), ERROR_XY * (y + z), ERROR_Z * z);
+    let edge_error = 2.0 * (ERROR_EDGE * x * y + dy * x + dx * y);
+    3.0 * (ERROR_Z * edge * z + edge_error * z + dz * edge)
 }
+
+/// Relative error of a sheared x or y.
+pub(super) const ERROR_XY: f32 = gamma(5);
+/// Relative error of a sheared z.
+pub(super) const ERROR_Z: f32 = gamma(3);
+/// Relative error of an edge function by its own roundings.
+pub(super) const ERROR_EDGE: f32 = gamma(2);

@@ -6,7 +6,7 @@
 use glam::Vec3;
 
 /// Relative error of n rounded operations.
-pub fn gamma(n: u32) -> f32 {
+pub const fn gamma(n: u32) -> f32 {
     let n = n as f32 * (f32::EPSILON * 0.5);
     n / (1.0 - n)
 }

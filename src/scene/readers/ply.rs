@@ -1,4 +1,6 @@
-//! PLY, text or binary, by the crate `ply-rs-bw`.
+//! PLY, text or binary, by the crate `ply-rs-bw`; the body of large files, in the layout that they usually have, by our own code.
+
+mod binary;
 
 use std::path::Path;
 
@@ -24,6 +26,9 @@ pub fn read(path: &Path) -> Result<Mesh> {
     let fail = |error: ParseError| explain(path, &error);
     let header = Parser::<Ignored>::new().read_header(&mut reader).map_err(fail)?;
     check_counts(path, &header, reader.get_ref().len())?;
+    if let Some(layout) = binary::Layout::of(&header) {
+        return layout.read(path, reader.get_ref());
+    }
     let (mut vertices, mut faces): (Vec<Vertex>, Vec<Face>) = (Vec::new(), Vec::new());
     for (name, element) in &header.elements {
         match name.as_str() {
@@ -235,6 +240,45 @@ mod tests {
         for cut in 0..little.len() {
             assert!(parse(&little[..cut]).is_err(), "cut at {cut}");
         }
+    }
+
+    /// Faces of several sizes, numbers of several types, and the same as text; a negative index, and every length too short.
+    #[test]
+    fn usual_binary_layout() {
+        let header = |format: &str, index: &str| {
+            format!(
+                "ply\nformat {format} 1.0\nelement vertex 5\nproperty uchar quality\nproperty float x\nproperty double y\n\
+                property float z\nproperty float nx\nproperty float ny\nproperty float nz\nelement face 3\n\
+                property list uchar {index} vertex_index\nend_header\n"
+            )
+        };
+        let faces: [&[i32]; 3] = [&[0, 1, 2], &[0, 1, 2, 3, 4], &[3, 4]];
+        let (mut body, mut text) = (Vec::new(), header("ascii", "int"));
+        for i in 0..5u8 {
+            let x = f32::from(i);
+            body.push(i);
+            body.extend(x.to_le_bytes());
+            body.extend((2.0 * f64::from(i)).to_le_bytes());
+            [0.5f32, 0.0, 1.0, 0.0].iter().for_each(|value| body.extend(value.to_le_bytes()));
+            text += &format!("{i} {x} {} 0.5 0 1 0\n", 2.0 * x);
+        }
+        for face in faces {
+            body.push(face.len() as u8);
+            face.iter().for_each(|i| body.extend(i.to_le_bytes()));
+            text += &format!("{} {}\n", face.len(), face.iter().map(|i| format!("{i} ")).collect::<String>());
+        }
+        let binary = |index: &str, body: &[u8]| [header("binary_little_endian", index).as_bytes(), body].concat();
+        let mesh = parse(&binary("int", &body)).unwrap();
+        assert_eq!(mesh, parse(text.as_bytes()).unwrap());
+        assert_eq!(mesh, parse(&binary("uint", &body)).unwrap());
+        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 1, 2], [0, 2, 3], [0, 3, 4]]);
+        assert_eq!((mesh.positions[3], mesh.normals[4]), (Vec3::new(3.0, 6.0, 0.5), Vec3::Y));
+        for cut in 0..body.len() {
+            assert!(parse(&binary("int", &body[..cut])).is_err(), "cut at {cut}");
+        }
+        let end_of_second = body.len() - 9;
+        body[end_of_second - 1] = 0xff;
+        assert!(matches!(parse(&binary("int", &body)), Err(Error::Malformed { .. })));
     }
 
     #[test]

@@ -1,0 +1,64 @@
+//! What is computed once for a ray.
+
+use glam::Vec3;
+
+use crate::geometry::Ray;
+use crate::geometry::triangle::Shear;
+
+/// A ray made ready for the tests against boxes and triangles.
+#[derive(Debug, Clone, Copy)]
+pub struct Query {
+    pub origin: Vec3,
+    pub direction: Vec3,
+    pub shear: Shear,
+    pub slabs: Slabs,
+}
+
+/// Constants of the test against boxes, by axis. Along an axis the ray passes a plane at distance (origin − plane) · −1/direction.
+#[derive(Debug, Clone, Copy)]
+pub struct Slabs {
+    pub origin: [f32; 3],
+    /// −1/direction, with a rounding that makes the distance of the nearer plane too small.
+    pub nearer: [f32; 3],
+    /// −1/direction, with a rounding that makes the distance of the farther plane too large.
+    pub farther: [f32; 3],
+    /// Which of a node's planes is the nearer one.
+    pub nearer_plane: [usize; 3],
+    /// Which of a node's planes is the farther one.
+    pub farther_plane: [usize; 3],
+}
+
+impl Query {
+    /// None where the ray has no finite origin or direction: it hits nothing.
+    #[inline]
+    pub fn new(ray: &Ray) -> Option<Self> {
+        let Ray { origin, direction } = *ray;
+        if !(origin.is_finite() && direction.is_finite()) {
+            return None;
+        }
+        Some(Self { origin, direction, shear: Shear::new(origin, direction), slabs: Slabs::new(origin, direction) })
+    }
+}
+
+impl Slabs {
+    /// A test of a box must not be stricter than that of a triangle in it. Its three roundings (Ize 2013), and the roundings that
+    /// move a vertex before the edges of a triangle are tested, are all relative to the distance from the origin to the plane;
+    /// together they stay below eight units.
+    const SLACK: f32 = 8.0 * f32::EPSILON;
+
+    #[inline]
+    fn new(origin: Vec3, direction: Vec3) -> Self {
+        // A component of zero makes these infinite; the distance is then infinite, or not a number and without a say.
+        let inverse = -direction.recip();
+        let forward = direction.to_array().map(|d| !d.is_sign_negative());
+        let [x, y, z] = forward;
+        let plane = |low: bool, axis: usize| if low { axis } else { 3 + axis };
+        Self {
+            origin: origin.to_array(),
+            nearer: (inverse * (1.0 - Self::SLACK)).to_array(),
+            farther: (inverse * (1.0 + Self::SLACK)).to_array(),
+            nearer_plane: [plane(x, 0), plane(y, 1), plane(z, 2)],
+            farther_plane: [plane(!x, 0), plane(!y, 1), plane(!z, 2)],
+        }
+    }
+}

@@ -1,0 +1,282 @@
+//! HARD_CASES S7 and A6 to A8, for both kinds of tests.
+
+use super::*;
+use crate::base::random::Random;
+use crate::geometry::triangle::Shear;
+use crate::sampling::warp;
+
+/// Both kinds of tests, where the processor has them.
+fn kernels() -> Vec<Kernel> {
+    match Kernel::detect() {
+        Kernel::Portable => vec![Kernel::Portable],
+        fastest => vec![Kernel::Portable, fastest],
+    }
+}
+
+fn point(random: &mut Random) -> Vec3 {
+    Vec3::new(random.next_f32(), random.next_f32(), random.next_f32())
+}
+
+fn soup(random: &mut Random, triangles: usize, size: f32) -> Mesh {
+    let mut mesh = Mesh::default();
+    for i in 0..triangles as u32 {
+        let center = point(random);
+        for _ in 0..3 {
+            mesh.positions.push(center + size * (warp::square_to_sphere(random.next_2d())));
+        }
+        mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+    }
+    mesh
+}
+
+/// A closed sphere of `2 · turns · (rings − 1)` triangles, whose vertices are shared.
+fn closed_sphere(rings: u32, turns: u32, radius: f32, center: Vec3) -> Mesh {
+    let mut mesh = Mesh::default();
+    let mut push = |direction: Vec3| mesh.positions.push(center + radius * direction);
+    push(Vec3::Z);
+    push(-Vec3::Z);
+    for ring in 1..rings {
+        for turn in 0..turns {
+            let (theta, phi) = (ring as f32 / rings as f32, turn as f32 / turns as f32 * 2.0);
+            let ((st, ct), (sp, cp)) =
+                ((theta * std::f32::consts::PI).sin_cos(), (phi * std::f32::consts::PI).sin_cos());
+            push(Vec3::new(st * cp, st * sp, ct));
+        }
+    }
+    let at = |ring: u32, turn: u32| 2 + (ring - 1) * turns + turn % turns;
+    for turn in 0..turns {
+        mesh.triangles.push([0, at(1, turn), at(1, turn + 1)]);
+        mesh.triangles.push([1, at(rings - 1, turn + 1), at(rings - 1, turn)]);
+        for ring in 1..rings - 1 {
+            let [a, b, c, d] = [at(ring, turn), at(ring + 1, turn), at(ring + 1, turn + 1), at(ring, turn + 1)];
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    mesh
+}
+
+/// The nearest hit by testing everything, as the hierarchy defines it.
+fn brute_force(shapes: &[Shape], ray: &Ray, instanced: &HashSet<*const Mesh>) -> Option<Hit> {
+    let mut best = Hit::NONE;
+    for (shape, index) in shapes.iter().zip(0..) {
+        match &shape.geometry {
+            Geometry::Sphere(sphere) => {
+                if let Some(distance) = sphere.intersect(ray.origin, ray.direction, f32::INFINITY) {
+                    best.replace(Hit { distance, shape: index, triangle: 0, barycentric: [0.0; 2] });
+                }
+            }
+            Geometry::Mesh { mesh, to_world, .. } => {
+                let is_instance = instanced.contains(&Arc::as_ptr(mesh));
+                let to_mesh = to_world.inverse();
+                let shear = if is_instance {
+                    Shear::new(to_mesh.transform_point3(ray.origin), to_mesh.transform_vector3(ray.direction))
+                } else {
+                    Shear::new(ray.origin, ray.direction)
+                };
+                for triangle in 0..mesh.triangles.len() as u32 {
+                    let corners = if is_instance {
+                        mesh.triangles[triangle as usize].map(|v| mesh.positions[v as usize])
+                    } else {
+                        shape.triangle(triangle)
+                    };
+                    if let Some((distance, barycentric)) = shear.intersect(&corners, f32::INFINITY) {
+                        best.replace(Hit { distance, shape: index, triangle, barycentric });
+                    }
+                }
+            }
+        }
+    }
+    best.found()
+}
+
+fn random_ray(random: &mut Random, i: usize) -> Ray {
+    let origin = 2.0 * warp::square_to_sphere(random.next_2d()) + Vec3::splat(0.5);
+    let mut direction = (point(random) - origin).normalize();
+    if i.is_multiple_of(10) {
+        direction[i / 10 % 3] = if i.is_multiple_of(20) { 0.0 } else { -0.0 };
+        direction = direction.normalize();
+    }
+    Ray { origin, direction }
+}
+
+/// HARD_CASES S7: the same hits as testing every primitive, for placed meshes, instances, spheres, and surfaces that coincide.
+#[test]
+fn hierarchy_equals_brute_force() {
+    let mut random = Random::new(11, 0, 0);
+    let shared = Arc::new(soup(&mut random, 40, 0.2));
+    let turned = Affine3A::from_scale_rotation_translation(
+        Vec3::new(0.5, -0.7, 1.2),
+        glam::Quat::from_rotation_x(0.8),
+        Vec3::new(0.3, 0.5, -0.2),
+    );
+    let twice = soup(&mut random, 30, 0.3);
+    let shapes = [
+        Shape::mesh(Arc::new(soup(&mut random, 200, 0.1)), Affine3A::IDENTITY, false),
+        Shape::mesh(shared.clone(), Affine3A::from_translation(Vec3::splat(0.5)), false),
+        Shape::mesh(Arc::new(twice.clone()), Affine3A::IDENTITY, false),
+        Shape::mesh(shared.clone(), turned, false),
+        Shape::mesh(Arc::new(twice), Affine3A::IDENTITY, false),
+        Shape::sphere(Vec3::splat(0.4), 0.2, false),
+        Shape::mesh(shared, turned, false),
+        Shape::sphere(Vec3::splat(0.4), 0.2, false),
+    ];
+    let instanced = shared_meshes(&shapes);
+    assert_eq!(instanced.len(), 1);
+    let accels: Vec<Accel> = kernels().into_iter().map(|kernel| Accel::with_kernel(&shapes, kernel)).collect();
+    let mut hits = 0;
+    for i in 0..100_000 {
+        let ray = random_ray(&mut random, i);
+        let brute = brute_force(&shapes, &ray, &instanced);
+        hits += usize::from(brute.is_some());
+        for accel in &accels {
+            assert_eq!(accel.intersect(&ray), brute, "{ray:?}");
+            assert_eq!(accel.occluded(&ray, f32::INFINITY), brute.is_some(), "{ray:?}");
+            if let Some(hit) = brute {
+                assert!(accel.occluded(&ray, hit.distance.next_up()), "{ray:?}");
+                assert!(!accel.occluded(&ray, hit.distance), "{ray:?}");
+            }
+        }
+    }
+    assert!((10_000..100_000).contains(&hits), "{hits}");
+}
+
+/// Both kinds of tests agree to the last bit where the hierarchy is deep and many rays pass through edges and vertices.
+#[test]
+fn kernels_agree() {
+    let mesh = closed_sphere(80, 80, 0.5, Vec3::splat(0.5));
+    let corners = mesh.positions.clone();
+    let mut random = Random::new(12, 0, 0);
+    let clutter = soup(&mut random, 20_000, 0.02);
+    let shapes = [
+        Shape::mesh(Arc::new(mesh), Affine3A::IDENTITY, false),
+        Shape::mesh(Arc::new(clutter), Affine3A::IDENTITY, false),
+    ];
+    let accels: Vec<Accel> = kernels().into_iter().map(|kernel| Accel::with_kernel(&shapes, kernel)).collect();
+    for i in 0..100_000 {
+        let mut ray = random_ray(&mut random, i);
+        if i.is_multiple_of(3) {
+            let pick = |random: &mut Random| corners[(random.next_f32() * corners.len() as f32) as usize];
+            ray.origin = if i.is_multiple_of(2) { Vec3::splat(0.5) } else { pick(&mut random) };
+            ray.direction = (pick(&mut random) - ray.origin).normalize_or(Vec3::X);
+        }
+        let hits: Vec<Option<Hit>> = accels.iter().map(|accel| accel.intersect(&ray)).collect();
+        assert!(hits.windows(2).all(|pair| pair[0] == pair[1]), "{ray:?}: {hits:?}");
+        let t_max = hits[0].map_or(1.0, |hit| hit.distance * random.next_f32() * 2.0);
+        let shadows: Vec<bool> = accels.iter().map(|accel| accel.occluded(&ray, t_max)).collect();
+        let expected = hits[0].is_some_and(|hit| hit.distance < t_max);
+        assert!(shadows.iter().all(|&shadow| shadow == expected), "{ray:?}");
+    }
+}
+
+/// HARD_CASES S7 and A6: no ray leaves a closed mesh, through faces, edges or vertices, whatever its size and place; and few of
+/// those that come from 1e5 units away slip through it.
+#[test]
+fn closed_mesh_is_watertight() {
+    for (radius, center, distance) in [
+        (1.0, Vec3::ZERO, 1e5),
+        (1e-4, Vec3::ZERO, 10.0),
+        (10.0, Vec3::new(1e6, -1e6, 1e6), 1e6),
+        (1e6, Vec3::ONE, 1e11),
+    ] {
+        let mesh = closed_sphere(60, 70, radius, center);
+        let corners = mesh.positions.clone();
+        let shapes = [Shape::mesh(Arc::new(mesh), Affine3A::IDENTITY, false)];
+        for kernel in kernels() {
+            let accel = Accel::with_kernel(&shapes, kernel);
+            let mut random = Random::new(13, 0, 0);
+            let (mut inner, mut outer) = (0, 0);
+            for i in 0..100_000 {
+                let origin = center + radius * 0.9 * random.next_f32() * warp::square_to_sphere(random.next_2d());
+                let pick = |random: &mut Random| corners[(random.next_f32() * corners.len() as f32) as usize];
+                let direction = match i % 4 {
+                    0 => (pick(&mut random) - origin).normalize(),
+                    1 => (0.5 * (corners[2 + i % 4000] + corners[3 + i % 4000]) - origin).normalize(),
+                    _ => warp::square_to_sphere(random.next_2d()),
+                };
+                inner += usize::from(accel.intersect(&Ray { origin, direction }).is_none());
+                let far = center + distance * warp::square_to_sphere(random.next_2d());
+                let target = center + 0.5 * radius * warp::square_to_sphere(random.next_2d());
+                outer += usize::from(
+                    !accel.occluded(&Ray { origin: far, direction: (target - far).normalize() }, f32::INFINITY),
+                );
+            }
+            assert_eq!(inner, 0, "{radius} {center} {kernel:?}");
+            assert!(outer <= 2, "{outer} of 1e5 from {distance}: {radius} {center} {kernel:?}");
+        }
+    }
+}
+
+/// HARD_CASES A8: shapes that no ray can hit, and rays that hit nothing.
+#[test]
+fn nothing_to_hit() {
+    let degenerate = Mesh {
+        positions: vec![Vec3::ZERO, Vec3::X, 2.0 * Vec3::X, Vec3::NAN, Vec3::INFINITY, Vec3::Y],
+        triangles: vec![[0, 1, 2], [0, 0, 0], [0, 1, 3], [0, 1, 4], [0, 1, 1]],
+        ..Mesh::default()
+    };
+    let shapes = [
+        Shape::mesh(Arc::new(degenerate.clone()), Affine3A::IDENTITY, false),
+        Shape::mesh(Arc::new(Mesh::default()), Affine3A::IDENTITY, false),
+        Shape::sphere(Vec3::NAN, 1.0, false),
+    ];
+    let one = [Shape::mesh(
+        Arc::new(Mesh { triangles: vec![[0, 1, 5], [0, 1, 2]], ..degenerate }),
+        Affine3A::IDENTITY,
+        false,
+    )];
+    let down = Ray { origin: Vec3::new(0.2, 0.2, 1.0), direction: Vec3::NEG_Z };
+    for kernel in kernels() {
+        for shapes in [&[] as &[Shape], &shapes] {
+            let empty = Accel::with_kernel(shapes, kernel);
+            assert_eq!(empty.intersect(&down), None);
+            assert!(!empty.occluded(&down, f32::INFINITY));
+            assert!(empty.bounds()[0].cmpgt(empty.bounds()[1]).all());
+        }
+        let accel = Accel::with_kernel(&one, kernel);
+        assert_eq!(accel.intersect(&down).map(|hit| hit.distance), Some(1.0));
+        for bad in [Vec3::NAN, Vec3::INFINITY, Vec3::ZERO] {
+            assert_eq!(accel.intersect(&Ray { direction: bad, ..down }), None);
+        }
+        for bad in [Vec3::NAN, Vec3::INFINITY] {
+            assert_eq!(accel.intersect(&Ray { origin: bad, ..down }), None);
+            assert!(!accel.occluded(&Ray { origin: bad, ..down }, f32::INFINITY));
+        }
+        assert!(!accel.occluded(&down, f32::NAN));
+    }
+}
+
+/// A chain of boxes, each around all before it, makes the deepest hierarchy.
+#[test]
+fn deep_hierarchies_have_room() {
+    let mut mesh = Mesh::default();
+    for i in 0..2000u32 {
+        let size = 1.1f32.powi((i % 700) as i32 - 350);
+        mesh.positions.extend([Vec3::ZERO, size * Vec3::X, size * Vec3::new(0.0, 1.0, 0.1)]);
+        mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+    }
+    let shapes = [Shape::mesh(Arc::new(mesh), Affine3A::IDENTITY, false)];
+    let mut random = Random::new(14, 0, 0);
+    for kernel in kernels() {
+        let accel = Accel::with_kernel(&shapes, kernel);
+        for i in 0..2000 {
+            let ray = random_ray(&mut random, i);
+            assert_eq!(accel.intersect(&ray), brute_force(&shapes, &ray, &HashSet::new()), "{ray:?}");
+        }
+    }
+}
+
+/// A surface takes at most 120 bytes per triangle, with its positions, normals, texture coordinates and indices; loose triangles
+/// that overlap in all directions, the worst case, have a hierarchy of at most 100.
+#[test]
+fn memory_per_triangle() {
+    let per_triangle = |mesh: Mesh| {
+        let triangles = mesh.triangles.len() as f64;
+        Accel::new(&[Shape::mesh(Arc::new(mesh), Affine3A::IDENTITY, false)]).bytes() as f64 / triangles
+    };
+    let surface = closed_sphere(200, 200, 1.0, Vec3::ZERO);
+    let of_vertices = (surface.positions.len() * (12 + 12 + 8)) as f64 / surface.triangles.len() as f64;
+    let bytes = of_vertices + 12.0 + per_triangle(surface);
+    assert!((60.0..=120.0).contains(&bytes), "{bytes} bytes per triangle");
+    let loose = per_triangle(soup(&mut Random::new(15, 0, 0), 50_000, 0.02));
+    assert!((40.0..=100.0).contains(&loose), "{loose} bytes per loose triangle");
+}

@@ -1,0 +1,305 @@
+//! The walk down the hierarchy, written once for both kinds of tests.
+
+use super::Hit;
+use super::node::{Child, Kind, Node, Packet, WIDTH};
+use super::portable;
+use super::query::{Query, Slabs};
+use crate::geometry::triangle::Shear;
+
+#[cfg(target_arch = "x86_64")]
+use super::avx2;
+
+/// The tests that this processor can do. Chosen once, when a scene's hierarchy is built.
+#[derive(Debug, Clone, Copy)]
+pub enum Kernel {
+    /// Plain Rust.
+    Portable,
+    /// Vector instructions.
+    #[cfg(target_arch = "x86_64")]
+    Avx2(Avx2),
+}
+
+impl Kernel {
+    /// The fastest.
+    pub fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            return Self::Avx2(Avx2(()));
+        }
+        Self::Portable
+    }
+}
+
+/// Proof that the processor has AVX2 and FMA: only [`Kernel::detect`] makes one.
+#[cfg(target_arch = "x86_64")]
+#[derive(Debug, Clone, Copy)]
+pub struct Avx2(());
+
+#[derive(Clone, Copy)]
+struct Portable;
+
+trait Tests: Copy {
+    fn boxes(self, node: &Node, slabs: &Slabs, t_max: f32, distances: &mut [f32; WIDTH]) -> u32;
+    fn closest(self, packet: &Packet, shear: &Shear, best: &mut Hit);
+    fn occluded(self, packet: &Packet, shear: &Shear, t_max: f32) -> bool;
+    fn prefetch<T>(self, value: *const T);
+}
+
+impl Tests for Portable {
+    #[inline(always)]
+    fn boxes(self, node: &Node, slabs: &Slabs, t_max: f32, distances: &mut [f32; WIDTH]) -> u32 {
+        portable::boxes(node, slabs, t_max, distances)
+    }
+
+    #[inline(always)]
+    fn closest(self, packet: &Packet, shear: &Shear, best: &mut Hit) {
+        portable::closest(packet, shear, best);
+    }
+
+    #[inline(always)]
+    fn occluded(self, packet: &Packet, shear: &Shear, t_max: f32) -> bool {
+        portable::occluded(packet, shear, t_max)
+    }
+
+    #[inline(always)]
+    fn prefetch<T>(self, _: *const T) {}
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Tests for Avx2 {
+    #[inline(always)]
+    fn boxes(self, node: &Node, slabs: &Slabs, t_max: f32, distances: &mut [f32; WIDTH]) -> u32 {
+        // SAFETY: `self` proves that the processor has the features.
+        unsafe { avx2::boxes(node, slabs, t_max, distances) }
+    }
+
+    #[inline(always)]
+    fn closest(self, packet: &Packet, shear: &Shear, best: &mut Hit) {
+        // SAFETY: `self` proves that the processor has the features.
+        unsafe { avx2::closest(packet, shear, best) }
+    }
+
+    #[inline(always)]
+    fn occluded(self, packet: &Packet, shear: &Shear, t_max: f32) -> bool {
+        // SAFETY: `self` proves that the processor has the features.
+        unsafe { avx2::occluded(packet, shear, t_max) }
+    }
+
+    #[inline(always)]
+    fn prefetch<T>(self, value: *const T) {
+        // SAFETY: `self` proves that the processor has the features.
+        unsafe { avx2::prefetch(value) }
+    }
+}
+
+/// Primitives that are no triangles.
+pub trait Others {
+    /// Replaces `best` by the nearest hit of primitive `index` that precedes it.
+    fn closest(&self, index: usize, query: &Query, best: &mut Hit);
+    /// Whether the ray meets primitive `index` before `t_max`.
+    fn occluded(&self, index: usize, query: &Query, t_max: f32) -> bool;
+}
+
+/// A mesh has triangles only.
+pub struct NoOthers;
+
+impl Others for NoOthers {
+    fn closest(&self, _: usize, _: &Query, _: &mut Hit) {}
+
+    fn occluded(&self, _: usize, _: &Query, _: f32) -> bool {
+        false
+    }
+}
+
+/// Nodes and packets to walk through.
+pub struct Hierarchy {
+    nodes: Vec<Node>,
+    packets: Vec<Packet>,
+    root: Child,
+    depth: usize,
+    kernel: Kernel,
+}
+
+/// Children that wait, for hierarchies of usual depth; deeper ones need memory from the heap.
+const USUAL_STACK: usize = 128;
+
+impl Hierarchy {
+    pub fn new(tree: super::build::Tree, kernel: Kernel) -> Self {
+        let super::build::Tree { nodes, packets, root, depth } = tree;
+        Self { nodes, packets, root, depth, kernel }
+    }
+
+    /// Size in memory.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.nodes.as_slice()) + size_of_val(self.packets.as_slice())
+    }
+
+    /// Most children that can wait at a time: all but one of each node on the way down, and one more before it is taken.
+    fn stack(&self) -> usize {
+        self.depth * (WIDTH - 1) + 1
+    }
+
+    /// Replaces `best` by the nearest hit that precedes it.
+    pub fn closest(&self, query: &Query, best: &mut Hit, others: &impl Others) {
+        if self.stack() <= USUAL_STACK {
+            self.closest_with(query, best, others, &mut [0; USUAL_STACK]);
+        } else {
+            self.closest_with(query, best, others, &mut vec![0; self.stack()]);
+        }
+    }
+
+    #[inline]
+    fn closest_with(&self, query: &Query, best: &mut Hit, others: &impl Others, stack: &mut [u64]) {
+        match self.kernel {
+            Kernel::Portable => self.walk_closest(Portable, query, best, others, stack),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: an `Avx2` exists only where the processor has the features.
+            Kernel::Avx2(tests) => unsafe { self.closest_avx2(tests, query, best, others, stack) },
+        }
+    }
+
+    /// Whether the ray meets anything before `t_max`.
+    pub fn occluded(&self, query: &Query, t_max: f32, others: &impl Others) -> bool {
+        if self.stack() <= USUAL_STACK {
+            self.occluded_with(query, t_max, others, &mut [Child::EMPTY; USUAL_STACK])
+        } else {
+            self.occluded_with(query, t_max, others, &mut vec![Child::EMPTY; self.stack()])
+        }
+    }
+
+    #[inline]
+    fn occluded_with(&self, query: &Query, t_max: f32, others: &impl Others, stack: &mut [Child]) -> bool {
+        match self.kernel {
+            Kernel::Portable => self.walk_occluded(Portable, query, t_max, others, stack),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: an `Avx2` exists only where the processor has the features.
+            Kernel::Avx2(tests) => unsafe { self.occluded_avx2(tests, query, t_max, others, stack) },
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    fn closest_avx2(&self, tests: Avx2, query: &Query, best: &mut Hit, others: &impl Others, stack: &mut [u64]) {
+        self.walk_closest(tests, query, best, others, stack);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    fn occluded_avx2(&self, tests: Avx2, query: &Query, t_max: f32, others: &impl Others, stack: &mut [Child]) -> bool {
+        self.walk_occluded(tests, query, t_max, others, stack)
+    }
+
+    /// Asks for the children of `mask` before they are needed.
+    #[inline(always)]
+    fn prefetch<T: Tests>(&self, tests: T, node: &Node, mut mask: u32) {
+        while mask != 0 {
+            match node.children[mask.trailing_zeros() as usize % WIDTH].kind() {
+                Kind::Node(index) => tests.prefetch(self.nodes.as_ptr().wrapping_add(index)),
+                Kind::Packet(index) => tests.prefetch(self.packets.as_ptr().wrapping_add(index)),
+                Kind::Other(_) => {}
+            }
+            mask &= mask - 1;
+        }
+    }
+
+    /// The nearest child first; the others wait with their distances, the nearest on top. Distances are not negative, so their
+    /// bits are ordered like them.
+    #[inline(always)]
+    fn walk_closest<T: Tests>(&self, tests: T, query: &Query, best: &mut Hit, others: &impl Others, stack: &mut [u64]) {
+        let mut waiting = 0;
+        let mut current = self.root;
+        let mut distances = [0.0; WIDTH];
+        loop {
+            match current.kind() {
+                Kind::Node(index) => {
+                    let node = &self.nodes[index];
+                    let mask = tests.boxes(node, &query.slabs, best.distance, &mut distances);
+                    if mask != 0 {
+                        self.prefetch(tests, node, mask);
+                        (current, waiting) = descend(node, mask, &distances, stack, waiting);
+                        continue;
+                    }
+                }
+                Kind::Packet(index) => tests.closest(&self.packets[index], &query.shear, best),
+                Kind::Other(index) => others.closest(index, query, best),
+            }
+            loop {
+                if waiting == 0 {
+                    return;
+                }
+                waiting -= 1;
+                let entry = stack[waiting];
+                if f32::from_bits((entry >> 32) as u32) <= best.distance {
+                    current = Child(entry as u32);
+                    break;
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn walk_occluded<T: Tests>(
+        &self,
+        tests: T,
+        query: &Query,
+        t_max: f32,
+        others: &impl Others,
+        stack: &mut [Child],
+    ) -> bool {
+        let mut waiting = 0;
+        let mut current = self.root;
+        let mut distances = [0.0; WIDTH];
+        loop {
+            let found = match current.kind() {
+                Kind::Node(index) => {
+                    let node = &self.nodes[index];
+                    let mut mask = tests.boxes(node, &query.slabs, t_max, &mut distances);
+                    self.prefetch(tests, node, mask);
+                    while mask != 0 {
+                        stack[waiting] = node.children[mask.trailing_zeros() as usize % WIDTH];
+                        waiting += 1;
+                        mask &= mask - 1;
+                    }
+                    false
+                }
+                Kind::Packet(index) => tests.occluded(&self.packets[index], &query.shear, t_max),
+                Kind::Other(index) => others.occluded(index, query, t_max),
+            };
+            if found {
+                return true;
+            }
+            if waiting == 0 {
+                return false;
+            }
+            waiting -= 1;
+            current = stack[waiting];
+        }
+    }
+}
+
+/// The nearest child of `mask`, which is not 0; the others go on the stack, whose new length is returned too.
+#[inline(always)]
+fn descend(node: &Node, mask: u32, distances: &[f32; WIDTH], stack: &mut [u64], waiting: usize) -> (Child, usize) {
+    let entry = |mask: u32| {
+        let lane = mask.trailing_zeros() as usize % WIDTH;
+        u64::from(distances[lane].to_bits()) << 32 | u64::from(node.children[lane].0)
+    };
+    let mut rest = mask & (mask - 1);
+    let mut nearest = entry(mask);
+    let mut end = waiting;
+    while rest != 0 {
+        let mut new = entry(rest);
+        rest &= rest - 1;
+        if new < nearest {
+            std::mem::swap(&mut new, &mut nearest);
+        }
+        let mut at = end;
+        while at > waiting && stack[at - 1] < new {
+            stack[at] = stack[at - 1];
+            at -= 1;
+        }
+        stack[at] = new;
+        end += 1;
+    }
+    (Child(nearest as u32), end)
+}
