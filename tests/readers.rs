@@ -5,7 +5,7 @@ use std::path::Path;
 
 use fanal::base::Error;
 use fanal::scene::file::{
-    Distribution, GeometryFile, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile, identity3,
+    Distribution, Filter, GeometryFile, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile, Wrap, identity3,
 };
 use fanal::scene::readers::{LoadedScene, load, read_exr_channels, read_image, resolve, save};
 use tempfile::TempDir;
@@ -307,7 +307,7 @@ fn unknown_or_wrong_xml_is_refused_with_its_line() {
         "<bsdf type='plastic' id='a'><float name='int_ior' value='-1'/></bsdf>",
         "<bsdf type='plastic' id='a'><float name='alpha' value='0.1'/></bsdf>",
         "<bsdf type='roughplastic' id='a'><string name='alpha' value='rough'/></bsdf>",
-        "<bsdf type='roughdielectric' id='a'><string name='distribution' value='phong'/></bsdf>",
+        "<bsdf type='roughdielectric' id='a'><string name='distribution' value='cosine'/></bsdf>",
         "<shape type='cylinder'><float name='radius' value='0'/></shape>",
         "<shape type='cylinder'><point name='p1' x='0' y='0' z='0'/></shape>",
         "<shape type='torus'/>",
@@ -323,7 +323,6 @@ fn unknown_or_wrong_xml_is_refused_with_its_line() {
         "<shape type='obj'><string name='filename' value='/etc/passwd'/></shape>",
         "<shape type='cube'>text</shape>",
         "<shape type='cube' color='red'/>",
-        "<sensor type='perspective'/>",
         "<emitter type='area'/>",
         "<emitter type='constant'/><emitter type='constant'/>",
         "<medium type='homogeneous'/>",
@@ -411,7 +410,14 @@ fn scene_with(mesh: Option<MeshFile>, texture: Option<&str>) -> SceneFile {
     file.materials.clear();
     file.meshes = mesh.map(|mesh| ("m".to_owned(), mesh)).into_iter().collect();
     if let Some(name) = texture {
-        let reflectance = TextureFile::Bitmap { file: name.to_owned(), to_uv: identity3(), raw: true, scale: 1.0 };
+        let reflectance = TextureFile::Bitmap {
+            file: name.to_owned(),
+            to_uv: identity3(),
+            raw: true,
+            scale: 1.0,
+            wrap: Wrap::Repeat,
+            filter: Filter::Bilinear,
+        };
         file.materials.insert("t".to_owned(), MaterialFile::Diffuse { reflectance });
     }
     file

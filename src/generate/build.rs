@@ -22,7 +22,13 @@ impl Builder {
         let scene = SceneFile {
             version: VERSION,
             name: name.into(),
-            camera: CameraFile { to_world: IDENTITY, fov: 45.0, aperture_radius: 0.0, focus_distance: None },
+            camera: CameraFile {
+                to_world: IDENTITY,
+                fov: 45.0,
+                aperture_radius: 0.0,
+                focus_distance: None,
+                principal_point_offset: [0.0; 2],
+            },
             film: FilmFile { width: size[0], height: size[1] },
             render: RenderFile::default(),
             materials: Default::default(),

@@ -56,8 +56,25 @@ pub struct Material {
     pub two_sided: bool,
     /// Probability that there is a surface at all; none where there is one everywhere.
     pub opacity: Option<Texture>,
+    /// Factors on what is scattered; none where both are 1.
+    pub tint: Option<Box<Tint>>,
     /// The scattering.
     pub kind: Kind,
+}
+
+/// Factors on scattered light.
+#[derive(Debug, Clone)]
+pub struct Tint {
+    /// On light that stays on its side.
+    pub reflectance: Texture,
+    /// On light that passes.
+    pub transmittance: Texture,
+}
+
+impl Tint {
+    fn factor(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
+        if wo.z * wi.z > 0.0 { self.reflectance.eval(uv) } else { self.transmittance.eval(uv) }
+    }
 }
 
 /// The scattering of a material.
@@ -81,7 +98,7 @@ pub enum Kind {
 
 impl From<Kind> for Material {
     fn from(kind: Kind) -> Self {
-        Self { two_sided: false, opacity: None, kind }
+        Self { two_sided: false, opacity: None, tint: None, kind }
     }
 }
 
@@ -94,13 +111,14 @@ impl Material {
     /// f(wo, wi)·|cos θᵢ| of the lobes that are not delta, sr⁻¹.
     pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
         let (wo, wi) = self.to_front(wo, wi);
-        match &self.kind {
+        let value = match &self.kind {
             Kind::Diffuse(m) => m.eval(uv, wo, wi),
             Kind::RoughConductor(m) => m.eval(uv, wo, wi),
             Kind::RoughDielectric(m) => Vec3::splat(m.eval(wo, wi)),
             Kind::Plastic(m) => m.eval(uv, wo, wi),
             Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => Vec3::ZERO,
-        }
+        };
+        self.tint.as_ref().map_or(value, |tint| value * tint.factor(uv, wo, wi))
     }
 
     /// Density of [`Material::sample`] over the lobes that are not delta, w.r.t. solid angle.
@@ -120,7 +138,7 @@ impl Material {
         let u = random.next_2d();
         let flip = self.two_sided && wo.z < 0.0;
         let wo = if flip { -wo } else { wo };
-        let sample = match &self.kind {
+        let mut sample = match &self.kind {
             Kind::Diffuse(m) => m.sample(uv, wo, u),
             Kind::RoughConductor(m) => m.sample(uv, wo, u),
             Kind::Conductor(m) => m.sample(uv, wo),
@@ -129,6 +147,9 @@ impl Material {
             Kind::RoughDielectric(m) => m.sample(wo, u, random.next_f32(), transport),
             Kind::Plastic(m) => m.sample(uv, wo, u),
         }?;
+        if let Some(tint) = &self.tint {
+            sample.weight *= tint.factor(uv, wo, sample.wi);
+        }
         Some(if flip { BsdfSample { wi: -sample.wi, ..sample } } else { sample })
     }
 

@@ -24,7 +24,7 @@ use crate::materials::plastic::Plastic;
 use crate::materials::rough_conductor::RoughConductor;
 use crate::materials::rough_dielectric::RoughDielectric;
 use crate::materials::texture::Texture;
-use crate::materials::{Kind, Material};
+use crate::materials::{Kind, Material, Tint};
 
 impl Scene {
     /// Builds the scene for a picture of `size` (columns, rows).
@@ -52,7 +52,8 @@ impl Scene {
         let camera_file = &file.camera;
         let focus = camera_file.focus_distance.unwrap_or(1.0);
         let to_world = affine(&camera_file.to_world);
-        let camera = Camera::new(to_world, camera_file.fov, size, camera_file.aperture_radius, focus);
+        let camera = Camera::new(to_world, camera_file.fov, size, camera_file.aperture_radius, focus)
+            .shifted(camera_file.principal_point_offset);
         let bounds = bounding_sphere(accel.bounds(), camera.position());
         for light in &file.lights {
             lights.push(self::light(light, loaded)?);
@@ -123,6 +124,11 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
     Ok(Material::from(match file {
         MaterialFile::TwoSided { material: inner } => {
             return Ok(Material { two_sided: true, ..material(inner, loaded)? });
+        }
+        MaterialFile::Tinted { specular_reflectance, specular_transmittance, material: inner } => {
+            let reflectance = texture(specular_reflectance, loaded)?;
+            let tint = Tint { reflectance, transmittance: texture(specular_transmittance, loaded)? };
+            return Ok(Material { tint: Some(Box::new(tint)), ..material(inner, loaded)? });
         }
         MaterialFile::Mask { opacity, material: inner } => {
             return Ok(Material { opacity: Some(texture(opacity, loaded)?), ..material(inner, loaded)? });

@@ -77,6 +77,9 @@ pub struct CameraFile {
     /// Distance of the plane in focus along the viewing axis; needed where `aperture_radius` is not 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub focus_distance: Option<f32>,
+    /// How far the picture's middle is off the viewing axis, in parts of its width (to the right) and height (down).
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub principal_point_offset: [f32; 2],
 }
 
 /// Size of the picture in pixels.
@@ -114,19 +117,25 @@ pub enum TextureFile {
         /// Linear RGB.
         value: [f32; 3],
     },
-    /// A picture (EXR or PNG) repeated over the texture coordinates, filtered bilinearly; (0, 0) is its top left.
+    /// A picture (EXR, PNG, JPEG, TGA, BMP, HDR) over the texture coordinates; (0, 0) is its top left.
     Bitmap {
         /// Path relative to the scene file.
         file: String,
         /// Texture coordinates to picture coordinates, 3×3 row by row.
         #[serde(default = "identity3")]
         to_uv: [f32; 9],
-        /// Data, not colour: a PNG is not converted from sRGB.
+        /// Data, not colour: what is not a float format is not converted from sRGB.
         #[serde(default, skip_serializing_if = "is_default")]
         raw: bool,
         /// Factor on every value.
         #[serde(default = "one")]
         scale: f32,
+        /// What is beyond the picture.
+        #[serde(default, skip_serializing_if = "is_default")]
+        wrap: Wrap,
+        /// What is between pixel centres.
+        #[serde(default, skip_serializing_if = "is_default")]
+        filter: Filter,
     },
     /// Two colours in squares of half a texture unit.
     Checkerboard {
@@ -138,6 +147,30 @@ pub enum TextureFile {
         #[serde(default = "identity3")]
         to_uv: [f32; 9],
     },
+}
+
+/// What is beyond the edges of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Wrap {
+    /// The picture again.
+    #[default]
+    Repeat,
+    /// The picture mirrored.
+    Mirror,
+    /// The pixels of its edge.
+    Clamp,
+}
+
+/// What is between the pixel centres of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Filter {
+    /// The four nearest pixels, bilinearly.
+    #[default]
+    Bilinear,
+    /// The nearest pixel.
+    Nearest,
 }
 
 /// The 3×3 matrix that changes nothing.
@@ -248,6 +281,17 @@ pub enum MaterialFile {
         #[serde(default)]
         nonlinear: bool,
     },
+    /// A clear material whose light takes on colour, more than Fresnel's equations have it.
+    Tinted {
+        /// Factor on what is reflected.
+        #[serde(default = "white")]
+        specular_reflectance: TextureFile,
+        /// Factor on what is let through.
+        #[serde(default = "white")]
+        specular_transmittance: TextureFile,
+        /// The material.
+        material: Box<MaterialFile>,
+    },
     /// Another material with holes.
     Mask {
         /// Probability in [0, 1] that the surface is there; the mean of a colour's channels.
@@ -278,6 +322,12 @@ impl MaterialFile {
                 textures.push(("opacity", opacity));
                 textures
             }
+            Self::Tinted { specular_reflectance, specular_transmittance, material } => {
+                let mut textures = material.textures();
+                textures.push(("specular_reflectance", specular_reflectance));
+                textures.push(("specular_transmittance", specular_transmittance));
+                textures
+            }
             Self::TwoSided { material } => material.textures(),
             Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
         }
@@ -287,15 +337,26 @@ impl MaterialFile {
     pub fn is_masked(&self) -> bool {
         match self {
             Self::Mask { .. } => true,
-            Self::TwoSided { material } => material.is_masked(),
+            Self::TwoSided { material } | Self::Tinted { material, .. } => material.is_masked(),
             _ => false,
         }
     }
 
-    /// The material inside masks and two-sided ones.
+    /// Whether both its sides are fronts.
+    pub fn is_two_sided(&self) -> bool {
+        match self {
+            Self::TwoSided { .. } => true,
+            Self::Mask { material, .. } | Self::Tinted { material, .. } => material.is_two_sided(),
+            _ => false,
+        }
+    }
+
+    /// The material inside masks, tints and two-sided ones.
     pub fn innermost(&self) -> &Self {
         match self {
-            Self::Mask { material, .. } | Self::TwoSided { material } => material.innermost(),
+            Self::Mask { material, .. } | Self::Tinted { material, .. } | Self::TwoSided { material } => {
+                material.innermost()
+            }
             other => other,
         }
     }
@@ -429,7 +490,7 @@ pub enum LightFile {
         /// Radiance, W·m⁻²·sr⁻¹ per channel.
         radiance: [f32; 3],
     },
-    /// A latitude-longitude picture (EXR) around the scene, +y up (Mitsuba's convention).
+    /// A latitude-longitude picture around the scene, +y up (Mitsuba's convention).
     Envmap {
         /// Path relative to the scene file.
         file: String,

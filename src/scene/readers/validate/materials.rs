@@ -18,6 +18,11 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
             texture(check, &format!("{key}.opacity"), opacity)?;
             return values(check, &format!("{key}.material"), material);
         }
+        MaterialFile::Tinted { specular_reflectance, specular_transmittance, material } => {
+            texture(check, &format!("{key}.specular_reflectance"), specular_reflectance)?;
+            texture(check, &format!("{key}.specular_transmittance"), specular_transmittance)?;
+            return values(check, &format!("{key}.material"), material);
+        }
         _ => {}
     }
     for (name, file) in material_file.textures() {
@@ -34,7 +39,10 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
         }
         MaterialFile::RoughDielectric { alpha, int_ior, ext_ior, .. }
         | MaterialFile::Plastic { alpha, int_ior, ext_ior, .. } => interface(check, key, *alpha, *int_ior, *ext_ior),
-        MaterialFile::Diffuse { .. } | MaterialFile::TwoSided { .. } | MaterialFile::Mask { .. } => Ok(()),
+        MaterialFile::Diffuse { .. }
+        | MaterialFile::TwoSided { .. }
+        | MaterialFile::Mask { .. }
+        | MaterialFile::Tinted { .. } => Ok(()),
     }
 }
 
@@ -46,9 +54,20 @@ fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]:
         MaterialFile::TwoSided { .. } | MaterialFile::Mask { .. } => {
             check.fail(key, "a two-sided or masked material inside another of its kind")
         }
+        MaterialFile::Tinted { material, .. }
+            if !matches!(
+                **material,
+                MaterialFile::Dielectric { .. }
+                    | MaterialFile::ThinDielectric { .. }
+                    | MaterialFile::RoughDielectric { .. }
+            ) =>
+        {
+            check.fail(key, "only a dielectric can be tinted")
+        }
         MaterialFile::Dielectric { .. }
         | MaterialFile::ThinDielectric { .. }
         | MaterialFile::RoughDielectric { .. }
+        | MaterialFile::Tinted { .. }
             if two_sided =>
         {
             check.fail(key, "a material that lets light through cannot be two-sided")
