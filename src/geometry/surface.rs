@@ -1,5 +1,7 @@
 //! The point where a ray meets a surface.
 
+use std::f32::consts::{PI, TAU};
+
 use glam::{Vec2, Vec3};
 
 use super::Ray;
@@ -19,6 +21,8 @@ pub struct Surface {
     pub normal: Vec3,
     /// Shading frame around the shading normal.
     pub frame: Frame,
+    /// The shading normal before a bump map has turned it.
+    pub smooth: Vec3,
     /// Texture coordinates.
     pub uv: Vec2,
     /// Distance from the ray's origin.
@@ -40,7 +44,8 @@ impl Surface {
                 let error = gamma(6) * (sphere.center.abs() + Vec3::splat(sphere.radius));
                 let normal = outward * sign;
                 let uv = super::sphere::Sphere::uv(outward);
-                Self { point, error, normal, frame: Frame::new(normal), uv, distance: hit.distance, shape: hit.shape }
+                let frame = Frame::new(normal);
+                Self { point, error, normal, frame, smooth: normal, uv, distance: hit.distance, shape: hit.shape }
             }
         }
     }
@@ -59,6 +64,7 @@ impl Surface {
             error,
             normal,
             frame: Frame::new(shading),
+            smooth: shading,
             uv: ta * b0 + tb * b1 + tc * b2,
             distance: hit.distance,
             shape: hit.shape,
@@ -74,6 +80,25 @@ impl Surface {
     pub fn leave(&self, direction: Vec3) -> Ray {
         Ray { origin: offset_origin(self.point, self.error, self.normal, direction), direction }
     }
+}
+
+/// ∂p/∂u and ∂p/∂v at `surface`, which is the one at `hit` on `shape`, in world units; none where the texture coordinates do not
+/// span the surface.
+pub fn partials(surface: &Surface, hit: &Hit, shape: &Shape) -> Option<[Vec3; 2]> {
+    if let Geometry::Sphere(sphere) = &shape.geometry {
+        // Derivatives of Sphere::uv's inverse.
+        let out = surface.point - sphere.center;
+        let around = out.truncate().length();
+        let meridian = out.truncate().try_normalize()?;
+        let down = (meridian * out.z).extend(-around);
+        return Some([Vec3::new(-out.y, out.x, 0.0) * TAU, down * PI]);
+    }
+    let [a, b, c] = shape.triangle(hit.triangle);
+    let [ta, tb, tc] = shape.triangle_uvs(hit.triangle);
+    let [(p1, t1), (p2, t2)] = [(b - a, tb - ta), (c - a, tc - ta)];
+    let det = t1.perp_dot(t2);
+    let partials = [(p1 * t2.y - p2 * t1.y) / det, (p2 * t1.x - p1 * t2.x) / det];
+    partials.iter().all(|partial| partial.is_finite()).then_some(partials)
 }
 
 /// −1 where the placement mirrors the mesh and so turns its winding around.

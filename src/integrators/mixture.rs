@@ -6,6 +6,7 @@ use glam::Vec3;
 use crate::base::random::Random;
 use crate::geometry::Surface;
 use crate::guiding::field::{DirectionGuide, VoxelGuide};
+use crate::materials::bump::Shadowing;
 use crate::materials::{BsdfSample, Material, Transport};
 
 /// How directions are sampled at one vertex.
@@ -14,6 +15,8 @@ pub struct Mixture<'a> {
     material: &'a Material,
     wo: Vec3,
     guide: Option<DirectionGuide<'a>>,
+    /// What bumps hide; none where there are none.
+    bumps: Option<Shadowing>,
 }
 
 /// A direction drawn from a [`Mixture`].
@@ -41,17 +44,29 @@ impl<'a> Mixture<'a> {
     /// The mixture at `surface` for light that leaves in the world direction `out`; `guide` is none for a delta material.
     pub fn new(surface: &'a Surface, material: &'a Material, out: Vec3, guide: Option<&'a VoxelGuide>) -> Self {
         let guide = guide.and_then(|guide| guide.directions(surface.point));
-        Self { surface, material, wo: surface.frame.to_local(out), guide }
+        let turned = material.bump.is_some() && surface.smooth != surface.frame.n;
+        let bumps = turned.then(|| Shadowing::new(surface.smooth, surface.frame.n));
+        Self { surface, material, wo: surface.frame.to_local(out), guide, bumps }
+    }
+
+    /// The part of the light from the world direction `wi`, in local coordinates `local`, that bumps do not hide.
+    fn unhidden(&self, wi: Vec3, local: Vec3) -> f32 {
+        self.bumps.map_or(1.0, |bumps| bumps.factor(wi, local.z))
+    }
+
+    /// f·|cos θ| towards the world direction `wi`, in local coordinates `local`.
+    fn scattered(&self, wi: Vec3, local: Vec3) -> Vec3 {
+        self.material.eval(self.surface.uv, self.wo, local) * self.unhidden(wi, local)
     }
 
     /// f·|cos θ| towards the world direction `wi`.
     pub fn eval(&self, wi: Vec3) -> Vec3 {
-        self.material.eval(self.surface.uv, self.wo, self.surface.frame.to_local(wi))
+        self.scattered(wi, self.surface.frame.to_local(wi))
     }
 
     /// The density with which [`Mixture::sample`] chooses the world direction `wi`, and the part of it that is the BSDF's.
     pub fn pdf(&self, wi: Vec3) -> (f32, f32) {
-        let pdf = self.material.pdf(self.wo, self.surface.frame.to_local(wi));
+        let pdf = self.material.pdf(self.surface.uv, self.wo, self.surface.frame.to_local(wi));
         let Some(guide) = self.guide else { return (pdf, 1.0) };
         let bsdf = guide.bsdf_fraction * pdf;
         let both = bsdf + (1.0 - guide.bsdf_fraction) * guide.pdf(wi);
@@ -63,20 +78,27 @@ impl<'a> Mixture<'a> {
         let Some(guide) = self.guide else { return self.sample_bsdf(random, transport) };
         let alpha = guide.bsdf_fraction;
         if random.next_f32() < alpha {
-            let sample = self.material.sample(self.surface.uv, self.wo, random, transport)?;
+            let (direction, sample) = self.sample_material(random, transport)?;
             if sample.delta {
                 // No guide ever chooses a delta lobe's direction.
                 return Some(self.delta(&sample, alpha));
             }
-            let direction = self.surface.frame.to_world(sample.wi);
             let pdfs = [sample.pdf, guide.pdf(direction)];
             return self.combine(direction, sample.weight * sample.pdf, sample.wi.z, pdfs, alpha);
         }
         let (direction, guide_pdf) = guide.sample(random);
         let local = self.surface.frame.to_local(direction);
-        let value = self.material.eval(self.surface.uv, self.wo, local);
-        let bsdf_pdf = self.material.pdf(self.wo, local);
+        let value = self.scattered(direction, local);
+        let bsdf_pdf = self.material.pdf(self.surface.uv, self.wo, local);
         self.combine(direction, value, local.z, [bsdf_pdf, guide_pdf], alpha)
+    }
+
+    /// A direction of the material in the world, less what bumps hide.
+    fn sample_material(&self, random: &mut Random, transport: Transport) -> Option<(Vec3, BsdfSample)> {
+        let sample = self.material.sample(self.surface.uv, self.wo, random, transport)?;
+        let direction = self.surface.frame.to_world(sample.wi);
+        let unhidden = self.unhidden(direction, sample.wi);
+        (unhidden > 0.0).then(|| (direction, BsdfSample { weight: sample.weight * unhidden, ..sample }))
     }
 
     fn combine(
@@ -98,12 +120,12 @@ impl<'a> Mixture<'a> {
     }
 
     fn sample_bsdf(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
-        let sample = self.material.sample(self.surface.uv, self.wo, random, transport)?;
+        let (direction, sample) = self.sample_material(random, transport)?;
         if sample.delta {
             return Some(self.delta(&sample, 1.0));
         }
         Some(MixtureSample {
-            direction: self.surface.frame.to_world(sample.wi),
+            direction,
             weight: sample.weight,
             bsdf_weight: sample.weight,
             value: sample.weight * sample.pdf,

@@ -44,8 +44,8 @@ impl Blend {
             return Some(BsdfSample { pdf: sample.pdf * weights[chosen], ..sample });
         }
         let other = 1 - chosen;
-        let value = sample.weight * (sample.pdf * weights[chosen])
-            + self.parts[other].eval(uv, wo, sample.wi) * weights[other];
+        let value =
+            sample.weight * (sample.pdf * weights[chosen]) + self.parts[other].eval(uv, wo, sample.wi) * weights[other];
         let pdf = sample.pdf * weights[chosen] + self.parts[other].pdf(uv, wo, sample.wi) * weights[other];
         Some(BsdfSample { weight: value / pdf, pdf, ..sample })
     }

@@ -3,6 +3,8 @@
 //! Everything here works in the local frame of the shading normal (+z). `wo` points to where the light goes (the camera's
 //! side of a camera path), `wi` to where it comes from; both point away from the surface.
 
+pub mod blend;
+pub mod bump;
 pub mod conductor;
 pub mod dielectric;
 pub mod diffuse;
@@ -10,16 +12,20 @@ pub mod fresnel;
 pub mod image;
 pub mod microfacet;
 pub mod plastic;
+pub mod principled;
 pub mod rough_conductor;
 pub mod rough_dielectric;
 pub mod texture;
 
 use glam::{Vec2, Vec3};
 
+use blend::Blend;
+use bump::Bump;
 use conductor::Conductor;
 use dielectric::{Dielectric, ThinDielectric};
 use diffuse::Diffuse;
 use plastic::Plastic;
+use principled::Principled;
 use rough_conductor::RoughConductor;
 use rough_dielectric::RoughDielectric;
 use texture::Texture;
@@ -56,6 +62,8 @@ pub struct Material {
     pub two_sided: bool,
     /// Probability that there is a surface at all; none where there is one everywhere.
     pub opacity: Option<Texture>,
+    /// What perturbs the shading normal; whoever finds the surface applies it.
+    pub bump: Option<Box<Bump>>,
     /// Factors on what is scattered; none where both are 1.
     pub tint: Option<Box<Tint>>,
     /// The scattering.
@@ -94,18 +102,26 @@ pub enum Kind {
     RoughDielectric(RoughDielectric),
     /// A coated diffuse surface.
     Plastic(Plastic),
+    /// Burley's mixture of lobes.
+    Principled(Box<Principled>),
+    /// Two materials mixed.
+    Blend(Box<Blend>),
 }
 
 impl From<Kind> for Material {
     fn from(kind: Kind) -> Self {
-        Self { two_sided: false, opacity: None, tint: None, kind }
+        Self { two_sided: false, opacity: None, bump: None, tint: None, kind }
     }
 }
 
 impl Material {
     /// Whether every lobe is a delta lobe: such a surface is never connected to a light, guided, or stored in.
     pub fn is_delta(&self) -> bool {
-        matches!(self.kind, Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_))
+        match &self.kind {
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => true,
+            Kind::Blend(blend) => blend.parts.iter().all(Self::is_delta),
+            _ => false,
+        }
     }
 
     /// f(wo, wi)·|cos θᵢ| of the lobes that are not delta, sr⁻¹.
@@ -116,19 +132,23 @@ impl Material {
             Kind::RoughConductor(m) => m.eval(uv, wo, wi),
             Kind::RoughDielectric(m) => Vec3::splat(m.eval(wo, wi)),
             Kind::Plastic(m) => m.eval(uv, wo, wi),
+            Kind::Principled(m) => m.eval(uv, wo, wi),
+            Kind::Blend(m) => m.eval(uv, wo, wi),
             Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => Vec3::ZERO,
         };
         self.tint.as_ref().map_or(value, |tint| value * tint.factor(uv, wo, wi))
     }
 
     /// Density of [`Material::sample`] over the lobes that are not delta, w.r.t. solid angle.
-    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
+    pub fn pdf(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> f32 {
         let (wo, wi) = self.to_front(wo, wi);
         match &self.kind {
             Kind::Diffuse(_) => Diffuse::pdf(wo, wi),
             Kind::RoughConductor(m) => m.pdf(wo, wi),
             Kind::RoughDielectric(m) => m.pdf(wo, wi),
             Kind::Plastic(m) => m.pdf(wo, wi),
+            Kind::Principled(m) => m.pdf(uv, wo, wi),
+            Kind::Blend(m) => m.pdf(uv, wo, wi),
             Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => 0.0,
         }
     }
@@ -146,6 +166,8 @@ impl Material {
             Kind::ThinDielectric(m) => m.sample(wo, u[0]),
             Kind::RoughDielectric(m) => m.sample(wo, u, random.next_f32(), transport),
             Kind::Plastic(m) => m.sample(uv, wo, u),
+            Kind::Principled(m) => m.sample(uv, wo, u, random.next_f32(), transport),
+            Kind::Blend(m) => m.sample(uv, wo, random, transport),
         }?;
         if let Some(tint) = &self.tint {
             sample.weight *= tint.factor(uv, wo, sample.wi);
@@ -160,6 +182,8 @@ impl Material {
             Kind::Conductor(m) => m.metal.albedo(uv),
             Kind::RoughConductor(m) => m.metal.albedo(uv),
             Kind::Plastic(m) => m.albedo(uv),
+            Kind::Principled(m) => m.albedo(uv),
+            Kind::Blend(m) => m.albedo(uv),
             Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) => Vec3::ONE,
         }
     }

@@ -157,7 +157,8 @@ impl Principled {
             let Some(h) = (wo + wi).try_normalize() else { return Vec3::ZERO };
             let mut sum = self.reflected(&p, wo, wi, h);
             if wo.z > 0.0 {
-                let base = p.base * (p.opaque * wi.z * FRAC_1_PI * diffuse(p.roughness, self.given.flatness, wo, wi, h));
+                let base =
+                    p.base * (p.opaque * wi.z * FRAC_1_PI * diffuse(p.roughness, self.given.flatness, wo, wi, h));
                 sum += base + self.sheen(&p, wi, h) + self.coat(wo, wi, h);
             }
             sum
@@ -169,8 +170,8 @@ impl Principled {
     fn reflected(&self, p: &Point, wo: Vec3, wi: Vec3, h: Vec3) -> Vec3 {
         let front = if h.z < 0.0 { -h } else { h };
         let cos = wo.dot(h);
-        let facets =
-            p.facets.density(front) * p.facets.shadowing(wo, front) * p.facets.shadowing(wi, front) / (4.0 * wo.z.abs());
+        let facets = p.facets.density(front) * p.facets.shadowing(wo, front) * p.facets.shadowing(wi, front)
+            / (4.0 * wo.z.abs());
         if cos <= 0.0 || facets == 0.0 { Vec3::ZERO } else { self.facet(p, cos, wo.z > 0.0)[0] * facets }
     }
 
@@ -252,14 +253,7 @@ impl Principled {
     }
 
     /// Chooses a lobe with `choice` and a direction of it with `u`.
-    pub fn sample(
-        &self,
-        uv: Vec2,
-        wo: Vec3,
-        u: [f32; 2],
-        choice: f32,
-        transport: Transport,
-    ) -> Option<BsdfSample> {
+    pub fn sample(&self, uv: Vec2, wo: Vec3, u: [f32; 2], choice: f32, transport: Transport) -> Option<BsdfSample> {
         if wo.z == 0.0 || (wo.z < 0.0 && !self.is_clear()) {
             return None;
         }
@@ -369,11 +363,11 @@ fn sample_gtr1(alpha: f32, [u, v]: [f32; 2]) -> Vec3 {
     Vec3::new(sin * cos_phi, sin * sin_phi, cos)
 }
 
-/// Cosines and roughnesses at which albedos are tabulated, both from 0 to 1.
-const COSINES: usize = 16;
+/// Cosines (closer to one another at grazing angles) and roughnesses at which albedos are tabulated, both from 0 to 1.
+const COSINES: usize = 24;
 const ROUGHNESSES: usize = 8;
 /// Points along each axis of the quadratures.
-const POINTS: usize = 16;
+const POINTS: usize = 24;
 
 /// Albedos of the lobes by cosine, and by roughness where that matters.
 #[derive(Debug)]
@@ -387,10 +381,17 @@ struct Bounds {
 impl Bounds {
     fn new(given: &Parameters) -> Self {
         let direction = |i: usize| {
-            let cos = (i as f32 / (COSINES - 1) as f32).max(1e-3);
+            let cos = (i as f32 / (COSINES - 1) as f32).powi(2).max(1e-3);
             Vec3::new((1.0 - cos * cos).sqrt(), 0.0, cos)
         };
         let rough = |i: usize| i as f32 / (ROUGHNESSES - 1) as f32;
+        // Where the roughness does not vary, only the rows around it are asked for.
+        let asked = |i: usize| match &given.roughness {
+            Texture::Constant(value) => {
+                (channel_mean(*value).clamp(0.0, 1.0) - rough(i)).abs() * ((ROUGHNESSES - 1) as f32) < 1.01
+            }
+            _ => true,
+        };
         let half = |wo: Vec3, wi: Vec3| (wo + wi).normalize_or(Vec3::Z);
         let over_cosines = |f: &dyn Fn(Vec3, Vec3) -> f32, wo: Vec3| {
             mean(|u| {
@@ -423,8 +424,8 @@ impl Bounds {
         };
         let row = |f: &dyn Fn(Vec3) -> f32| std::array::from_fn(|i| f(direction(i)));
         Self {
-            diffuse: std::array::from_fn(|r| row(&|wo| base(r, wo))),
-            specular: std::array::from_fn(|r| row(&|wo| specular(r, wo))),
+            diffuse: std::array::from_fn(|r| row(&|wo| if asked(r) { base(r, wo) } else { 0.0 })),
+            specular: std::array::from_fn(|r| row(&|wo| if asked(r) { specular(r, wo) } else { 0.0 })),
             sheen: row(&sheen),
             coat: row(&glossy),
         }
@@ -432,7 +433,7 @@ impl Bounds {
 
     /// At least what the material scatters of light under the angle with cosine `cos`.
     fn albedo(&self, given: &Parameters, p: &Point, cos: f32) -> f32 {
-        let column = |row: &[f32; COSINES]| between(cos * (COSINES - 1) as f32, row.len(), |i| row[i]);
+        let column = |row: &[f32; COSINES]| between(cos.sqrt() * (COSINES - 1) as f32, row.len(), |i| row[i]);
         let table = |rows: &[[f32; COSINES]; ROUGHNESSES]| {
             between(p.roughness * (ROUGHNESSES - 1) as f32, rows.len(), |i| column(&rows[i]))
         };

@@ -35,6 +35,9 @@ pub enum Texture {
     },
 }
 
+/// Luminance of linear sRGB (IEC 61966-2-1).
+const LUMINANCE: Vec3 = Vec3::new(0.212671, 0.715160, 0.072169);
+
 /// What is beyond the edges of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wrap {
@@ -78,6 +81,18 @@ impl Texture {
                 if (upper.x > 0.5) == (upper.y > 0.5) { *color0 } else { *color1 }
             }
         }
+    }
+
+    /// The gradient of the luminance in texture coordinates: that of the bilinear filter. Zero for what has steps instead of slopes.
+    pub fn slope(&self, uv: Vec2) -> Vec2 {
+        let Self::Bitmap { image, to_uv, scale, wrap, nearest: false } = self else { return Vec2::ZERO };
+        let ([upper, lower], weight) = around(image, to_uv.transform_point2(uv), *wrap);
+        let luminance = |color: Vec3| color.dot(LUMINANCE);
+        let [[p00, p10], [p01, p11]] = [upper, lower].map(|row| row.map(luminance));
+        let u = (p10 - p00) + ((p11 - p01) - (p10 - p00)) * weight.y;
+        let v = (p01 - p00) + ((p11 - p10) - (p01 - p00)) * weight.x;
+        let per_picture = Vec2::new(u * image.width as f32, v * image.height as f32);
+        to_uv.matrix2.transpose() * per_picture * *scale
     }
 
     /// The mean colour over a period.

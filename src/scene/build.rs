@@ -15,12 +15,15 @@ use crate::lights::distant::{Constant, Directional};
 use crate::lights::envmap::Envmap;
 use crate::lights::point::{Point, Spot};
 use crate::lights::{BoundingSphere, Light, LightSet};
+use crate::materials::blend::Blend;
+use crate::materials::bump::{Bump, Map};
 use crate::materials::conductor::Conductor;
 use crate::materials::dielectric::{Dielectric, ThinDielectric};
 use crate::materials::diffuse::Diffuse;
 use crate::materials::fresnel::Metal;
 use crate::materials::microfacet::{Microfacets, SMOOTH, Shape as FacetShape};
 use crate::materials::plastic::Plastic;
+use crate::materials::principled::{Parameters, Principled};
 use crate::materials::rough_conductor::RoughConductor;
 use crate::materials::rough_dielectric::RoughDielectric;
 use crate::materials::texture::Texture;
@@ -59,8 +62,10 @@ impl Scene {
             lights.push(self::light(light, loaded)?);
         }
         let has_masks = shape_material.iter().any(|&index| materials[index as usize].opacity.is_some());
+        let has_bumps = shape_material.iter().any(|&index| materials[index as usize].bump.is_some());
         Ok(Self {
             has_masks,
+            has_bumps,
             name: file.name.clone(),
             size,
             camera,
@@ -123,7 +128,9 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
     };
     Ok(Material::from(match file {
         MaterialFile::TwoSided { material: inner } => {
-            return Ok(Material { two_sided: true, ..material(inner, loaded)? });
+            let mut inner = material(inner, loaded)?;
+            inner.bump.iter_mut().for_each(|bump| bump.mirrored = true);
+            return Ok(Material { two_sided: true, ..inner });
         }
         MaterialFile::Tinted { specular_reflectance, specular_transmittance, material: inner } => {
             let reflectance = texture(specular_reflectance, loaded)?;
@@ -133,6 +140,19 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
         MaterialFile::Mask { opacity, material: inner } => {
             return Ok(Material { opacity: Some(texture(opacity, loaded)?), ..material(inner, loaded)? });
         }
+        MaterialFile::BumpMap { texture: map, scale, material: inner } => {
+            let map = Map::Height(texture(map, loaded)?, *scale);
+            return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, loaded)? });
+        }
+        MaterialFile::NormalMap { texture: map, material: inner } => {
+            let map = Map::Normals(texture(map, loaded)?);
+            return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, loaded)? });
+        }
+        MaterialFile::Principled { .. } => Kind::Principled(Box::new(Principled::new(parameters(file, loaded)?))),
+        MaterialFile::Blend { weight, materials } => Kind::Blend(Box::new(Blend {
+            weight: texture(weight, loaded)?,
+            parts: [material(&materials[0], loaded)?, material(&materials[1], loaded)?],
+        })),
         MaterialFile::Diffuse { reflectance } => Kind::Diffuse(Diffuse { reflectance: texture(reflectance, loaded)? }),
         MaterialFile::Conductor { eta, k, specular_reflectance } => {
             Kind::Conductor(Conductor { metal: metal(eta, k, specular_reflectance)? })
@@ -169,6 +189,39 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
             (*alpha >= SMOOTH).then(|| facets(*alpha, distribution)),
         )),
     }))
+}
+
+/// What the principled material `file` says.
+fn parameters(file: &MaterialFile, loaded: &LoadedScene) -> Result<Parameters> {
+    let MaterialFile::Principled {
+        base_color,
+        roughness,
+        metallic,
+        eta,
+        spec_tint,
+        sheen,
+        sheen_tint,
+        clearcoat,
+        clearcoat_gloss,
+        flatness,
+        spec_trans,
+    } = file
+    else {
+        return Err(unresolved(loaded, "principled material", ""));
+    };
+    Ok(Parameters {
+        base_color: texture(base_color, loaded)?,
+        roughness: texture(roughness, loaded)?,
+        metallic: texture(metallic, loaded)?,
+        eta: *eta,
+        spec_tint: *spec_tint,
+        sheen: *sheen,
+        sheen_tint: *sheen_tint,
+        clearcoat: *clearcoat,
+        clearcoat_gloss: *clearcoat_gloss,
+        flatness: *flatness,
+        spec_trans: *spec_trans,
+    })
 }
 
 fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {

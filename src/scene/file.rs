@@ -200,6 +200,18 @@ fn white() -> TextureFile {
     TextureFile::rgb([1.0; 3])
 }
 
+fn half() -> TextureFile {
+    TextureFile::rgb([0.5; 3])
+}
+
+fn black() -> TextureFile {
+    TextureFile::rgb([0.0; 3])
+}
+
+fn glass_index() -> f32 {
+    1.5
+}
+
 /// How a surface scatters light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
@@ -281,6 +293,49 @@ pub enum MaterialFile {
         #[serde(default)]
         nonlinear: bool,
     },
+    /// Burley's mixture of lobes (2012, 2015) with the formulas of Mitsuba's `principled`, bounded so that it never scatters more than
+    /// arrives. Numbers are in [0, 1]; of the textures of numbers the mean of the channels counts.
+    Principled {
+        /// Albedo of the base, colour of a metal.
+        base_color: TextureFile,
+        /// Square root of the facets' roughness.
+        #[serde(default = "half")]
+        roughness: TextureFile,
+        /// From dielectric to metal.
+        #[serde(default = "black")]
+        metallic: TextureFile,
+        /// Refractive index relative to the outside, at least 1.
+        #[serde(default = "glass_index")]
+        eta: f32,
+        /// How much the dielectric's reflection takes on the base's hue.
+        #[serde(default)]
+        spec_tint: f32,
+        /// Grazing reflection as of cloth.
+        #[serde(default)]
+        sheen: f32,
+        /// How much the sheen takes on the base's hue.
+        #[serde(default)]
+        sheen_tint: f32,
+        /// Strength of a clear coat.
+        #[serde(default)]
+        clearcoat: f32,
+        /// How glossy the coat is.
+        #[serde(default)]
+        clearcoat_gloss: f32,
+        /// How much the base looks like scattering below the surface.
+        #[serde(default)]
+        flatness: f32,
+        /// Part of the dielectric that lets light through instead of having a base.
+        #[serde(default)]
+        spec_trans: f32,
+    },
+    /// Two materials mixed: (1 − weight) of the first, weight of the second.
+    Blend {
+        /// Weight in [0, 1]; the mean of a colour's channels.
+        weight: TextureFile,
+        /// The two materials, without masks.
+        materials: Box<[MaterialFile; 2]>,
+    },
     /// A clear material whose light takes on colour, more than Fresnel's equations have it.
     Tinted {
         /// Factor on what is reflected.
@@ -289,6 +344,24 @@ pub enum MaterialFile {
         /// Factor on what is let through.
         #[serde(default = "white")]
         specular_transmittance: TextureFile,
+        /// The material.
+        material: Box<MaterialFile>,
+    },
+    /// Another material whose shading normals are those of a surface displaced along its normals (Blinn 1978). Only bilinear pictures
+    /// have slopes.
+    BumpMap {
+        /// Height: the luminance of the texture.
+        texture: TextureFile,
+        /// Scene units per unit of height.
+        #[serde(default = "one")]
+        scale: f32,
+        /// The material.
+        material: Box<MaterialFile>,
+    },
+    /// Another material whose shading normals come from a texture.
+    NormalMap {
+        /// Normals n as (n + 1)/2 in the tangent frame, z along the surface's own; a picture should be `raw`.
+        texture: TextureFile,
         /// The material.
         material: Box<MaterialFile>,
     },
@@ -322,6 +395,11 @@ impl MaterialFile {
                 textures.push(("opacity", opacity));
                 textures
             }
+            Self::BumpMap { texture, material, .. } | Self::NormalMap { texture, material } => {
+                let mut textures = material.textures();
+                textures.push(("texture", texture));
+                textures
+            }
             Self::Tinted { specular_reflectance, specular_transmittance, material } => {
                 let mut textures = material.textures();
                 textures.push(("specular_reflectance", specular_reflectance));
@@ -329,6 +407,14 @@ impl MaterialFile {
                 textures
             }
             Self::TwoSided { material } => material.textures(),
+            Self::Principled { base_color, roughness, metallic, .. } => {
+                vec![("base_color", base_color), ("roughness", roughness), ("metallic", metallic)]
+            }
+            Self::Blend { weight, materials } => {
+                let mut textures: Vec<_> = materials.iter().flat_map(Self::textures).collect();
+                textures.push(("weight", weight));
+                textures
+            }
             Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
         }
     }
@@ -337,7 +423,21 @@ impl MaterialFile {
     pub fn is_masked(&self) -> bool {
         match self {
             Self::Mask { .. } => true,
-            Self::TwoSided { material } | Self::Tinted { material, .. } => material.is_masked(),
+            Self::TwoSided { material }
+            | Self::Tinted { material, .. }
+            | Self::BumpMap { material, .. }
+            | Self::NormalMap { material, .. } => material.is_masked(),
+            _ => false,
+        }
+    }
+
+    /// Whether a texture turns its shading normals.
+    pub fn is_bumped(&self) -> bool {
+        match self {
+            Self::BumpMap { .. } | Self::NormalMap { .. } => true,
+            Self::TwoSided { material } | Self::Tinted { material, .. } | Self::Mask { material, .. } => {
+                material.is_bumped()
+            }
             _ => false,
         }
     }
@@ -346,17 +446,31 @@ impl MaterialFile {
     pub fn is_two_sided(&self) -> bool {
         match self {
             Self::TwoSided { .. } => true,
-            Self::Mask { material, .. } | Self::Tinted { material, .. } => material.is_two_sided(),
+            Self::Mask { material, .. }
+            | Self::Tinted { material, .. }
+            | Self::BumpMap { material, .. }
+            | Self::NormalMap { material, .. } => material.is_two_sided(),
+            Self::Blend { materials, .. } => materials.iter().all(Self::is_two_sided),
             _ => false,
         }
     }
 
-    /// The material inside masks, tints and two-sided ones.
+    /// What scatters: the materials inside masks, bumps, tints, two-sided ones and blends.
+    pub fn parts(&self) -> Vec<&Self> {
+        match self.innermost() {
+            Self::Blend { materials, .. } => materials.iter().flat_map(Self::parts).collect(),
+            other => vec![other],
+        }
+    }
+
+    /// The material inside masks, bumps, tints and two-sided ones.
     pub fn innermost(&self) -> &Self {
         match self {
-            Self::Mask { material, .. } | Self::Tinted { material, .. } | Self::TwoSided { material } => {
-                material.innermost()
-            }
+            Self::Mask { material, .. }
+            | Self::Tinted { material, .. }
+            | Self::BumpMap { material, .. }
+            | Self::NormalMap { material, .. }
+            | Self::TwoSided { material } => material.innermost(),
             other => other,
         }
     }

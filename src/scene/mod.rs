@@ -5,12 +5,16 @@ pub mod file;
 pub mod plan;
 pub mod readers;
 
+use glam::Vec3;
+
 use crate::base::random::Random;
 use crate::camera::Camera;
-use crate::geometry::{Accel, Ray, Shape, Surface};
+use crate::geometry::surface::partials;
+use crate::geometry::{Accel, Hit, Ray, Shape, Surface};
 use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::Material;
-use crate::math::channel_mean;
+use crate::materials::bump::Tangents;
+use crate::math::{Frame, channel_mean};
 
 /// A scene ready to be rendered. It never changes.
 pub struct Scene {
@@ -33,6 +37,8 @@ pub struct Scene {
     materials: Vec<Material>,
     /// Whether any shape has holes.
     has_masks: bool,
+    /// Whether any shape has a bump or normal map.
+    has_bumps: bool,
 }
 
 /// Holes that a ray may pass through before it is taken to have hit something.
@@ -82,7 +88,21 @@ impl Scene {
     /// The nearest surface on a ray, holes or not.
     pub fn intersect(&self, ray: &Ray) -> Option<Surface> {
         let hit = self.accel.intersect(ray)?;
-        Some(Surface::new(ray, &hit, &self.shapes[hit.shape as usize]))
+        let mut surface = Surface::new(ray, &hit, &self.shapes[hit.shape as usize]);
+        if self.has_bumps {
+            self.bend(&mut surface, &hit, -ray.direction);
+        }
+        Some(surface)
+    }
+
+    /// Turns the shading frame by the material's bumps, as seen from the unit direction `out`.
+    fn bend(&self, surface: &mut Surface, hit: &Hit, out: Vec3) {
+        let Some(bump) = &self.material(surface).bump else { return };
+        let Some(partials) = partials(surface, hit, &self.shapes[hit.shape as usize]) else { return };
+        let (geometric, normal, uv) = (surface.normal, surface.smooth, surface.uv);
+        if let Some(turned) = bump.normal(&Tangents { geometric, normal, partials, uv, out }) {
+            surface.frame = Frame::new(turned);
+        }
     }
 
     /// The material at a surface.

@@ -60,12 +60,18 @@ pub fn plan(scene: &SceneFile) -> EffectPlan {
         effect("refraction", "clear material:", &having(is_clear), "no clear material"),
         effect("thin panes", "thin clear material:", &having(is_pane), "no thin clear material"),
         effect("rough refraction", "rough clear material:", &having(is_frosted), "no rough clear material"),
-        effect("glossy reflection", "rough metal:", &having(is_glossy), "no rough metal"),
-        effect("clear coats", "coated material:", &having(is_coated), "no plastic"),
+        effect(
+            "glossy reflection",
+            "rough metal or principled:",
+            &having(is_glossy),
+            "no rough metal, no principled material",
+        ),
+        effect("clear coats", "coated material:", &having(is_coated), "no plastic, no clear coat"),
         effect("alpha masks", "holes in", &having(MaterialFile::is_masked), "no material has holes"),
+        effect("bump maps", "shading normals of", &having(MaterialFile::is_bumped), "no bump or normal map"),
         effect("textures", "vary the colour of", &having(is_textured), "all colours are constant"),
         effect("depth of field", "thin lens:", &lens, "the camera is a pinhole"),
-        guiding(scene, &having(|m| !is_mirror(m) && !is_clear(m) && !is_pane(m)), &all),
+        guiding(scene, &having(is_rough), &all),
     ];
     EffectPlan { scene: scene.name.clone(), effects }
 }
@@ -107,28 +113,44 @@ fn light_name(light: &LightFile) -> String {
     .into()
 }
 
+/// Whether one of the parts passes.
+fn has(material: &MaterialFile, test: impl Fn(&MaterialFile) -> bool) -> bool {
+    material.parts().into_iter().any(test)
+}
+
+/// Whether some part leaves a choice of direction.
+fn is_rough(material: &MaterialFile) -> bool {
+    has(material, |part| !(is_mirror(part) || is_clear(part) || is_pane(part)))
+}
+
 fn is_mirror(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::Conductor { .. })
+    has(material, |part| matches!(part, MaterialFile::Conductor { .. }))
 }
 
 fn is_clear(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::Dielectric { .. })
+    has(material, |part| matches!(part, MaterialFile::Dielectric { .. }))
 }
 
 fn is_pane(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::ThinDielectric { .. })
+    has(material, |part| matches!(part, MaterialFile::ThinDielectric { .. }))
 }
 
 fn is_frosted(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::RoughDielectric { .. })
+    has(material, |part| match part {
+        MaterialFile::Principled { spec_trans, .. } => *spec_trans > 0.0,
+        other => matches!(other, MaterialFile::RoughDielectric { .. }),
+    })
 }
 
 fn is_glossy(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::RoughConductor { .. })
+    has(material, |part| matches!(part, MaterialFile::RoughConductor { .. } | MaterialFile::Principled { .. }))
 }
 
 fn is_coated(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::Plastic { .. })
+    has(material, |part| match part {
+        MaterialFile::Principled { clearcoat, .. } => *clearcoat > 0.0,
+        other => matches!(other, MaterialFile::Plastic { .. }),
+    })
 }
 
 fn is_textured(material: &MaterialFile) -> bool {

@@ -2,7 +2,7 @@
 
 use crate::base::Result;
 use crate::math::channel_mean;
-use crate::scene::file::{Distribution, MaterialFile, TextureFile};
+use crate::scene::file::{Distribution, Filter, MaterialFile, TextureFile};
 
 use super::Reader;
 use super::color::Use;
@@ -10,7 +10,7 @@ use super::conductors::{INDEX_NAMES, conductor, conductor_names, refractive_inde
 use super::element::Element;
 use super::object::{Object, kind};
 
-const KINDS: [&str; 17] = [
+const KINDS: [&str; 20] = [
     "diffuse",
     "conductor",
     "roughconductor",
@@ -23,6 +23,9 @@ const KINDS: [&str; 17] = [
     "twosided",
     "bumpmap",
     "normalmap",
+    "principled",
+    "blendbsdf",
+    "mixturebsdf",
     "roughdiffuse",
     "phong",
     "ward",
@@ -64,7 +67,9 @@ impl<'a> Reader<'a> {
             "plastic" | "roughplastic" => self.plastic(element),
             "mask" => self.mask(element),
             "twosided" => self.two_sided(element),
-            "bumpmap" | "normalmap" => self.flat(element),
+            "bumpmap" | "normalmap" => self.bumped(element),
+            "principled" => self.principled(element),
+            "blendbsdf" | "mixturebsdf" => self.blend(element),
             "roughdiffuse" => self.rough_diffuse(element),
             "phong" | "ward" => self.glossy(element),
             "coating" | "roughcoating" => self.coating(element),
@@ -89,12 +94,30 @@ impl<'a> Reader<'a> {
         Ok(MaterialFile::Mask { opacity, material: Box::new(self.inside(&object)?) })
     }
 
-    /// Bumps are left out: what is under them stays.
-    fn flat(&mut self, element: &'a Element) -> Result<MaterialFile> {
+    fn bumped(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let kind = kind(element)?;
-        self.warnings.push(format!("{}: the {kind} is left out: its surface is shaded without it", element.place));
-        let object = Object::lenient(element, &self.ids)?;
-        self.inside(&object)
+        let known =
+            [&["flip_invalid_normals", "use_shadowing_function"][..], if kind == "bumpmap" { &["scale"] } else { &[] }];
+        // The texture may have any name, or none.
+        let object = Object::new(element, &self.ids, &known.concat(), &["bsdf", "texture"])?;
+        for option in known[0] {
+            if object.boolean(option)? == Some(false) {
+                self.warn(element, format_args!("{option} is always on"));
+            }
+        }
+        let missing = || element.malformed(format!("{kind} needs a texture inside"));
+        let texture = self.texture_object(object.single("texture")?.ok_or_else(missing)?)?;
+        if matches!(texture, TextureFile::Checkerboard { .. } | TextureFile::Bitmap { filter: Filter::Nearest, .. })
+            && kind == "bumpmap"
+        {
+            self.warn(element, "a bumpmap's texture without slopes changes nothing");
+        }
+        let scale = object.float("scale")?.unwrap_or(1.0) as f32;
+        let material = Box::new(self.inside(&object)?);
+        Ok(match kind {
+            "bumpmap" => MaterialFile::BumpMap { texture, scale, material },
+            _ => MaterialFile::NormalMap { texture, material },
+        })
     }
 
     /// The one material inside another.

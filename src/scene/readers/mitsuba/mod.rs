@@ -9,6 +9,7 @@ mod element;
 mod emitter;
 mod material;
 mod object;
+mod principled;
 mod sensor;
 mod shape;
 mod texture;
