@@ -427,8 +427,8 @@ fn scene_with(mesh: Option<MeshFile>, texture: Option<&str>) -> SceneFile {
 fn scene_using(name: &str, used: &str) -> SceneFile {
     let file = used.to_owned();
     match name {
-        "tetrahedron.obj" => scene_with(Some(MeshFile::Obj { file, face_normals: false }), None),
-        "triangle.ply" => scene_with(Some(MeshFile::Ply { file, face_normals: false }), None),
+        "tetrahedron.obj" => scene_with(Some(MeshFile::Obj { file, face_normals: false, flip_v: false }), None),
+        "triangle.ply" => scene_with(Some(MeshFile::Ply { file, face_normals: false, flip_v: false }), None),
         "two.serialized" => scene_with(Some(MeshFile::Serialized { file, index: 1, face_normals: false }), None),
         _ => scene_with(None, Some(used)),
     }

@@ -2,7 +2,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use glam::{Vec2, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 
 use super::Ray;
 use super::accel::Hit;
@@ -43,7 +43,7 @@ impl Surface {
                 let point = sphere.center + outward * sphere.radius;
                 let error = gamma(6) * (sphere.center.abs() + Vec3::splat(sphere.radius));
                 let normal = outward * sign;
-                let uv = super::sphere::Sphere::uv(outward);
+                let uv = super::sphere::Sphere::uv(shape.turn.map_or(outward, |turn| turn * outward));
                 let frame = Frame::new(normal);
                 Self { point, error, normal, frame, smooth: normal, uv, distance: hit.distance, shape: hit.shape }
             }
@@ -71,9 +71,10 @@ impl Surface {
         }
     }
 
-    /// The shading normal on the side that the unit direction `out` points to.
+    /// The shading normal on the side that the unit direction `out` points to, without bumps, which would scatter a surface over all
+    /// facings of a guide.
     pub fn normal_towards(&self, out: Vec3) -> Vec3 {
-        if self.frame.n.dot(out) < 0.0 { -self.frame.n } else { self.frame.n }
+        if self.smooth.dot(out) < 0.0 { -self.smooth } else { self.smooth }
     }
 
     /// The ray that leaves this point along the unit vector `direction` without hitting the surface again.
@@ -87,11 +88,12 @@ impl Surface {
 pub fn partials(surface: &Surface, hit: &Hit, shape: &Shape) -> Option<[Vec3; 2]> {
     if let Geometry::Sphere(sphere) = &shape.geometry {
         // Derivatives of Sphere::uv's inverse.
-        let out = surface.point - sphere.center;
+        let turn = shape.turn.unwrap_or(Mat3::IDENTITY);
+        let out = turn * (surface.point - sphere.center);
         let around = out.truncate().length();
         let meridian = out.truncate().try_normalize()?;
         let down = (meridian * out.z).extend(-around);
-        return Some([Vec3::new(-out.y, out.x, 0.0) * TAU, down * PI]);
+        return Some([Vec3::new(-out.y, out.x, 0.0) * TAU, down * PI].map(|partial| turn.transpose() * partial));
     }
     let [a, b, c] = shape.triangle(hit.triangle);
     let [ta, tb, tc] = shape.triangle_uvs(hit.triangle);

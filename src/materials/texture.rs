@@ -111,7 +111,12 @@ impl Texture {
 /// The position in pixels. Wrapping before scaling keeps precision far from the origin.
 fn position(image: &Image, uv: Vec2, wrap: Wrap) -> Vec2 {
     let size = Vec2::new(image.width as f32, image.height as f32);
-    if wrap == Wrap::Repeat { (uv - uv.floor()) * size } else { uv * size }
+    let near = match wrap {
+        Wrap::Repeat => uv - uv.floor(),
+        Wrap::Mirror => uv - 2.0 * (uv / 2.0).floor(),
+        Wrap::Clamp => uv.clamp(Vec2::NEG_ONE, Vec2::splat(2.0)),
+    };
+    near * size
 }
 
 fn nearest(image: &Image, uv: Vec2, wrap: Wrap) -> Vec3 {

@@ -106,7 +106,9 @@ fn shape(file: &ShapeFile, loaded: &LoadedScene) -> Result<Shape> {
         GeometryFile::Sphere { center, radius } => {
             let scale = to_world.transform_vector3(Vec3::X).length();
             let center = to_world.transform_point3(Vec3::from_array(*center));
-            Ok(Shape::sphere(center, radius * scale, file.flip_normals))
+            let [x, y, z] = Mat3::from(to_world.matrix3).to_cols_array_2d().map(Vec3::from_array);
+            let turn = Mat3::from_cols(x / scale, y / scale, z / scale);
+            Ok(Shape::sphere(center, radius * scale, file.flip_normals).turned(turn))
         }
     }
 }

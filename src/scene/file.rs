@@ -487,6 +487,9 @@ pub enum MeshFile {
         /// Shade every face flat. Otherwise a file without vertex normals gets smooth ones.
         #[serde(default, skip_serializing_if = "is_default")]
         face_normals: bool,
+        /// Use 1 − v in place of what v would be.
+        #[serde(default, skip_serializing_if = "is_default")]
+        flip_v: bool,
     },
     /// A PLY file, text or binary.
     Ply {
@@ -495,6 +498,9 @@ pub enum MeshFile {
         /// Shade every face flat. Otherwise a file without vertex normals gets smooth ones.
         #[serde(default, skip_serializing_if = "is_default")]
         face_normals: bool,
+        /// Use 1 − v in place of what v would be.
+        #[serde(default, skip_serializing_if = "is_default")]
+        flip_v: bool,
     },
     /// One shape of a Mitsuba `.serialized` file.
     Serialized {

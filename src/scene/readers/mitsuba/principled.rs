@@ -29,6 +29,9 @@ const PROPERTIES: [&str; 17] = [
     "main_specular_rate",
 ];
 
+/// Said once, of the first one.
+const BOUNDED: &str = "principled is scaled down where its lobes together scatter more light than arrives";
+
 impl<'a> Reader<'a> {
     pub(super) fn principled(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let object = Object::new(element, &self.ids, &PROPERTIES, &[])?;
@@ -45,6 +48,9 @@ impl<'a> Reader<'a> {
         let [flatness, spec_trans] = [number("flatness")?, number("spec_trans")?];
         if anisotropic != 0.0 {
             self.warn(element, "anisotropic is left out: the facets are as rough in all directions");
+        }
+        if !self.warnings.iter().any(|warning| warning.ends_with(BOUNDED)) {
+            self.warn(element, BOUNDED);
         }
         let eta = match (object.property("eta"), object.float("specular")?) {
             (Some(_), Some(_)) => return Err(element.malformed("eta and specular exclude each other")),

@@ -101,12 +101,12 @@ impl<'a> Reader<'a> {
                 return Ok(GeometryFile::Sphere { center, radius });
             }
             "obj" => {
-                flip_tex_coords(object, true)?;
-                MeshFile::Obj { file: file()?, face_normals }
+                let flip_v = !object.boolean("flip_tex_coords")?.unwrap_or(true);
+                MeshFile::Obj { file: file()?, face_normals, flip_v }
             }
             "ply" => {
-                flip_tex_coords(object, false)?;
-                MeshFile::Ply { file: file()?, face_normals }
+                let flip_v = object.boolean("flip_tex_coords")?.unwrap_or(false);
+                MeshFile::Ply { file: file()?, face_normals, flip_v }
             }
             "serialized" => {
                 let index = object.integer("shape_index")?.unwrap_or(0);
@@ -186,19 +186,11 @@ fn mirrored_sphere(object: &Object, outer: DMat4) -> Result<bool> {
     Ok(to_world.determinant() < 0.0 && kind(object.element)? == "sphere")
 }
 
-/// Only Mitsuba's default is supported: OBJ counts v from the bottom, the others from the top.
-fn flip_tex_coords(object: &Object, default: bool) -> Result<()> {
-    match object.boolean("flip_tex_coords")? {
-        Some(flip) if flip != default => Err(object
-            .element
-            .unsupported(format!("flip_tex_coords {flip}"), &[if default { "true" } else { "false" }])),
-        _ => Ok(()),
-    }
-}
-
 fn mesh_name(mesh: &MeshFile) -> String {
     let (base, flat) = match mesh {
-        MeshFile::Obj { file, face_normals } | MeshFile::Ply { file, face_normals } => (file.clone(), *face_normals),
+        MeshFile::Obj { file, face_normals, flip_v } | MeshFile::Ply { file, face_normals, flip_v } => {
+            (if *flip_v { format!("{file} (v flipped)") } else { file.clone() }, *face_normals)
+        }
         MeshFile::Serialized { file, index, face_normals } => (format!("{file} {index}"), *face_normals),
         MeshFile::Rectangle => ("rectangle".to_owned(), false),
         MeshFile::Disk => ("disk".to_owned(), false),
