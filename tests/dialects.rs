@@ -268,6 +268,11 @@ fn picture_formats() {
     }
     let sky = read_image(&folder.path().join("sky.hdr"), false).unwrap();
     assert_eq!((sky.pixels[3], sky.pixels[8 + 1].y), (glam::Vec3::new(3.0, 0.0, 0.5), 1.0));
+    // Others begin with another name.
+    let bytes = std::fs::read(folder.path().join("sky.hdr")).unwrap();
+    let end = bytes.iter().position(|&byte| byte == b'\n').unwrap();
+    std::fs::write(folder.path().join("rgbe.hdr"), [b"#?RGBE", &bytes[end..]].concat()).unwrap();
+    assert_eq!(read_image(&folder.path().join("rgbe.hdr"), false).unwrap(), sky);
     damage(&folder.path().join("sky.hdr"));
     // 65535 × 65535 pixels in a header alone.
     let mut huge = vec![0u8; 18];

@@ -5,12 +5,11 @@ use glam::{Vec2, Vec3};
 use super::texture::Texture;
 use super::{BsdfSample, Material, Transport};
 use crate::base::random::Random;
-use crate::math::channel_mean;
 
 /// (1 − w)·first + w·second.
 #[derive(Debug, Clone)]
 pub struct Blend {
-    /// Weight of the second material, in [0, 1]; the mean of a colour's channels.
+    /// Weight of the second material, in [0, 1]; the luminance of a colour.
     pub weight: Texture,
     /// The materials; their masks and bumps do not count.
     pub parts: [Material; 2],
@@ -19,7 +18,7 @@ pub struct Blend {
 impl Blend {
     /// The weights of both.
     fn weights(&self, uv: Vec2) -> [f32; 2] {
-        let weight = channel_mean(self.weight.eval(uv)).clamp(0.0, 1.0);
+        let weight = self.weight.value(uv).clamp(0.0, 1.0);
         [1.0 - weight, weight]
     }
 

@@ -11,7 +11,7 @@ use glam::{Vec2, Vec3};
 
 use super::fresnel;
 use super::microfacet::{Microfacets, Shape};
-use super::texture::Texture;
+use super::texture::{Texture, luminance};
 use super::{BsdfSample, Transport};
 use crate::math::channel_mean;
 use crate::sampling::warp;
@@ -77,10 +77,6 @@ const COAT_SHADOWING: f32 = 0.25;
 /// Coat at normal incidence: an index of 1.5.
 const COAT_REFLECTION: f32 = 0.04;
 
-fn luminance(color: Vec3) -> f32 {
-    color.dot(Vec3::new(0.212671, 0.715160, 0.072169))
-}
-
 /// Schlick's (1 − cos θ)⁵.
 fn schlick(cos: f32) -> f32 {
     (1.0 - cos).clamp(0.0, 1.0).powi(5)
@@ -102,8 +98,8 @@ impl Principled {
 
     fn at(&self, uv: Vec2) -> Point {
         let base = self.given.base_color.eval(uv);
-        let roughness = channel_mean(self.given.roughness.eval(uv)).clamp(0.0, 1.0);
-        let metallic = channel_mean(self.given.metallic.eval(uv)).clamp(0.0, 1.0);
+        let roughness = self.given.roughness.value(uv).clamp(0.0, 1.0);
+        let metallic = self.given.metallic.value(uv).clamp(0.0, 1.0);
         let luminance = luminance(base);
         Point {
             base,
@@ -388,7 +384,7 @@ impl Bounds {
         // Where the roughness does not vary, only the rows around it are asked for.
         let asked = |i: usize| match &given.roughness {
             Texture::Constant(value) => {
-                (channel_mean(*value).clamp(0.0, 1.0) - rough(i)).abs() * ((ROUGHNESSES - 1) as f32) < 1.01
+                (luminance(*value).clamp(0.0, 1.0) - rough(i)).abs() * ((ROUGHNESSES - 1) as f32) < 1.01
             }
             _ => true,
         };

@@ -35,8 +35,10 @@ pub enum Texture {
     },
 }
 
-/// Luminance of linear sRGB (IEC 61966-2-1).
-const LUMINANCE: Vec3 = Vec3::new(0.212671, 0.715160, 0.072169);
+/// Luminance of linear sRGB (IEC 61966-2-1), which is what a colour means where one number is asked for. Exact for greys.
+pub fn luminance(color: Vec3) -> f32 {
+    if color == Vec3::splat(color.x) { color.x } else { color.dot(Vec3::new(0.212671, 0.715160, 0.072169)) }
+}
 
 /// What is beyond the edges of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,12 +89,16 @@ impl Texture {
     pub fn slope(&self, uv: Vec2) -> Vec2 {
         let Self::Bitmap { image, to_uv, scale, wrap, nearest: false } = self else { return Vec2::ZERO };
         let ([upper, lower], weight) = around(image, to_uv.transform_point2(uv), *wrap);
-        let luminance = |color: Vec3| color.dot(LUMINANCE);
         let [[p00, p10], [p01, p11]] = [upper, lower].map(|row| row.map(luminance));
         let u = (p10 - p00) + ((p11 - p01) - (p10 - p00)) * weight.y;
         let v = (p01 - p00) + ((p11 - p10) - (p01 - p00)) * weight.x;
         let per_picture = Vec2::new(u * image.width as f32, v * image.height as f32);
         to_uv.matrix2.transpose() * per_picture * *scale
+    }
+
+    /// The luminance at `uv`.
+    pub fn value(&self, uv: Vec2) -> f32 {
+        luminance(self.eval(uv))
     }
 
     /// The mean colour over a period.

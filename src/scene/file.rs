@@ -294,7 +294,7 @@ pub enum MaterialFile {
         nonlinear: bool,
     },
     /// Burley's mixture of lobes (2012, 2015) with the formulas of Mitsuba's `principled`, bounded so that it never scatters more than
-    /// arrives. Numbers are in [0, 1]; of the textures of numbers the mean of the channels counts.
+    /// arrives. Numbers are in [0, 1]; of the textures of numbers the luminance counts.
     Principled {
         /// Albedo of the base, colour of a metal.
         base_color: TextureFile,
@@ -331,7 +331,7 @@ pub enum MaterialFile {
     },
     /// Two materials mixed: (1 − weight) of the first, weight of the second.
     Blend {
-        /// Weight in [0, 1]; the mean of a colour's channels.
+        /// Weight in [0, 1]; the luminance of a colour.
         weight: TextureFile,
         /// The two materials, without masks.
         materials: Box<[MaterialFile; 2]>,
@@ -367,7 +367,7 @@ pub enum MaterialFile {
     },
     /// Another material with holes.
     Mask {
-        /// Probability in [0, 1] that the surface is there; the mean of a colour's channels.
+        /// Probability in [0, 1] that the surface is there; the luminance of a colour.
         opacity: TextureFile,
         /// The material where it is.
         material: Box<MaterialFile>,

@@ -14,7 +14,7 @@ use crate::geometry::{Accel, Hit, Ray, Shape, Surface};
 use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::Material;
 use crate::materials::bump::Tangents;
-use crate::math::{Frame, channel_mean};
+use crate::math::Frame;
 
 /// A scene ready to be rendered. It never changes.
 pub struct Scene {
@@ -82,7 +82,7 @@ impl Scene {
     /// Light is sampled on whole surfaces, so what shines has no holes.
     fn opacity(&self, surface: &Surface) -> f32 {
         let mask = self.material(surface).opacity.as_ref().filter(|_| self.light_of(surface).is_none());
-        mask.map_or(1.0, |mask| channel_mean(mask.eval(surface.uv)).clamp(0.0, 1.0))
+        mask.map_or(1.0, |mask| mask.value(surface.uv).clamp(0.0, 1.0))
     }
 
     /// The nearest surface on a ray, holes or not.

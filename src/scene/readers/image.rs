@@ -1,5 +1,6 @@
 //! Pictures: EXR and PNG by their own crates, JPEG, TGA, BMP and HDR (RGBE) by the crate `image`.
 
+use std::borrow::Cow;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -86,6 +87,13 @@ fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Image> {
     Ok(Image { width: frame.width as usize, height: frame.height as usize, pixels })
 }
 
+/// The first line of an HDR file may name the program or the pixel format; the decoder knows one name.
+fn radiance_header(bytes: &[u8]) -> Cow<'_, [u8]> {
+    const NAME: &[u8] = b"#?RADIANCE";
+    let end = bytes.iter().position(|&byte| byte == b'\n').unwrap_or(bytes.len());
+    if bytes[..end] == *NAME { Cow::Borrowed(bytes) } else { Cow::Owned([NAME, &bytes[end..]].concat()) }
+}
+
 fn other_format(path: &Path, bytes: &[u8]) -> Option<ImageFormat> {
     let named = |extension: &str| path.extension().is_some_and(|other| other.eq_ignore_ascii_case(extension));
     match bytes {
@@ -98,6 +106,7 @@ fn other_format(path: &Path, bytes: &[u8]) -> Option<ImageFormat> {
 }
 
 fn read_other(path: &Path, bytes: &[u8], format: ImageFormat, raw: bool) -> Result<Image> {
+    let bytes = &*if format == ImageFormat::Hdr { radiance_header(bytes) } else { Cow::Borrowed(bytes) };
     let fail = |error: ImageError| Error::malformed(Place::file(path), format!("not a readable picture: {error}"));
     let mut limits = Limits::default();
     // The sides are compared with this before anything is allocated; so are the bytes.

@@ -1,7 +1,7 @@
 //! Materials.
 
 use crate::base::Result;
-use crate::math::channel_mean;
+use crate::materials::texture::luminance;
 use crate::scene::file::{Distribution, Filter, MaterialFile, TextureFile};
 
 use super::Reader;
@@ -203,7 +203,7 @@ impl<'a> Reader<'a> {
             let Some(property) = object.property(name) else { return Ok(None) };
             if property.tag == "texture" {
                 let texture = self.texture_object(property)?;
-                return Ok(Some(channel_mean(self.mean(&texture, property, name)?.into())));
+                return Ok(Some(luminance(self.mean(&texture, property, name)?.into())));
             }
             Ok(object.float(name)?.map(|alpha| alpha as f32))
         };

@@ -1,7 +1,7 @@
 //! The principled material, and blends.
 
 use crate::base::Result;
-use crate::math::channel_mean;
+use crate::materials::texture::luminance;
 use crate::scene::file::{MaterialFile, TextureFile};
 
 use super::Reader;
@@ -40,7 +40,7 @@ impl<'a> Reader<'a> {
                 return Ok(object.float(name)?.unwrap_or(0.0) as f32);
             };
             let texture = self.texture_object(property)?;
-            Ok(channel_mean(self.mean(&texture, property, name)?.into()))
+            Ok(luminance(self.mean(&texture, property, name)?.into()))
         };
         let anisotropic = number("anisotropic")?;
         let [spec_tint, sheen, sheen_tint] = [number("spec_tint")?, number("sheen")?, number("sheen_tint")?];
