@@ -88,7 +88,8 @@ fn snake_case(name: &str) -> String {
     out
 }
 
-/// `uscale`, `vscale`, `uoffset`, `voffset` become `to_uv`, which scales first.
+/// `uscale`, `vscale`, `uoffset`, `voffset` become `to_uv`, which scales first as Mitsuba 0.6 does; Mitsuba 3 shifts first when it
+/// upgrades such a file.
 fn texture_transform(element: &mut Element) {
     let number = |name: &str, element: &Element| {
         let child = element.children.iter().find(|child| child.attribute("name") == Some(name));
