@@ -175,6 +175,7 @@ fn mixture_follows_its_density() {
         error: Vec3::ZERO,
         normal: n,
         frame: Frame::new(n),
+        smooth: n,
         uv: Vec2::ZERO,
         distance: 1.0,
         shape: 0,

@@ -13,6 +13,8 @@ pub struct Camera {
     size: [f32; 2],
     aperture_radius: f32,
     focus_distance: f32,
+    /// Added to pixel coordinates.
+    shift: [f32; 2],
 }
 
 impl Camera {
@@ -20,7 +22,13 @@ impl Camera {
     pub fn new(to_world: Affine3A, fov: f32, [width, height]: [u32; 2], aperture_radius: f32, focus: f32) -> Self {
         let tan = (0.5 * fov.to_radians()).tan();
         let size = [width as f32, height as f32];
-        Self { to_world, tan_half: [tan, tan * size[1] / size[0]], size, aperture_radius, focus_distance: focus }
+        let tan_half = [tan, tan * size[1] / size[0]];
+        Self { to_world, tan_half, size, aperture_radius, focus_distance: focus, shift: [0.0; 2] }
+    }
+
+    /// The same with the picture's middle moved off the viewing axis, by parts of its width (to the right) and height (down).
+    pub fn shifted(self, [x, y]: [f32; 2]) -> Self {
+        Self { shift: [x * self.size[0], y * self.size[1]], ..self }
     }
 
     /// World position of the camera.
@@ -30,8 +38,8 @@ impl Camera {
 
     /// The ray through pixel coordinates `film` (columns from the left, rows from the top), and `lens` in [0, 1)².
     pub fn ray(&self, film: [f32; 2], lens: [f32; 2]) -> Ray {
-        let x = (1.0 - 2.0 * film[0] / self.size[0]) * self.tan_half[0];
-        let y = (1.0 - 2.0 * film[1] / self.size[1]) * self.tan_half[1];
+        let x = (1.0 - 2.0 * (film[0] + self.shift[0]) / self.size[0]) * self.tan_half[0];
+        let y = (1.0 - 2.0 * (film[1] + self.shift[1]) / self.size[1]) * self.tan_half[1];
         let through = Vec3::new(x, y, 1.0);
         let (origin, direction) = if self.aperture_radius > 0.0 {
             let disk = warp::square_to_disk(lens) * self.aperture_radius;
@@ -56,6 +64,9 @@ mod tests {
         let camera = Camera::new(Affine3A::IDENTITY, 90.0, [200, 100], 0.0, 1.0);
         let ray = camera.ray([0.0, 50.0], [0.5; 2]);
         assert!((ray.direction - Vec3::new(1.0, 0.0, 1.0).normalize()).length() < 1e-6);
+        // A picture moved by half its width begins at the axis.
+        let shifted = camera.shifted([0.5, 0.0]).ray([0.0, 50.0], [0.5; 2]);
+        assert!((shifted.direction - Vec3::Z).length() < 1e-6);
         let top = camera.ray([100.0, 0.0], [0.5; 2]);
         assert!((top.direction - Vec3::new(0.0, 0.5, 1.0).normalize()).length() < 1e-6);
     }

@@ -28,6 +28,7 @@ impl Builder {
                 aperture_radius: 0.0,
                 focus_distance: None,
                 medium: None,
+                principal_point_offset: [0.0; 2],
             },
             film: FilmFile { width: size[0], height: size[1], filter: FilterFile::default() },
             render: RenderFile::default(),

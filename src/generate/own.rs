@@ -53,7 +53,7 @@ fn tidy(mut scene: SceneFile) -> SceneFile {
 
 /// A mesh file beside the scene.
 fn file(name: &str) -> MeshFile {
-    MeshFile::Obj { file: name.into(), face_normals: false }
+    MeshFile::Obj { file: name.into(), face_normals: false, flip_v: false }
 }
 
 fn gold(alpha: Option<f32>) -> MaterialFile {

@@ -15,6 +15,8 @@ pub struct Shape {
     pub geometry: Geometry,
     /// The front is where the stored normals do not point.
     pub flip_normals: bool,
+    /// Rotation from the world to where a sphere's texture coordinates are those of its poles; none where it changes nothing.
+    pub turn: Option<Mat3>,
 }
 
 /// The geometry of a shape.
@@ -43,12 +45,21 @@ impl Shape {
         let normal_to_world = Mat3::from(to_world.matrix3).inverse().transpose();
         let winding = to_world.matrix3.determinant().signum();
         let in_world = to_world == Affine3A::IDENTITY;
-        Self { geometry: Geometry::Mesh { mesh, to_world, normal_to_world, winding, in_world }, flip_normals }
+        Self {
+            geometry: Geometry::Mesh { mesh, to_world, normal_to_world, winding, in_world },
+            flip_normals,
+            turn: None,
+        }
     }
 
     /// A sphere.
     pub fn sphere(center: Vec3, radius: f32, flip_normals: bool) -> Self {
-        Self { geometry: Geometry::Sphere(Sphere { center, radius }), flip_normals }
+        Self { geometry: Geometry::Sphere(Sphere { center, radius }), flip_normals, turn: None }
+    }
+
+    /// A sphere whose texture is turned by the orthogonal matrix `to_world`.
+    pub fn turned(self, to_world: Mat3) -> Self {
+        Self { turn: (to_world != Mat3::IDENTITY).then(|| to_world.transpose()), ..self }
     }
 
     /// World positions of a triangle's vertices; the origin for a sphere, which has none.

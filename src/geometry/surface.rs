@@ -1,6 +1,8 @@
 //! The point where a ray meets a surface.
 
-use glam::{Vec2, Vec3};
+use std::f32::consts::{PI, TAU};
+
+use glam::{Mat3, Vec2, Vec3};
 
 use super::Ray;
 use super::accel::Hit;
@@ -19,6 +21,8 @@ pub struct Surface {
     pub normal: Vec3,
     /// Shading frame around the shading normal.
     pub frame: Frame,
+    /// The shading normal before a bump map has turned it.
+    pub smooth: Vec3,
     /// Texture coordinates.
     pub uv: Vec2,
     /// Distance from the ray's origin.
@@ -39,8 +43,9 @@ impl Surface {
                 let point = sphere.center + outward * sphere.radius;
                 let error = gamma(6) * (sphere.center.abs() + Vec3::splat(sphere.radius));
                 let normal = outward * sign;
-                let uv = super::sphere::Sphere::uv(outward);
-                Self { point, error, normal, frame: Frame::new(normal), uv, distance: hit.distance, shape: hit.shape }
+                let uv = super::sphere::Sphere::uv(shape.turn.map_or(outward, |turn| turn * outward));
+                let frame = Frame::new(normal);
+                Self { point, error, normal, frame, smooth: normal, uv, distance: hit.distance, shape: hit.shape }
             }
         }
     }
@@ -49,7 +54,7 @@ impl Surface {
     /// is zero, so that a ray leaves from the point itself, and +z of the frame is `out`.
     pub fn in_medium(point: Vec3, distance: f32, out: Vec3) -> Self {
         let (error, normal, uv) = (Vec3::ZERO, Vec3::ZERO, Vec2::ZERO);
-        Self { point, error, normal, frame: Frame::new(out), uv, distance, shape: u32::MAX }
+        Self { point, error, normal, smooth: normal, frame: Frame::new(out), uv, distance, shape: u32::MAX }
     }
 
     fn on_triangle(hit: &Hit, shape: &Shape, sign: f32, winding: f32) -> Self {
@@ -66,21 +71,43 @@ impl Surface {
             error,
             normal,
             frame: Frame::new(shading),
+            smooth: shading,
             uv: ta * b0 + tb * b1 + tc * b2,
             distance: hit.distance,
             shape: hit.shape,
         }
     }
 
-    /// The shading normal on the side that the unit direction `out` points to.
+    /// The shading normal on the side that the unit direction `out` points to, without bumps, which would scatter a surface over all
+    /// facings of a guide.
     pub fn normal_towards(&self, out: Vec3) -> Vec3 {
-        if self.frame.n.dot(out) < 0.0 { -self.frame.n } else { self.frame.n }
+        if self.smooth.dot(out) < 0.0 { -self.smooth } else { self.smooth }
     }
 
     /// The ray that leaves this point along the unit vector `direction` without hitting the surface again.
     pub fn leave(&self, direction: Vec3) -> Ray {
         Ray { origin: offset_origin(self.point, self.error, self.normal, direction), direction }
     }
+}
+
+/// ∂p/∂u and ∂p/∂v at `surface`, which is the one at `hit` on `shape`, in world units; none where the texture coordinates do not
+/// span the surface.
+pub fn partials(surface: &Surface, hit: &Hit, shape: &Shape) -> Option<[Vec3; 2]> {
+    if let Geometry::Sphere(sphere) = &shape.geometry {
+        // Derivatives of Sphere::uv's inverse.
+        let turn = shape.turn.unwrap_or(Mat3::IDENTITY);
+        let out = turn * (surface.point - sphere.center);
+        let around = out.truncate().length();
+        let meridian = out.truncate().try_normalize()?;
+        let down = (meridian * out.z).extend(-around);
+        return Some([Vec3::new(-out.y, out.x, 0.0) * TAU, down * PI].map(|partial| turn.transpose() * partial));
+    }
+    let [a, b, c] = shape.triangle(hit.triangle);
+    let [ta, tb, tc] = shape.triangle_uvs(hit.triangle);
+    let [(p1, t1), (p2, t2)] = [(b - a, tb - ta), (c - a, tc - ta)];
+    let det = t1.perp_dot(t2);
+    let partials = [(p1 * t2.y - p2 * t1.y) / det, (p2 * t1.x - p1 * t2.x) / det];
+    partials.iter().all(|partial| partial.is_finite()).then_some(partials)
 }
 
 fn shading_normal(shape: &Shape, hit: &Hit, weights: [f32; 3]) -> Option<Vec3> {

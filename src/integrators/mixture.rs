@@ -8,6 +8,7 @@ use glam::Vec3;
 use crate::base::random::Random;
 use crate::geometry::Surface;
 use crate::guiding::field::{DirectionGuide, VoxelGuide};
+use crate::materials::bump::Shadowing;
 use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::{BsdfSample, Material, Transport};
 use crate::scene::Scene;
@@ -51,6 +52,8 @@ pub struct Mixture<'a, E> {
     scattering: Scattering<'a>,
     wo: Vec3,
     guide: Option<DirectionGuide<'a>>,
+    /// What bumps hide; none where there are none.
+    bumps: Option<Shadowing>,
     effects: PhantomData<E>,
 }
 
@@ -79,36 +82,55 @@ impl<'a, E: Effects> Mixture<'a, E> {
     /// The mixture at `surface` for light that leaves in the world direction `out`; `guide` is none for a delta material.
     pub fn new(surface: &'a Surface, scattering: Scattering<'a>, out: Vec3, guide: Option<&'a VoxelGuide>) -> Self {
         let guide = guide.and_then(|guide| guide.directions(surface.point));
-        Self { surface, scattering, wo: surface.frame.to_local(out), guide, effects: PhantomData }
+        let bumps = match scattering {
+            Scattering::Material(material) if E::MATERIALS && material.bump.is_some() => {
+                (surface.smooth != surface.frame.n).then(|| Shadowing::new(surface.smooth, surface.frame.n))
+            }
+            _ => None,
+        };
+        Self { surface, scattering, wo: surface.frame.to_local(out), guide, bumps, effects: PhantomData }
     }
 
-    /// f·|cos θ| towards `wi` in the local frame; in a medium the phase function.
+    /// The part of the light from the world direction `wi`, in local coordinates `local`, that bumps do not hide.
     #[inline]
-    fn value(&self, wi: Vec3) -> Vec3 {
+    fn unhidden(&self, wi: Vec3, local: Vec3) -> f32 {
+        if !E::MATERIALS {
+            return 1.0;
+        }
+        self.bumps.map_or(1.0, |bumps| bumps.factor(wi, local.z))
+    }
+
+    /// f·|cos θ| towards the world direction `wi`, in local coordinates `local`; in a medium the phase function.
+    #[inline]
+    fn value(&self, wi: Vec3, local: Vec3) -> Vec3 {
         match self.scattering {
-            Scattering::Material(material) => material.eval(self.surface.uv, self.wo, wi),
-            Scattering::Phase(phase) => Vec3::splat(phase.pdf(wi)),
+            Scattering::Material(material) => material.eval(self.surface.uv, self.wo, local) * self.unhidden(wi, local),
+            Scattering::Phase(phase) => Vec3::splat(phase.pdf(local)),
         }
     }
 
-    /// Its density.
+    /// Its density before the guide.
     #[inline]
-    fn density(&self, wi: Vec3) -> f32 {
+    fn density(&self, local: Vec3) -> f32 {
         match self.scattering {
-            Scattering::Material(material) => material.pdf(self.wo, wi),
-            Scattering::Phase(phase) => phase.pdf(wi),
+            Scattering::Material(material) => material.pdf(self.surface.uv, self.wo, local),
+            Scattering::Phase(phase) => phase.pdf(local),
         }
     }
 
+    /// A direction in the world by the surface or medium alone, less what bumps hide.
     #[inline]
-    fn draw(&self, random: &mut Random, transport: Transport) -> Option<BsdfSample> {
-        match self.scattering {
-            Scattering::Material(material) => material.sample(self.surface.uv, self.wo, random, transport),
+    fn draw(&self, random: &mut Random, transport: Transport) -> Option<(Vec3, BsdfSample)> {
+        let sample = match self.scattering {
+            Scattering::Material(material) => material.sample(self.surface.uv, self.wo, random, transport)?,
             Scattering::Phase(phase) => {
                 let wi = phase.sample(random.next_2d());
-                Some(BsdfSample { wi, weight: Vec3::ONE, pdf: phase.pdf(wi), delta: false })
+                BsdfSample { wi, weight: Vec3::ONE, pdf: phase.pdf(wi), delta: false }
             }
-        }
+        };
+        let direction = self.surface.frame.to_world(sample.wi);
+        let unhidden = self.unhidden(direction, sample.wi);
+        (unhidden > 0.0).then(|| (direction, BsdfSample { weight: sample.weight * unhidden, ..sample }))
     }
 
     /// |cos θ| of a local direction.
@@ -118,7 +140,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
 
     /// f·|cos θ| towards the world direction `wi`.
     pub fn eval(&self, wi: Vec3) -> Vec3 {
-        self.value(self.surface.frame.to_local(wi))
+        self.value(wi, self.surface.frame.to_local(wi))
     }
 
     /// The density with which [`Mixture::sample`] chooses the world direction `wi`, and the part of it that is the BSDF's.
@@ -135,18 +157,17 @@ impl<'a, E: Effects> Mixture<'a, E> {
         let Some(guide) = self.guide else { return self.sample_bsdf(random, transport) };
         let alpha = guide.bsdf_fraction;
         if random.next_f32() < alpha {
-            let sample = self.draw(random, transport)?;
+            let (direction, sample) = self.draw(random, transport)?;
             if sample.delta {
                 // No guide ever chooses a delta lobe's direction.
                 return Some(self.delta(&sample, alpha));
             }
-            let direction = self.surface.frame.to_world(sample.wi);
             let pdfs = [sample.pdf, guide.pdf(direction)];
             return self.combine(direction, sample.weight * sample.pdf, sample.wi, pdfs, alpha);
         }
         let (direction, guide_pdf) = guide.sample(random);
         let local = self.surface.frame.to_local(direction);
-        let value = self.value(local);
+        let value = self.value(direction, local);
         let bsdf_pdf = self.density(local);
         self.combine(direction, value, local, [bsdf_pdf, guide_pdf], alpha)
     }
@@ -170,12 +191,12 @@ impl<'a, E: Effects> Mixture<'a, E> {
     }
 
     fn sample_bsdf(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
-        let sample = self.draw(random, transport)?;
+        let (direction, sample) = self.draw(random, transport)?;
         if sample.delta {
             return Some(self.delta(&sample, 1.0));
         }
         Some(MixtureSample {
-            direction: self.surface.frame.to_world(sample.wi),
+            direction,
             weight: sample.weight,
             bsdf_weight: sample.weight,
             value: sample.weight * sample.pdf,

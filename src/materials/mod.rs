@@ -3,6 +3,8 @@
 //! Everything here works in the local frame of the shading normal (+z). `wo` points to where the light goes (the camera's
 //! side of a camera path), `wi` to where it comes from; both point away from the surface.
 
+pub mod blend;
+pub mod bump;
 pub mod conductor;
 pub mod dielectric;
 pub mod diffuse;
@@ -12,16 +14,20 @@ pub mod medium;
 pub mod microfacet;
 pub mod phase;
 pub mod plastic;
+pub mod principled;
 pub mod rough_conductor;
 pub mod rough_dielectric;
 pub mod texture;
 
 use glam::{Vec2, Vec3};
 
+use blend::Blend;
+use bump::Bump;
 use conductor::Conductor;
 use dielectric::{Dielectric, ThinDielectric};
 use diffuse::Diffuse;
 use plastic::Plastic;
+use principled::Principled;
 use rough_conductor::RoughConductor;
 use rough_dielectric::RoughDielectric;
 use texture::Texture;
@@ -58,8 +64,27 @@ pub struct Material {
     pub two_sided: bool,
     /// Probability that there is a surface at all; none where there is one everywhere.
     pub opacity: Option<Texture>,
+    /// What perturbs the shading normal; whoever finds the surface applies it.
+    pub bump: Option<Box<Bump>>,
+    /// Factors on what is scattered; none where both are 1.
+    pub tint: Option<Box<Tint>>,
     /// The scattering.
     pub kind: Kind,
+}
+
+/// Factors on scattered light.
+#[derive(Debug, Clone)]
+pub struct Tint {
+    /// On light that stays on its side.
+    pub reflectance: Texture,
+    /// On light that passes.
+    pub transmittance: Texture,
+}
+
+impl Tint {
+    fn factor(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
+        if wo.z * wi.z > 0.0 { self.reflectance.eval(uv) } else { self.transmittance.eval(uv) }
+    }
 }
 
 /// The scattering of a material.
@@ -81,40 +106,53 @@ pub enum Kind {
     Plastic(Plastic),
     /// The border of a medium, which light passes as if it were not there.
     Null,
+    /// Burley's mixture of lobes.
+    Principled(Box<Principled>),
+    /// Two materials mixed.
+    Blend(Box<Blend>),
 }
 
 impl From<Kind> for Material {
     fn from(kind: Kind) -> Self {
-        Self { two_sided: false, opacity: None, kind }
+        Self { two_sided: false, opacity: None, bump: None, tint: None, kind }
     }
 }
 
 impl Material {
     /// Whether every lobe is a delta lobe: such a surface is never connected to a light, guided, or stored in.
     pub fn is_delta(&self) -> bool {
-        matches!(self.kind, Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null)
+        match &self.kind {
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => true,
+            Kind::Blend(blend) => blend.parts.iter().all(Self::is_delta),
+            _ => false,
+        }
     }
 
     /// f(wo, wi)·|cos θᵢ| of the lobes that are not delta, sr⁻¹.
     pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
         let (wo, wi) = self.to_front(wo, wi);
-        match &self.kind {
+        let value = match &self.kind {
             Kind::Diffuse(m) => m.eval(uv, wo, wi),
             Kind::RoughConductor(m) => m.eval(uv, wo, wi),
             Kind::RoughDielectric(m) => Vec3::splat(m.eval(wo, wi)),
             Kind::Plastic(m) => m.eval(uv, wo, wi),
+            Kind::Principled(m) => m.eval(uv, wo, wi),
+            Kind::Blend(m) => m.eval(uv, wo, wi),
             Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => Vec3::ZERO,
-        }
+        };
+        self.tint.as_ref().map_or(value, |tint| value * tint.factor(uv, wo, wi))
     }
 
     /// Density of [`Material::sample`] over the lobes that are not delta, w.r.t. solid angle.
-    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
+    pub fn pdf(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> f32 {
         let (wo, wi) = self.to_front(wo, wi);
         match &self.kind {
             Kind::Diffuse(_) => Diffuse::pdf(wo, wi),
             Kind::RoughConductor(m) => m.pdf(wo, wi),
             Kind::RoughDielectric(m) => m.pdf(wo, wi),
             Kind::Plastic(m) => m.pdf(wo, wi),
+            Kind::Principled(m) => m.pdf(uv, wo, wi),
+            Kind::Blend(m) => m.pdf(uv, wo, wi),
             Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => 0.0,
         }
     }
@@ -124,7 +162,7 @@ impl Material {
         let u = random.next_2d();
         let flip = self.two_sided && wo.z < 0.0;
         let wo = if flip { -wo } else { wo };
-        let sample = match &self.kind {
+        let mut sample = match &self.kind {
             Kind::Diffuse(m) => m.sample(uv, wo, u),
             Kind::RoughConductor(m) => m.sample(uv, wo, u),
             Kind::Conductor(m) => m.sample(uv, wo),
@@ -133,7 +171,12 @@ impl Material {
             Kind::RoughDielectric(m) => m.sample(wo, u, random.next_f32(), transport),
             Kind::Plastic(m) => m.sample(uv, wo, u),
             Kind::Null => Some(BsdfSample { wi: -wo, weight: Vec3::ONE, pdf: 1.0, delta: true }),
+            Kind::Principled(m) => m.sample(uv, wo, u, random.next_f32(), transport),
+            Kind::Blend(m) => m.sample(uv, wo, random, transport),
         }?;
+        if let Some(tint) = &self.tint {
+            sample.weight *= tint.factor(uv, wo, sample.wi);
+        }
         Some(if flip { BsdfSample { wi: -sample.wi, ..sample } } else { sample })
     }
 
@@ -144,6 +187,8 @@ impl Material {
             Kind::Conductor(m) => m.metal.albedo(uv),
             Kind::RoughConductor(m) => m.metal.albedo(uv),
             Kind::Plastic(m) => m.albedo(uv),
+            Kind::Principled(m) => m.albedo(uv),
+            Kind::Blend(m) => m.albedo(uv),
             Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) | Kind::Null => Vec3::ONE,
         }
     }

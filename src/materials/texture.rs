@@ -11,7 +11,7 @@ use super::image::Image;
 pub enum Texture {
     /// One colour everywhere.
     Constant(Vec3),
-    /// A picture repeated without end, filtered bilinearly between pixel centres.
+    /// A picture.
     Bitmap {
         /// The picture; it must not be empty.
         image: Arc<Image>,
@@ -19,6 +19,10 @@ pub enum Texture {
         to_uv: Affine2,
         /// Factor on every value.
         scale: f32,
+        /// What is beyond the picture.
+        wrap: Wrap,
+        /// Whether the nearest pixel is taken rather than the four around, bilinearly.
+        nearest: bool,
     },
     /// Two colours in squares of half a unit.
     Checkerboard {
@@ -31,18 +35,70 @@ pub enum Texture {
     },
 }
 
+/// Luminance of linear sRGB (IEC 61966-2-1), which is what a colour means where one number is asked for. Exact for greys.
+pub fn luminance(color: Vec3) -> f32 {
+    if color == Vec3::splat(color.x) { color.x } else { color.dot(Vec3::new(0.212671, 0.715160, 0.072169)) }
+}
+
+/// What is beyond the edges of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wrap {
+    /// The picture again.
+    Repeat,
+    /// The picture mirrored.
+    Mirror,
+    /// The pixels of its edge.
+    Clamp,
+}
+
+impl Wrap {
+    /// The column (or row) of `count` that stands for `index`.
+    fn index(self, index: i64, count: usize) -> usize {
+        let count = count as i64;
+        let inside = match self {
+            Self::Repeat => index.rem_euclid(count),
+            Self::Clamp => index.clamp(0, count - 1),
+            Self::Mirror => {
+                let turn = index.rem_euclid(2 * count);
+                turn.min(2 * count - 1 - turn)
+            }
+        };
+        inside as usize
+    }
+}
+
 impl Texture {
     /// The colour at `uv`, which must be finite.
     pub fn eval(&self, uv: Vec2) -> Vec3 {
         match self {
             Self::Constant(color) => *color,
-            Self::Bitmap { image, to_uv, scale } => bilinear(image, to_uv.transform_point2(uv)) * *scale,
+            Self::Bitmap { image, to_uv, scale, wrap, nearest } => {
+                let uv = to_uv.transform_point2(uv);
+                let color = if *nearest { self::nearest(image, uv, *wrap) } else { bilinear(image, uv, *wrap) };
+                color * *scale
+            }
             Self::Checkerboard { color0, color1, to_uv } => {
                 let uv = to_uv.transform_point2(uv);
                 let upper = uv - uv.floor();
                 if (upper.x > 0.5) == (upper.y > 0.5) { *color0 } else { *color1 }
             }
         }
+    }
+
+    /// The gradient of the luminance in texture coordinates: that of the bilinear filter. Zero for what has steps instead of slopes.
+    pub fn slope(&self, uv: Vec2) -> Vec2 {
+        let Self::Bitmap { image, to_uv, scale, wrap, nearest: false } = self else { return Vec2::ZERO };
+        let ([upper, lower], weight) = around(image, to_uv.transform_point2(uv), *wrap);
+        let [[p00, p10], [p01, p11]] = [upper, lower].map(|row| row.map(luminance));
+        let u = (p10 - p00) + ((p11 - p01) - (p10 - p00)) * weight.y;
+        let v = (p01 - p00) + ((p11 - p10) - (p01 - p00)) * weight.x;
+        let per_picture = Vec2::new(u * image.width as f32, v * image.height as f32);
+        to_uv.matrix2.transpose() * per_picture * *scale
+    }
+
+    /// The luminance at `uv`.
+    pub fn value(&self, uv: Vec2) -> f32 {
+        luminance(self.eval(uv))
     }
 
     /// The mean colour over a period.
@@ -58,19 +114,36 @@ impl Texture {
     }
 }
 
-fn bilinear(image: &Image, uv: Vec2) -> Vec3 {
+/// The position in pixels. Wrapping before scaling keeps precision far from the origin.
+fn position(image: &Image, uv: Vec2, wrap: Wrap) -> Vec2 {
     let size = Vec2::new(image.width as f32, image.height as f32);
-    // Wrapping before scaling keeps precision far from the origin.
-    let position = (uv - uv.floor()) * size - 0.5;
+    let near = match wrap {
+        Wrap::Repeat => uv - uv.floor(),
+        Wrap::Mirror => uv - 2.0 * (uv / 2.0).floor(),
+        Wrap::Clamp => uv.clamp(Vec2::NEG_ONE, Vec2::splat(2.0)),
+    };
+    near * size
+}
+
+fn nearest(image: &Image, uv: Vec2, wrap: Wrap) -> Vec3 {
+    let corner = position(image, uv, wrap).floor();
+    image.pixels[wrap.index(corner.y as i64, image.height) * image.width + wrap.index(corner.x as i64, image.width)]
+}
+
+fn bilinear(image: &Image, uv: Vec2, wrap: Wrap) -> Vec3 {
+    let ([[p00, p10], [p01, p11]], weight) = around(image, uv, wrap);
+    p00.lerp(p10, weight.x).lerp(p01.lerp(p11, weight.x), weight.y)
+}
+
+/// The four pixels around a point, row by row, and its position between their centres.
+fn around(image: &Image, uv: Vec2, wrap: Wrap) -> ([[Vec3; 2]; 2], Vec2) {
+    let position = position(image, uv, wrap) - 0.5;
     let corner = position.floor();
-    let weight = position - corner;
-    let column = |step: i64| (corner.x as i64 + step).rem_euclid(image.width as i64) as usize;
-    let row = |step: i64| (corner.y as i64 + step).rem_euclid(image.height as i64) as usize;
+    let column = |step: i64| wrap.index((corner.x as i64).saturating_add(step), image.width);
+    let row = |step: i64| wrap.index((corner.y as i64).saturating_add(step), image.height);
     let pixel = |x: usize, y: usize| image.pixels[y * image.width + x];
     let [x0, x1, y0, y1] = [column(0), column(1), row(0), row(1)];
-    let upper = pixel(x0, y0).lerp(pixel(x1, y0), weight.x);
-    let lower = pixel(x0, y1).lerp(pixel(x1, y1), weight.x);
-    upper.lerp(lower, weight.y)
+    ([[pixel(x0, y0), pixel(x1, y0)], [pixel(x0, y1), pixel(x1, y1)]], position - corner)
 }
 
 #[cfg(test)]
@@ -81,7 +154,20 @@ mod tests {
     fn picture() -> Texture {
         let pixels = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::ZERO, Vec3::splat(0.5)].to_vec();
         let image = Arc::new(Image { width: 3, height: 2, pixels });
-        Texture::Bitmap { image, to_uv: Affine2::IDENTITY, scale: 2.0 }
+        Texture::Bitmap { image, to_uv: Affine2::IDENTITY, scale: 2.0, wrap: Wrap::Repeat, nearest: false }
+    }
+
+    #[test]
+    fn edges_and_filters() {
+        let count = |wrap: Wrap| (-4..7).map(|i| wrap.index(i, 3)).collect::<Vec<_>>();
+        assert_eq!(count(Wrap::Repeat), [2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0]);
+        assert_eq!(count(Wrap::Mirror), [2, 2, 1, 0, 0, 1, 2, 2, 1, 0, 0]);
+        assert_eq!(count(Wrap::Clamp), [0, 0, 0, 0, 0, 1, 2, 2, 2, 2, 2]);
+        let Texture::Bitmap { image, to_uv, .. } = picture() else { unreachable!("a picture") };
+        let other = |wrap, nearest| Texture::Bitmap { image: image.clone(), to_uv, scale: 1.0, wrap, nearest };
+        assert_eq!(other(Wrap::Clamp, false).eval(Vec2::new(-7.0, 0.0)), Vec3::X);
+        assert_eq!(other(Wrap::Clamp, false).eval(Vec2::splat(f32::MAX)), Vec3::splat(0.5));
+        assert_eq!(other(Wrap::Repeat, true).eval(Vec2::new(0.66, 0.4)), Vec3::Y);
     }
 
     #[test]

@@ -17,6 +17,8 @@ use crate::lights::distant::{Constant, Directional};
 use crate::lights::envmap::Envmap;
 use crate::lights::point::{Point, Spot};
 use crate::lights::{BoundingSphere, Light, LightSet};
+use crate::materials::blend::Blend;
+use crate::materials::bump::{Bump, Map};
 use crate::materials::conductor::Conductor;
 use crate::materials::dielectric::{Dielectric, ThinDielectric};
 use crate::materials::diffuse::Diffuse;
@@ -25,10 +27,11 @@ use crate::materials::medium::{Medium, MediumId};
 use crate::materials::microfacet::{Microfacets, SMOOTH, Shape as FacetShape};
 use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::plastic::Plastic;
+use crate::materials::principled::{Parameters, Principled};
 use crate::materials::rough_conductor::RoughConductor;
 use crate::materials::rough_dielectric::RoughDielectric;
 use crate::materials::texture::Texture;
-use crate::materials::{Kind, Material};
+use crate::materials::{Kind, Material, Tint};
 
 impl Scene {
     /// Builds the scene for a picture of `size` (columns, rows).
@@ -70,7 +73,8 @@ impl Scene {
         let camera_file = &file.camera;
         let focus = camera_file.focus_distance.unwrap_or(1.0);
         let to_world = affine(&camera_file.to_world);
-        let camera = Camera::new(to_world, camera_file.fov, size, camera_file.aperture_radius, focus);
+        let camera = Camera::new(to_world, camera_file.fov, size, camera_file.aperture_radius, focus)
+            .shifted(camera_file.principal_point_offset);
         let bounds = bounding_sphere(accel.bounds(), camera.position());
         for light in &file.lights {
             lights.push(self::light(light, loaded)?);
@@ -78,9 +82,11 @@ impl Scene {
         }
         let used = || shape_material.iter().map(|&index| &materials[index as usize]);
         let has_masks = used().any(|material| material.opacity.is_some());
+        let has_bumps = used().any(|material| material.bump.is_some());
         let needs = Needs {
             materials: loaded.needs.materials
                 || has_masks
+                || has_bumps
                 || used().any(|material| !matches!(material.kind, Kind::Diffuse(_))),
             media: loaded.needs.media
                 || !file.media.is_empty()
@@ -88,6 +94,7 @@ impl Scene {
         };
         Ok(Self {
             has_masks,
+            has_bumps,
             needs,
             media: file.media.values().map(self::medium).collect(),
             shape_border,
@@ -133,7 +140,9 @@ fn shape(file: &ShapeFile, loaded: &LoadedScene) -> Result<Shape> {
         GeometryFile::Sphere { center, radius } => {
             let scale = to_world.transform_vector3(Vec3::X).length();
             let center = to_world.transform_point3(Vec3::from_array(*center));
-            Ok(Shape::sphere(center, radius * scale, file.flip_normals))
+            let [x, y, z] = Mat3::from(to_world.matrix3).to_cols_array_2d().map(Vec3::from_array);
+            let turn = Mat3::from_cols(x / scale, y / scale, z / scale);
+            Ok(Shape::sphere(center, radius * scale, file.flip_normals).turned(turn))
         }
     }
 }
@@ -155,12 +164,32 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
     };
     Ok(Material::from(match file {
         MaterialFile::TwoSided { material: inner } => {
-            return Ok(Material { two_sided: true, ..material(inner, loaded)? });
+            let mut inner = material(inner, loaded)?;
+            inner.bump.iter_mut().for_each(|bump| bump.mirrored = true);
+            return Ok(Material { two_sided: true, ..inner });
+        }
+        MaterialFile::Tinted { specular_reflectance, specular_transmittance, material: inner } => {
+            let reflectance = texture(specular_reflectance, loaded)?;
+            let tint = Tint { reflectance, transmittance: texture(specular_transmittance, loaded)? };
+            return Ok(Material { tint: Some(Box::new(tint)), ..material(inner, loaded)? });
         }
         MaterialFile::Mask { opacity, material: inner } => {
             return Ok(Material { opacity: Some(texture(opacity, loaded)?), ..material(inner, loaded)? });
         }
         MaterialFile::Null => Kind::Null,
+        MaterialFile::BumpMap { texture: map, scale, material: inner } => {
+            let map = Map::Height(texture(map, loaded)?, *scale);
+            return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, loaded)? });
+        }
+        MaterialFile::NormalMap { texture: map, material: inner } => {
+            let map = Map::Normals(texture(map, loaded)?);
+            return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, loaded)? });
+        }
+        MaterialFile::Principled { .. } => Kind::Principled(Box::new(Principled::new(parameters(file, loaded)?))),
+        MaterialFile::Blend { weight, materials } => Kind::Blend(Box::new(Blend {
+            weight: texture(weight, loaded)?,
+            parts: [material(&materials[0], loaded)?, material(&materials[1], loaded)?],
+        })),
         MaterialFile::Diffuse { reflectance } => Kind::Diffuse(Diffuse { reflectance: texture(reflectance, loaded)? }),
         MaterialFile::Conductor { eta, k, specular_reflectance } => {
             Kind::Conductor(Conductor { metal: metal(eta, k, specular_reflectance)? })
@@ -206,6 +235,39 @@ fn medium(file: &MediumFile) -> Medium {
         albedo: Vec3::from_array(*albedo),
         phase: HenyeyGreenstein::new(*g),
     }
+}
+
+/// What the principled material `file` says.
+fn parameters(file: &MaterialFile, loaded: &LoadedScene) -> Result<Parameters> {
+    let MaterialFile::Principled {
+        base_color,
+        roughness,
+        metallic,
+        eta,
+        spec_tint,
+        sheen,
+        sheen_tint,
+        clearcoat,
+        clearcoat_gloss,
+        flatness,
+        spec_trans,
+    } = file
+    else {
+        return Err(unresolved(loaded, "principled material", ""));
+    };
+    Ok(Parameters {
+        base_color: texture(base_color, loaded)?,
+        roughness: texture(roughness, loaded)?,
+        metallic: texture(metallic, loaded)?,
+        eta: *eta,
+        spec_tint: *spec_tint,
+        sheen: *sheen,
+        sheen_tint: *sheen_tint,
+        clearcoat: *clearcoat,
+        clearcoat_gloss: *clearcoat_gloss,
+        flatness: *flatness,
+        spec_trans: *spec_trans,
+    })
 }
 
 fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {

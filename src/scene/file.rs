@@ -83,6 +83,9 @@ pub struct CameraFile {
     /// Name of the medium that the camera is in; none is empty space.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub medium: Option<String>,
+    /// How far the picture's middle is off the viewing axis, in parts of its width (to the right) and height (down).
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub principal_point_offset: [f32; 2],
 }
 
 /// A participating medium, the same everywhere.
@@ -216,19 +219,25 @@ pub enum TextureFile {
         /// Linear RGB.
         value: [f32; 3],
     },
-    /// A picture (EXR or PNG) repeated over the texture coordinates, filtered bilinearly; (0, 0) is its top left.
+    /// A picture (EXR, PNG, JPEG, TGA, BMP, HDR) over the texture coordinates; (0, 0) is its top left.
     Bitmap {
         /// Path relative to the scene file.
         file: String,
         /// Texture coordinates to picture coordinates, 3×3 row by row.
         #[serde(default = "identity3")]
         to_uv: [f32; 9],
-        /// Data, not colour: a PNG is not converted from sRGB.
+        /// Data, not colour: what is not a float format is not converted from sRGB.
         #[serde(default, skip_serializing_if = "is_default")]
         raw: bool,
         /// Factor on every value.
         #[serde(default = "one")]
         scale: f32,
+        /// What is beyond the picture.
+        #[serde(default, skip_serializing_if = "is_default")]
+        wrap: Wrap,
+        /// What is between pixel centres.
+        #[serde(default, skip_serializing_if = "is_default")]
+        filter: Filter,
     },
     /// Two colours in squares of half a texture unit.
     Checkerboard {
@@ -240,6 +249,30 @@ pub enum TextureFile {
         #[serde(default = "identity3")]
         to_uv: [f32; 9],
     },
+}
+
+/// What is beyond the edges of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Wrap {
+    /// The picture again.
+    #[default]
+    Repeat,
+    /// The picture mirrored.
+    Mirror,
+    /// The pixels of its edge.
+    Clamp,
+}
+
+/// What is between the pixel centres of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Filter {
+    /// The four nearest pixels, bilinearly.
+    #[default]
+    Bilinear,
+    /// The nearest pixel.
+    Nearest,
 }
 
 /// The 3×3 matrix that changes nothing.
@@ -267,6 +300,18 @@ pub enum Distribution {
 
 fn white() -> TextureFile {
     TextureFile::rgb([1.0; 3])
+}
+
+fn grey() -> TextureFile {
+    TextureFile::rgb([0.5; 3])
+}
+
+fn black() -> TextureFile {
+    TextureFile::rgb([0.0; 3])
+}
+
+fn glass_index() -> f32 {
+    1.5
 }
 
 /// How a surface scatters light.
@@ -352,9 +397,81 @@ pub enum MaterialFile {
     },
     /// No surface: only the border between two media.
     Null,
+    /// Burley's mixture of lobes (2012, 2015) with the formulas of Mitsuba's `principled`, bounded so that it never scatters more than
+    /// arrives. Numbers are in [0, 1]; of the textures of numbers the luminance counts.
+    Principled {
+        /// Albedo of the base, colour of a metal.
+        base_color: TextureFile,
+        /// Square root of the facets' roughness.
+        #[serde(default = "grey")]
+        roughness: TextureFile,
+        /// From dielectric to metal.
+        #[serde(default = "black")]
+        metallic: TextureFile,
+        /// Refractive index relative to the outside, at least 1.
+        #[serde(default = "glass_index")]
+        eta: f32,
+        /// How much the dielectric's reflection takes on the base's hue.
+        #[serde(default)]
+        spec_tint: f32,
+        /// Grazing reflection as of cloth.
+        #[serde(default)]
+        sheen: f32,
+        /// How much the sheen takes on the base's hue.
+        #[serde(default)]
+        sheen_tint: f32,
+        /// Strength of a clear coat.
+        #[serde(default)]
+        clearcoat: f32,
+        /// How glossy the coat is.
+        #[serde(default)]
+        clearcoat_gloss: f32,
+        /// How much the base looks like scattering below the surface.
+        #[serde(default)]
+        flatness: f32,
+        /// Part of the dielectric that lets light through instead of having a base.
+        #[serde(default)]
+        spec_trans: f32,
+    },
+    /// Two materials mixed: (1 − weight) of the first, weight of the second.
+    Blend {
+        /// Weight in [0, 1]; the luminance of a colour.
+        weight: TextureFile,
+        /// The two materials, without masks.
+        materials: Box<[MaterialFile; 2]>,
+    },
+    /// A clear material whose light takes on colour, more than Fresnel's equations have it.
+    Tinted {
+        /// Factor on what is reflected.
+        #[serde(default = "white")]
+        specular_reflectance: TextureFile,
+        /// Factor on what is let through.
+        #[serde(default = "white")]
+        specular_transmittance: TextureFile,
+        /// The material.
+        material: Box<MaterialFile>,
+    },
+    /// Another material whose shading normals are those of a surface displaced along its normals (Blinn 1978). Only bilinear pictures
+    /// have slopes.
+    BumpMap {
+        /// Height: the luminance of the texture.
+        texture: TextureFile,
+        /// Scene units per unit of height.
+        #[serde(default = "one")]
+        scale: f32,
+        /// The material.
+        material: Box<MaterialFile>,
+    },
+    /// Another material whose shading normals come from a texture.
+    NormalMap {
+        /// Normals n as (n + 1)/2 in the tangent frame, z along the surface's own; a picture should be `raw`.
+        texture: TextureFile,
+        /// The material.
+        material: Box<MaterialFile>,
+    },
     /// Another material with holes.
     Mask {
-        /// Probability in [0, 1] that the surface is there; the mean of a colour's channels.
+        /// Probability in [0, 1] that the surface is there; the luminance of a colour.
         opacity: TextureFile,
         /// The material where it is.
         material: Box<MaterialFile>,
@@ -382,45 +499,83 @@ impl MaterialFile {
                 textures.push(("opacity", opacity));
                 textures
             }
+            Self::BumpMap { texture, material, .. } | Self::NormalMap { texture, material } => {
+                let mut textures = material.textures();
+                textures.push(("texture", texture));
+                textures
+            }
+            Self::Tinted { specular_reflectance, specular_transmittance, material } => {
+                let mut textures = material.textures();
+                textures.push(("specular_reflectance", specular_reflectance));
+                textures.push(("specular_transmittance", specular_transmittance));
+                textures
+            }
             Self::TwoSided { material } => material.textures(),
+            Self::Principled { base_color, roughness, metallic, .. } => {
+                vec![("base_color", base_color), ("roughness", roughness), ("metallic", metallic)]
+            }
+            Self::Blend { weight, materials } => {
+                let mut textures: Vec<_> = materials.iter().flat_map(Self::textures).collect();
+                textures.push(("weight", weight));
+                textures
+            }
             Self::Null | Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
         }
     }
 
     /// [`MaterialFile::textures`] to be changed.
-    pub fn textures_mut(&mut self) -> Vec<(&'static str, &mut TextureFile)> {
+    pub fn textures_mut(&mut self) -> Vec<&mut TextureFile> {
         match self {
-            Self::Diffuse { reflectance } => vec![("reflectance", reflectance)],
+            Self::Diffuse { reflectance } => vec![reflectance],
             Self::Conductor { specular_reflectance, .. } | Self::RoughConductor { specular_reflectance, .. } => {
-                vec![("specular_reflectance", specular_reflectance)]
+                vec![specular_reflectance]
             }
             Self::Plastic { diffuse_reflectance, specular_reflectance, .. } => {
-                vec![("diffuse_reflectance", diffuse_reflectance), ("specular_reflectance", specular_reflectance)]
+                vec![diffuse_reflectance, specular_reflectance]
             }
-            Self::Mask { opacity, material } => {
+            Self::Principled { base_color, roughness, metallic, .. } => vec![base_color, roughness, metallic],
+            Self::Mask { opacity: texture, material }
+            | Self::BumpMap { texture, material, .. }
+            | Self::NormalMap { texture, material } => {
                 let mut textures = material.textures_mut();
-                textures.push(("opacity", opacity));
+                textures.push(texture);
+                textures
+            }
+            Self::Tinted { specular_reflectance, specular_transmittance, material } => {
+                let mut textures = material.textures_mut();
+                textures.extend([specular_reflectance, specular_transmittance]);
                 textures
             }
             Self::TwoSided { material } => material.textures_mut(),
+            Self::Blend { weight, materials } => {
+                let mut textures: Vec<_> = materials.iter_mut().flat_map(Self::textures_mut).collect();
+                textures.push(weight);
+                textures
+            }
             Self::Null | Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
         }
     }
 
-    /// Whether it scatters alike on both sides.
-    pub fn is_two_sided(&self) -> bool {
+    /// The material that a mask, bump, tint or the like is put on.
+    pub fn inside_mut(&mut self) -> Option<&mut Self> {
         match self {
-            Self::TwoSided { .. } => true,
-            Self::Mask { material, .. } => material.is_two_sided(),
-            _ => false,
+            Self::Mask { material, .. }
+            | Self::Tinted { material, .. }
+            | Self::BumpMap { material, .. }
+            | Self::NormalMap { material, .. }
+            | Self::TwoSided { material } => Some(material),
+            _ => None,
         }
     }
 
-    /// [`MaterialFile::innermost`] to be changed.
-    pub fn innermost_mut(&mut self) -> &mut Self {
-        match self {
-            Self::Mask { material, .. } | Self::TwoSided { material } => material.innermost_mut(),
-            other => other,
+    /// Changes every part (see [`MaterialFile::parts`]).
+    pub fn change_parts(&mut self, change: &mut impl FnMut(&mut Self)) {
+        if let Some(inside) = self.inside_mut() {
+            inside.change_parts(change);
+        } else if let Self::Blend { materials, .. } = self {
+            materials.iter_mut().for_each(|material| material.change_parts(change));
+        } else {
+            change(self);
         }
     }
 
@@ -428,15 +583,54 @@ impl MaterialFile {
     pub fn is_masked(&self) -> bool {
         match self {
             Self::Mask { .. } => true,
-            Self::TwoSided { material } => material.is_masked(),
+            Self::TwoSided { material }
+            | Self::Tinted { material, .. }
+            | Self::BumpMap { material, .. }
+            | Self::NormalMap { material, .. } => material.is_masked(),
             _ => false,
         }
     }
 
-    /// The material inside masks and two-sided ones.
+    /// Whether a texture turns its shading normals.
+    pub fn is_bumped(&self) -> bool {
+        match self {
+            Self::BumpMap { .. } | Self::NormalMap { .. } => true,
+            Self::TwoSided { material } | Self::Tinted { material, .. } | Self::Mask { material, .. } => {
+                material.is_bumped()
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether both its sides are fronts.
+    pub fn is_two_sided(&self) -> bool {
+        match self {
+            Self::TwoSided { .. } => true,
+            Self::Mask { material, .. }
+            | Self::Tinted { material, .. }
+            | Self::BumpMap { material, .. }
+            | Self::NormalMap { material, .. } => material.is_two_sided(),
+            Self::Blend { materials, .. } => materials.iter().all(Self::is_two_sided),
+            _ => false,
+        }
+    }
+
+    /// What scatters: the materials inside masks, bumps, tints, two-sided ones and blends.
+    pub fn parts(&self) -> Vec<&Self> {
+        match self.innermost() {
+            Self::Blend { materials, .. } => materials.iter().flat_map(Self::parts).collect(),
+            other => vec![other],
+        }
+    }
+
+    /// The material inside masks, bumps, tints and two-sided ones.
     pub fn innermost(&self) -> &Self {
         match self {
-            Self::Mask { material, .. } | Self::TwoSided { material } => material.innermost(),
+            Self::Mask { material, .. }
+            | Self::Tinted { material, .. }
+            | Self::BumpMap { material, .. }
+            | Self::NormalMap { material, .. }
+            | Self::TwoSided { material } => material.innermost(),
             other => other,
         }
     }
@@ -453,6 +647,9 @@ pub enum MeshFile {
         /// Shade every face flat. Otherwise a file without vertex normals gets smooth ones.
         #[serde(default, skip_serializing_if = "is_default")]
         face_normals: bool,
+        /// Use 1 − v in place of what v would be.
+        #[serde(default, skip_serializing_if = "is_default")]
+        flip_v: bool,
     },
     /// A PLY file, text or binary.
     Ply {
@@ -461,6 +658,9 @@ pub enum MeshFile {
         /// Shade every face flat. Otherwise a file without vertex normals gets smooth ones.
         #[serde(default, skip_serializing_if = "is_default")]
         face_normals: bool,
+        /// Use 1 − v in place of what v would be.
+        #[serde(default, skip_serializing_if = "is_default")]
+        flip_v: bool,
     },
     /// One shape of a Mitsuba `.serialized` file.
     Serialized {
@@ -576,7 +776,7 @@ pub enum LightFile {
         /// Radiance, W·m⁻²·sr⁻¹ per channel.
         radiance: [f32; 3],
     },
-    /// A latitude-longitude picture (EXR) around the scene, +y up (Mitsuba's convention).
+    /// A latitude-longitude picture around the scene, +y up (Mitsuba's convention).
     Envmap {
         /// Path relative to the scene file.
         file: String,

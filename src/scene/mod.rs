@@ -8,13 +8,17 @@ pub mod overrides;
 pub mod plan;
 pub mod readers;
 
+use glam::Vec3;
+
 use crate::base::random::Random;
 use crate::camera::Camera;
-use crate::geometry::{Accel, Ray, Shape, Surface};
+use crate::geometry::surface::partials;
+use crate::geometry::{Accel, Hit, Ray, Shape, Surface};
 use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::Material;
+use crate::materials::bump::Tangents;
 use crate::materials::medium::{Medium, MediumId};
-use crate::math::channel_mean;
+use crate::math::Frame;
 use effects::Needs;
 use media::Border;
 
@@ -48,6 +52,8 @@ pub struct Scene {
     pub camera_medium: Option<MediumId>,
     /// What the tracers must be compiled for.
     needs: Needs,
+    /// Whether any shape has a bump or normal map.
+    has_bumps: bool,
 }
 
 /// Holes that a ray may pass through before it is taken to have hit something.
@@ -91,13 +97,27 @@ impl Scene {
     /// Light is sampled on whole surfaces, so what shines has no holes.
     fn opacity(&self, surface: &Surface) -> f32 {
         let mask = self.material(surface).opacity.as_ref().filter(|_| self.light_of(surface).is_none());
-        mask.map_or(1.0, |mask| channel_mean(mask.eval(surface.uv)).clamp(0.0, 1.0))
+        mask.map_or(1.0, |mask| mask.value(surface.uv).clamp(0.0, 1.0))
     }
 
     /// The nearest surface on a ray, holes or not.
     pub fn intersect(&self, ray: &Ray) -> Option<Surface> {
         let hit = self.accel.intersect(ray)?;
-        Some(Surface::new(ray, &hit, &self.shapes[hit.shape as usize]))
+        let mut surface = Surface::new(ray, &hit, &self.shapes[hit.shape as usize]);
+        if self.has_bumps {
+            self.bend(&mut surface, &hit, -ray.direction);
+        }
+        Some(surface)
+    }
+
+    /// Turns the shading frame by the material's bumps, as seen from the unit direction `out`.
+    fn bend(&self, surface: &mut Surface, hit: &Hit, out: Vec3) {
+        let Some(bump) = &self.material(surface).bump else { return };
+        let Some(partials) = partials(surface, hit, &self.shapes[hit.shape as usize]) else { return };
+        let (geometric, normal, uv) = (surface.normal, surface.smooth, surface.uv);
+        if let Some(turned) = bump.normal(&Tangents { geometric, normal, partials, uv, out }) {
+            surface.frame = Frame::new(turned);
+        }
     }
 
     /// The material at a surface.

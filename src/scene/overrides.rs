@@ -50,13 +50,14 @@ pub fn apply(scene: &mut SceneFile, overrides: &[Override]) -> Needs {
 }
 
 /// Effects of materials that the loop for plain diffuse surfaces leaves out.
-const MATERIALS: [EffectKind; 6] = [
+const MATERIALS: [EffectKind; 7] = [
     EffectKind::Mirrors,
     EffectKind::Transmission,
     EffectKind::ThinTransmission,
     EffectKind::Glossy,
     EffectKind::Coats,
     EffectKind::Masks,
+    EffectKind::BumpMaps,
 ];
 
 fn remove(scene: &mut SceneFile, kind: EffectKind) {
@@ -69,18 +70,37 @@ fn remove(scene: &mut SceneFile, kind: EffectKind) {
         K::Environment => scene.lights.retain(|light| !is_environment(light)),
         K::DepthOfField => scene.camera.aperture_radius = 0.0,
         K::Medium => remove_media(scene),
-        K::Masks => scene.materials.values_mut().for_each(unmask),
-        K::Textures => {
-            scene.materials.values_mut().flat_map(MaterialFile::textures_mut).for_each(|(_, texture)| flatten(texture));
+        K::Masks => {
+            scene.materials.values_mut().for_each(|m| take_off(m, |m| matches!(m, MaterialFile::Mask { .. })));
         }
+        K::BumpMaps => scene.materials.values_mut().for_each(|m| take_off(m, is_bump)),
+        K::Textures => scene.materials.values_mut().flat_map(MaterialFile::textures_mut).for_each(flatten),
         K::Mirrors => make_diffuse(scene, is_mirror),
-        K::Transmission => make_diffuse(scene, is_clear),
+        K::Transmission => {
+            change_parts(scene, |part| {
+                if let MaterialFile::Principled { spec_trans, .. } = part {
+                    *spec_trans = 0.0;
+                }
+            });
+            make_diffuse(scene, is_clear);
+        }
         K::ThinTransmission => make_diffuse(scene, is_pane),
         K::Glossy => make_diffuse(scene, is_glossy),
-        K::Coats => make_diffuse(scene, is_coated),
+        K::Coats => {
+            change_parts(scene, |part| {
+                if let MaterialFile::Principled { clearcoat, .. } = part {
+                    *clearcoat = 0.0;
+                }
+            });
+            make_diffuse(scene, is_coated);
+        }
         // Not of the scene but of how it is rendered.
         K::DirectLight | K::Photons | K::Guiding | K::Reconstruction => {}
     }
+}
+
+fn is_bump(material: &MaterialFile) -> bool {
+    matches!(material, MaterialFile::BumpMap { .. } | MaterialFile::NormalMap { .. })
 }
 
 /// Borders of media stay, so that what is inside a medium stays visible.
@@ -92,12 +112,14 @@ fn remove_media(scene: &mut SceneFile) {
     }
 }
 
-/// Takes the mask off.
-fn unmask(material: &mut MaterialFile) {
-    match material {
-        MaterialFile::TwoSided { material } => unmask(material),
-        MaterialFile::Mask { material: inner, .. } => *material = (**inner).clone(),
-        _ => {}
+/// Takes off what passes, wherever it is among what is around a material.
+fn take_off(material: &mut MaterialFile, test: fn(&MaterialFile) -> bool) {
+    while test(material) {
+        let Some(inside) = material.inside_mut() else { return };
+        *material = std::mem::replace(inside, MaterialFile::Null);
+    }
+    if let Some(inside) = material.inside_mut() {
+        take_off(inside, test);
     }
 }
 
@@ -111,17 +133,19 @@ fn flatten(texture: &mut TextureFile) {
     *texture = TextureFile::rgb(value);
 }
 
-/// A plain surface of the same colour instead; two-sided, since light came from everywhere.
+/// A plain surface of the same colour instead of every part that passes; two-sided, since light came from everywhere.
 fn make_diffuse(scene: &mut SceneFile, test: fn(&MaterialFile) -> bool) {
-    for material in scene.materials.values_mut().filter(|material| test(material)) {
-        let inner = material.innermost_mut();
-        let colour = inner.textures().first().map_or(TextureFile::rgb([0.5; 3]), |(_, texture)| (*texture).clone());
-        *inner = MaterialFile::Diffuse { reflectance: colour };
-        if !material.is_two_sided() {
-            let plain = std::mem::replace(material, MaterialFile::Null);
-            *material = MaterialFile::TwoSided { material: Box::new(plain) };
+    change_parts(scene, |part| {
+        if test(part) {
+            let colour = part.textures().first().map_or(TextureFile::rgb([0.5; 3]), |(_, texture)| (*texture).clone());
+            let plain = Box::new(MaterialFile::Diffuse { reflectance: colour });
+            *part = MaterialFile::TwoSided { material: plain };
         }
-    }
+    });
+}
+
+fn change_parts(scene: &mut SceneFile, mut change: impl FnMut(&mut MaterialFile)) {
+    scene.materials.values_mut().for_each(|material| material.change_parts(&mut change));
 }
 
 #[cfg(test)]
@@ -139,6 +163,8 @@ mod tests {
             "pane": {"type": "thin_dielectric", "int_ior": 1.5, "ext_ior": 1},
             "gold": {"type": "rough_conductor", "alpha": 0.1, "eta": [1,1,1], "k": [1,1,1]},
             "paint": {"type": "plastic", "int_ior": 1.5, "ext_ior": 1, "diffuse_reflectance": {"type": "rgb", "value": [1,0,0]}},
+            "bark": {"type": "bump_map", "texture": {"type": "bitmap", "file": "bark.png"},
+                     "material": {"type": "principled", "base_color": {"type": "rgb", "value": [1,1,0]}}},
             "leaf": {"type": "mask", "opacity": {"type": "bitmap", "file": "leaf.png"},
                      "material": {"type": "diffuse", "reflectance": {"type": "checkerboard", "color0": [1,1,1], "color1": [0,0,0]}}}},
         "shapes": [
@@ -147,6 +173,7 @@ mod tests {
             {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "pane"},
             {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "gold"},
             {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "paint"},
+            {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "bark"},
             {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "leaf"}],
         "lights": [{"type": "point", "position": [0,0,0], "intensity": [1,1,1]},
                    {"type": "spot", "to_world": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1], "intensity": [1,1,1], "cutoff_angle": 20, "beam_width": 10},

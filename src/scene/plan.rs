@@ -23,6 +23,7 @@ pub enum EffectKind {
     Glossy,
     Coats,
     Masks,
+    BumpMaps,
     Textures,
     Medium,
     DepthOfField,
@@ -33,7 +34,7 @@ pub enum EffectKind {
 
 impl EffectKind {
     /// All effects, in the order of the plan.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::DirectLight,
         Self::AreaLights,
         Self::PointLights,
@@ -46,6 +47,7 @@ impl EffectKind {
         Self::Glossy,
         Self::Coats,
         Self::Masks,
+        Self::BumpMaps,
         Self::Textures,
         Self::Medium,
         Self::DepthOfField,
@@ -69,6 +71,7 @@ impl EffectKind {
             Self::Glossy => "glossy",
             Self::Coats => "coats",
             Self::Masks => "masks",
+            Self::BumpMaps => "bump-maps",
             Self::Textures => "textures",
             Self::Medium => "medium",
             Self::DepthOfField => "depth-of-field",
@@ -155,9 +158,12 @@ impl<'a> Survey<'a> {
             K::Mirrors => on("smooth metal:", &self.having(is_mirror), "no smooth metal"),
             K::Transmission => on("clear material:", &self.having(is_clear), "no clear material"),
             K::ThinTransmission => on("thin clear material:", &self.having(is_pane), "no thin clear material"),
-            K::Glossy => on("rough metal:", &self.having(is_glossy), "no rough metal"),
-            K::Coats => on("coated material:", &self.having(is_coated), "no plastic"),
+            K::Glossy => {
+                on("rough metal or principled:", &self.having(is_glossy), "no rough metal, no principled material")
+            }
+            K::Coats => on("coated material:", &self.having(is_coated), "no plastic, no clear coat"),
             K::Masks => on("holes in", &self.having(MaterialFile::is_masked), "no material has holes"),
+            K::BumpMaps => on("shading normals of", &self.having(MaterialFile::is_bumped), "no bump or normal map"),
             K::Textures => on("vary the colour of", &self.having(is_textured), "all colours are constant"),
             K::Medium => on("light is scattered or absorbed in", &self.media(), "no shape has one, nor the camera"),
             K::DepthOfField => match self.scene.camera.aperture_radius {
@@ -266,40 +272,53 @@ pub(super) fn is_environment(light: &LightFile) -> bool {
     matches!(light, LightFile::Constant { .. } | LightFile::Envmap { .. })
 }
 
+/// Whether one of the parts passes.
+fn has(material: &MaterialFile, test: impl Fn(&MaterialFile) -> bool) -> bool {
+    material.parts().into_iter().any(test)
+}
+
 /// Smooth metal.
 pub(super) fn is_mirror(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::Conductor { .. })
+    has(material, |part| matches!(part, MaterialFile::Conductor { .. }))
 }
 
 /// Glass, rough or smooth.
 pub(super) fn is_clear(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::Dielectric { .. } | MaterialFile::RoughDielectric { .. })
+    has(material, |part| match part {
+        MaterialFile::Principled { spec_trans, .. } => *spec_trans > 0.0,
+        other => matches!(other, MaterialFile::Dielectric { .. } | MaterialFile::RoughDielectric { .. }),
+    })
 }
 
 /// A thin pane.
 pub(super) fn is_pane(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::ThinDielectric { .. })
+    has(material, |part| matches!(part, MaterialFile::ThinDielectric { .. }))
 }
 
-/// Rough metal.
+/// Rough metal, and principled materials.
 pub(super) fn is_glossy(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::RoughConductor { .. })
+    has(material, |part| matches!(part, MaterialFile::RoughConductor { .. } | MaterialFile::Principled { .. }))
 }
 
-/// Plastic.
+/// Plastic, and clear coats.
 pub(super) fn is_coated(material: &MaterialFile) -> bool {
-    matches!(material.innermost(), MaterialFile::Plastic { .. })
+    has(material, |part| match part {
+        MaterialFile::Principled { clearcoat, .. } => *clearcoat > 0.0,
+        other => matches!(other, MaterialFile::Plastic { .. }),
+    })
 }
 
-/// Whether there is a choice of directions.
+/// Whether some part leaves a choice of directions.
 fn is_guidable(material: &MaterialFile) -> bool {
-    !matches!(
-        material.innermost(),
-        MaterialFile::Conductor { .. }
-            | MaterialFile::Dielectric { .. }
-            | MaterialFile::ThinDielectric { .. }
-            | MaterialFile::Null
-    )
+    has(material, |part| {
+        !matches!(
+            part,
+            MaterialFile::Conductor { .. }
+                | MaterialFile::Dielectric { .. }
+                | MaterialFile::ThinDielectric { .. }
+                | MaterialFile::Null
+        )
+    })
 }
 
 fn is_textured(material: &MaterialFile) -> bool {

@@ -1,8 +1,10 @@
-//! Pictures: EXR and PNG.
+//! Pictures: EXR and PNG by their own crates, JPEG, TGA, BMP and HDR (RGBE) by the crate `image`.
 
+use std::borrow::Cow;
 use std::io::Cursor;
 use std::path::Path;
 
+use ::image::{ImageError, ImageFormat, ImageReader, Limits};
 use glam::Vec3;
 
 use crate::base::files::read_bytes;
@@ -20,8 +22,8 @@ pub(super) const MOST_PIXELS: u64 = 1 << 27;
 const EXR_MAGIC: [u8; 4] = [0x76, 0x2F, 0x31, 0x01];
 const PNG_MAGIC: [u8; 4] = [0x89, b'P', b'N', b'G'];
 
-/// Reads an EXR or PNG picture as linear RGB; the content decides, not the name. A PNG holds sRGB values, unless `raw` says
-/// that they are data. Alpha is ignored.
+/// Reads a picture as linear RGB; the content decides, not the name, but for TGA, which says nothing of itself. What is neither EXR
+/// nor HDR holds sRGB values, unless `raw` says that they are data. Alpha is ignored.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] (also for NaN or infinite pixels), [`Error::Unsupported`].
@@ -30,13 +32,16 @@ pub fn read_image(path: &Path, raw: bool) -> Result<Image> {
     let image = match bytes.first_chunk() {
         Some(&EXR_MAGIC) => exr::read_color(path, &bytes)?,
         Some(&PNG_MAGIC) => read_png(path, &bytes, raw)?,
-        _ => {
-            return Err(Error::Unsupported {
-                place: Place::file(path),
-                what: "this picture format".into(),
-                supported: "EXR and PNG".into(),
-            });
-        }
+        _ => match other_format(path, &bytes) {
+            Some(format) => read_other(path, &bytes, format, raw)?,
+            None => {
+                return Err(Error::Unsupported {
+                    place: Place::file(path),
+                    what: "this picture format".into(),
+                    supported: "EXR, PNG, JPEG, TGA, BMP and HDR".into(),
+                });
+            }
+        },
     };
     if let Some(i) = image.pixels.iter().position(|pixel| !pixel.is_finite()) {
         let (x, y) = (i % image.width, i / image.width);
@@ -80,6 +85,53 @@ fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Image> {
     let pixel = |v: &[f32]| if grey { Vec3::splat(v[0]) } else { Vec3::from_slice(v) };
     let pixels = values.chunks_exact(channels).map(pixel).collect();
     Ok(Image { width: frame.width as usize, height: frame.height as usize, pixels })
+}
+
+/// The first line of an HDR file may name the program or the pixel format; the decoder knows one name.
+fn radiance_header(bytes: &[u8]) -> Cow<'_, [u8]> {
+    const NAME: &[u8] = b"#?RADIANCE";
+    let end = bytes.iter().position(|&byte| byte == b'\n').unwrap_or(bytes.len());
+    if bytes[..end] == *NAME { Cow::Borrowed(bytes) } else { Cow::Owned([NAME, &bytes[end..]].concat()) }
+}
+
+fn other_format(path: &Path, bytes: &[u8]) -> Option<ImageFormat> {
+    let named = |extension: &str| path.extension().is_some_and(|other| other.eq_ignore_ascii_case(extension));
+    match bytes {
+        [0xFF, 0xD8, 0xFF, ..] => Some(ImageFormat::Jpeg),
+        [b'B', b'M', ..] => Some(ImageFormat::Bmp),
+        [b'#', b'?', ..] => Some(ImageFormat::Hdr),
+        _ if named("tga") => Some(ImageFormat::Tga),
+        _ => None,
+    }
+}
+
+fn read_other(path: &Path, bytes: &[u8], format: ImageFormat, raw: bool) -> Result<Image> {
+    let bytes = &*if format == ImageFormat::Hdr { radiance_header(bytes) } else { Cow::Borrowed(bytes) };
+    let fail = |error: ImageError| Error::malformed(Place::file(path), format!("not a readable picture: {error}"));
+    let mut limits = Limits::default();
+    // The sides are compared with this before anything is allocated; so are the bytes.
+    limits.max_image_width = Some(1 << 16);
+    limits.max_image_height = Some(1 << 16);
+    limits.max_alloc = Some(16 * MOST_PIXELS);
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+    reader.limits(limits.clone());
+    let (width, height) = reader.into_dimensions().map_err(fail)?;
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels > MOST_PIXELS {
+        let (place, what) = (Place::file(path), "number of pixels".into());
+        return Err(Error::Limit { place, what, value: pixels, limit: MOST_PIXELS });
+    }
+    // A run or a block of any of these formats is far below 4096 pixels per byte.
+    if pixels / 4096 > bytes.len() as u64 {
+        let message = format!("not a readable picture: {pixels} pixels cannot be in {} bytes", bytes.len());
+        return Err(Error::malformed(Place::file(path), message));
+    }
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+    reader.limits(limits);
+    let decoded = reader.decode().map_err(fail)?.into_rgb32f();
+    let value = |sample: f32| if raw || format == ImageFormat::Hdr { sample } else { srgb::linear(sample) };
+    let pixels = decoded.pixels().map(|pixel| Vec3::from_array(pixel.0.map(value))).collect();
+    Ok(Image { width: width as usize, height: height as usize, pixels })
 }
 
 #[cfg(test)]

@@ -35,13 +35,13 @@ pub fn load(file: &MeshFile, directory: &Path, place: &Place) -> Result<(Mesh, u
     let flat_if = |face_normals: bool| if face_normals { Shading::Flat } else { Shading::Smooth };
     let open = |file: &str| path::resolve(directory, file, place);
     match file {
-        MeshFile::Obj { file, face_normals } => {
+        MeshFile::Obj { file, face_normals, flip_v } => {
             let path = open(file)?;
-            finish(obj::read(&path)?, flat_if(*face_normals), &Place::file(path))
+            finish(turned(obj::read(&path)?, *flip_v), flat_if(*face_normals), &Place::file(path))
         }
-        MeshFile::Ply { file, face_normals } => {
+        MeshFile::Ply { file, face_normals, flip_v } => {
             let path = open(file)?;
-            finish(ply::read(&path)?, flat_if(*face_normals), &Place::file(path))
+            finish(turned(ply::read(&path)?, *flip_v), flat_if(*face_normals), &Place::file(path))
         }
         MeshFile::Serialized { file, index, face_normals } => {
             let path = open(file)?;
@@ -62,6 +62,14 @@ pub fn load(file: &MeshFile, directory: &Path, place: &Place) -> Result<(Mesh, u
             finish(mesh, Shading::AsGiven, place)
         }
     }
+}
+
+/// The mesh with v turned around if `flip_v`.
+fn turned(mut mesh: Mesh, flip_v: bool) -> Mesh {
+    if flip_v {
+        mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+    }
+    mesh
 }
 
 fn finish(mut mesh: Mesh, shading: Shading, place: &Place) -> Result<(Mesh, usize)> {

@@ -81,7 +81,7 @@ pub fn load_with(path: &Path, overrides: &[Override]) -> Result<LoadedScene> {
         _ => Err(Error::Unsupported {
             place: Place::file(&path),
             what: "this kind of scene file".into(),
-            supported: ".json (fanal), .xml (Mitsuba 3), or a folder with scene.json or scene.xml".into(),
+            supported: ".json (fanal), .xml (Mitsuba), or a folder with scene.json or scene.xml".into(),
         }),
     }
 }

@@ -7,8 +7,8 @@ use glam::{Affine2, Mat2, Vec2, Vec3};
 
 use crate::base::{Error, Result};
 use crate::materials::image::Image;
-use crate::materials::texture::Texture;
-use crate::scene::file::TextureFile;
+use crate::materials::texture::{Texture, Wrap};
+use crate::scene::file::{Filter, TextureFile, Wrap as WrapFile};
 
 /// The key of a picture in [`LoadedScene::images`](super::LoadedScene::images): its `file`, marked where it is read as raw
 /// data, because that gives other values.
@@ -24,10 +24,20 @@ impl Texture {
     pub fn new(file: &TextureFile, images: &BTreeMap<String, Arc<Image>>) -> Result<Self> {
         Ok(match file {
             TextureFile::Rgb { value } => Self::Constant(Vec3::from_array(*value)),
-            TextureFile::Bitmap { file, to_uv, raw, scale } => {
+            TextureFile::Bitmap { file, to_uv, raw, scale, wrap, filter } => {
                 let image = images.get(&image_key(file, *raw));
                 let image = image.ok_or_else(|| Error::Options(format!("the picture \"{file}\" was not loaded")))?;
-                Self::Bitmap { image: Arc::clone(image), to_uv: affine(to_uv), scale: *scale }
+                Self::Bitmap {
+                    image: Arc::clone(image),
+                    to_uv: affine(to_uv),
+                    scale: *scale,
+                    wrap: match wrap {
+                        WrapFile::Repeat => Wrap::Repeat,
+                        WrapFile::Mirror => Wrap::Mirror,
+                        WrapFile::Clamp => Wrap::Clamp,
+                    },
+                    nearest: *filter == Filter::Nearest,
+                }
             }
             TextureFile::Checkerboard { color0, color1, to_uv } => Self::Checkerboard {
                 color0: Vec3::from_array(*color0),

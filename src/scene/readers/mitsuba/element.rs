@@ -7,6 +7,7 @@ use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
 
 use super::super::path;
+use super::upgrade;
 
 /// Longest XML file.
 const LARGEST_FILE: u64 = 64 << 20;
@@ -32,6 +33,19 @@ impl Element {
     /// The value of an attribute.
     pub fn attribute(&self, name: &str) -> Option<&str> {
         self.attributes.iter().find(|(other, _)| other == name).map(|(_, value)| value.as_str())
+    }
+
+    /// Gives an attribute a value.
+    pub fn set(&mut self, name: &str, value: String) {
+        match self.attributes.iter_mut().find(|(other, _)| other == name) {
+            Some(attribute) => attribute.1 = value,
+            None => self.attributes.push((name.to_owned(), value)),
+        }
+    }
+
+    /// An element without attributes that stands at the same place.
+    pub fn like(&self, tag: &str) -> Self {
+        Self { tag: tag.to_owned(), attributes: Vec::new(), children: Vec::new(), place: self.place.clone() }
     }
 
     /// The value of an attribute that must be there.
@@ -66,10 +80,12 @@ impl Element {
     }
 }
 
-/// Reads the scene document at `path` with all that it includes.
-pub fn read(path: &Path) -> Result<Element> {
+/// Reads the scene document at `path` with all that it includes, in the words of Mitsuba 3, and what was lost in upgrading to it.
+pub fn read(path: &Path) -> Result<(Element, Vec<String>)> {
     let root = path.parent().unwrap_or(Path::new(""));
-    Source { root, defaults: BTreeMap::new(), open: Vec::new(), budget: BUDGET }.file(path)
+    let mut source = Source { root, defaults: BTreeMap::new(), open: Vec::new(), budget: BUDGET, warnings: Vec::new() };
+    let scene = source.file(path)?;
+    Ok((scene, source.warnings))
 }
 
 struct Source<'a> {
@@ -80,6 +96,7 @@ struct Source<'a> {
     /// The files that are being read, outermost first.
     open: Vec<PathBuf>,
     budget: u64,
+    warnings: Vec<String>,
 }
 
 impl Source<'_> {
@@ -92,11 +109,12 @@ impl Source<'_> {
             .map_err(|error| Error::malformed(Place::line(path, error.pos().row), format!("not sound XML: {error}")))?;
         self.open.push(path.to_owned());
         let lines = Lines::new(path, text);
-        let root = self.element(document.root_element(), &lines, 0)?;
+        let mut root = self.element(document.root_element(), &lines, 0)?;
         self.open.pop();
         if root.tag != "scene" {
             return Err(root.unsupported(format!("<{}> as the outermost element", root.tag), &["scene"]));
         }
+        upgrade::document(&mut root, &mut self.warnings)?;
         Ok(root)
     }
 

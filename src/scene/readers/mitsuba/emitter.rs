@@ -6,6 +6,7 @@ use crate::base::Result;
 use crate::scene::file::LightFile;
 
 use super::Reader;
+use super::color::Use;
 use super::element::Element;
 use super::object::{Object, kind};
 
@@ -13,12 +14,12 @@ const KINDS: [&str; 6] = ["area (inside a shape)", "point", "spot", "directional
 
 impl<'a> Reader<'a> {
     /// The radiance of a shape's emitter.
-    pub(super) fn area_light(&self, element: &'a Element) -> Result<[f32; 3]> {
+    pub(super) fn area_light(&mut self, element: &'a Element) -> Result<[f32; 3]> {
         if kind(element)? != "area" {
             return Err(element.unsupported(format!("emitter \"{}\" inside a shape", kind(element)?), &["area"]));
         }
-        let object = Object::new(element, &self.ids, &["radiance"], &[])?;
-        Ok(object.color("radiance")?.unwrap_or([1.0; 3]))
+        let object = Object::new(element, &self.ids, &["radiance", "sampling_weight"], &[])?;
+        Ok(self.mean_color(&object, "radiance", Use::Light)?.unwrap_or([1.0; 3]))
     }
 
     pub(super) fn emitter(&mut self, element: &'a Element) -> Result<()> {
@@ -27,8 +28,8 @@ impl<'a> Reader<'a> {
             "spot" => self.spot(element)?,
             "directional" => self.directional(element)?,
             "constant" => {
-                let object = Object::new(element, &self.ids, &["radiance"], &[])?;
-                LightFile::Constant { radiance: object.color("radiance")?.unwrap_or([1.0; 3]) }
+                let object = Object::new(element, &self.ids, &["radiance", "sampling_weight"], &[])?;
+                LightFile::Constant { radiance: object.color_for("radiance", Use::Light)?.unwrap_or([1.0; 3]) }
             }
             "envmap" => self.envmap(element)?,
             other => return Err(element.unsupported(format!("emitter \"{other}\" here"), &KINDS)),
@@ -39,41 +40,42 @@ impl<'a> Reader<'a> {
     }
 
     fn point(&self, element: &'a Element) -> Result<LightFile> {
-        let object = Object::new(element, &self.ids, &["position", "to_world", "intensity"], &[])?;
+        let object = Object::new(element, &self.ids, &["position", "to_world", "intensity", "sampling_weight"], &[])?;
         let position = match (object.vector("position")?, object.transform("to_world")?) {
             (Some(_), Some(_)) => return Err(element.malformed("position and to_world exclude each other")),
             (Some(position), None) => DVec3::from_array(position),
             (None, to_world) => to_world.unwrap_or(DMat4::IDENTITY).transform_point3(DVec3::ZERO),
         };
-        let intensity = object.color("intensity")?.unwrap_or([1.0; 3]);
+        let intensity = object.color_for("intensity", Use::Light)?.unwrap_or([1.0; 3]);
         Ok(LightFile::Point { position: position.as_vec3().to_array(), intensity })
     }
 
     fn spot(&self, element: &'a Element) -> Result<LightFile> {
-        let object = Object::new(element, &self.ids, &["to_world", "intensity", "cutoff_angle", "beam_width"], &[])?;
+        let known = ["to_world", "intensity", "cutoff_angle", "beam_width", "sampling_weight"];
+        let object = Object::new(element, &self.ids, &known, &[])?;
         let cutoff = object.float("cutoff_angle")?.unwrap_or(20.0);
         Ok(LightFile::Spot {
             to_world: object.to_world()?,
-            intensity: object.color("intensity")?.unwrap_or([1.0; 3]),
+            intensity: object.color_for("intensity", Use::Light)?.unwrap_or([1.0; 3]),
             cutoff_angle: cutoff as f32,
             beam_width: object.float("beam_width")?.unwrap_or(cutoff * 0.75) as f32,
         })
     }
 
     fn directional(&self, element: &'a Element) -> Result<LightFile> {
-        let object = Object::new(element, &self.ids, &["direction", "to_world", "irradiance"], &[])?;
+        let object = Object::new(element, &self.ids, &["direction", "to_world", "irradiance", "sampling_weight"], &[])?;
         let direction = match (object.vector("direction")?, object.transform("to_world")?) {
             (Some(_), Some(_)) => return Err(element.malformed("direction and to_world exclude each other")),
             (Some(direction), None) => DVec3::from_array(direction),
             (None, to_world) => to_world.unwrap_or(DMat4::IDENTITY).transform_vector3(DVec3::Z),
         };
-        let irradiance = object.color("irradiance")?.unwrap_or([1.0; 3]);
+        let irradiance = object.color_for("irradiance", Use::Light)?.unwrap_or([1.0; 3]);
         Ok(LightFile::Directional { direction: direction.normalize_or_zero().as_vec3().to_array(), irradiance })
     }
 
     fn envmap(&self, element: &'a Element) -> Result<LightFile> {
-        // mis_compensation only changes how directions are drawn.
-        let known = ["filename", "scale", "to_world", "mis_compensation"];
+        // mis_compensation and sampling_weight only change how directions are drawn.
+        let known = ["filename", "scale", "to_world", "mis_compensation", "sampling_weight"];
         let object = Object::new(element, &self.ids, &known, &[])?;
         object.boolean("mis_compensation")?;
         Ok(LightFile::Envmap {

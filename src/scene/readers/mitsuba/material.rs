@@ -1,14 +1,16 @@
-//! Materials and their textures.
+//! Materials.
 
 use crate::base::Result;
-use crate::scene::file::{Distribution, MaterialFile, TextureFile, identity3};
+use crate::materials::texture::luminance;
+use crate::scene::file::{Distribution, Filter, MaterialFile, TextureFile};
 
 use super::Reader;
+use super::color::Use;
 use super::conductors::{INDEX_NAMES, conductor, conductor_names, refractive_index};
 use super::element::Element;
 use super::object::{Object, kind};
 
-const KINDS: [&str; 12] = [
+const KINDS: [&str; 20] = [
     "diffuse",
     "conductor",
     "roughconductor",
@@ -21,10 +23,18 @@ const KINDS: [&str; 12] = [
     "twosided",
     "bumpmap",
     "normalmap",
+    "principled",
+    "blendbsdf",
+    "mixturebsdf",
+    "roughdiffuse",
+    "phong",
+    "ward",
+    "coating",
+    "roughcoating",
 ];
 
 /// How deep materials may be inside one another.
-const MOST_NESTED: u32 = 8;
+pub(super) const MOST_NESTED: u32 = 8;
 
 impl<'a> Reader<'a> {
     /// A material of its own: kept if it has an id, read in any case.
@@ -45,7 +55,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn material(&mut self, element: &'a Element) -> Result<MaterialFile> {
+    pub(super) fn material(&mut self, element: &'a Element) -> Result<MaterialFile> {
         match kind(element)? {
             "diffuse" => {
                 let object = Object::new(element, &self.ids, &["reflectance"], &[])?;
@@ -58,14 +68,25 @@ impl<'a> Reader<'a> {
             "null" => Object::new(element, &self.ids, &[], &[]).map(|_| MaterialFile::Null),
             "mask" => self.mask(element),
             "twosided" => self.two_sided(element),
-            "bumpmap" | "normalmap" => self.flat(element),
+            "bumpmap" | "normalmap" => self.bumped(element),
+            "principled" => self.principled(element),
+            "blendbsdf" | "mixturebsdf" => self.blend(element),
+            "roughdiffuse" => self.rough_diffuse(element),
+            "phong" | "ward" => self.glossy(element),
+            "coating" | "roughcoating" => self.coating(element),
             other => Err(element.unsupported(format!("bsdf \"{other}\""), &KINDS)),
         }
     }
 
     fn two_sided(&mut self, element: &'a Element) -> Result<MaterialFile> {
-        let object = Object::new(element, &self.ids, &[], &["bsdf"])?;
-        Ok(MaterialFile::TwoSided { material: Box::new(self.inside(&object)?) })
+        let mut object = Object::new(element, &self.ids, &[], &["bsdf"])?;
+        if object.nested.len() > 1 {
+            self.warn(element, "the first bsdf of a twosided one is used on both sides");
+            object.nested.truncate(1);
+        }
+        let material = self.inside(&object)?;
+        // Mitsuba takes what already has two sides as it is.
+        Ok(if material.is_two_sided() { material } else { MaterialFile::TwoSided { material: Box::new(material) } })
     }
 
     fn mask(&mut self, element: &'a Element) -> Result<MaterialFile> {
@@ -74,53 +95,73 @@ impl<'a> Reader<'a> {
         Ok(MaterialFile::Mask { opacity, material: Box::new(self.inside(&object)?) })
     }
 
-    /// Bumps are left out: what is under them stays.
-    fn flat(&mut self, element: &'a Element) -> Result<MaterialFile> {
+    fn bumped(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let kind = kind(element)?;
-        self.warnings.push(format!("{}: the {kind} is left out: its surface is shaded without it", element.place));
-        // The texture of a bump map may have any name.
-        let names: Vec<&str> = element.children.iter().filter_map(|child| child.attribute("name")).collect();
-        let object = Object::new(element, &self.ids, &names, &["bsdf"])?;
-        self.inside(&object)
+        let known =
+            [&["flip_invalid_normals", "use_shadowing_function"][..], if kind == "bumpmap" { &["scale"] } else { &[] }];
+        // The texture may have any name, or none.
+        let object = Object::new(element, &self.ids, &known.concat(), &["bsdf", "texture"])?;
+        for option in known[0] {
+            if object.boolean(option)? == Some(false) {
+                self.warn(element, format_args!("{option} is always on"));
+            }
+        }
+        let missing = || element.malformed(format!("{kind} needs a texture inside"));
+        let texture = self.texture_object(object.single("texture")?.ok_or_else(missing)?)?;
+        if matches!(texture, TextureFile::Checkerboard { .. } | TextureFile::Bitmap { filter: Filter::Nearest, .. })
+            && kind == "bumpmap"
+        {
+            self.warn(element, "a bumpmap's texture without slopes changes nothing");
+        }
+        let scale = object.float("scale")?.unwrap_or(1.0) as f32;
+        let material = Box::new(self.inside(&object)?);
+        Ok(match kind {
+            "bumpmap" => MaterialFile::BumpMap { texture, scale, material },
+            _ => MaterialFile::NormalMap { texture, material },
+        })
     }
 
     /// The one material inside another.
-    fn inside(&mut self, object: &Object<'a>) -> Result<MaterialFile> {
+    pub(super) fn inside(&mut self, object: &Object<'a>) -> Result<MaterialFile> {
         let kind = kind(object.element)?;
         let missing = || object.element.malformed(format!("{kind} needs a bsdf inside"));
         let inner = object.single("bsdf")?.ok_or_else(missing)?;
-        // A material that contains itself ends here too.
-        if self.depth == MOST_NESTED {
-            return Err(inner.malformed(format!("bsdfs inside one another, more than {MOST_NESTED} deep")));
-        }
-        self.depth += 1;
-        let material = self.material(inner)?;
-        self.depth -= 1;
-        Ok(material)
+        self.nested(inner, |reader| reader.material(inner))
     }
 
-    fn conductor(&self, element: &'a Element) -> Result<MaterialFile> {
-        let object = Object::new(element, &self.ids, &["material", "eta", "k", "specular_reflectance"], &[])?;
+    /// Reads something inside another of its kind; one that contains itself ends here.
+    pub(super) fn nested<T>(&mut self, inner: &'a Element, read: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        if self.depth == MOST_NESTED {
+            return Err(inner.malformed(format!("<{}>s inside one another, more than {MOST_NESTED} deep", inner.tag)));
+        }
+        self.depth += 1;
+        let result = read(self);
+        self.depth -= 1;
+        result
+    }
+
+    fn conductor(&mut self, element: &'a Element) -> Result<MaterialFile> {
+        let object = Object::new(element, &self.ids, &METAL, &[])?;
         let (eta, k) = metal_index(&object)?;
         let specular_reflectance = self.texture(&object, "specular_reflectance", 1.0)?;
         Ok(MaterialFile::Conductor { eta, k, specular_reflectance })
     }
 
-    fn rough_conductor(&self, element: &'a Element) -> Result<MaterialFile> {
-        let known = [&ROUGHNESS[..], &["material", "eta", "k", "specular_reflectance"]].concat();
+    fn rough_conductor(&mut self, element: &'a Element) -> Result<MaterialFile> {
+        let known = [&ROUGHNESS[..], &METAL].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;
         let (eta, k) = metal_index(&object)?;
-        let (alpha, distribution) = roughness(&object)?;
+        let (alpha, distribution) = self.roughness(&object)?;
         let specular_reflectance = self.texture(&object, "specular_reflectance", 1.0)?;
         Ok(MaterialFile::RoughConductor { alpha, distribution, eta, k, specular_reflectance })
     }
 
-    fn plastic(&self, element: &'a Element) -> Result<MaterialFile> {
+    fn plastic(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let rough = kind(element)? == "roughplastic";
         let own = ["int_ior", "ext_ior", "diffuse_reflectance", "specular_reflectance", "nonlinear"];
         let known = [if rough { &ROUGHNESS[..] } else { &[] }, &own].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;
-        let (alpha, distribution) = if rough { roughness(&object)? } else { (0.0, Distribution::default()) };
+        let (alpha, distribution) = if rough { self.roughness(&object)? } else { (0.0, Distribution::default()) };
         Ok(MaterialFile::Plastic {
             alpha,
             distribution,
@@ -132,103 +173,73 @@ impl<'a> Reader<'a> {
         })
     }
 
-    fn dielectric(&self, element: &'a Element) -> Result<MaterialFile> {
+    fn dielectric(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let kind = kind(element)?;
         let own = ["int_ior", "ext_ior", "specular_reflectance", "specular_transmittance"];
         let known = [if kind == "roughdielectric" { &ROUGHNESS[..] } else { &[] }, &own].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;
-        for factor in ["specular_reflectance", "specular_transmittance"] {
-            if object.color(factor)?.is_some_and(|color| color != [1.0; 3]) {
-                return Err(element.unsupported(format!("{factor} other than 1 of a dielectric"), &["1"]));
-            }
-        }
         let [int_ior, ext_ior] = [index(&object, "int_ior", "bk7")?, index(&object, "ext_ior", "air")?];
-        Ok(match kind {
+        let clear = match kind {
             "thindielectric" => MaterialFile::ThinDielectric { int_ior, ext_ior },
             "roughdielectric" => {
-                let (alpha, distribution) = roughness(&object)?;
+                let (alpha, distribution) = self.roughness(&object)?;
                 MaterialFile::RoughDielectric { alpha, distribution, int_ior, ext_ior }
             }
             _ => MaterialFile::Dielectric { int_ior, ext_ior },
-        })
-    }
-
-    /// A colour or texture, `default` in all channels if absent.
-    fn texture(&self, object: &Object<'a>, name: &str, default: f32) -> Result<TextureFile> {
-        match object.property(name) {
-            Some(element) if element.tag == "texture" => self.texture_object(element),
-            _ => Ok(TextureFile::rgb(object.color(name)?.unwrap_or([default; 3]))),
+        };
+        let specular_reflectance = self.texture(&object, "specular_reflectance", 1.0)?;
+        let specular_transmittance = self.texture(&object, "specular_transmittance", 1.0)?;
+        let white = TextureFile::rgb([1.0; 3]);
+        if specular_reflectance == white && specular_transmittance == white {
+            return Ok(clear);
         }
+        Ok(MaterialFile::Tinted { specular_reflectance, specular_transmittance, material: Box::new(clear) })
     }
 
-    fn texture_object(&self, element: &'a Element) -> Result<TextureFile> {
-        match kind(element)? {
-            "bitmap" => self.bitmap(element),
-            "checkerboard" => {
-                let object = Object::new(element, &self.ids, &["color0", "color1", "to_uv"], &[])?;
-                Ok(TextureFile::Checkerboard {
-                    color0: object.color("color0")?.unwrap_or([0.4; 3]),
-                    color1: object.color("color1")?.unwrap_or([0.2; 3]),
-                    to_uv: to_uv(&object)?,
-                })
+    /// Roughness and distribution.
+    pub(super) fn roughness(&mut self, object: &Object<'a>) -> Result<(f32, Distribution)> {
+        let element = object.element;
+        object.boolean("sample_visible")?;
+        let mut alpha = |name: &str| -> Result<Option<f32>> {
+            let Some(property) = object.property(name) else { return Ok(None) };
+            if property.tag == "texture" {
+                let texture = self.texture_object(property)?;
+                return Ok(Some(luminance(self.mean(&texture, property, name)?.into())));
             }
-            other => Err(element.unsupported(format!("texture \"{other}\""), &["bitmap", "checkerboard"])),
-        }
-    }
-
-    fn bitmap(&self, element: &'a Element) -> Result<TextureFile> {
-        let known = ["filename", "raw", "to_uv", "filter_type", "wrap_mode"];
-        let object = Object::new(element, &self.ids, &known, &[])?;
-        for (name, only) in [("filter_type", "bilinear"), ("wrap_mode", "repeat")] {
-            if let Some(other) = object.string(name)?.filter(|value| *value != only) {
-                return Err(element.unsupported(format!("{name} \"{other}\""), &[only]));
+            Ok(object.float(name)?.map(|alpha| alpha as f32))
+        };
+        let alpha = match (alpha("alpha")?, alpha("alpha_u")?, alpha("alpha_v")?) {
+            (alpha, None, None) => alpha.unwrap_or(0.1),
+            (None, Some(u), Some(v)) if u == v => u,
+            (None, u, v) => {
+                let (u, v) = (u.unwrap_or(0.1), v.unwrap_or(0.1));
+                self.warn(element, "anisotropic roughness: the geometric mean of alpha_u and alpha_v is used");
+                if u < 0.0 || v < 0.0 { u.min(v) } else { (u * v).sqrt() }
             }
-        }
-        Ok(TextureFile::Bitmap {
-            file: object.required_string("filename")?.to_owned(),
-            to_uv: to_uv(&object)?,
-            raw: object.boolean("raw")?.unwrap_or(false),
-            scale: 1.0,
-        })
+            _ => return Err(element.malformed("alpha and alpha_u, alpha_v exclude each other")),
+        };
+        let distribution = match object.string("distribution")?.unwrap_or("beckmann") {
+            "beckmann" => Distribution::Beckmann,
+            "ggx" => Distribution::Ggx,
+            // Mitsuba 0.6 has them; both have Gaussian-like slopes.
+            old @ ("phong" | "as") => {
+                self.warn(element, format_args!("the distribution beckmann is used instead of \"{old}\""));
+                Distribution::Beckmann
+            }
+            other => return Err(element.unsupported(format!("distribution \"{other}\""), &["beckmann", "ggx"])),
+        };
+        Ok((alpha, distribution))
     }
 }
 
-/// The plane part of a transform: x, y and their translation. A third coordinate of a texture does not exist, and Mitsuba's
-/// versions disagree on what a matrix that uses it means.
-fn to_uv(object: &Object) -> Result<[f32; 9]> {
-    let Some(matrix) = object.transform("to_uv")? else { return Ok(identity3()) };
-    let m = matrix.transpose().to_cols_array_2d();
-    if [m[0][2], m[1][2], m[2][0], m[2][1]] != [0.0; 4] || m[3] != [0.0, 0.0, 0.0, 1.0] {
-        let known = ["scale", "rotate about z", "translate", "a matrix that leaves z alone"];
-        return Err(object.element.unsupported("a to_uv that mixes in a third coordinate", &known));
-    }
-    let row = |i: usize| [m[i][0] as f32, m[i][1] as f32, m[i][3] as f32];
-    let mut out = identity3();
-    out[..6].copy_from_slice([row(0), row(1)].as_flattened());
-    Ok(out)
-}
+/// The properties of a metal.
+const METAL: [&str; 5] = ["material", "eta", "k", "ext_eta", "specular_reflectance"];
 
-/// The properties of [`roughness`].
-const ROUGHNESS: [&str; 5] = ["alpha", "alpha_u", "alpha_v", "distribution", "sample_visible"];
-
-fn roughness(object: &Object) -> Result<(f32, Distribution)> {
-    let element = object.element;
-    object.boolean("sample_visible")?;
-    let alpha = match (object.float("alpha")?, object.float("alpha_u")?, object.float("alpha_v")?) {
-        (alpha, None, None) => alpha.unwrap_or(0.1),
-        (None, Some(u), Some(v)) if u == v => u,
-        _ => return Err(element.unsupported("anisotropic roughness", &["alpha", "alpha_u and alpha_v if equal"])),
-    };
-    let distribution = match object.string("distribution")?.unwrap_or("beckmann") {
-        "beckmann" => Distribution::Beckmann,
-        "ggx" => Distribution::Ggx,
-        other => return Err(element.unsupported(format!("distribution \"{other}\""), &["beckmann", "ggx"])),
-    };
-    Ok((alpha as f32, distribution))
-}
+/// The properties of [`Reader::roughness`].
+pub(super) const ROUGHNESS: [&str; 5] = ["alpha", "alpha_u", "alpha_v", "distribution", "sample_visible"];
 
 /// A refractive index, by its value or by the medium's name.
-fn index(object: &Object, name: &str, default: &str) -> Result<f32> {
+pub(super) fn index(object: &Object, name: &str, default: &str) -> Result<f32> {
     if let Some("float" | "integer") = object.property(name).map(|property| property.tag.as_str()) {
         return Ok(object.float(name)?.unwrap_or(1.0) as f32);
     }
@@ -240,14 +251,20 @@ fn index(object: &Object, name: &str, default: &str) -> Result<f32> {
 /// eta and k, given or by the metal's name; without any, a perfect mirror.
 fn metal_index(object: &Object) -> Result<([f32; 3], [f32; 3])> {
     let name = object.string("material")?;
-    let (eta, k) = (object.color("eta")?, object.color("k")?);
+    let outside = match object.property("ext_eta") {
+        Some(_) => index(object, "ext_eta", "vacuum")?,
+        None => 1.0,
+    };
+    let relative = |color: [f32; 3]| color.map(|channel| channel / outside);
+    let (eta, k) = (object.color_for("eta", Use::Index)?, object.color_for("k", Use::Index)?);
     if eta.is_none() && k.is_none() {
         let name = name.unwrap_or("none");
         let unknown = || object.element.unsupported(format!("metal \"{name}\""), &conductor_names());
-        return conductor(name).ok_or_else(unknown);
+        let (eta, k) = conductor(name).ok_or_else(unknown)?;
+        return Ok((relative(eta), relative(k)));
     }
     if name.is_some_and(|name| name != "none") {
         return Err(object.element.malformed("material and eta, k exclude each other"));
     }
-    Ok((eta.unwrap_or([0.0; 3]), k.unwrap_or([1.0; 3])))
+    Ok((relative(eta.unwrap_or([0.0; 3])), relative(k.unwrap_or([1.0; 3]))))
 }

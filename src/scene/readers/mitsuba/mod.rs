@@ -1,17 +1,24 @@
-//! Mitsuba 3 scenes in XML, the part that [`SceneFile`] can express. Nothing is ignored in silence: what is unknown is an
+//! Mitsuba scenes in XML (3.x, and 0.4 to 0.6), the part that [`SceneFile`] can express. Nothing is ignored in silence: what is unknown is an
 //! error with file, line and what could stand there; what is done in another way is a warning.
 
+mod approximate;
+mod cie;
+mod color;
 mod conductors;
 mod element;
 mod emitter;
 mod material;
 mod medium;
 mod object;
+mod principled;
 mod sensor;
 mod shape;
+mod texture;
 mod transform;
+mod upgrade;
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use crate::base::Result;
 use crate::scene::file::{CameraFile, FilmFile, FilterFile, IDENTITY, RenderFile, SceneFile, VERSION};
@@ -38,47 +45,48 @@ const UNLIMITED_DEPTH: u32 = 1024;
 /// # Errors
 /// [`Error::Io`](crate::base::Error::Io), `Malformed`, `Unsupported`, `Limit`, each with file and line.
 pub fn read(path: &Path) -> Result<Translation> {
-    let scene = element::read(path)?;
-    check_version(&scene)?;
+    let (scene, warnings) = element::read(path)?;
     let mut ids = Ids::new();
     collect_ids(&scene, &mut ids)?;
-    let mut reader = Reader::new(path, ids);
+    let mut reader = Reader { warnings, ..Reader::new(path, ids) };
     for child in &scene.children {
         reader.top_level(child)?;
     }
     reader.finish(&scene)
 }
 
-fn check_version(scene: &Element) -> Result<()> {
-    scene.only_attributes(&["version"])?;
-    let version = scene.required("version")?;
-    match version.split('.').next() {
-        Some("3") => Ok(()),
-        _ => Err(scene.unsupported(format!("scene version {version}"), &["3.x"])),
-    }
-}
-
 /// Every id names one element, wherever it stands.
 fn collect_ids<'a>(element: &'a Element, ids: &mut Ids<'a>) -> Result<()> {
     for child in element.children.iter().filter(|child| child.tag != "ref") {
-        if let Some(id) = child.attribute("id")
+        if child.tag != "alias"
+            && let Some(id) = child.attribute("id")
             && let Some(first) = ids.insert(id, child)
         {
             return Err(child.malformed(format!("the id \"{id}\" is already used at {}", first.place)));
         }
         collect_ids(child, ids)?;
+        if child.tag == "alias" {
+            let target = child.required("id")?;
+            let found = ids.get(target).copied();
+            let found = found.ok_or_else(|| child.malformed(format!("nothing before has the id \"{target}\"")))?;
+            ids.insert(child.required("as")?, found);
+        }
     }
     Ok(())
 }
 
 struct Reader<'a> {
+    /// The scene's folder.
+    folder: PathBuf,
     ids: Ids<'a>,
     file: SceneFile,
     places: Places,
     warnings: Vec<String>,
     has_sensor: bool,
     has_integrator: bool,
-    /// Materials around the one that is being read.
+    /// Names given to materials without an id, by their element.
+    unnamed: BTreeMap<*const Element, String>,
+    /// Objects around the one of their kind that is being read.
     depth: u32,
 }
 
@@ -93,6 +101,7 @@ impl<'a> Reader<'a> {
                 aperture_radius: 0.0,
                 focus_distance: None,
                 medium: None,
+                principal_point_offset: [0.0; 2],
             },
             film: FilmFile { width: 768, height: 576, filter: FilterFile::GAUSSIAN },
             render: RenderFile::default(),
@@ -103,12 +112,14 @@ impl<'a> Reader<'a> {
             lights: Vec::new(),
         };
         Self {
+            folder: path.parent().unwrap_or(Path::new("")).to_owned(),
             ids,
             file,
             places: Places::new(path),
             warnings: Vec::new(),
             has_sensor: false,
             has_integrator: false,
+            unnamed: BTreeMap::new(),
             depth: 0,
         }
     }
@@ -118,9 +129,17 @@ impl<'a> Reader<'a> {
             "integrator" => self.integrator(element),
             "sensor" => self.sensor(element),
             "bsdf" => self.named_material(element),
-            // Read where it is used.
-            "texture" if element.attribute("id").is_some() => Ok(()),
-            "medium" if element.attribute("id").is_some() => Ok(()),
+            // Read where it is used, if it is.
+            "texture" | "rgb" | "srgb" | "spectrum" | "blackbody" | "film" | "sampler" | "transform" | "medium"
+                if element.attribute("id").is_some() =>
+            {
+                Ok(())
+            }
+            "alias" => element.only_attributes(&["id", "as"]),
+            "path" => {
+                self.warn(element, "files are looked for below the scene's folder only");
+                Ok(())
+            }
             "shape" => self.shape(element),
             "emitter" => self.emitter(element),
             other => {
@@ -140,26 +159,37 @@ impl<'a> Reader<'a> {
         }
     }
 
+    /// Says that something at `element` is done in another way.
+    fn warn(&mut self, element: &Element, message: impl std::fmt::Display) {
+        self.warnings.push(format!("{}: {message}", element.place));
+    }
+
     fn integrator(&mut self, element: &'a Element) -> Result<()> {
         if std::mem::replace(&mut self.has_integrator, true) {
             return Err(element.malformed("a second integrator"));
         }
-        match object::kind(element)? {
-            "path" | "volpath" => {}
-            other => return Err(element.unsupported(format!("integrator \"{other}\""), &["path", "volpath"])),
+        let kind = object::kind(element)?;
+        // How paths end early and how they are sampled does not belong to a scene's radiance.
+        let object = object::Object::lenient(element, &self.ids)?;
+        // Integrators that measure something beside radiance hold the one that computes it.
+        if let Some(inner) = object.nested.iter().find(|inner| inner.tag == "integrator") {
+            self.warn(element, format_args!("the integrator \"{kind}\" is left out, the one inside is kept"));
+            self.has_integrator = false;
+            return self.nested(inner, |reader| reader.integrator(inner));
         }
-        // How paths end early and what is shown where nothing is hit do not belong to a scene's radiance.
-        let object = object::Object::new(element, &self.ids, &["max_depth", "rr_depth", "hide_emitters"], &[])?;
-        object.integer("rr_depth")?;
         if object.boolean("hide_emitters")? == Some(true) {
-            return Err(element.unsupported("hide_emitters", &["false"]));
+            self.warn(element, "hide_emitters is left out: lights are seen where the camera sees them");
         }
-        self.file.render.max_depth = match object.integer("max_depth")?.unwrap_or(-1) {
-            -1 => {
-                self.warnings.push(format!("{}: unlimited depth: paths end at {UNLIMITED_DEPTH}", element.place));
+        if !["path", "volpath", "volpathmis", "direct", "ptracer", "bdpt", "volpath_simple"].contains(&kind) {
+            self.warn(element, format_args!("paths are traced instead of the integrator \"{kind}\""));
+        }
+        self.file.render.max_depth = match (object.integer("max_depth")?, kind) {
+            (None, "direct") => 2,
+            (None | Some(-1), _) => {
+                self.warn(element, format_args!("unlimited depth: paths end at {UNLIMITED_DEPTH}"));
                 UNLIMITED_DEPTH
             }
-            depth => u32::try_from(depth)
+            (Some(depth), _) => u32::try_from(depth)
                 .map_err(|_| element.malformed(format!("max_depth is {depth}, expected -1 or more")))?,
         };
         self.places.set("render.max_depth", element.place.clone());

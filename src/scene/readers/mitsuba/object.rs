@@ -7,11 +7,12 @@ use glam::DMat4;
 use crate::base::Result;
 use crate::scene::file::Matrix;
 
+use super::color::{self, Use};
 use super::element::Element;
 use super::transform;
 
-const PROPERTY_TAGS: [&str; 9] =
-    ["float", "integer", "boolean", "string", "rgb", "spectrum", "point", "vector", "transform"];
+const PROPERTY_TAGS: [&str; 11] =
+    ["float", "integer", "boolean", "string", "rgb", "srgb", "spectrum", "blackbody", "point", "vector", "transform"];
 
 /// Elements by their id.
 pub type Ids<'a> = BTreeMap<&'a str, &'a Element>;
@@ -31,22 +32,39 @@ pub fn kind(element: &Element) -> Result<&str> {
 }
 
 impl<'a> Object<'a> {
-    /// Sorts the children of `element`: `properties` are the names that it may have, `nested` the tags of objects.
+    /// Sorts the children of `element`: `properties` are the names that it may have, `nested` the tags of objects. Textures may be
+    /// either.
     pub fn new(element: &'a Element, ids: &Ids<'a>, properties: &[&str], nested: &[&str]) -> Result<Self> {
         element.only_attributes(&["type", "id", "name"])?;
         let mut object = Self { element, nested: Vec::new(), properties: BTreeMap::new() };
         for child in &element.children {
             let target = follow(child, ids)?;
-            let is_property = PROPERTY_TAGS.contains(&target.tag.as_str()) || target.tag == "texture";
-            if is_property {
+            let tag = target.tag.as_str();
+            let is_texture = tag == "texture" && !nested.contains(&tag);
+            if PROPERTY_TAGS.contains(&tag) || is_texture {
                 // A reference is named where it stands, not where it points.
                 object.add_property(child.required("name")?, target, properties)?;
-            } else if nested.contains(&target.tag.as_str()) {
+            } else if nested.contains(&tag) {
                 object.nested.push(target);
             } else {
                 let what = format!("<{}> inside <{}>", target.tag, element.tag);
                 let known: Vec<&str> = nested.iter().copied().chain(["named properties"]).collect();
                 return Err(child.unsupported(what, &known));
+            }
+        }
+        Ok(object)
+    }
+
+    /// Takes every property and object as it is: for what is read only in part.
+    pub fn lenient(element: &'a Element, ids: &Ids<'a>) -> Result<Self> {
+        let mut object = Self { element, nested: Vec::new(), properties: BTreeMap::new() };
+        for child in &element.children {
+            let target = follow(child, ids)?;
+            match child.attribute("name") {
+                Some(name) if PROPERTY_TAGS.contains(&target.tag.as_str()) => {
+                    object.properties.insert(name, target);
+                }
+                _ => object.nested.push(target),
             }
         }
         Ok(object)
@@ -115,30 +133,23 @@ impl<'a> Object<'a> {
     /// A point or vector.
     pub fn vector(&self, name: &str) -> Result<Option<[f64; 3]>> {
         self.typed(name, &["point", "vector"], |element| {
-            element.only_attributes(&["name", "x", "y", "z", "value"])?;
+            element.only_attributes(&["id", "name", "x", "y", "z", "value"])?;
             element.no_children()?;
-            for axis in ["x", "y", "z"] {
-                if element.attribute("value").is_none() {
-                    element.required(axis)?;
-                }
+            if ["x", "y", "z"].iter().all(|axis| element.attribute(axis).is_none()) {
+                element.required("value")?;
             }
             xyz(element, 0.0)
         })
     }
 
-    /// A colour: rgb, one number, or a spectrum that is one number.
+    /// A reflectance of any kind.
     pub fn color(&self, name: &str) -> Result<Option<[f32; 3]>> {
-        self.typed(name, &["rgb", "spectrum", "float", "integer"], |element| {
-            let numbers = numbers(element, value(element)?)?;
-            match (element.tag.as_str(), numbers.as_slice()) {
-                (_, [grey]) => Ok([*grey as f32; 3]),
-                ("rgb", [r, g, b]) => Ok([*r as f32, *g as f32, *b as f32]),
-                _ => Err(element.unsupported(
-                    format!("<{}> with {} numbers", element.tag, numbers.len()),
-                    &["one number", "<rgb> with three"],
-                )),
-            }
-        })
+        self.typed(name, &color::TAGS, |element| color::read(element, Use::Reflectance))
+    }
+
+    /// A colour for another use.
+    pub fn color_for(&self, name: &str, purpose: Use) -> Result<Option<[f32; 3]>> {
+        self.typed(name, &color::TAGS, |element| color::read(element, purpose))
     }
 
     /// A transform in double precision.
@@ -173,7 +184,7 @@ pub fn follow<'a>(element: &'a Element, ids: &Ids<'a>) -> Result<&'a Element> {
 
 /// The `value` of a property.
 fn value(element: &Element) -> Result<&str> {
-    element.only_attributes(&["name", "value"])?;
+    element.only_attributes(&["id", "name", "value"])?;
     element.no_children()?;
     element.required("value")
 }

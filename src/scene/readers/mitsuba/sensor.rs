@@ -13,7 +13,8 @@ const FAR_CLIP: f64 = 1e4;
 impl<'a> Reader<'a> {
     pub(super) fn sensor(&mut self, element: &'a Element) -> Result<()> {
         if std::mem::replace(&mut self.has_sensor, true) {
-            return Err(element.unsupported("a second sensor", &["one sensor"]));
+            self.warn(element, "only the first sensor is used");
+            return Ok(());
         }
         let lens = match kind(element)? {
             "perspective" => false,
@@ -21,6 +22,7 @@ impl<'a> Reader<'a> {
             other => return Err(element.unsupported(format!("sensor \"{other}\""), &["perspective", "thinlens"])),
         };
         let mut known = vec!["to_world", "fov", "fov_axis", "focal_length", "near_clip", "far_clip", "focus_distance"];
+        known.extend(["principal_point_offset_x", "principal_point_offset_y", "shutter_open", "shutter_close"]);
         known.extend(lens.then_some("aperture_radius"));
         let object = Object::new(element, &self.ids, &known, &["film", "sampler", "medium"])?;
         let sampler = object.single("sampler")?;
@@ -33,6 +35,8 @@ impl<'a> Reader<'a> {
         object.float("near_clip")?;
         let far = object.float("far_clip")?.unwrap_or(FAR_CLIP);
         let focus = object.float("focus_distance")?.unwrap_or(far) as f32;
+        let offset = |axis: &str| Ok(object.float(&format!("principal_point_offset_{axis}"))?.unwrap_or(0.0) as f32);
+        let principal_point_offset = [offset("x")?, offset("y")?];
         let aperture = match (lens, object.float("aperture_radius")?) {
             (true, None) => return Err(element.malformed("a thinlens needs an aperture_radius")),
             (_, radius) => radius.unwrap_or(0.0) as f32,
@@ -44,6 +48,7 @@ impl<'a> Reader<'a> {
             fov: horizontal_fov(&object, &self.file.film)? as f32,
             aperture_radius: aperture,
             focus_distance: lens.then_some(focus),
+            principal_point_offset,
         };
         self.places.set("camera", element.place.clone());
         Ok(())
@@ -52,7 +57,7 @@ impl<'a> Reader<'a> {
     fn sampler(&mut self, element: &'a Element) -> Result<()> {
         // Which numbers are drawn is the renderer's own affair; how many samples is the scene's wish.
         kind(element)?;
-        let object = Object::new(element, &self.ids, &["sample_count", "seed", "jitter"], &[])?;
+        let object = Object::lenient(element, &self.ids)?;
         if let Some(count) = object.integer("sample_count")? {
             let invalid = |_| element.malformed(format!("sample_count is {count}, expected at least 1"));
             self.file.render.spp = u32::try_from(count).map_err(invalid)?;
@@ -63,12 +68,15 @@ impl<'a> Reader<'a> {
 
     fn film(&mut self, element: &'a Element) -> Result<()> {
         match kind(element)? {
-            "hdrfilm" => {}
-            other => return Err(element.unsupported(format!("film \"{other}\""), &["hdrfilm"])),
+            "hdrfilm" | "ldrfilm" | "mfilm" | "tiledhdrfilm" => {}
+            other => return Err(element.unsupported(format!("film \"{other}\""), &["hdrfilm", "ldrfilm", "mfilm"])),
         }
-        // The output file's format is chosen when rendering.
-        let known = ["width", "height", "pixel_format", "component_format", "file_format"];
-        let object = Object::new(element, &self.ids, &known, &["rfilter"])?;
+        // How the file is written is chosen when rendering.
+        let object = Object::lenient(element, &self.ids)?;
+        if ["crop_width", "crop_height", "crop_offset_x", "crop_offset_y"].iter().any(|n| object.property(n).is_some())
+        {
+            self.warn(element, "the whole picture is rendered: the film's crop is left out (see --crop)");
+        }
         let side = |name: &str, default: u32| match object.integer(name)? {
             Some(side) => u32::try_from(side).map_err(|_| element.malformed(format!("{name} is {side}"))),
             None => Ok(default),

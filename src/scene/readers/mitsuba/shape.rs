@@ -2,8 +2,8 @@
 
 use glam::{DMat4, DVec3};
 
-use crate::base::Result;
-use crate::scene::file::{GeometryFile, MaterialFile, Matrix, MeshFile, ShapeFile, TextureFile};
+use crate::base::{Error, Result};
+use crate::scene::file::{GeometryFile, MaterialFile, MeshFile, ShapeFile, TextureFile};
 use crate::scene::readers::builtin::SEGMENTS;
 
 use super::Reader;
@@ -11,13 +11,54 @@ use super::element::Element;
 use super::object::{Object, kind};
 use super::transform;
 
-const KINDS: [&str; 8] = ["obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder"];
+const KINDS: [&str; 10] =
+    ["obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder", "shapegroup", "instance"];
+
+/// Most shapes of a scene: a short document with groups and instances must not grow without bound.
+const MOST_SHAPES: usize = 1 << 20;
 
 impl<'a> Reader<'a> {
     pub(super) fn shape(&mut self, element: &'a Element) -> Result<()> {
+        match kind(element)? {
+            // Seen only through its instances.
+            "shapegroup" => self.group(element).map(drop),
+            "instance" => self.instance(element),
+            _ => self.place(element, None),
+        }
+    }
+
+    /// The shapes of a group.
+    fn group(&self, element: &'a Element) -> Result<Vec<&'a Element>> {
+        let members = Object::new(element, &self.ids, &[], &["shape"])?.nested;
+        for member in &members {
+            if let "shapegroup" | "instance" = kind(member)? {
+                return Err(member.unsupported(format!("a {} inside a shapegroup", kind(member)?), &KINDS[..8]));
+            }
+            let emits = |child: &Element| {
+                let target = child.attribute("id").and_then(|id| self.ids.get(id)).copied().unwrap_or(child);
+                target.tag == "emitter"
+            };
+            if member.children.iter().any(emits) {
+                return Err(member.unsupported("a shape that emits inside a shapegroup", &["shapes without emitter"]));
+            }
+        }
+        Ok(members)
+    }
+
+    /// Every shape of a group once more: its transform acts first.
+    fn instance(&mut self, element: &'a Element) -> Result<()> {
+        let object = Object::new(element, &self.ids, &["to_world"], &["shape"])?;
+        let group = object.single("shape")?.filter(|group| kind(group).is_ok_and(|kind| kind == "shapegroup"));
+        let group = group.ok_or_else(|| element.malformed("an instance needs a reference to a shapegroup"))?;
+        let outer = object.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
+        self.group(group)?.into_iter().try_for_each(|member| self.place(member, Some((element, outer))))
+    }
+
+    /// A shape, or one of an instance whose transform acts after its own.
+    fn place(&mut self, element: &'a Element, instance: Option<(&'a Element, DMat4)>) -> Result<()> {
         let mut known = vec!["to_world", "flip_normals"];
         known.extend(match kind(element)? {
-            "obj" | "ply" => &["filename", "face_normals", "flip_tex_coords"][..],
+            "obj" | "ply" => &["filename", "face_normals", "flip_tex_coords", "max_smooth_angle"][..],
             "serialized" => &["filename", "face_normals", "shape_index"],
             "cube" => &["face_normals"],
             "rectangle" | "disk" => &[],
@@ -27,6 +68,14 @@ impl<'a> Reader<'a> {
         });
         let object = Object::new(element, &self.ids, &known, &["bsdf", "emitter", "medium"])?;
         let index = self.file.shapes.len();
+        if index >= MOST_SHAPES {
+            let (place, what) = (element.place.clone(), "number of shapes".to_owned());
+            return Err(Error::Limit { place, what, value: index as u64 + 1, limit: MOST_SHAPES as u64 });
+        }
+        if object.property("max_smooth_angle").is_some() {
+            self.warn(element, "max_smooth_angle is left out: normals are smooth, or flat with face_normals");
+        }
+        let outer = instance.map_or(DMat4::IDENTITY, |(_, outer)| outer);
         let emission = object.single("emitter")?.map(|emitter| self.area_light(emitter)).transpose()?;
         let [interior, exterior] = self.media(element, &format!("shape {index}"), ["interior", "exterior"])?;
         let shape = ShapeFile {
@@ -34,12 +83,13 @@ impl<'a> Reader<'a> {
             exterior,
             name: element.attribute("id").unwrap_or_default().to_owned(),
             geometry: self.geometry(&object)?,
-            to_world: placement(&object)?,
-            flip_normals: object.boolean("flip_normals")?.unwrap_or(false) != mirrored_sphere(&object)?,
+            to_world: transform::rounded(outer * placement(&object)?),
+            flip_normals: object.boolean("flip_normals")?.unwrap_or(false) != mirrored_sphere(&object, outer)?,
             material: self.material_of(&object, emission.is_some(), index)?,
             emission,
         };
-        self.places.set(format!("shapes[{index}]"), element.place.clone());
+        let place = instance.map_or(element, |(instance, _)| instance).place.clone();
+        self.places.set(format!("shapes[{index}]"), place);
         self.file.shapes.push(shape);
         Ok(())
     }
@@ -54,12 +104,12 @@ impl<'a> Reader<'a> {
                 return Ok(GeometryFile::Sphere { center, radius });
             }
             "obj" => {
-                flip_tex_coords(object, true)?;
-                MeshFile::Obj { file: file()?, face_normals }
+                let flip_v = !object.boolean("flip_tex_coords")?.unwrap_or(true);
+                MeshFile::Obj { file: file()?, face_normals, flip_v }
             }
             "ply" => {
-                flip_tex_coords(object, false)?;
-                MeshFile::Ply { file: file()?, face_normals }
+                let flip_v = object.boolean("flip_tex_coords")?.unwrap_or(false);
+                MeshFile::Ply { file: file()?, face_normals, flip_v }
             }
             "serialized" => {
                 let index = object.integer("shape_index")?.unwrap_or(0);
@@ -94,8 +144,13 @@ impl<'a> Reader<'a> {
         };
         let name = match element.attribute("id") {
             Some(id) => id.to_owned(),
-            None => self.free_name(&format!("shape {index}")),
+            // The instances of a group share what stands in it.
+            None => match self.unnamed.get(&std::ptr::from_ref(element)) {
+                Some(name) => name.clone(),
+                None => self.free_name(&format!("shape {index}")),
+            },
         };
+        self.unnamed.insert(element, name.clone());
         self.add_material(name.clone(), element)?;
         Ok(name)
     }
@@ -111,9 +166,10 @@ impl<'a> Reader<'a> {
 }
 
 /// `to_world`; for a cylinder also what takes the unit one to its axis and radius.
-fn placement(object: &Object) -> Result<Matrix> {
+fn placement(object: &Object) -> Result<DMat4> {
+    let to_world = object.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
     if kind(object.element)? != "cylinder" {
-        return object.to_world();
+        return Ok(to_world);
     }
     let end = |name: &str, default| Ok(DVec3::from_array(object.vector(name)?.unwrap_or(default)));
     let (p0, p1) = (end("p0", [0.0; 3])?, end("p1", [0.0, 0.0, 1.0])?);
@@ -124,28 +180,20 @@ fn placement(object: &Object) -> Result<Matrix> {
     }
     let (s, t) = axis.normalize().any_orthonormal_pair();
     let local = DMat4::from_cols((s * radius).extend(0.0), (t * radius).extend(0.0), axis.extend(0.0), p0.extend(1.0));
-    Ok(transform::rounded(object.transform("to_world")?.unwrap_or(DMat4::IDENTITY) * local))
+    Ok(to_world * local)
 }
 
 /// Mitsuba turns a sphere inside out where its transform mirrors; here the front stays the front.
-fn mirrored_sphere(object: &Object) -> Result<bool> {
-    let mirrors = object.transform("to_world")?.is_some_and(|matrix| matrix.determinant() < 0.0);
-    Ok(mirrors && kind(object.element)? == "sphere")
-}
-
-/// Only Mitsuba's default is supported: OBJ counts v from the bottom, the others from the top.
-fn flip_tex_coords(object: &Object, default: bool) -> Result<()> {
-    match object.boolean("flip_tex_coords")? {
-        Some(flip) if flip != default => Err(object
-            .element
-            .unsupported(format!("flip_tex_coords {flip}"), &[if default { "true" } else { "false" }])),
-        _ => Ok(()),
-    }
+fn mirrored_sphere(object: &Object, outer: DMat4) -> Result<bool> {
+    let to_world = outer * object.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
+    Ok(to_world.determinant() < 0.0 && kind(object.element)? == "sphere")
 }
 
 fn mesh_name(mesh: &MeshFile) -> String {
     let (base, flat) = match mesh {
-        MeshFile::Obj { file, face_normals } | MeshFile::Ply { file, face_normals } => (file.clone(), *face_normals),
+        MeshFile::Obj { file, face_normals, flip_v } | MeshFile::Ply { file, face_normals, flip_v } => {
+            (if *flip_v { format!("{file} (v flipped)") } else { file.clone() }, *face_normals)
+        }
         MeshFile::Serialized { file, index, face_normals } => (format!("{file} {index}"), *face_normals),
         MeshFile::Rectangle => ("rectangle".to_owned(), false),
         MeshFile::Disk => ("disk".to_owned(), false),

@@ -10,7 +10,7 @@ use super::object::{number, numbers, xyz};
 
 /// Reads a `<transform>`.
 pub fn read(element: &Element) -> Result<DMat4> {
-    element.only_attributes(&["name"])?;
+    element.only_attributes(&["id", "name"])?;
     element.children.iter().try_fold(DMat4::IDENTITY, |before, child| {
         child.no_children()?;
         Ok(step(child)? * before)

@@ -18,6 +18,25 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
             texture(check, &format!("{key}.opacity"), opacity)?;
             return values(check, &format!("{key}.material"), material);
         }
+        MaterialFile::Tinted { specular_reflectance, specular_transmittance, material } => {
+            texture(check, &format!("{key}.specular_reflectance"), specular_reflectance)?;
+            texture(check, &format!("{key}.specular_transmittance"), specular_transmittance)?;
+            return values(check, &format!("{key}.material"), material);
+        }
+        MaterialFile::BumpMap { texture: map, scale, material } => {
+            check.finite(&format!("{key}.scale"), &[*scale])?;
+            texture(check, &format!("{key}.texture"), map)?;
+            return values(check, &format!("{key}.material"), material);
+        }
+        MaterialFile::NormalMap { texture: map, material } => {
+            texture(check, &format!("{key}.texture"), map)?;
+            return values(check, &format!("{key}.material"), material);
+        }
+        MaterialFile::Blend { weight, materials } => {
+            texture(check, &format!("{key}.weight"), weight)?;
+            let mut parts = materials.iter().enumerate();
+            return parts.try_for_each(|(i, part)| values(check, &format!("{key}.materials[{i}]"), part));
+        }
         _ => {}
     }
     for (name, file) in material_file.textures() {
@@ -34,10 +53,15 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
         }
         MaterialFile::RoughDielectric { alpha, int_ior, ext_ior, .. }
         | MaterialFile::Plastic { alpha, int_ior, ext_ior, .. } => interface(check, key, *alpha, *int_ior, *ext_ior),
+        MaterialFile::Principled { .. } => principled(check, key, material_file),
         MaterialFile::Null
         | MaterialFile::Diffuse { .. }
+        | MaterialFile::Blend { .. }
+        | MaterialFile::BumpMap { .. }
+        | MaterialFile::NormalMap { .. }
         | MaterialFile::TwoSided { .. }
-        | MaterialFile::Mask { .. } => Ok(()),
+        | MaterialFile::Mask { .. }
+        | MaterialFile::Tinted { .. } => Ok(()),
     }
 }
 
@@ -46,19 +70,78 @@ fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]:
     match file {
         MaterialFile::TwoSided { material } if !two_sided => wrapped(check, key, material, [true, masked]),
         MaterialFile::Mask { material, .. } if !masked => wrapped(check, key, material, [two_sided, true]),
+        MaterialFile::BumpMap { material, .. } | MaterialFile::NormalMap { material, .. } if !material.is_bumped() => {
+            wrapped(check, key, material, [two_sided, masked])
+        }
+        MaterialFile::BumpMap { .. } | MaterialFile::NormalMap { .. } => {
+            check.fail(key, "a bump or normal map inside another")
+        }
         MaterialFile::TwoSided { .. } | MaterialFile::Mask { .. } => {
             check.fail(key, "a two-sided or masked material inside another of its kind")
+        }
+        MaterialFile::Blend { materials, .. } => {
+            let key = format!("{key}.materials");
+            materials.iter().try_for_each(|part| match part {
+                part if part.is_masked() || part.is_bumped() => {
+                    check.fail(&key, "a material with a mask, bump or normal map cannot be blended")
+                }
+                part => wrapped(check, &key, part, [two_sided, masked]),
+            })
+        }
+        MaterialFile::Principled { spec_trans, .. } if two_sided && *spec_trans > 0.0 => {
+            check.fail(key, "a material that lets light through cannot be two-sided")
+        }
+        MaterialFile::Tinted { material, .. }
+            if !matches!(
+                **material,
+                MaterialFile::Dielectric { .. }
+                    | MaterialFile::ThinDielectric { .. }
+                    | MaterialFile::RoughDielectric { .. }
+            ) =>
+        {
+            check.fail(key, "only a dielectric can be tinted")
         }
         MaterialFile::Null
         | MaterialFile::Dielectric { .. }
         | MaterialFile::ThinDielectric { .. }
         | MaterialFile::RoughDielectric { .. }
+        | MaterialFile::Tinted { .. }
             if two_sided =>
         {
             check.fail(key, "a material that lets light through cannot be two-sided")
         }
         _ => Ok(()),
     }
+}
+
+fn principled(check: &Checker, key: &str, file: &MaterialFile) -> Result<()> {
+    let MaterialFile::Principled {
+        eta,
+        spec_tint,
+        sheen,
+        sheen_tint,
+        clearcoat,
+        clearcoat_gloss,
+        flatness,
+        spec_trans,
+        ..
+    } = file
+    else {
+        return Ok(());
+    };
+    check.at_least(&format!("{key}.eta"), *eta, 1.0)?;
+    for (name, value) in [
+        ("spec_tint", spec_tint),
+        ("sheen", sheen),
+        ("sheen_tint", sheen_tint),
+        ("clearcoat", clearcoat),
+        ("clearcoat_gloss", clearcoat_gloss),
+        ("flatness", flatness),
+        ("spec_trans", spec_trans),
+    ] {
+        check.albedo(&format!("{key}.{name}"), &[*value; 3])?;
+    }
+    Ok(())
 }
 
 fn interface(check: &Checker, key: &str, alpha: f32, int_ior: f32, ext_ior: f32) -> Result<()> {

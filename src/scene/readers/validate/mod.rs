@@ -59,6 +59,7 @@ fn camera(check: &Checker, camera: &CameraFile) -> Result<()> {
             .fail("camera.fov", format!("the field of view is {}°, expected one between 0° and 180°", camera.fov));
     }
     check.at_least("camera.aperture_radius", camera.aperture_radius, 0.0)?;
+    check.finite("camera.principal_point_offset", &camera.principal_point_offset)?;
     match camera.focus_distance {
         Some(distance) => check.positive("camera.focus_distance", distance),
         None if camera.aperture_radius > 0.0 => check.fail("camera", "a lens needs a focus_distance"),

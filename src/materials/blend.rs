@@ -1,0 +1,57 @@
+//! Two materials mixed by a weight.
+
+use glam::{Vec2, Vec3};
+
+use super::texture::Texture;
+use super::{BsdfSample, Material, Transport};
+use crate::base::random::Random;
+
+/// (1 − w)·first + w·second.
+#[derive(Debug, Clone)]
+pub struct Blend {
+    /// Weight of the second material, in [0, 1]; the luminance of a colour.
+    pub weight: Texture,
+    /// The materials; their masks and bumps do not count.
+    pub parts: [Material; 2],
+}
+
+impl Blend {
+    /// The weights of both.
+    fn weights(&self, uv: Vec2) -> [f32; 2] {
+        let weight = self.weight.value(uv).clamp(0.0, 1.0);
+        [1.0 - weight, weight]
+    }
+
+    /// f·|cos θᵢ|.
+    pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
+        let [a, b] = self.weights(uv);
+        self.parts[0].eval(uv, wo, wi) * a + self.parts[1].eval(uv, wo, wi) * b
+    }
+
+    /// Density over the lobes that are not delta, w.r.t. solid angle.
+    pub fn pdf(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> f32 {
+        let [a, b] = self.weights(uv);
+        self.parts[0].pdf(uv, wo, wi) * a + self.parts[1].pdf(uv, wo, wi) * b
+    }
+
+    /// Samples one of the two, chosen by weight.
+    pub fn sample(&self, uv: Vec2, wo: Vec3, random: &mut Random, transport: Transport) -> Option<BsdfSample> {
+        let weights = self.weights(uv);
+        let chosen = usize::from(random.next_f32() < weights[1]);
+        let sample = self.parts[chosen].sample(uv, wo, random, transport)?;
+        if sample.delta {
+            return Some(BsdfSample { pdf: sample.pdf * weights[chosen], ..sample });
+        }
+        let other = 1 - chosen;
+        let value =
+            sample.weight * (sample.pdf * weights[chosen]) + self.parts[other].eval(uv, wo, sample.wi) * weights[other];
+        let pdf = sample.pdf * weights[chosen] + self.parts[other].pdf(uv, wo, sample.wi) * weights[other];
+        Some(BsdfSample { weight: value / pdf, pdf, ..sample })
+    }
+
+    /// Reflectance for pictures of the albedo.
+    pub fn albedo(&self, uv: Vec2) -> Vec3 {
+        let [a, b] = self.weights(uv);
+        self.parts[0].albedo(uv) * a + self.parts[1].albedo(uv) * b
+    }
+}

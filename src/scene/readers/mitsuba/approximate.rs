@@ -1,0 +1,66 @@
+//! Materials of Mitsuba 0.6 that have no equal here: each becomes a named near relation, with a warning.
+
+use crate::base::Result;
+use crate::math::channel_mean;
+use crate::scene::file::{Distribution, MaterialFile, TextureFile};
+
+use super::Reader;
+use super::element::Element;
+use super::object::{Object, kind};
+
+/// Reflection at normal incidence that a coat may get: its index would grow without bound otherwise.
+const MOST_SPECULAR: f32 = 0.5;
+
+impl<'a> Reader<'a> {
+    /// Oren and Nayar's surface without its roughness.
+    pub(super) fn rough_diffuse(&mut self, element: &'a Element) -> Result<MaterialFile> {
+        let object = Object::new(element, &self.ids, &["reflectance", "alpha", "use_fast_approx"], &[])?;
+        self.warn(element, "roughdiffuse is read as diffuse: its roughness is left out");
+        Ok(MaterialFile::Diffuse { reflectance: self.texture(&object, "reflectance", 0.5)? })
+    }
+
+    /// What is under a coat.
+    pub(super) fn coating(&mut self, element: &'a Element) -> Result<MaterialFile> {
+        let object = Object::lenient(element, &self.ids)?;
+        self.warn(element, format_args!("the {} is left out: what is under it is used", kind(element)?));
+        self.inside(&object)
+    }
+
+    /// Phong's and Ward's lobes over a diffuse base as rough plastic that reflects as much at normal incidence, or as a rough
+    /// mirror where there is no base.
+    pub(super) fn glossy(&mut self, element: &'a Element) -> Result<MaterialFile> {
+        let kind = kind(element)?;
+        let known =
+            ["exponent", "alpha_u", "alpha_v", "variant", "specular_reflectance", "diffuse_reflectance", "alpha"];
+        let object = Object::new(element, &self.ids, &known, &[])?;
+        let alpha = if kind == "phong" {
+            // Equal widths of the lobes (Walter et al. 2007, §5.1: α_b = √(2/(α_p + 2))).
+            (2.0 / (object.float("exponent")?.unwrap_or(30.0).max(0.0) + 2.0)).sqrt() as f32
+        } else {
+            self.roughness(&object)?.0
+        };
+        let specular = self.texture(&object, "specular_reflectance", 0.2)?;
+        let diffuse_reflectance = self.texture(&object, "diffuse_reflectance", 0.5)?;
+        let distribution = Distribution::Beckmann;
+        if diffuse_reflectance == TextureFile::rgb([0.0; 3]) {
+            self.warn(element, format_args!("{kind} is read as a roughconductor with alpha {alpha}"));
+            let (eta, k) = ([0.0; 3], [1.0; 3]);
+            return Ok(MaterialFile::RoughConductor { alpha, distribution, eta, k, specular_reflectance: specular });
+        }
+        self.warn(element, format_args!("{kind} is read as a roughplastic with alpha {alpha}"));
+        let color = self.mean(&specular, element, "specular_reflectance")?;
+        let mean = channel_mean(color.into()).clamp(0.0, MOST_SPECULAR);
+        // Fresnel's equations at normal incidence, solved for the index.
+        let int_ior = (1.0 + mean.sqrt()) / (1.0 - mean.sqrt());
+        let brightest = color.iter().fold(f32::MIN_POSITIVE, |most, channel| most.max(*channel));
+        Ok(MaterialFile::Plastic {
+            alpha,
+            distribution,
+            int_ior,
+            ext_ior: 1.0,
+            diffuse_reflectance,
+            specular_reflectance: TextureFile::rgb(color.map(|channel| channel / brightest)),
+            nonlinear: false,
+        })
+    }
+}

@@ -1,0 +1,148 @@
+//! Textures.
+
+use glam::{DVec3, Vec3};
+
+use crate::base::Result;
+use crate::scene::file::{Filter, TextureFile, Wrap, identity3};
+use crate::scene::readers::{path, read_image};
+
+use super::Reader;
+use super::color::Use;
+use super::element::Element;
+use super::object::{Object, kind};
+
+const KINDS: [&str; 3] = ["bitmap", "checkerboard", "scale"];
+
+impl<'a> Reader<'a> {
+    /// A colour or texture, `default` in all channels if absent.
+    pub(super) fn texture(&mut self, object: &Object<'a>, name: &str, default: f32) -> Result<TextureFile> {
+        match object.property(name) {
+            Some(element) if element.tag == "texture" => self.texture_object(element),
+            _ => Ok(TextureFile::rgb(object.color(name)?.unwrap_or([default; 3]))),
+        }
+    }
+
+    /// A colour; of a texture the mean, with a warning.
+    pub(super) fn mean_color(&mut self, object: &Object<'a>, name: &str, purpose: Use) -> Result<Option<[f32; 3]>> {
+        match object.property(name) {
+            Some(element) if element.tag == "texture" => {
+                let texture = self.texture_object(element)?;
+                self.mean(&texture, element, name).map(Some)
+            }
+            _ => object.color_for(name, purpose),
+        }
+    }
+
+    /// The mean of a texture where only one value can be used, with a warning.
+    pub(super) fn mean(&mut self, texture: &TextureFile, element: &Element, name: &str) -> Result<[f32; 3]> {
+        if !matches!(texture, TextureFile::Rgb { .. }) {
+            self.warn(element, format_args!("{name} cannot vary: the mean of its texture is used"));
+        }
+        Ok(match texture {
+            TextureFile::Rgb { value } => *value,
+            TextureFile::Checkerboard { color0, color1, .. } => [0, 1, 2].map(|i| (color0[i] + color1[i]) / 2.0),
+            TextureFile::Bitmap { file, raw, scale, .. } => {
+                let image = read_image(&path::resolve(&self.folder, file, &element.place)?, *raw)?;
+                let sum: DVec3 = image.pixels.iter().map(|pixel| pixel.as_dvec3()).sum();
+                ((sum / image.pixels.len().max(1) as f64).as_vec3() * *scale).to_array()
+            }
+        })
+    }
+
+    pub(super) fn texture_object(&mut self, element: &'a Element) -> Result<TextureFile> {
+        match kind(element)? {
+            "bitmap" => self.bitmap(element),
+            "checkerboard" => {
+                let object = Object::new(element, &self.ids, &["color0", "color1", "to_uv"], &[])?;
+                Ok(TextureFile::Checkerboard {
+                    color0: self.mean_color(&object, "color0", Use::Reflectance)?.unwrap_or([0.4; 3]),
+                    color1: self.mean_color(&object, "color1", Use::Reflectance)?.unwrap_or([0.2; 3]),
+                    to_uv: to_uv(&object)?,
+                })
+            }
+            "scale" => self.scaled(element),
+            other => Err(element.unsupported(format!("texture \"{other}\""), &KINDS)),
+        }
+    }
+
+    /// A texture times a number or colour.
+    fn scaled(&mut self, element: &'a Element) -> Result<TextureFile> {
+        let object = Object::new(element, &self.ids, &["scale"], &["texture"])?;
+        let factor = Vec3::from_array(object.color_for("scale", Use::Index)?.unwrap_or([1.0; 3]));
+        let missing = || element.malformed("a scaled texture needs a texture inside");
+        let inner = object.single("texture")?.ok_or_else(missing)?;
+        let times = |color: [f32; 3]| (Vec3::from_array(color) * factor).to_array();
+        Ok(match self.nested(inner, |reader| reader.texture_object(inner))? {
+            TextureFile::Rgb { value } => TextureFile::rgb(times(value)),
+            TextureFile::Checkerboard { color0, color1, to_uv } => {
+                TextureFile::Checkerboard { color0: times(color0), color1: times(color1), to_uv }
+            }
+            TextureFile::Bitmap { file, to_uv, raw, scale, wrap, filter } => {
+                if factor != Vec3::splat(factor.x) {
+                    self.warn(element, "a coloured scale: the mean of its channels is used");
+                }
+                let scale = scale * factor.element_sum() / 3.0;
+                TextureFile::Bitmap { file, to_uv, raw, scale, wrap, filter }
+            }
+        })
+    }
+
+    fn bitmap(&mut self, element: &'a Element) -> Result<TextureFile> {
+        // How a picture is kept in memory does not change its values.
+        let known =
+            ["filename", "raw", "to_uv", "filter_type", "wrap_mode", "wrap_mode_u", "wrap_mode_v", "format", "accel"];
+        let object = Object::new(element, &self.ids, &known, &[])?;
+        let filter = match object.string("filter_type")?.unwrap_or("bilinear") {
+            "bilinear" => Filter::Bilinear,
+            "nearest" => Filter::Nearest,
+            old @ ("trilinear" | "ewa") => {
+                self.warn(element, format_args!("filter_type bilinear is used instead of \"{old}\""));
+                Filter::Bilinear
+            }
+            other => {
+                return Err(element.unsupported(format!("filter_type \"{other}\""), &["bilinear", "nearest"]));
+            }
+        };
+        let both = object.string("wrap_mode")?;
+        let axis = |name: &str| -> Result<&str> { Ok(object.string(name)?.or(both).unwrap_or("repeat")) };
+        let (u, v) = (axis("wrap_mode_u")?, axis("wrap_mode_v")?);
+        if u != v {
+            self.warn(element, format_args!("wrap_mode \"{u}\" is used in both directions"));
+        }
+        let wrap = match u {
+            "repeat" => Wrap::Repeat,
+            "mirror" => Wrap::Mirror,
+            "clamp" => Wrap::Clamp,
+            old @ ("zero" | "one") => {
+                self.warn(element, format_args!("wrap_mode clamp is used instead of \"{old}\""));
+                Wrap::Clamp
+            }
+            other => {
+                return Err(element.unsupported(format!("wrap_mode \"{other}\""), &["repeat", "mirror", "clamp"]));
+            }
+        };
+        Ok(TextureFile::Bitmap {
+            file: object.required_string("filename")?.to_owned(),
+            to_uv: to_uv(&object)?,
+            raw: object.boolean("raw")?.unwrap_or(false),
+            scale: 1.0,
+            wrap,
+            filter,
+        })
+    }
+}
+
+/// The plane part of a transform: x, y and their translation. A third coordinate of a texture does not exist, and Mitsuba's
+/// versions disagree on what a matrix that uses it means.
+fn to_uv(object: &Object) -> Result<[f32; 9]> {
+    let Some(matrix) = object.transform("to_uv")? else { return Ok(identity3()) };
+    let m = matrix.transpose().to_cols_array_2d();
+    if [m[0][2], m[1][2], m[2][0], m[2][1]] != [0.0; 4] || m[3] != [0.0, 0.0, 0.0, 1.0] {
+        let known = ["scale", "rotate about z", "translate", "a matrix that leaves z alone"];
+        return Err(object.element.unsupported("a to_uv that mixes in a third coordinate", &known));
+    }
+    let row = |i: usize| [m[i][0] as f32, m[i][1] as f32, m[i][3] as f32];
+    let mut out = identity3();
+    out[..6].copy_from_slice([row(0), row(1)].as_flattened());
+    Ok(out)
+}

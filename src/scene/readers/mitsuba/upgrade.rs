@@ -1,0 +1,176 @@
+//! The dialect of Mitsuba 0.4 to 0.6, turned into that of Mitsuba 3 before anything is read: one pass over the tree that
+//! renames what has another name and spells out what has another default.
+
+use crate::base::Result;
+
+use super::element::Element;
+
+/// Elements with another name.
+const TAGS: [(&str, &str); 3] = [("lookAt", "lookat"), ("luminaire", "emitter"), ("camera", "sensor")];
+
+/// Element, its type (empty for any), the property's old name in snake case, and its new name.
+const PROPERTIES: [(&str, &str, &str, &str); 6] = [
+    ("bsdf", "diffuse", "diffuse_reflectance", "reflectance"),
+    ("emitter", "area", "intensity", "radiance"),
+    ("emitter", "constant", "intensity", "radiance"),
+    ("emitter", "directional", "intensity", "irradiance"),
+    ("emitter", "envmap", "intensity_scale", "scale"),
+    ("sensor", "thinlens", "focus_depth", "focus_distance"),
+];
+
+/// Element and its properties that say nothing about the picture's radiance: how samples are drawn, files are cached or written.
+const WITHOUT_MEANING: [(&str, &[&str]); 4] = [
+    ("texture", &["cache", "max_anisotropy"]),
+    ("emitter", &["cache", "sampling_weight"]),
+    ("shape", &["collapse"]),
+    ("sensor", &["kc", "aperture_blades"]),
+];
+
+/// Upgrades the document `scene` if its version asks for that.
+pub fn document(scene: &mut Element, warnings: &mut Vec<String>) -> Result<()> {
+    scene.only_attributes(&["version"])?;
+    match scene.attribute("version").map(|version| version.split('.').next().unwrap_or_default()) {
+        Some("2" | "3") => return Ok(()),
+        Some("0") => {}
+        Some(_) => {
+            let version = scene.required("version")?;
+            return Err(scene.unsupported(format!("scene version {version}"), &["0.4 to 0.6", "2.x", "3.x"]));
+        }
+        None => warnings.push(format!("{}: the scene has no version: read as 0.6", scene.place)),
+    }
+    upgrade(scene, warnings);
+    Ok(())
+}
+
+/// Upgrades `element` and all that is in it; what cannot be kept is put into `warnings`.
+fn upgrade(element: &mut Element, warnings: &mut Vec<String>) {
+    if let Some((_, new)) = TAGS.iter().find(|(old, _)| *old == element.tag) {
+        element.tag = (*new).to_owned();
+    }
+    let kind = element.attribute("type").unwrap_or_default().to_owned();
+    for child in &mut element.children {
+        upgrade(child, warnings);
+        rename(child, &element.tag, &kind);
+    }
+    let ignored = WITHOUT_MEANING.iter().find(|(tag, _)| *tag == element.tag).map_or(&[][..], |(_, names)| names);
+    element.children.retain(|child| !child.attribute("name").is_some_and(|name| ignored.contains(&name)));
+    match (element.tag.as_str(), kind.as_str()) {
+        ("texture", "bitmap") => {
+            gamma(element, warnings);
+            texture_transform(element);
+        }
+        ("texture", _) => texture_transform(element),
+        ("bsdf", "conductor" | "roughconductor") => copper(element),
+        ("spectrum", "") => plain_numbers(element),
+        _ => {}
+    }
+}
+
+fn rename(property: &mut Element, tag: &str, kind: &str) {
+    let Some(name) = property.attribute("name") else { return };
+    let name = snake_case(name);
+    let fits = |row: &&(&str, &str, &str, &str)| row.0 == tag && row.1 == kind && row.2 == name;
+    let name = PROPERTIES.iter().find(fits).map_or(name.clone(), |row| row.3.to_owned());
+    property.set("name", name);
+}
+
+/// `intIOR` becomes `int_ior`: a small letter before capitals begins a word.
+fn snake_case(name: &str) -> String {
+    let mut out = String::with_capacity(name.len() + 4);
+    let mut small_before = false;
+    for letter in name.chars() {
+        if small_before && letter.is_ascii_uppercase() {
+            out.push('_');
+        }
+        small_before = letter.is_ascii_lowercase();
+        out.push(if out.contains('_') { letter.to_ascii_lowercase() } else { letter });
+    }
+    out
+}
+
+/// `uscale`, `vscale`, `uoffset`, `voffset` become `to_uv`, which scales first as Mitsuba 0.6 does; Mitsuba 3 shifts first when it
+/// upgrades such a file.
+fn texture_transform(element: &mut Element) {
+    let number = |name: &str, element: &Element| {
+        let child = element.children.iter().find(|child| child.attribute("name") == Some(name));
+        child.and_then(|child| child.attribute("value").map(str::to_owned))
+    };
+    let names = ["uscale", "vscale", "uoffset", "voffset"];
+    let [us, vs, uo, vo] = names.map(|name| number(name, element));
+    if [&us, &vs, &uo, &vo].iter().all(|value| value.is_none()) {
+        return;
+    }
+    element.children.retain(|child| !child.attribute("name").is_some_and(|name| names.contains(&name)));
+    let axes = |tag: &str, [x, y]: [Option<String>; 2], default: &str| {
+        let mut step = element.like(tag);
+        step.set("x", x.unwrap_or_else(|| default.to_owned()));
+        step.set("y", y.unwrap_or_else(|| default.to_owned()));
+        step
+    };
+    let mut transform = element.like("transform");
+    transform.set("name", "to_uv".to_owned());
+    transform.children = vec![axes("scale", [us, vs], "1"), axes("translate", [uo, vo], "0")];
+    element.children.push(transform);
+}
+
+/// `gamma` 1 means data; any other value than sRGB's is left out.
+fn gamma(element: &mut Element, warnings: &mut Vec<String>) {
+    let is_gamma = |child: &Element| child.attribute("name") == Some("gamma");
+    let Some(at) = element.children.iter().position(is_gamma) else { return };
+    let mut child = element.children.remove(at);
+    match child.attribute("value").and_then(|text| text.trim().parse::<f64>().ok()) {
+        Some(1.0) => {
+            child.tag = "boolean".to_owned();
+            child.set("name", "raw".to_owned());
+            child.set("value", "true".to_owned());
+            element.children.push(child);
+        }
+        Some(value) if value < 0.0 => {}
+        other => warnings.push(format!(
+            "{}: gamma {}: the sRGB curve is used",
+            child.place,
+            other.map_or("?".to_owned(), |value| value.to_string())
+        )),
+    }
+}
+
+/// A metal without a name was copper.
+fn copper(element: &mut Element) {
+    let given = |child: &Element| matches!(child.attribute("name"), Some("material" | "eta" | "k"));
+    if !element.children.iter().any(given) {
+        let mut material = element.like("string");
+        material.set("name", "material".to_owned());
+        material.set("value", "Cu".to_owned());
+        element.children.push(material);
+    }
+}
+
+/// A spectrum of one or three numbers was a colour.
+fn plain_numbers(element: &mut Element) {
+    element.attributes.retain(|(name, _)| name != "intent");
+    if element.attribute("value").is_some_and(|text| !text.contains(':')) {
+        element.tag = "rgb".to_owned();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names() {
+        for (old, new) in [
+            ("toWorld", "to_world"),
+            ("intIOR", "int_ior"),
+            ("extEta", "ext_eta"),
+            ("alphaU", "alpha_u"),
+            ("focalLength", "focal_length"),
+            ("maxDepth", "max_depth"),
+            ("fov", "fov"),
+            ("to_uv", "to_uv"),
+            ("p0", "p0"),
+        ] {
+            assert_eq!(snake_case(old), new);
+        }
+    }
+}
