@@ -52,6 +52,27 @@ impl Shape {
         }
     }
 
+    /// The same with a mesh of its own in world coordinates, which spares every hit the way there.
+    pub fn in_world(self) -> Self {
+        let Geometry::Mesh { mesh, to_world, normal_to_world, winding, in_world: false } = &self.geometry else {
+            return self;
+        };
+        let placed = Mesh {
+            positions: mesh.positions.iter().map(|&p| to_world.transform_point3(p)).collect(),
+            normals: mesh.normals.iter().map(|&n| *normal_to_world * n).collect(),
+            uvs: mesh.uvs.clone(),
+            triangles: mesh.triangles.clone(),
+        };
+        let geometry = Geometry::Mesh {
+            mesh: Arc::new(placed),
+            to_world: Affine3A::IDENTITY,
+            normal_to_world: Mat3::IDENTITY,
+            winding: *winding,
+            in_world: true,
+        };
+        Self { geometry, ..self }
+    }
+
     /// A sphere.
     pub fn sphere(center: Vec3, radius: f32, flip_normals: bool) -> Self {
         Self { geometry: Geometry::Sphere(Sphere { center, radius }), flip_normals, turn: None }

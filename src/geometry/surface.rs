@@ -33,6 +33,7 @@ pub struct Surface {
 
 impl Surface {
     /// The surface at `hit` on `shape`.
+    #[inline]
     pub fn new(ray: &Ray, hit: &Hit, shape: &Shape) -> Self {
         let sign = if shape.flip_normals { -1.0 } else { 1.0 };
         match &shape.geometry {
@@ -57,6 +58,7 @@ impl Surface {
         Self { point, error, normal, smooth: normal, frame: Frame::new(out), uv, distance, shape: u32::MAX }
     }
 
+    #[inline]
     fn on_triangle(hit: &Hit, shape: &Shape, sign: f32, winding: f32) -> Self {
         let [a, b, c] = shape.triangle(hit.triangle);
         let [b1, b2] = hit.barycentric;
@@ -85,6 +87,7 @@ impl Surface {
     }
 
     /// The ray that leaves this point along the unit vector `direction` without hitting the surface again.
+    #[inline]
     pub fn leave(&self, direction: Vec3) -> Ray {
         Ray { origin: offset_origin(self.point, self.error, self.normal, direction), direction }
     }
@@ -111,11 +114,11 @@ pub fn partials(surface: &Surface, hit: &Hit, shape: &Shape) -> Option<[Vec3; 2]
 }
 
 fn shading_normal(shape: &Shape, hit: &Hit, weights: [f32; 3]) -> Option<Vec3> {
-    let Geometry::Mesh { mesh, normal_to_world, .. } = &shape.geometry else { return None };
+    let Geometry::Mesh { mesh, normal_to_world, in_world, .. } = &shape.geometry else { return None };
     if mesh.normals.is_empty() {
         return None;
     }
     let vertices = mesh.triangles[hit.triangle as usize];
     let sum: Vec3 = vertices.iter().zip(weights).map(|(&v, w)| mesh.normals[v as usize] * w).sum();
-    (*normal_to_world * sum).try_normalize()
+    if *in_world { sum.try_normalize() } else { (*normal_to_world * sum).try_normalize() }
 }

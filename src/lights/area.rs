@@ -95,12 +95,11 @@ impl AreaLight {
                 let error = gamma(6) * (sphere.center.abs() + Vec3::splat(sphere.radius));
                 (sphere.center + normal * sphere.radius, normal * sign, error)
             }
-            Geometry::Mesh { to_world, .. } => {
+            Geometry::Mesh { winding, .. } => {
                 let (triangle, inside) = self.triangles.sample(f64::from(u[0]));
                 let [a, b, c] = self.shape.triangle(triangle as u32);
                 let [b1, b2] = warp::square_to_triangle([inside as f32, u[1]]);
                 let b0 = 1.0 - b1 - b2;
-                let winding = to_world.matrix3.determinant().signum();
                 let normal = (b - a).cross(c - a).normalize_or(Vec3::Z) * (sign * winding);
                 let error = gamma(12) * ((a * b0).abs() + (b * b1).abs() + (c * b2).abs());
                 (a * b0 + b * b1 + c * b2, normal, error)
@@ -118,7 +117,7 @@ impl AreaLight {
 
     /// Where it is, and the normals of its emitting side.
     pub(super) fn bounds(&self) -> LightBounds {
-        let Geometry::Mesh { mesh, to_world, .. } = &self.shape.geometry else {
+        let Geometry::Mesh { mesh, winding, .. } = &self.shape.geometry else {
             let Geometry::Sphere(sphere) = &self.shape.geometry else { unreachable!("a shape is a mesh or a sphere") };
             let radius = Vec3::splat(sphere.radius);
             let intensity = channel_mean(self.power()) / (4.0 * PI);
@@ -129,7 +128,7 @@ impl AreaLight {
                 intensity,
             };
         };
-        let sign = if self.shape.flip_normals { -1.0 } else { 1.0 } * to_world.matrix3.determinant().signum();
+        let sign = if self.shape.flip_normals { -1.0 } else { 1.0 } * winding;
         let (mut low, mut high, mut cone) = (Vec3::INFINITY, Vec3::NEG_INFINITY, None::<Cone>);
         for index in 0..mesh.triangles.len() as u32 {
             let [a, b, c] = self.shape.triangle(index);

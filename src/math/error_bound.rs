@@ -13,6 +13,7 @@ pub const fn gamma(n: u32) -> f32 {
 
 /// Moves `point`, known to within `error` per coordinate, along the unit normal to the side of `direction`, at least past
 /// the error box and by at least one float.
+#[inline]
 pub fn offset_origin(point: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
     let distance = normal.abs().dot(error);
     let offset = if direction.dot(normal) < 0.0 { -distance * normal } else { distance * normal };

@@ -11,6 +11,7 @@ use super::media::Border;
 use super::readers::LoadedScene;
 use crate::base::{Error, Place, Result};
 use crate::camera::Camera;
+use crate::geometry::accel::SELDOM_SHARED;
 use crate::geometry::{Accel, Shape};
 use crate::lights::area::AreaLight;
 use crate::lights::distant::{Constant, Directional};
@@ -55,8 +56,12 @@ impl Scene {
         // What is said of no shape is where the camera is.
         let camera_medium = medium(&file.camera.medium)?;
         let mut light_medium = Vec::new();
+        let mut uses: BTreeMap<Option<&str>, usize> = BTreeMap::new();
         for shape_file in &file.shapes {
-            let shape = shape(shape_file, loaded)?;
+            *uses.entry(mesh_name(shape_file)).or_default() += 1;
+        }
+        for shape_file in &file.shapes {
+            let shape = shape(shape_file, uses[&mesh_name(shape_file)] == 1, loaded)?;
             let name = shape_file.material.as_str();
             shape_material.push(*names.get(name).ok_or_else(|| unresolved(loaded, "material", name))?);
             let border = Border { interior: medium(&shape_file.interior)?, exterior: medium(&shape_file.exterior)? };
@@ -130,12 +135,27 @@ fn bounding_sphere([low, high]: [Vec3; 2], camera: Vec3) -> BoundingSphere {
     BoundingSphere { center: 0.5 * (low + high), radius: (0.5 * (high - low).length()).max(f32::MIN_POSITIVE) }
 }
 
-fn shape(file: &ShapeFile, loaded: &LoadedScene) -> Result<Shape> {
+/// The mesh that a shape uses; none for a sphere.
+fn mesh_name(file: &ShapeFile) -> Option<&str> {
+    match &file.geometry {
+        GeometryFile::Mesh { mesh } => Some(mesh),
+        GeometryFile::Sphere { .. } => None,
+    }
+}
+
+/// The shape of `file`, `alone` where no other uses its mesh.
+fn shape(file: &ShapeFile, alone: bool, loaded: &LoadedScene) -> Result<Shape> {
     let to_world = affine(&file.to_world);
     match &file.geometry {
         GeometryFile::Mesh { mesh } => {
             let found = loaded.meshes.get(mesh).ok_or_else(|| unresolved(loaded, "mesh", mesh))?;
-            Ok(Shape::mesh(found.clone(), to_world, file.flip_normals))
+            let shape = Shape::mesh(found.clone(), to_world, file.flip_normals);
+            let own = match found.triangles.len() {
+                triangles if triangles <= SELDOM_SHARED => true,
+                // A second copy of a large mesh would take more memory than it saves time.
+                triangles => alone && triangles <= 1 << 16,
+            };
+            Ok(if own { shape.in_world() } else { shape })
         }
         GeometryFile::Sphere { center, radius } => {
             let scale = to_world.transform_vector3(Vec3::X).length();

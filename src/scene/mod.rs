@@ -61,6 +61,7 @@ const MOST_HOLES: usize = 1 << 12;
 
 impl Scene {
     /// The nearest surface on a ray that is there: a masked one is with the probability of its opacity.
+    #[inline]
     pub fn trace(&self, ray: &Ray, random: &mut Random) -> Option<Surface> {
         let mut surface = self.intersect(ray)?;
         if self.has_masks {
@@ -101,6 +102,7 @@ impl Scene {
     }
 
     /// The nearest surface on a ray, holes or not.
+    #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<Surface> {
         let hit = self.accel.intersect(ray)?;
         let mut surface = Surface::new(ray, &hit, &self.shapes[hit.shape as usize]);

@@ -147,6 +147,7 @@ impl Accel {
     }
 
     /// The nearest hit; of several at the same distance, that of the first shape's first triangle.
+    #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
         let mut best = Hit::NONE;
         self.hierarchy.closest(&Query::new(ray)?, &mut best, &self.others);
@@ -154,6 +155,7 @@ impl Accel {
     }
 
     /// Whether anything lies on the ray before distance `t_max`.
+    #[inline]
     pub fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
         Query::new(ray).is_some_and(|query| self.hierarchy.occluded(&query, t_max, &self.others))
     }
@@ -251,14 +253,16 @@ fn instance_box(shape: &Shape, mesh: &Mesh) -> Aabb {
     widened(all)
 }
 
+/// Triangles up to which a mesh is stored for each shape that uses it: going to it by way of the shape costs more.
+pub const SELDOM_SHARED: usize = 12;
+
 /// Meshes that deserve a hierarchy of their own: used more than once, and big enough that storing them twice costs more.
 fn shared_meshes(shapes: &[Shape]) -> HashSet<*const Mesh> {
-    const SMALL: usize = 12;
     let mut seen = HashSet::new();
     let mut shared = HashSet::new();
     for shape in shapes {
         if let Geometry::Mesh { mesh, .. } = &shape.geometry
-            && mesh.triangles.len() > SMALL
+            && mesh.triangles.len() > SELDOM_SHARED
             && !seen.insert(Arc::as_ptr(mesh))
         {
             shared.insert(Arc::as_ptr(mesh));
