@@ -199,6 +199,30 @@ fn holes_let_light_through() {
     assert!(open > 0.01 && (screened / open - 0.25).abs() < 0.01, "{screened} of {open}");
 }
 
+/// A lamp behind thirty screens without substance, far from the origin: each takes a bit of the shadow ray's length, which must not
+/// be missed at its end.
+#[test]
+fn many_holes_take_nothing_from_a_shadow_ray() {
+    let mean_with = |screens: usize| {
+        let mut b = Builder::new("screens", [8, 8]);
+        let at = Vec3::splat(700.0);
+        let wall = b.add_material("wall", one_sided(0.5));
+        let opacity = TextureFile::rgb([0.0; 3]);
+        let holes = b.add_material("holes", MaterialFile::Mask { opacity, material: Box::new(diffuse([0.0; 3])) });
+        b.add_quad("wall", at, [Vec3::X * 2.0, Vec3::Y * 2.0], &wall, None);
+        for i in 0..screens {
+            b.add_quad("screen", at + Vec3::Z * (1.0 + 0.1 * i as f32), [Vec3::X * 40.0, Vec3::Y * 40.0], &holes, None);
+        }
+        b.add_quad("lamp", at + Vec3::new(3.0, 0.0, 10.0), [Vec3::Y, Vec3::X], &wall, Some([10.0; 3]));
+        b.look_at(at + Vec3::Z * 0.5, at, Vec3::Y, 60.0);
+        let mut settings = settings(GUIDES[0], 16, 1);
+        settings.transport.max_depth = 2;
+        mean(&picture(&built(b.finish()), &settings))
+    };
+    let (open, screened) = (mean_with(0), mean_with(30));
+    assert!(open > 0.01 && (screened / open - 1.0).abs() < 0.02, "{screened} of {open}");
+}
+
 /// Means of 8×8 blocks and of the whole picture, the last value.
 fn blocks(image: &Image) -> Vec<f64> {
     let (columns, rows) = (image.width / 8, image.height / 8);

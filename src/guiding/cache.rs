@@ -333,7 +333,7 @@ impl SpatialCache {
     /// The voxels around a point, whatever they face.
     pub fn find_all(&self, point: Vec3) -> Vec<VoxelId> {
         let axes = [Vec3::X, Vec3::Y, Vec3::Z];
-        let normals = axes.iter().flat_map(|&axis| [axis, -axis]);
+        let normals = axes.iter().flat_map(|&axis| [axis, -axis]).chain([Vec3::ZERO]);
         let mut found: Vec<VoxelId> = normals.filter_map(|normal| self.find(point, normal)).collect();
         found.dedup();
         found
@@ -342,7 +342,7 @@ impl SpatialCache {
     /// The axis direction that the surfaces of a voxel face; none where voxels hold surfaces of all facings.
     pub fn facing(&self, voxel: VoxelId) -> Option<&'static str> {
         let (_, facing) = self.keys[self.cell_of[voxel as usize] as usize];
-        self.faces.then(|| ["+x", "-x", "+y", "-y", "+z", "-z"][facing.0 as usize])
+        self.faces.then(|| ["+x", "-x", "+y", "-y", "+z", "-z", "a medium"][facing.0 as usize])
     }
 
     /// Bytes in use.

@@ -163,6 +163,9 @@ impl LightSet {
     /// Chooses probabilities for `lights` in a scene within `bounds`.
     pub fn new(lights: Vec<Light>, bounds: &BoundingSphere) -> Self {
         let power: Vec<f64> = lights.iter().map(|l| f64::from(channel_mean(l.power(bounds)))).collect();
+        // What overflows single precision is no finite power; it keeps the uniform part.
+        let finite = |p: &f64| if p.is_finite() { *p } else { 0.0 };
+        let power: Vec<f64> = power.iter().map(finite).collect();
         let total: f64 = power.iter().sum();
         let uniform = 1.0 / lights.len().max(1) as f64;
         let weight = |p: f64| 0.5 * uniform + if total > 0.0 { 0.5 * p / total } else { 0.0 };

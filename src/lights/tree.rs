@@ -47,7 +47,8 @@ impl Cone {
         }
         let half = 0.5 * (wide.half + between + narrow.half);
         let turn = wide.axis.cross(narrow.axis);
-        if half >= PI || turn == Vec3::ZERO {
+        // Nearly opposite axes have no plane to turn in.
+        if half >= PI || turn.length_squared() < 1e-6 {
             return Self::ALL;
         }
         let turned = glam::Quat::from_axis_angle(turn.normalize(), half - wide.half) * wide.axis;
@@ -78,8 +79,8 @@ impl LightBounds {
     }
 
     fn cost(&self) -> f32 {
-        let [x, y, z] = (self.high - self.low).to_array();
-        self.intensity * self.cone.measure() * (x * y + y * z + z * x)
+        // Not the area of the box, which is nothing for lights on a line.
+        self.intensity * self.cone.measure() * (self.high - self.low).length_squared()
     }
 }
 

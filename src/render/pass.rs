@@ -145,13 +145,15 @@ impl PassTracer<'_> {
             self.camera_path(pixel, sample, keep, scratch, block);
         });
         let mut index = start;
+        // Counted from where the pass began, so that the film's halves are those of the sequences.
+        let behind = u64::from(self.first_sample - self.sequences_from.unwrap_or(self.first_sample));
         for block in &blocks {
             statistics.rays += block.rays.rays;
             statistics.camera_rays += block.rays.rays;
             for &radiance in &block.radiance {
                 if radiance.is_finite() {
                     let (pixel, sample) = self.place(index, rows);
-                    pass.add(pixel as usize, sample, radiance);
+                    pass.add(pixel as usize, behind + sample, radiance);
                 } else {
                     statistics.dropped_samples += 1;
                 }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::effects::Effects;
-use super::{MOST_HOLES, Scene};
+use super::{MOST_HOLES, Scene, go_on};
 use crate::base::random::Random;
 use crate::geometry::{Ray, Surface};
 use crate::materials::Kind;
@@ -99,7 +99,10 @@ impl Scene {
     fn travel(&self, ray: &Ray, medium: &mut Option<MediumId>, carried: Vec3, random: &mut Random) -> (Arrival, Vec3) {
         let (mut ray, mut weight, mut behind) = (*ray, Vec3::ONE, 0.0);
         for _ in 0..MOST_HOLES {
-            let surface = self.trace(&ray, random);
+            let surface = self.intersect(&ray);
+            if let Some(surface) = &surface {
+                *medium = self.medium_before(surface, ray.direction, *medium);
+            }
             if let Some(id) = *medium {
                 let limit = surface.map_or(f32::INFINITY, |surface| surface.distance);
                 match self.medium(id).sample(carried * weight, limit, random.next_f32(), random.next_f32()) {
@@ -111,7 +114,8 @@ impl Scene {
                 }
             }
             let Some(surface) = surface else { return (Arrival::Background, weight) };
-            if !self.is_border(&surface) {
+            let opacity = self.opacity(&surface);
+            if opacity >= 1.0 || opacity > 0.0 && random.next_f32() < opacity {
                 let distance = behind + surface.distance;
                 return (Arrival::Surface(Surface { distance, ..surface }), weight);
             }
@@ -127,24 +131,31 @@ impl Scene {
         let (mut through, mut ray, mut left) = (Vec3::ONE, *ray, length);
         for _ in 0..MOST_HOLES {
             let surface = self.intersect(&ray).filter(|surface| surface.distance < left);
+            if let Some(surface) = &surface {
+                medium = self.medium_before(surface, ray.direction, medium);
+            }
             if let Some(id) = medium {
                 through *= self.medium(id).transmittance(surface.map_or(left, |surface| surface.distance));
             }
             let Some(surface) = surface else { return through };
-            if self.is_border(&surface) {
-                medium = self.medium_beyond(&surface, ray.direction, medium);
-            } else {
-                through *= 1.0 - self.opacity(&surface);
-            }
+            through *= 1.0 - self.opacity(&surface);
             if through == Vec3::ZERO {
                 break;
             }
-            left -= surface.distance;
-            ray = surface.leave(ray.direction);
+            medium = self.medium_beyond(&surface, ray.direction, medium);
+            (ray, left) = go_on(&surface, &ray, left);
         }
         Vec3::ZERO
     }
 
+    /// The medium that a ray arrives in at `surface`, going in `direction`, where it is thought to be in `medium`. A point near a
+    /// border may be on either side of it by rounding; the next border tells.
+    fn medium_before(&self, surface: &Surface, direction: Vec3, medium: Option<MediumId>) -> Option<MediumId> {
+        let [before, beyond] = [-direction, direction].map(|side| self.medium_beyond(surface, side, medium));
+        if medium == beyond { before } else { medium }
+    }
+
+    /// Whether a surface is only the border of a medium.
     fn is_border(&self, surface: &Surface) -> bool {
         matches!(self.material(surface).kind, Kind::Null)
     }

@@ -15,9 +15,9 @@ use crate::camera::Camera;
 use crate::geometry::surface::partials;
 use crate::geometry::{Accel, Hit, Ray, Shape, Surface};
 use crate::lights::{BoundingSphere, Light, LightSet};
-use crate::materials::Material;
 use crate::materials::bump::Tangents;
 use crate::materials::medium::{Medium, MediumId};
+use crate::materials::{Kind, Material};
 use crate::math::Frame;
 use effects::Needs;
 use media::Border;
@@ -89,15 +89,18 @@ impl Scene {
             if visible <= 0.0 {
                 break;
             }
-            left -= surface.distance;
-            ray = surface.leave(ray.direction);
+            (ray, left) = go_on(&surface, &ray, left);
         }
         0.0
     }
 
-    /// Light is sampled on whole surfaces, so what shines has no holes.
+    /// Probability that a surface is there. Light is sampled on whole surfaces, so what shines has no holes.
     fn opacity(&self, surface: &Surface) -> f32 {
-        let mask = self.material(surface).opacity.as_ref().filter(|_| self.light_of(surface).is_none());
+        let material = self.material(surface);
+        if matches!(material.kind, Kind::Null) {
+            return 0.0;
+        }
+        let mask = material.opacity.as_ref().filter(|_| self.light_of(surface).is_none());
         mask.map_or(1.0, |mask| mask.value(surface.uv).clamp(0.0, 1.0))
     }
 
@@ -142,4 +145,16 @@ impl Scene {
     pub fn materials(&self) -> &[Material] {
         &self.materials
     }
+}
+
+/// A ray that goes on behind `surface` to the end of the length `left` that it had, and its new length. It is aimed anew: the
+/// offsets from many surfaces would otherwise carry it past that end, to a light's own surface.
+fn go_on(surface: &Surface, ray: &Ray, left: f32) -> (Ray, f32) {
+    let next = surface.leave(ray.direction);
+    if left.is_infinite() {
+        return (next, left);
+    }
+    let to = ray.at(left) - next.origin;
+    let length = to.length();
+    (Ray { direction: to / length, ..next }, if to.dot(ray.direction) > 0.0 { length } else { 0.0 })
 }

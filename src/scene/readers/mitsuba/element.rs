@@ -27,6 +27,8 @@ pub struct Element {
     pub children: Vec<Element>,
     /// File and line where it begins.
     pub place: Place,
+    /// Whether it is in the present dialect, as what a file of its own version includes.
+    pub upgraded: bool,
 }
 
 impl Element {
@@ -45,7 +47,13 @@ impl Element {
 
     /// An element without attributes that stands at the same place.
     pub fn like(&self, tag: &str) -> Self {
-        Self { tag: tag.to_owned(), attributes: Vec::new(), children: Vec::new(), place: self.place.clone() }
+        Self {
+            tag: tag.to_owned(),
+            attributes: Vec::new(),
+            children: Vec::new(),
+            place: self.place.clone(),
+            upgraded: false,
+        }
     }
 
     /// The value of an attribute that must be there.
@@ -115,6 +123,7 @@ impl Source<'_> {
             return Err(root.unsupported(format!("<{}> as the outermost element", root.tag), &["scene"]));
         }
         upgrade::document(&mut root, &mut self.warnings)?;
+        root.children.iter_mut().for_each(|child| child.upgraded = true);
         Ok(root)
     }
 
@@ -134,8 +143,13 @@ impl Source<'_> {
         if depth > DEEPEST {
             return Err(Error::malformed(place, format!("elements are nested more than {DEEPEST} deep")));
         }
-        let mut element =
-            Element { tag: node.tag_name().name().to_owned(), attributes: Vec::new(), children: Vec::new(), place };
+        let mut element = Element {
+            tag: node.tag_name().name().to_owned(),
+            attributes: Vec::new(),
+            children: Vec::new(),
+            place,
+            upgraded: false,
+        };
         for attribute in node.attributes() {
             let value = self.replace(attribute.value(), &element.place)?;
             element.attributes.push((attribute.name().to_owned(), value));

@@ -1,6 +1,6 @@
 //! Materials.
 
-use crate::base::Result;
+use crate::base::{Error, Result};
 use crate::materials::texture::luminance;
 use crate::scene::file::{Distribution, Filter, MaterialFile, TextureFile};
 
@@ -36,6 +36,9 @@ const KINDS: [&str; 20] = [
 /// How deep materials may be inside one another.
 pub(super) const MOST_NESTED: u32 = 8;
 
+/// Most materials, counted again wherever one is inside another: blends of blends must not grow without bound.
+const MOST_MATERIALS: u64 = 1 << 17;
+
 impl<'a> Reader<'a> {
     /// A material of its own: kept if it has an id, read in any case.
     pub(super) fn named_material(&mut self, element: &'a Element) -> Result<()> {
@@ -56,6 +59,12 @@ impl<'a> Reader<'a> {
     }
 
     pub(super) fn material(&mut self, element: &'a Element) -> Result<MaterialFile> {
+        self.materials += 1;
+        if self.materials > MOST_MATERIALS {
+            let (place, what) =
+                (element.place.clone(), "number of materials, each counted where it is used".to_owned());
+            return Err(Error::Limit { place, what, value: self.materials, limit: MOST_MATERIALS });
+        }
         match kind(element)? {
             "diffuse" => {
                 let object = Object::new(element, &self.ids, &["reflectance"], &[])?;

@@ -4,6 +4,7 @@ use crate::base::Result;
 use crate::scene::file::MediumFile;
 
 use super::Reader;
+use super::color::Use;
 use super::element::Element;
 use super::object::{Object, follow, kind};
 
@@ -28,7 +29,10 @@ impl<'a> Reader<'a> {
             if found[index].is_some() {
                 return Err(child.malformed(format!("a second medium named \"{role}\"")));
             }
-            let name = medium.attribute("id").map_or_else(|| format!("{owner} {role}"), str::to_owned);
+            let name = match medium.attribute("id") {
+                Some(id) => id.to_owned(),
+                None => self.free_name(&format!("{owner} {role}")),
+            };
             self.add_medium(name.clone(), medium)?;
             found[index] = Some(name);
         }
@@ -54,19 +58,21 @@ impl<'a> Reader<'a> {
         let object = Object::new(element, &self.ids, &known, &["phase"])?;
         let scale = object.float("scale")?.unwrap_or(1.0) as f32;
         let g = object.single("phase")?.map_or(Ok(0.0), |phase| self.phase(phase))?;
-        let (mut sigma_t, albedo) = match (object.color("sigma_a")?, object.color("sigma_s")?) {
-            (None, None) => {
-                (object.color("sigma_t")?.unwrap_or([1.0; 3]), object.color("albedo")?.unwrap_or([0.75; 3]))
-            }
-            (absorption, scattering) => {
-                if object.property("sigma_t").is_some() || object.property("albedo").is_some() {
-                    return Err(element.malformed("sigma_a, sigma_s and sigma_t, albedo exclude each other"));
+        let (mut sigma_t, albedo) =
+            match (object.color_for("sigma_a", Use::Index)?, object.color_for("sigma_s", Use::Index)?) {
+                (None, None) => (
+                    object.color_for("sigma_t", Use::Index)?.unwrap_or([1.0; 3]),
+                    object.color("albedo")?.unwrap_or([0.75; 3]),
+                ),
+                (absorption, scattering) => {
+                    if object.property("sigma_t").is_some() || object.property("albedo").is_some() {
+                        return Err(element.malformed("sigma_a, sigma_s and sigma_t, albedo exclude each other"));
+                    }
+                    let [a, s] = [absorption, scattering].map(|sigma| sigma.unwrap_or([0.0; 3]));
+                    let albedo = |c: usize| if s[c] > 0.0 { s[c] / (a[c] + s[c]) } else { 0.0 };
+                    ([a[0] + s[0], a[1] + s[1], a[2] + s[2]], [0, 1, 2].map(albedo))
                 }
-                let [a, s] = [absorption, scattering].map(|sigma| sigma.unwrap_or([0.0; 3]));
-                let albedo = |c: usize| if s[c] > 0.0 { s[c] / (a[c] + s[c]) } else { 0.0 };
-                ([a[0] + s[0], a[1] + s[1], a[2] + s[2]], [0, 1, 2].map(albedo))
-            }
-        };
+            };
         sigma_t.iter_mut().for_each(|sigma| *sigma *= scale);
         Ok(MediumFile::Homogeneous { sigma_t, albedo, g })
     }

@@ -88,6 +88,8 @@ struct Reader<'a> {
     unnamed: BTreeMap<*const Element, String>,
     /// Objects around the one of their kind that is being read.
     depth: u32,
+    /// Materials read so far.
+    materials: u64,
 }
 
 impl<'a> Reader<'a> {
@@ -121,6 +123,7 @@ impl<'a> Reader<'a> {
             has_integrator: false,
             unnamed: BTreeMap::new(),
             depth: 0,
+            materials: 0,
         }
     }
 

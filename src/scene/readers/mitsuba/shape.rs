@@ -156,7 +156,7 @@ impl<'a> Reader<'a> {
     }
 
     /// A name that no id of the document takes.
-    fn free_name(&self, wanted: &str) -> String {
+    pub(super) fn free_name(&self, wanted: &str) -> String {
         let mut name = wanted.to_owned();
         while self.ids.contains_key(name.as_str()) {
             name.push('_');

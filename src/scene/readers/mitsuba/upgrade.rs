@@ -44,13 +44,18 @@ pub fn document(scene: &mut Element, warnings: &mut Vec<String>) -> Result<()> {
 
 /// Upgrades `element` and all that is in it; what cannot be kept is put into `warnings`.
 fn upgrade(element: &mut Element, warnings: &mut Vec<String>) {
+    if element.upgraded {
+        return;
+    }
     if let Some((_, new)) = TAGS.iter().find(|(old, _)| *old == element.tag) {
         element.tag = (*new).to_owned();
     }
     let kind = element.attribute("type").unwrap_or_default().to_owned();
     for child in &mut element.children {
         upgrade(child, warnings);
-        rename(child, &element.tag, &kind);
+        if !child.upgraded {
+            rename(child, &element.tag, &kind);
+        }
     }
     let ignored = WITHOUT_MEANING.iter().find(|(tag, _)| *tag == element.tag).map_or(&[][..], |(_, names)| names);
     element.children.retain(|child| !child.attribute("name").is_some_and(|name| ignored.contains(&name)));

@@ -101,6 +101,7 @@ fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]:
         {
             check.fail(key, "only a dielectric can be tinted")
         }
+        MaterialFile::Null if masked => check.fail(key, "the border of a medium cannot have holes"),
         MaterialFile::Null
         | MaterialFile::Dielectric { .. }
         | MaterialFile::ThinDielectric { .. }
