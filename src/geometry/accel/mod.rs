@@ -147,6 +147,7 @@ impl Accel {
     }
 
     /// The nearest hit; of several at the same distance, that of the first shape's first triangle.
+    #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
         let mut best = Hit::NONE;
         self.hierarchy.closest(&Query::new(ray)?, &mut best, &self.others);
@@ -154,6 +155,7 @@ impl Accel {
     }
 
     /// Whether anything lies on the ray before distance `t_max`.
+    #[inline]
     pub fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
         Query::new(ray).is_some_and(|query| self.hierarchy.occluded(&query, t_max, &self.others))
     }
