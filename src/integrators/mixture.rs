@@ -9,8 +9,9 @@ use crate::base::random::Random;
 use crate::geometry::Surface;
 use crate::guiding::field::{DirectionGuide, VoxelGuide};
 use crate::materials::bump::Shadowing;
+use crate::materials::diffuse::Diffuse;
 use crate::materials::phase::HenyeyGreenstein;
-use crate::materials::{BsdfSample, Material, Transport};
+use crate::materials::{BsdfSample, Kind, Material, Transport};
 use crate::scene::Scene;
 use crate::scene::effects::Effects;
 use crate::scene::media::Arrival;
@@ -26,7 +27,7 @@ pub enum Scattering<'a> {
 
 impl<'a> Scattering<'a> {
     /// What a ray arrived at, and what scatters there; none for the background.
-    #[inline]
+    #[inline(always)]
     pub fn at(scene: &'a Scene, arrival: Arrival) -> Option<(Surface, Self)> {
         match arrival {
             Arrival::Background => None,
@@ -80,6 +81,7 @@ pub struct MixtureSample {
 
 impl<'a, E: Effects> Mixture<'a, E> {
     /// The mixture at `surface` for light that leaves in the world direction `out`; `guide` is none for a delta material.
+    #[inline(always)]
     pub fn new(surface: &'a Surface, scattering: Scattering<'a>, out: Vec3, guide: Option<&'a VoxelGuide>) -> Self {
         let guide = guide.and_then(|guide| guide.directions(surface.point));
         let bumps = match scattering {
@@ -91,8 +93,20 @@ impl<'a, E: Effects> Mixture<'a, E> {
         Self { surface, scattering, wo: surface.frame.to_local(out), guide, bumps, effects: PhantomData }
     }
 
+    /// Where there are only plain diffuse materials, the one here and whether it is seen from the back of a two-sided one. Found
+    /// without a look at all the others, this is most of what they would cost.
+    #[inline(always)]
+    fn plain(&self) -> Option<(&'a Diffuse, bool)> {
+        match self.scattering {
+            Scattering::Material(Material { kind: Kind::Diffuse(diffuse), two_sided, .. }) if !E::MATERIALS => {
+                Some((diffuse, *two_sided && self.wo.z < 0.0))
+            }
+            _ => None,
+        }
+    }
+
     /// The part of the light from the world direction `wi`, in local coordinates `local`, that bumps do not hide.
-    #[inline]
+    #[inline(always)]
     fn unhidden(&self, wi: Vec3, local: Vec3) -> f32 {
         if !E::MATERIALS {
             return 1.0;
@@ -101,8 +115,12 @@ impl<'a, E: Effects> Mixture<'a, E> {
     }
 
     /// f·|cos θ| towards the world direction `wi`, in local coordinates `local`; in a medium the phase function.
-    #[inline]
+    #[inline(always)]
     fn value(&self, wi: Vec3, local: Vec3) -> Vec3 {
+        if let Some((diffuse, back)) = self.plain() {
+            let [wo, wi] = [self.wo, local].map(|w| turned(w, back));
+            return diffuse.eval(self.surface.uv, wo, wi);
+        }
         match self.scattering {
             Scattering::Material(material) => material.eval(self.surface.uv, self.wo, local) * self.unhidden(wi, local),
             Scattering::Phase(phase) => Vec3::splat(phase.pdf(local)),
@@ -110,8 +128,11 @@ impl<'a, E: Effects> Mixture<'a, E> {
     }
 
     /// Its density before the guide.
-    #[inline]
+    #[inline(always)]
     fn density(&self, local: Vec3) -> f32 {
+        if let Some((_, back)) = self.plain() {
+            return Diffuse::pdf(turned(self.wo, back), turned(local, back));
+        }
         match self.scattering {
             Scattering::Material(material) => material.pdf(self.surface.uv, self.wo, local),
             Scattering::Phase(phase) => phase.pdf(local),
@@ -119,8 +140,13 @@ impl<'a, E: Effects> Mixture<'a, E> {
     }
 
     /// A direction in the world by the surface or medium alone, less what bumps hide.
-    #[inline]
+    #[inline(always)]
     fn draw(&self, random: &mut Random, transport: Transport) -> Option<(Vec3, BsdfSample)> {
+        if let Some((diffuse, back)) = self.plain() {
+            let sample = diffuse.sample(self.surface.uv, turned(self.wo, back), random.next_2d())?;
+            let wi = turned(sample.wi, back);
+            return Some((self.surface.frame.to_world(wi), BsdfSample { wi, delta: false, ..sample }));
+        }
         let sample = match self.scattering {
             Scattering::Material(material) => material.sample(self.surface.uv, self.wo, random, transport)?,
             Scattering::Phase(phase) => {
@@ -139,11 +165,13 @@ impl<'a, E: Effects> Mixture<'a, E> {
     }
 
     /// f·|cos θ| towards the world direction `wi`.
+    #[inline(always)]
     pub fn eval(&self, wi: Vec3) -> Vec3 {
         self.value(wi, self.surface.frame.to_local(wi))
     }
 
     /// The density with which [`Mixture::sample`] chooses the world direction `wi`, and the part of it that is the BSDF's.
+    #[inline(always)]
     pub fn pdf(&self, wi: Vec3) -> (f32, f32) {
         let pdf = self.density(self.surface.frame.to_local(wi));
         let Some(guide) = self.guide else { return (pdf, 1.0) };
@@ -153,6 +181,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
     }
 
     /// Draws a direction; none where the surface absorbs.
+    #[inline(always)]
     pub fn sample(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
         let Some(guide) = self.guide else { return self.sample_bsdf(random, transport) };
         let alpha = guide.bsdf_fraction;
@@ -190,6 +219,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         Some(MixtureSample { direction, weight, bsdf_weight, value, cos: self.cos(wi), pdf, bsdf_share, delta: false })
     }
 
+    #[inline(always)]
     fn sample_bsdf(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
         let (direction, sample) = self.draw(random, transport)?;
         if sample.delta {
@@ -220,4 +250,10 @@ impl<'a, E: Effects> Mixture<'a, E> {
             delta: true,
         }
     }
+}
+
+/// A local direction, or its opposite.
+#[inline(always)]
+fn turned(w: Vec3, opposite: bool) -> Vec3 {
+    if opposite { -w } else { w }
 }

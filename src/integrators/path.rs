@@ -34,15 +34,29 @@ pub struct PathTracer<'a> {
     pub direct: DirectLight,
 }
 
-/// One vertex of a camera path, kept until the light it received is known.
+/// What a vertex adds to the light that arrives at it and lets through of it, kept until that is known.
 struct Vertex {
-    surface: Surface,
+    /// Emission towards the previous vertex as it enters the picture.
+    emitted: Vec3,
+    /// Light sampling: f·L·w / p.
+    direct: Vec3,
+    /// f·|cos θ| / p of the direction in which the path went on; zero where it ended.
+    weight: Vec3,
+    /// Probability of surviving roulette before going on.
+    survival: f32,
+    /// What a medium before the vertex lets through, over the density of getting there.
+    passed: Vec3,
+}
+
+/// What a record needs to know of a vertex besides; kept only where records are wanted.
+struct Details {
+    point: Vec3,
+    /// From the vertex before.
+    distance: f32,
     /// Shading normal on the side that the path arrived at; zero in a medium.
     normal: Vec3,
     /// Throughput of the path up to here.
     throughput: Vec3,
-    /// What a medium before the vertex lets through, over the density of getting there.
-    passed: Vec3,
     /// Emission towards the previous vertex.
     emission: Emission,
     /// Light sampling at this vertex.
@@ -81,6 +95,18 @@ struct Previous {
 #[derive(Default)]
 pub struct PathScratch {
     vertices: Vec<Vertex>,
+    /// Of each vertex where records are wanted, otherwise none.
+    details: Vec<Details>,
+}
+
+impl PathScratch {
+    #[inline(always)]
+    fn push<const RECORDS: bool>(&mut self, vertex: Vertex, details: Details) {
+        self.vertices.push(vertex);
+        if RECORDS {
+            self.details.push(details);
+        }
+    }
 }
 
 /// Totals of a worker.
@@ -115,6 +141,7 @@ impl PathTracer<'_> {
         }
     }
 
+    #[inline]
     fn trace_with<E: Effects>(
         &self,
         ray: Ray,
@@ -125,22 +152,27 @@ impl PathTracer<'_> {
         count: &mut RayCount,
     ) -> Vec3 {
         scratch.vertices.clear();
-        let background = self.walk::<E>(ray, random, pixel, &mut scratch.vertices, count);
-        let Some(records) = records else { return self.gather(&scratch.vertices, background, |_, _, _| ()) };
-        let record = |vertex: &Vertex, next: Option<&Vertex>, along: [Vec3; 2]| {
-            let met = next.map_or(background, |next| next.emission);
-            records.extend(self.record(vertex, next, met, along, pixel.unwrap_or(1.0)));
+        let Some(records) = records else {
+            let background = self.walk::<E, false>(ray, random, pixel, scratch, count);
+            return self.gather::<E, false>(scratch, background, |_, _| ());
         };
-        self.gather(&scratch.vertices, background, record)
+        scratch.details.clear();
+        let background = self.walk::<E, true>(ray, random, pixel, scratch, count);
+        let record = |i: usize, along: [Vec3; 2]| {
+            let next = scratch.details.get(i + 1);
+            let met = next.map_or(background, |next| next.emission);
+            records.extend(self.record(&scratch.details[i], next, met, along, pixel.unwrap_or(1.0)));
+        };
+        self.gather::<E, true>(scratch, background, record)
     }
 
     /// Extends the path until it ends; returns what the last segment brought from the background.
-    fn walk<E: Effects>(
+    fn walk<E: Effects, const RECORDS: bool>(
         &self,
         mut ray: Ray,
         random: &mut Random,
         pixel: Option<f32>,
-        vertices: &mut Vec<Vertex>,
+        scratch: &mut PathScratch,
         count: &mut RayCount,
     ) -> Emission {
         let mut previous: Option<Previous> = None;
@@ -153,26 +185,43 @@ impl PathTracer<'_> {
             }
             count.rays += 1;
             random.begin_vertex(depth);
-            let (arrival, passed) = self.scene.advance::<E>(&ray, &mut medium, throughput, random);
-            throughput *= passed;
-            reflected *= passed;
-            let Some((surface, scattering)) = Scattering::at(self.scene, arrival) else {
-                return self.background(&ray, previous).dimmed(passed);
+            let (scattering, passed);
+            // On plain scenes the surface goes through no enum: it is long, and every copy shows.
+            let surface = if E::MEDIA || E::MATERIALS {
+                let (arrival, factor) = self.scene.advance::<E>(&ray, &mut medium, throughput, random);
+                let Some((surface, found)) = Scattering::at(self.scene, arrival) else {
+                    return self.background(&ray, previous).dimmed(factor);
+                };
+                (scattering, passed) = (found, factor);
+                surface
+            } else {
+                let Some(hit) = self.scene.accel.intersect(&ray) else { return self.background(&ray, previous) };
+                let surface = Surface::new(&ray, &hit, &self.scene.shapes[hit.shape as usize]);
+                (scattering, passed) = (Scattering::Material(self.scene.material(&surface)), Vec3::ONE);
+                surface
             };
-            let on_surface = scattering.is_material();
+            if E::MEDIA {
+                throughput *= passed;
+                reflected *= passed;
+            }
+            let on_surface = !E::MEDIA || scattering.is_material();
             let emission = if on_surface { self.emission(&surface, &ray, previous) } else { Emission::default() };
             let emission = emission.dimmed(passed);
             let normal = if on_surface { surface.normal_towards(-ray.direction) } else { Vec3::ZERO };
-            let direct = Direct::default();
-            let mut vertex = Vertex { surface, normal, throughput, passed, emission, direct, step: None };
+            let (point, distance, direct) = (surface.point, surface.distance, Direct::default());
+            let mut details = Details { point, distance, normal, throughput, emission, direct, step: None };
+            let emitted = emission.weighted();
+            let mut vertex = Vertex { emitted, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0, passed };
             if depth == self.settings.max_depth {
-                vertices.push(vertex);
+                scratch.push::<RECORDS>(vertex, details);
                 break;
             }
-            let smooth = scattering.is_delta();
+            let smooth = E::MATERIALS && scattering.is_delta();
             let field = if E::GUIDING { self.field } else { None };
             let guide = field.filter(|_| !smooth).and_then(|field| field.at(surface.point, normal));
             let mixture = Mixture::<E>::new(&surface, scattering, -ray.direction, guide);
+            // Without a guide nothing is known by which a path could be judged.
+            let pixel = if E::GUIDING { pixel } else { None };
             let carried = channel_mean(throughput);
             let importance = pixel.map(|value| carried / value);
             let knows = self.settings.roulette == Roulette::Window;
@@ -180,19 +229,23 @@ impl PathTracer<'_> {
             let mut light_probability = 0.0;
             if self.settings.nee && !smooth {
                 light_probability = importance.map_or(1.0, |importance| effort.light_probability(importance, carried));
-                vertex.direct = self.connect(&surface, &mixture, medium, light_probability, random, count);
+                details.direct = self.connect(&surface, &mixture, medium, light_probability, random, count);
+                vertex.direct = details.direct.value;
             }
             let Some(sample) = mixture.sample(random, Transport::Radiance) else {
-                vertices.push(vertex);
+                scratch.push::<RECORDS>(vertex, details);
                 break;
             };
             throughput *= sample.weight;
-            reflected *= sample.bsdf_weight;
+            // Without a guide both are the same.
+            reflected = if E::GUIDING { reflected * sample.bsdf_weight } else { throughput };
             let worth = importance.and_then(|importance| effort.survival(importance, carried));
-            let survival = worth.unwrap_or_else(|| self.survival(depth, throughput.max(reflected)));
+            let judged = if E::GUIDING { throughput.max(reflected) } else { throughput };
+            let survival = worth.unwrap_or_else(|| self.survival(depth, judged));
             let survives = survival >= 1.0 || random.next_f32() < survival;
-            vertex.step = (survives || !sample.delta).then_some(Step { sample, survival });
-            vertices.push(vertex);
+            (vertex.weight, vertex.survival) = (sample.weight, survival);
+            details.step = (survives || !sample.delta).then_some(Step { sample, survival });
+            scratch.push::<RECORDS>(vertex, details);
             if !survives || throughput == Vec3::ZERO {
                 break;
             }
@@ -219,6 +272,7 @@ impl PathTracer<'_> {
     }
 
     /// Emission of a surface that the path ran into.
+    #[inline(always)]
     fn emission(&self, surface: &Surface, ray: &Ray, previous: Option<Previous>) -> Emission {
         let Some((index, Light::Area(light))) = self.scene.light_of(surface) else { return Emission::default() };
         let radiance = light.emitted(surface, -ray.direction);
@@ -232,6 +286,7 @@ impl PathTracer<'_> {
         }
     }
 
+    #[inline(always)]
     fn background(&self, ray: &Ray, previous: Option<Previous>) -> Emission {
         let (radiance, light_pdf) = self.scene.lights.background(ray.direction);
         match previous {
@@ -245,6 +300,7 @@ impl PathTracer<'_> {
 
     /// Next event estimation: f·L·w / p for one sampled light, tried with `probability`, from a vertex that the path reached
     /// through `medium`.
+    #[inline(always)]
     fn connect<E: Effects>(
         &self,
         surface: &Surface,
@@ -255,11 +311,13 @@ impl PathTracer<'_> {
         count: &mut RayCount,
     ) -> Direct {
         let nothing = Direct::default();
-        if probability < 1.0 && random.next_f32() >= probability {
+        if E::GUIDING && probability < 1.0 && random.next_f32() >= probability {
             return nothing;
         }
         let (choice, u) = (random.next_f64(), random.next_2d());
-        let Some(light) = self.scene.lights.sample(surface.point, choice, u) else { return nothing };
+        let lights = &self.scene.lights;
+        let Some((index, chosen)) = lights.choose(surface.point, choice) else { return nothing };
+        let Some(light) = lights.lights[index].sample(surface.point, u) else { return nothing };
         let value = mixture.eval(light.wi);
         if value == Vec3::ZERO {
             return nothing;
@@ -271,7 +329,7 @@ impl PathTracer<'_> {
             return nothing;
         }
         // The density is not asked for before it is needed: most lights are hidden where guiding helps most.
-        let pdf = light.pdf * probability;
+        let pdf = light.pdf * chosen * probability;
         let (onward, bsdf_share) = if light.delta { (0.0, 1.0) } else { mixture.pdf(light.wi) };
         let weight = if light.delta { 1.0 } else { mis::balance(pdf, onward) };
         Direct { value: value * light.radiance * visible * (weight / pdf), bsdf_share, ratio: pdf / onward }
@@ -281,6 +339,7 @@ impl PathTracer<'_> {
 /// The ray from `surface` to the light point at `distance` in direction `wi`, and where it stops. It is aimed from its offset
 /// origin, since at grazing angles the offset would otherwise carry it past the light, and ends short of the light by the
 /// rounding of both ends.
+#[inline(always)]
 fn shadow_ray(surface: &Surface, wi: Vec3, distance: f32) -> (Ray, f32) {
     let ray = surface.leave(wi);
     if distance.is_infinite() {
@@ -309,35 +368,45 @@ impl Emission {
         Self { radiance: self.radiance * passed, ..self }
     }
 
-    /// As it enters the picture, and what of it is to be learned.
-    fn parts(&self, direct: DirectLight) -> [Vec3; 2] {
-        let weighted = self.radiance * self.weight;
-        let learned = match direct {
+    /// As it enters the picture.
+    fn weighted(self) -> Vec3 {
+        self.radiance * self.weight
+    }
+
+    /// What of it is to be learned.
+    fn learned(self, direct: DirectLight) -> Vec3 {
+        match direct {
             DirectLight::Nothing if self.connected => Vec3::ZERO,
-            DirectLight::Nothing | DirectLight::Weighted => weighted,
+            DirectLight::Nothing | DirectLight::Weighted => self.weighted(),
             DirectLight::All => self.radiance,
-        };
-        [weighted, learned]
+        }
     }
 }
 
 impl PathTracer<'_> {
-    /// Sums the path from its end: radiance leaving each vertex towards the one before. `record` is told of each step: its vertex,
-    /// the one after, and what arrived along it, all of it and what of it is to be learned.
-    fn gather(
+    /// Sums the path from its end: radiance leaving each vertex towards the one before. Where records are wanted, `record` is told
+    /// of each step: the number of its vertex, and what arrived along it, all of it and what of it is to be learned.
+    #[inline(always)]
+    fn gather<E: Effects, const RECORDS: bool>(
         &self,
-        vertices: &[Vertex],
+        scratch: &PathScratch,
         background: Emission,
-        mut record: impl FnMut(&Vertex, Option<&Vertex>, [Vec3; 2]),
+        mut record: impl FnMut(usize, [Vec3; 2]),
     ) -> Vec3 {
-        let [mut incoming, mut learned] = background.parts(self.direct);
-        for (i, vertex) in vertices.iter().enumerate().rev() {
-            let mut reflected = vertex.direct.value;
-            if let Some(step) = &vertex.step {
-                reflected += step.sample.weight * incoming / step.survival;
-                record(vertex, vertices.get(i + 1), [incoming, learned]);
+        let (mut incoming, mut learned) = (background.weighted(), background.learned(self.direct));
+        for (i, vertex) in scratch.vertices.iter().enumerate().rev() {
+            if RECORDS {
+                record(i, [incoming, learned]);
             }
-            [incoming, learned] = vertex.emission.parts(self.direct).map(|emitted| emitted + reflected * vertex.passed);
+            // Nothing arrives where the path has ended.
+            let mut reflected = vertex.direct + vertex.weight * incoming / vertex.survival;
+            if E::MEDIA {
+                reflected *= vertex.passed;
+            }
+            incoming = vertex.emitted + reflected;
+            if RECORDS {
+                learned = scratch.details[i].emission.learned(self.direct) + reflected;
+            }
         }
         incoming
     }
@@ -346,8 +415,8 @@ impl PathTracer<'_> {
     /// all, weighted against light sampling; `learned` is what of it trees are to learn. None for a delta lobe.
     fn record(
         &self,
-        vertex: &Vertex,
-        next: Option<&Vertex>,
+        vertex: &Details,
+        next: Option<&Details>,
         met: Emission,
         [incoming, learned]: [Vec3; 2],
         pixel: f32,
@@ -366,7 +435,7 @@ impl PathTracer<'_> {
         };
         let direct = finite(channel_mean(vertex.direct.value));
         Some(PathRecord {
-            point: vertex.surface.point,
+            point: vertex.point,
             direction: sample.direction,
             estimate: brought(incoming),
             importance,
@@ -378,7 +447,7 @@ impl PathTracer<'_> {
             direct_share: vertex.direct.bsdf_share,
             direct_ratio: vertex.direct.ratio,
             bsdf: if sample.cos > 0.0 { (channel_mean(sample.value) / sample.cos).min(1e6) } else { 0.0 },
-            distance: next.map_or(f32::INFINITY, |n| n.surface.distance),
+            distance: next.map_or(f32::INFINITY, |n| n.distance),
             normal: vertex.normal,
             next_normal: next.map_or(Vec3::ZERO, |n| n.normal),
         })

@@ -71,6 +71,7 @@ pub enum Light {
 
 impl Light {
     /// Samples the light as seen from `point`.
+    #[inline(always)]
     pub fn sample(&self, point: Vec3, u: [f32; 2]) -> Option<LightSample> {
         match self {
             Self::Area(light) => light.sample(point, u),
@@ -90,6 +91,11 @@ impl Light {
     /// Whether the light has no position.
     pub fn is_at_infinity(&self) -> bool {
         matches!(self, Self::Directional(_) | Self::Constant(_) | Self::Envmap(_))
+    }
+
+    /// Whether rays that leave the scene may hit it.
+    fn is_around(&self) -> bool {
+        matches!(self, Self::Constant(_) | Self::Envmap(_))
     }
 
     /// Radiance from infinitely far away in direction `wi`, zero for lights that are not there.
@@ -155,6 +161,8 @@ pub struct LightSet {
     /// What lights with a place have of it in all.
     placed: f32,
     tree: LightTree,
+    /// Those that shine from infinitely far away over all directions.
+    around: Vec<u32>,
     /// For photons: by power.
     pub emission: Discrete,
 }
@@ -183,13 +191,14 @@ impl LightSet {
             placed: if distant.iter().all(|weight| *weight == 0.0) { 1.0 } else { placed as f32 },
             selection: Discrete::new(distant),
             tree: LightTree::new(&bounds),
+            around: (0..).zip(&lights).filter(|(_, light)| light.is_around()).map(|(index, _)| index).collect(),
             emission: Discrete::new(power.iter().copied()),
             lights,
         }
     }
 
     /// Chooses a light for `point`; returns its index and the probability of the choice.
-    fn choose(&self, point: Vec3, choice: f64) -> Option<(usize, f32)> {
+    pub fn choose(&self, point: Vec3, choice: f64) -> Option<(usize, f32)> {
         let placed = f64::from(self.placed);
         if choice < placed {
             let (index, probability) = self.tree.sample(point, choice / placed)?;
@@ -219,13 +228,13 @@ impl LightSet {
     }
 
     /// Radiance of all background lights in direction `wi`, and the density with which [`LightSet::sample`] chooses it.
+    #[inline]
     pub fn background(&self, wi: Vec3) -> (Vec3, f32) {
         let mut sum = (Vec3::ZERO, 0.0);
-        for (i, light) in self.lights.iter().enumerate() {
-            if matches!(light, Light::Constant(_) | Light::Envmap(_)) {
-                sum.0 += light.background(wi);
-                sum.1 += light.background_pdf(wi) * (1.0 - self.placed) * self.selection.probability(i) as f32;
-            }
+        for i in self.around.iter().map(|&i| i as usize) {
+            let light = &self.lights[i];
+            sum.0 += light.background(wi);
+            sum.1 += light.background_pdf(wi) * (1.0 - self.placed) * self.selection.probability(i) as f32;
         }
         sum
     }

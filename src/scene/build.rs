@@ -92,7 +92,7 @@ impl Scene {
             materials: loaded.needs.materials
                 || has_masks
                 || has_bumps
-                || used().any(|material| !matches!(material.kind, Kind::Diffuse(_))),
+                || used().any(|material| material.tint.is_some() || !matches!(material.kind, Kind::Diffuse(_))),
             media: loaded.needs.media
                 || !file.media.is_empty()
                 || used().any(|material| matches!(material.kind, Kind::Null)),

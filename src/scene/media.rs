@@ -67,7 +67,7 @@ impl Scene {
 
     /// Part of the light that comes through along the first `length` of a shadow ray that leaves `from`, which a path reached
     /// through `medium`.
-    #[inline]
+    #[inline(always)]
     pub fn passes<E: Effects>(&self, from: &Surface, ray: &Ray, length: f32, medium: Option<MediumId>) -> Vec3 {
         if length <= 0.0 {
             return Vec3::ONE;

@@ -30,7 +30,7 @@ pub struct Slabs {
 
 impl Query {
     /// None where the ray has no finite origin or direction: it hits nothing.
-    #[inline]
+    #[inline(always)]
     pub fn new(ray: &Ray) -> Option<Self> {
         let Ray { origin, direction } = *ray;
         if !(origin.is_finite() && direction.is_finite()) {
