@@ -167,6 +167,8 @@ impl PathTracer<'_> {
     }
 
     /// Extends the path until it ends; returns what the last segment brought from the background.
+    // Ten loops in one function would spill each other's registers.
+    #[inline(never)]
     fn walk<E: Effects, const RECORDS: bool>(
         &self,
         mut ray: Ray,

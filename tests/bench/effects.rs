@@ -8,6 +8,7 @@
 //! under it, with `--samples 0` too, so that loading does not count. The library's source is compiled into this program along with
 //! the twin, so that the compiler may inline the same into both.
 #![allow(dead_code, unused_imports, reason = "not everything of the library is used here")]
+#![allow(clippy::wrong_self_convention, reason = "the library exports what is private here")]
 
 #[path = "../../src/base/mod.rs"]
 mod base;
