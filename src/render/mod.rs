@@ -120,7 +120,7 @@ fn decisions(gave_up: bool, trend: &Trend, iterations: &[Iteration], photon_shar
         format!("guiding {verdict}: the variance of a sample with it is {measured}, after {count} iterations");
     let photons = iterations.first().filter(|first| first.photon_share > 0.0).map(|_| {
         let verdict = if photon_share > 0.0 { "on" } else { "off: what they teach does not pay" };
-        format!("photons {verdict}: {photon_share:.2} light paths for each camera path in the end")
+        format!("photons {verdict}: {:.2} light paths for each camera path in the end", photon_share.abs())
     });
     [Some(guiding), photons].into_iter().flatten().collect()
 }
