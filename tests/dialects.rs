@@ -8,7 +8,7 @@ use std::path::Path;
 
 use fanal::base::Error;
 use fanal::scene::Scene;
-use fanal::scene::file::{Filter, LightFile, MaterialFile, TextureFile, Wrap};
+use fanal::scene::file::{Filter, LightFile, MaterialFile, PrincipledFile, TextureFile, Wrap};
 use fanal::scene::readers::{LoadedScene, load, read_image};
 use image::{DynamicImage, ImageFormat, Rgb32FImage, RgbImage};
 use tempfile::TempDir;
@@ -333,7 +333,7 @@ fn principled_and_bumps() {
         <bsdf type='diffuse'/><bsdf type='conductor'/></bsdf></bsdf>"
     );
     let loaded = load_body(&folder, "3.0.0", &body).unwrap_or_else(|error| panic!("{error}"));
-    let MaterialFile::Principled { base_color: TextureFile::Bitmap { .. }, eta, clearcoat, .. } =
+    let MaterialFile::Principled(PrincipledFile { base_color: TextureFile::Bitmap { .. }, eta, clearcoat, .. }) =
         &loaded.file.materials["p"]
     else {
         panic!("{:?}", loaded.file.materials["p"]);

@@ -1,6 +1,7 @@
 //! What can be written on the command line. Nothing here looks at a file; see [`super::resolve`].
 
 use std::path::PathBuf;
+use std::sync::LazyLock;
 
 use clap::builder::PossibleValue;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -151,42 +152,45 @@ impl PixelFilter {
     }
 }
 
+words!(
+    Aov,
+    Albedo: "albedo.R/G/B: reflectance; 0 where nothing is hit",
+    Normal: "normal.X/Y/Z: shading normal in the world, on the camera's side; 0 where nothing is hit",
+    Position: "position.X/Y/Z: point in the world; 0 where nothing is hit",
+    Depth: "depth.Z: distance along the ray (not along the viewing axis); 0 where nothing is hit",
+    Samples: "samples.Y: camera samples that the pixel is made of",
+    Variance: "variance.R/G/B: variance of the pixel's mean; 0 where one sample cannot tell",
+    Guiding: "guiding.Y: probability that the guide chooses the direction at the first surface; 0 where unguided",
+);
+
 /// Layers beside the picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layer {
-    /// All of them
+    /// All of them.
     All,
-    /// albedo.R/G/B: reflectance; 0 where nothing is hit
-    Albedo,
-    /// normal.X/Y/Z: shading normal in the world, on the camera's side; 0 where nothing is hit
-    Normal,
-    /// position.X/Y/Z: point in the world; 0 where nothing is hit
-    Position,
-    /// depth.Z: distance along the ray (not along the viewing axis); 0 where nothing is hit
-    Depth,
-    /// samples.Y: camera samples that the pixel is made of
-    Samples,
-    /// variance.R/G/B: variance of the pixel's mean; 0 where one sample cannot tell
-    Variance,
-    /// guiding.Y: probability that the guide chooses the direction at the first surface; 0 where unguided
-    Guiding,
+    /// One of them.
+    One(Aov),
+}
+
+impl ValueEnum for Layer {
+    fn value_variants<'a>() -> &'a [Self] {
+        static LAYERS: LazyLock<Vec<Layer>> =
+            LazyLock::new(|| [Layer::All].into_iter().chain(Aov::ALL.map(Layer::One)).collect());
+        &LAYERS
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        match self {
+            Self::All => Some(PossibleValue::new("all").help("All of them")),
+            Self::One(aov) => aov.to_possible_value(),
+        }
+    }
 }
 
 impl Layer {
     /// The layers of a list, each once.
     pub fn aovs(list: &[Self]) -> Vec<Aov> {
-        let wanted = |aov: &Aov| {
-            let layer = match aov {
-                Aov::Albedo => Self::Albedo,
-                Aov::Normal => Self::Normal,
-                Aov::Position => Self::Position,
-                Aov::Depth => Self::Depth,
-                Aov::Samples => Self::Samples,
-                Aov::Variance => Self::Variance,
-                Aov::Guiding => Self::Guiding,
-            };
-            list.contains(&layer) || list.contains(&Self::All)
-        };
+        let wanted = |&aov: &Aov| list.contains(&Self::One(aov)) || list.contains(&Self::All);
         Aov::ALL.into_iter().filter(wanted).collect()
     }
 }

@@ -42,6 +42,19 @@ impl Aov {
     pub const ALL: [Self; 7] =
         [Self::Albedo, Self::Normal, Self::Position, Self::Depth, Self::Samples, Self::Variance, Self::Guiding];
 
+    /// Name on the command line, and of its channels before the dot.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Albedo => "albedo",
+            Self::Normal => "normal",
+            Self::Position => "position",
+            Self::Depth => "depth",
+            Self::Samples => "samples",
+            Self::Variance => "variance",
+            Self::Guiding => "guiding",
+        }
+    }
+
     /// Whether it is made of the film's samples; the others are features of surfaces.
     pub fn is_of_film(self) -> bool {
         matches!(self, Self::Samples | Self::Variance)
@@ -140,7 +153,7 @@ fn seen(
 ) -> Option<Features> {
     let sample = CameraSample { place, number: sample, sequences_from: Some(0) };
     let (ray, mut random) = camera_ray(scene, settings, filter, sample);
-    let surface = scene.seen(&ray, &mut random)?;
+    let surface = scene.trace(&ray, &mut random)?;
     let material = scene.material(&surface);
     let normal = surface.normal_towards(-ray.direction);
     let guide = field.filter(|_| !material.is_delta()).and_then(|field| field.at(surface.point, normal));

@@ -6,7 +6,9 @@ use glam::{Affine3A, Mat3, Mat4, Vec3};
 
 use super::Scene;
 use super::effects::Needs;
-use super::file::{Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, ShapeFile, TextureFile};
+use super::file::{
+    Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile, ShapeFile, TextureFile,
+};
 use super::media::Border;
 use super::readers::LoadedScene;
 use crate::base::{Error, Place, Result};
@@ -86,7 +88,7 @@ impl Scene {
             light_medium.push(camera_medium);
         }
         let used = || shape_material.iter().map(|&index| &materials[index as usize]);
-        let has_masks = used().any(|material| material.opacity.is_some());
+        let has_masks = used().any(|material| material.opacity.is_some() || matches!(material.kind, Kind::Null));
         let has_bumps = used().any(|material| material.bump.is_some());
         let needs = Needs {
             materials: loaded.needs.materials
@@ -205,7 +207,7 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
             let map = Map::Normals(texture(map, loaded)?);
             return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, loaded)? });
         }
-        MaterialFile::Principled { .. } => Kind::Principled(Box::new(Principled::new(parameters(file, loaded)?))),
+        MaterialFile::Principled(file) => Kind::Principled(Box::new(Principled::new(parameters(file, loaded)?))),
         MaterialFile::Blend { weight, materials } => Kind::Blend(Box::new(Blend {
             weight: texture(weight, loaded)?,
             parts: [material(&materials[0], loaded)?, material(&materials[1], loaded)?],
@@ -257,36 +259,20 @@ fn medium(file: &MediumFile) -> Medium {
     }
 }
 
-/// What the principled material `file` says.
-fn parameters(file: &MaterialFile, loaded: &LoadedScene) -> Result<Parameters> {
-    let MaterialFile::Principled {
-        base_color,
-        roughness,
-        metallic,
-        eta,
-        spec_tint,
-        sheen,
-        sheen_tint,
-        clearcoat,
-        clearcoat_gloss,
-        flatness,
-        spec_trans,
-    } = file
-    else {
-        return Err(unresolved(loaded, "principled material", ""));
-    };
+/// What a principled material says.
+fn parameters(file: &PrincipledFile, loaded: &LoadedScene) -> Result<Parameters> {
     Ok(Parameters {
-        base_color: texture(base_color, loaded)?,
-        roughness: texture(roughness, loaded)?,
-        metallic: texture(metallic, loaded)?,
-        eta: *eta,
-        spec_tint: *spec_tint,
-        sheen: *sheen,
-        sheen_tint: *sheen_tint,
-        clearcoat: *clearcoat,
-        clearcoat_gloss: *clearcoat_gloss,
-        flatness: *flatness,
-        spec_trans: *spec_trans,
+        base_color: texture(&file.base_color, loaded)?,
+        roughness: texture(&file.roughness, loaded)?,
+        metallic: texture(&file.metallic, loaded)?,
+        eta: file.eta,
+        spec_tint: file.spec_tint,
+        sheen: file.sheen,
+        sheen_tint: file.sheen_tint,
+        clearcoat: file.clearcoat,
+        clearcoat_gloss: file.clearcoat_gloss,
+        flatness: file.flatness,
+        spec_trans: file.spec_trans,
     })
 }
 

@@ -397,42 +397,8 @@ pub enum MaterialFile {
     },
     /// No surface: only the border between two media.
     Null,
-    /// Burley's mixture of lobes (2012, 2015) with the formulas of Mitsuba's `principled`, bounded so that it never scatters more than
-    /// arrives. Numbers are in [0, 1]; of the textures of numbers the luminance counts.
-    Principled {
-        /// Albedo of the base, colour of a metal.
-        base_color: TextureFile,
-        /// Square root of the facets' roughness.
-        #[serde(default = "grey")]
-        roughness: TextureFile,
-        /// From dielectric to metal.
-        #[serde(default = "black")]
-        metallic: TextureFile,
-        /// Refractive index relative to the outside, at least 1.
-        #[serde(default = "glass_index")]
-        eta: f32,
-        /// How much the dielectric's reflection takes on the base's hue.
-        #[serde(default)]
-        spec_tint: f32,
-        /// Grazing reflection as of cloth.
-        #[serde(default)]
-        sheen: f32,
-        /// How much the sheen takes on the base's hue.
-        #[serde(default)]
-        sheen_tint: f32,
-        /// Strength of a clear coat.
-        #[serde(default)]
-        clearcoat: f32,
-        /// How glossy the coat is.
-        #[serde(default)]
-        clearcoat_gloss: f32,
-        /// How much the base looks like scattering below the surface.
-        #[serde(default)]
-        flatness: f32,
-        /// Part of the dielectric that lets light through instead of having a base.
-        #[serde(default)]
-        spec_trans: f32,
-    },
+    /// Burley's mixture of lobes.
+    Principled(PrincipledFile),
     /// Two materials mixed: (1 − weight) of the first, weight of the second.
     Blend {
         /// Weight in [0, 1]; the luminance of a colour.
@@ -483,10 +449,49 @@ pub enum MaterialFile {
     },
 }
 
-impl MaterialFile {
-    /// Its textures, those of the materials inside too, with the names that they have in a file.
-    pub fn textures(&self) -> Vec<(&'static str, &TextureFile)> {
-        match self {
+/// Burley's mixture of lobes (2012, 2015) with the formulas of Mitsuba's `principled`, bounded so that it never scatters more than
+/// arrives. Numbers are in [0, 1]; of the textures of numbers the luminance counts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PrincipledFile {
+    /// Albedo of the base, colour of a metal.
+    pub base_color: TextureFile,
+    /// Square root of the facets' roughness.
+    #[serde(default = "grey")]
+    pub roughness: TextureFile,
+    /// From dielectric to metal.
+    #[serde(default = "black")]
+    pub metallic: TextureFile,
+    /// Refractive index relative to the outside, at least 1.
+    #[serde(default = "glass_index")]
+    pub eta: f32,
+    /// How much the dielectric's reflection takes on the base's hue.
+    #[serde(default)]
+    pub spec_tint: f32,
+    /// Grazing reflection as of cloth.
+    #[serde(default)]
+    pub sheen: f32,
+    /// How much the sheen takes on the base's hue.
+    #[serde(default)]
+    pub sheen_tint: f32,
+    /// Strength of a clear coat.
+    #[serde(default)]
+    pub clearcoat: f32,
+    /// How glossy the coat is.
+    #[serde(default)]
+    pub clearcoat_gloss: f32,
+    /// How much the base looks like scattering below the surface.
+    #[serde(default)]
+    pub flatness: f32,
+    /// Part of the dielectric that lets light through instead of having a base.
+    #[serde(default)]
+    pub spec_trans: f32,
+}
+
+/// The one list of textures, for shared and for changing access.
+macro_rules! textures {
+    ($material:ident, $each:ident, $iter:ident) => {
+        match $material {
             Self::Diffuse { reflectance } => vec![("reflectance", reflectance)],
             Self::Conductor { specular_reflectance, .. } | Self::RoughConductor { specular_reflectance, .. } => {
                 vec![("specular_reflectance", specular_reflectance)]
@@ -494,71 +499,40 @@ impl MaterialFile {
             Self::Plastic { diffuse_reflectance, specular_reflectance, .. } => {
                 vec![("diffuse_reflectance", diffuse_reflectance), ("specular_reflectance", specular_reflectance)]
             }
+            Self::Principled(PrincipledFile { base_color, roughness, metallic, .. }) => {
+                vec![("base_color", base_color), ("roughness", roughness), ("metallic", metallic)]
+            }
             Self::Mask { opacity, material } => {
-                let mut textures = material.textures();
+                let mut textures = material.$each();
                 textures.push(("opacity", opacity));
                 textures
             }
             Self::BumpMap { texture, material, .. } | Self::NormalMap { texture, material } => {
-                let mut textures = material.textures();
+                let mut textures = material.$each();
                 textures.push(("texture", texture));
                 textures
             }
             Self::Tinted { specular_reflectance, specular_transmittance, material } => {
-                let mut textures = material.textures();
+                let mut textures = material.$each();
                 textures.push(("specular_reflectance", specular_reflectance));
                 textures.push(("specular_transmittance", specular_transmittance));
                 textures
             }
-            Self::TwoSided { material } => material.textures(),
-            Self::Principled { base_color, roughness, metallic, .. } => {
-                vec![("base_color", base_color), ("roughness", roughness), ("metallic", metallic)]
-            }
+            Self::TwoSided { material } => material.$each(),
             Self::Blend { weight, materials } => {
-                let mut textures: Vec<_> = materials.iter().flat_map(Self::textures).collect();
+                let mut textures: Vec<_> = materials.$iter().flat_map(Self::$each).collect();
                 textures.push(("weight", weight));
                 textures
             }
             Self::Null | Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
         }
-    }
+    };
+}
 
-    /// [`MaterialFile::textures`] to be changed.
-    pub fn textures_mut(&mut self) -> Vec<&mut TextureFile> {
-        match self {
-            Self::Diffuse { reflectance } => vec![reflectance],
-            Self::Conductor { specular_reflectance, .. } | Self::RoughConductor { specular_reflectance, .. } => {
-                vec![specular_reflectance]
-            }
-            Self::Plastic { diffuse_reflectance, specular_reflectance, .. } => {
-                vec![diffuse_reflectance, specular_reflectance]
-            }
-            Self::Principled { base_color, roughness, metallic, .. } => vec![base_color, roughness, metallic],
-            Self::Mask { opacity: texture, material }
-            | Self::BumpMap { texture, material, .. }
-            | Self::NormalMap { texture, material } => {
-                let mut textures = material.textures_mut();
-                textures.push(texture);
-                textures
-            }
-            Self::Tinted { specular_reflectance, specular_transmittance, material } => {
-                let mut textures = material.textures_mut();
-                textures.extend([specular_reflectance, specular_transmittance]);
-                textures
-            }
-            Self::TwoSided { material } => material.textures_mut(),
-            Self::Blend { weight, materials } => {
-                let mut textures: Vec<_> = materials.iter_mut().flat_map(Self::textures_mut).collect();
-                textures.push(weight);
-                textures
-            }
-            Self::Null | Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
-        }
-    }
-
-    /// The material that a mask, bump, tint or the like is put on.
-    pub fn inside_mut(&mut self) -> Option<&mut Self> {
-        match self {
+/// The one list of what is put on a material, for shared and for changing access.
+macro_rules! inside {
+    ($material:ident) => {
+        match $material {
             Self::Mask { material, .. }
             | Self::Tinted { material, .. }
             | Self::BumpMap { material, .. }
@@ -566,53 +540,52 @@ impl MaterialFile {
             | Self::TwoSided { material } => Some(material),
             _ => None,
         }
+    };
+}
+
+impl MaterialFile {
+    /// Its textures, those of the materials inside too, with the names that they have in a file.
+    pub fn textures(&self) -> Vec<(&'static str, &TextureFile)> {
+        textures!(self, textures, iter)
     }
 
-    /// Changes every part (see [`MaterialFile::parts`]).
-    pub fn change_parts(&mut self, change: &mut impl FnMut(&mut Self)) {
-        if let Some(inside) = self.inside_mut() {
-            inside.change_parts(change);
-        } else if let Self::Blend { materials, .. } = self {
-            materials.iter_mut().for_each(|material| material.change_parts(change));
-        } else {
-            change(self);
-        }
+    /// [`MaterialFile::textures`] to be changed.
+    pub fn textures_mut(&mut self) -> Vec<(&'static str, &mut TextureFile)> {
+        textures!(self, textures_mut, iter_mut)
+    }
+
+    /// The material that a mask, bump, tint or the like is put on.
+    pub fn inside(&self) -> Option<&Self> {
+        inside!(self)
+    }
+
+    /// [`MaterialFile::inside`] to be changed.
+    pub fn inside_mut(&mut self) -> Option<&mut Self> {
+        inside!(self)
     }
 
     /// Whether it has holes.
     pub fn is_masked(&self) -> bool {
-        match self {
-            Self::Mask { .. } => true,
-            Self::TwoSided { material }
-            | Self::Tinted { material, .. }
-            | Self::BumpMap { material, .. }
-            | Self::NormalMap { material, .. } => material.is_masked(),
-            _ => false,
-        }
+        matches!(self, Self::Mask { .. }) || self.inside().is_some_and(Self::is_masked)
     }
 
     /// Whether a texture turns its shading normals.
     pub fn is_bumped(&self) -> bool {
-        match self {
-            Self::BumpMap { .. } | Self::NormalMap { .. } => true,
-            Self::TwoSided { material } | Self::Tinted { material, .. } | Self::Mask { material, .. } => {
-                material.is_bumped()
-            }
-            _ => false,
-        }
+        matches!(self, Self::BumpMap { .. } | Self::NormalMap { .. }) || self.inside().is_some_and(Self::is_bumped)
     }
 
     /// Whether both its sides are fronts.
     pub fn is_two_sided(&self) -> bool {
         match self {
             Self::TwoSided { .. } => true,
-            Self::Mask { material, .. }
-            | Self::Tinted { material, .. }
-            | Self::BumpMap { material, .. }
-            | Self::NormalMap { material, .. } => material.is_two_sided(),
             Self::Blend { materials, .. } => materials.iter().all(Self::is_two_sided),
-            _ => false,
+            other => other.inside().is_some_and(Self::is_two_sided),
         }
+    }
+
+    /// The material inside masks, bumps, tints and two-sided ones.
+    pub fn innermost(&self) -> &Self {
+        self.inside().map_or(self, Self::innermost)
     }
 
     /// What scatters: the materials inside masks, bumps, tints, two-sided ones and blends.
@@ -623,15 +596,14 @@ impl MaterialFile {
         }
     }
 
-    /// The material inside masks, bumps, tints and two-sided ones.
-    pub fn innermost(&self) -> &Self {
-        match self {
-            Self::Mask { material, .. }
-            | Self::Tinted { material, .. }
-            | Self::BumpMap { material, .. }
-            | Self::NormalMap { material, .. }
-            | Self::TwoSided { material } => material.innermost(),
-            other => other,
+    /// Changes every part.
+    pub fn change_parts(&mut self, change: &mut impl FnMut(&mut Self)) {
+        if let Some(inside) = self.inside_mut() {
+            inside.change_parts(change);
+        } else if let Self::Blend { materials, .. } = self {
+            materials.iter_mut().for_each(|material| material.change_parts(change));
+        } else {
+            change(self);
         }
     }
 }

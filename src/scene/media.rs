@@ -3,10 +3,9 @@
 use glam::Vec3;
 
 use super::effects::Effects;
-use super::{MOST_HOLES, Scene, go_on};
+use super::{MOST_HOLES, Scene};
 use crate::base::random::Random;
 use crate::geometry::{Ray, Surface};
-use crate::materials::Kind;
 use crate::materials::medium::{Flight, Medium, MediumId};
 use crate::materials::phase::HenyeyGreenstein;
 
@@ -75,23 +74,10 @@ impl Scene {
         if E::MEDIA {
             return self.transmittance(ray, length, self.medium_beyond(from, ray.direction, medium));
         }
-        if E::MATERIALS {
-            return Vec3::splat(self.visibility(ray, length));
+        if E::MATERIALS && self.has_masks {
+            return self.transmittance(ray, length, None);
         }
         if self.accel.occluded(ray, length) { Vec3::ZERO } else { Vec3::ONE }
-    }
-
-    /// The nearest surface on a ray that is there, media and their borders left out.
-    pub fn seen(&self, ray: &Ray, random: &mut Random) -> Option<Surface> {
-        let (mut surface, mut behind) = (self.trace(ray, random)?, 0.0);
-        for _ in 0..MOST_HOLES {
-            if !self.is_border(&surface) {
-                break;
-            }
-            behind += surface.distance;
-            surface = self.trace(&surface.leave(ray.direction), random)?;
-        }
-        Some(Surface { distance: behind + surface.distance, ..surface })
     }
 
     /// Follows a ray that carries `carried` per channel to where it meets a surface or is scattered by a medium. Returns that
@@ -154,9 +140,16 @@ impl Scene {
         let [before, beyond] = [-direction, direction].map(|side| self.medium_beyond(surface, side, medium));
         if medium == beyond { before } else { medium }
     }
+}
 
-    /// Whether a surface is only the border of a medium.
-    fn is_border(&self, surface: &Surface) -> bool {
-        matches!(self.material(surface).kind, Kind::Null)
+/// A ray that goes on behind `surface` to the end of the length `left` that it had, and its new length. It is aimed anew: the
+/// offsets from many surfaces would otherwise carry it past that end, to a light's own surface.
+fn go_on(surface: &Surface, ray: &Ray, left: f32) -> (Ray, f32) {
+    let next = surface.leave(ray.direction);
+    if left.is_infinite() {
+        return (next, left);
     }
+    let to = ray.at(left) - next.origin;
+    let length = to.length();
+    (Ray { direction: to / length, ..next }, if to.dot(ray.direction) > 0.0 { length } else { 0.0 })
 }

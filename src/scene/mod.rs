@@ -41,7 +41,7 @@ pub struct Scene {
     shape_material: Vec<u32>,
     shape_light: Vec<Option<u32>>,
     materials: Vec<Material>,
-    /// Whether any shape has holes.
+    /// Whether any shape has holes or is only the border of a medium.
     has_masks: bool,
     media: Vec<Medium>,
     /// Media on both sides of a shape; none where the shape does not say.
@@ -75,23 +75,6 @@ impl Scene {
             }
         }
         Some(surface)
-    }
-
-    /// Part of the light that comes through along the first `length` of a ray, in [0, 1].
-    pub fn visibility(&self, ray: &Ray, length: f32) -> f32 {
-        if !self.has_masks {
-            return f32::from(u8::from(!self.accel.occluded(ray, length)));
-        }
-        let (mut visible, mut ray, mut left) = (1.0, *ray, length);
-        for _ in 0..MOST_HOLES {
-            let Some(surface) = self.intersect(&ray).filter(|surface| surface.distance < left) else { return visible };
-            visible *= 1.0 - self.opacity(&surface);
-            if visible <= 0.0 {
-                break;
-            }
-            (ray, left) = go_on(&surface, &ray, left);
-        }
-        0.0
     }
 
     /// Probability that a surface is there. Light is sampled on whole surfaces, so what shines has no holes.
@@ -145,16 +128,4 @@ impl Scene {
     pub fn materials(&self) -> &[Material] {
         &self.materials
     }
-}
-
-/// A ray that goes on behind `surface` to the end of the length `left` that it had, and its new length. It is aimed anew: the
-/// offsets from many surfaces would otherwise carry it past that end, to a light's own surface.
-fn go_on(surface: &Surface, ray: &Ray, left: f32) -> (Ray, f32) {
-    let next = surface.leave(ray.direction);
-    if left.is_infinite() {
-        return (next, left);
-    }
-    let to = ray.at(left) - next.origin;
-    let length = to.length();
-    (Ray { direction: to / length, ..next }, if to.dot(ray.direction) > 0.0 { length } else { 0.0 })
 }

@@ -6,8 +6,7 @@
 use std::str::FromStr;
 
 use super::effects::Needs;
-use super::file::LightFile;
-use super::file::{MaterialFile, SceneFile, TextureFile};
+use super::file::{LightFile, MaterialFile, SceneFile, TextureFile};
 use super::plan::{EffectKind, is_clear, is_coated, is_environment, is_glossy, is_mirror, is_pane};
 
 /// `+name` or `-name`.
@@ -74,12 +73,14 @@ fn remove(scene: &mut SceneFile, kind: EffectKind) {
             scene.materials.values_mut().for_each(|m| take_off(m, |m| matches!(m, MaterialFile::Mask { .. })));
         }
         K::BumpMaps => scene.materials.values_mut().for_each(|m| take_off(m, is_bump)),
-        K::Textures => scene.materials.values_mut().flat_map(MaterialFile::textures_mut).for_each(flatten),
+        K::Textures => {
+            scene.materials.values_mut().flat_map(MaterialFile::textures_mut).for_each(|(_, texture)| flatten(texture))
+        }
         K::Mirrors => make_diffuse(scene, is_mirror),
         K::Transmission => {
             change_parts(scene, |part| {
-                if let MaterialFile::Principled { spec_trans, .. } = part {
-                    *spec_trans = 0.0;
+                if let MaterialFile::Principled(file) = part {
+                    file.spec_trans = 0.0;
                 }
             });
             make_diffuse(scene, is_clear);
@@ -88,8 +89,8 @@ fn remove(scene: &mut SceneFile, kind: EffectKind) {
         K::Glossy => make_diffuse(scene, is_glossy),
         K::Coats => {
             change_parts(scene, |part| {
-                if let MaterialFile::Principled { clearcoat, .. } = part {
-                    *clearcoat = 0.0;
+                if let MaterialFile::Principled(file) = part {
+                    file.clearcoat = 0.0;
                 }
             });
             make_diffuse(scene, is_coated);

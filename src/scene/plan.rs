@@ -9,26 +9,44 @@ use super::file::{LightFile, MaterialFile, SceneFile, TextureFile};
 /// An effect that a scene may call for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
-#[allow(missing_docs, reason = "each says what it is; their names on the command line are theirs in kebab case")]
 pub enum EffectKind {
+    /// Next event estimation.
     DirectLight,
+    /// Emitting shapes.
     AreaLights,
+    /// Lights without extent, in all directions.
     PointLights,
+    /// Lights without extent, in a cone.
     SpotLights,
+    /// Parallel light.
     DirectionalLights,
+    /// Light from all around: constant or a picture.
     Environment,
+    /// Smooth metal.
     Mirrors,
+    /// Glass, smooth or rough.
     Transmission,
+    /// Thin panes.
     ThinTransmission,
+    /// Rough metal, principled materials.
     Glossy,
+    /// Plastic, clear coats.
     Coats,
+    /// Holes.
     Masks,
+    /// Shading normals from textures.
     BumpMaps,
+    /// Colours that vary.
     Textures,
+    /// Fog and the like.
     Medium,
+    /// A lens.
     DepthOfField,
+    /// Light paths to learn from.
     Photons,
+    /// Learned directions.
     Guiding,
+    /// Making good distributions of noisy ones.
     Reconstruction,
 }
 
@@ -285,7 +303,7 @@ pub(super) fn is_mirror(material: &MaterialFile) -> bool {
 /// Glass, rough or smooth.
 pub(super) fn is_clear(material: &MaterialFile) -> bool {
     has(material, |part| match part {
-        MaterialFile::Principled { spec_trans, .. } => *spec_trans > 0.0,
+        MaterialFile::Principled(file) => file.spec_trans > 0.0,
         other => matches!(other, MaterialFile::Dielectric { .. } | MaterialFile::RoughDielectric { .. }),
     })
 }
@@ -297,13 +315,13 @@ pub(super) fn is_pane(material: &MaterialFile) -> bool {
 
 /// Rough metal, and principled materials.
 pub(super) fn is_glossy(material: &MaterialFile) -> bool {
-    has(material, |part| matches!(part, MaterialFile::RoughConductor { .. } | MaterialFile::Principled { .. }))
+    has(material, |part| matches!(part, MaterialFile::RoughConductor { .. } | MaterialFile::Principled(_)))
 }
 
 /// Plastic, and clear coats.
 pub(super) fn is_coated(material: &MaterialFile) -> bool {
     has(material, |part| match part {
-        MaterialFile::Principled { clearcoat, .. } => *clearcoat > 0.0,
+        MaterialFile::Principled(file) => file.clearcoat > 0.0,
         other => matches!(other, MaterialFile::Plastic { .. }),
     })
 }

@@ -13,29 +13,25 @@ type Array = [f32; WIDTH];
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 fn load(values: &Array) -> __m256 {
-    // SAFETY: an array of eight floats is 32 readable bytes, and the load needs no alignment.
-    unsafe { _mm256_loadu_ps(values.as_ptr()) }
+    bytemuck::cast(*values)
 }
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 fn store(values: &mut Array, vector: __m256) {
-    // SAFETY: an array of eight floats is 32 writable bytes, and the store needs no alignment.
-    unsafe { _mm256_storeu_ps(values.as_mut_ptr(), vector) }
+    *values = bytemuck::cast(vector);
 }
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 fn load4(values: &[f32; LANES]) -> __m128 {
-    // SAFETY: an array of four floats is 16 readable bytes, and the load needs no alignment.
-    unsafe { _mm_loadu_ps(values.as_ptr()) }
+    bytemuck::cast(*values)
 }
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 fn store4(values: &mut [f32; LANES], vector: __m128) {
-    // SAFETY: an array of four floats is 16 writable bytes, and the store needs no alignment.
-    unsafe { _mm_storeu_ps(values.as_mut_ptr(), vector) }
+    *values = bytemuck::cast(vector);
 }
 
 /// See [`super::portable::boxes`]. Of maximum and minimum the second operand remains where the first is not a number.

@@ -2,7 +2,7 @@
 
 use crate::base::Result;
 use crate::materials::texture::luminance;
-use crate::scene::file::{MaterialFile, TextureFile};
+use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile};
 
 use super::Reader;
 use super::element::Element;
@@ -58,7 +58,7 @@ impl<'a> Reader<'a> {
             // Reflection at normal incidence is 0.08·specular (Burley 2012, §5.5).
             (None, specular) => 2.0 / (1.0 - (0.08 * specular.unwrap_or(0.5).clamp(0.0, 1.0)).sqrt() as f32) - 1.0,
         };
-        Ok(MaterialFile::Principled {
+        Ok(MaterialFile::Principled(PrincipledFile {
             base_color: self.texture(&object, "base_color", 0.5)?,
             roughness: self.texture(&object, "roughness", 0.5)?,
             metallic: self.texture(&object, "metallic", 0.0)?,
@@ -70,7 +70,7 @@ impl<'a> Reader<'a> {
             clearcoat_gloss,
             flatness,
             spec_trans,
-        })
+        }))
     }
 
     /// Two materials by weight: a texture in Mitsuba 3, a list of numbers in 0.6.

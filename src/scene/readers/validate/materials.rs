@@ -1,7 +1,7 @@
 //! Checks of materials and textures.
 
 use crate::base::Result;
-use crate::scene::file::{MaterialFile, TextureFile};
+use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile};
 
 use super::number::Checker;
 
@@ -53,7 +53,7 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
         }
         MaterialFile::RoughDielectric { alpha, int_ior, ext_ior, .. }
         | MaterialFile::Plastic { alpha, int_ior, ext_ior, .. } => interface(check, key, *alpha, *int_ior, *ext_ior),
-        MaterialFile::Principled { .. } => principled(check, key, material_file),
+        MaterialFile::Principled(file) => principled(check, key, file),
         MaterialFile::Null
         | MaterialFile::Diffuse { .. }
         | MaterialFile::Blend { .. }
@@ -88,7 +88,7 @@ fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]:
                 part => wrapped(check, &key, part, [two_sided, masked]),
             })
         }
-        MaterialFile::Principled { spec_trans, .. } if two_sided && *spec_trans > 0.0 => {
+        MaterialFile::Principled(file) if two_sided && file.spec_trans > 0.0 => {
             check.fail(key, "a material that lets light through cannot be two-sided")
         }
         MaterialFile::Tinted { material, .. }
@@ -115,32 +115,18 @@ fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]:
     }
 }
 
-fn principled(check: &Checker, key: &str, file: &MaterialFile) -> Result<()> {
-    let MaterialFile::Principled {
-        eta,
-        spec_tint,
-        sheen,
-        sheen_tint,
-        clearcoat,
-        clearcoat_gloss,
-        flatness,
-        spec_trans,
-        ..
-    } = file
-    else {
-        return Ok(());
-    };
-    check.at_least(&format!("{key}.eta"), *eta, 1.0)?;
+fn principled(check: &Checker, key: &str, file: &PrincipledFile) -> Result<()> {
+    check.at_least(&format!("{key}.eta"), file.eta, 1.0)?;
     for (name, value) in [
-        ("spec_tint", spec_tint),
-        ("sheen", sheen),
-        ("sheen_tint", sheen_tint),
-        ("clearcoat", clearcoat),
-        ("clearcoat_gloss", clearcoat_gloss),
-        ("flatness", flatness),
-        ("spec_trans", spec_trans),
+        ("spec_tint", file.spec_tint),
+        ("sheen", file.sheen),
+        ("sheen_tint", file.sheen_tint),
+        ("clearcoat", file.clearcoat),
+        ("clearcoat_gloss", file.clearcoat_gloss),
+        ("flatness", file.flatness),
+        ("spec_trans", file.spec_trans),
     ] {
-        check.albedo(&format!("{key}.{name}"), &[*value; 3])?;
+        check.albedo(&format!("{key}.{name}"), &[value; 3])?;
     }
     Ok(())
 }
