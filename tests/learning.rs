@@ -2,7 +2,6 @@
 //! standard errors and more of what is fitted, so that another seed fails once in a million.
 
 use fanal::base::random::Random;
-use fanal::guiding::cache::Bounds;
 use fanal::guiding::distribution::{Distribution, kl};
 use fanal::guiding::leaves::{Layout, Target};
 use fanal::guiding::parallax::Parallax;
@@ -66,10 +65,8 @@ fn path(random: &mut Random) -> PathRecord {
         light_ratio: 0.0,
         direct_share: 1.0,
         direct_ratio: 0.0,
-        bsdf: 1.0,
         distance: 1.0,
         normal: Vec3::Y,
-        next_normal: Vec3::Y,
     }
 }
 
@@ -78,15 +75,13 @@ fn photon(random: &mut Random) -> PhotonRecord {
     loop {
         let direction = cylindrical::to_direction([random.next_f64(), random.next_f64()]);
         if random.next_f64() * 3.2 < radiance(direction) {
-            let [normal, previous_normal] = [Vec3::Y; 2];
             return PhotonRecord {
                 path: 0,
                 point: Vec3::splat(0.5),
                 direction,
                 power: 1.0,
                 distance: 1.0,
-                normal,
-                previous_normal,
+                normal: Vec3::Y,
             };
         }
     }
@@ -94,8 +89,7 @@ fn photon(random: &mut Random) -> PhotonRecord {
 
 /// Mean KL to `truth` over 60 trees of `n` samples of each kind asked for.
 fn mean_kl(truth: &Distribution, n: usize, kinds: [bool; 2]) -> f64 {
-    let bounds = Bounds { low: Vec3::ZERO, high: Vec3::ONE, depth: 0 };
-    let place = Place { bounds: &bounds, parallax: Parallax::NONE, filtered: false };
+    let place = Place { parallax: Parallax::NONE, filtered: false };
     let repeats = 60;
     let one = |seed: u64| {
         let mut random = Random::new(77, seed, n as u64);

@@ -103,7 +103,7 @@ impl RenderRequest {
             settings.reconstruction = Reconstruction::None;
         }
         settings.learner.layout =
-            if settings.reconstruction == Reconstruction::Neural { Layout::Full } else { Layout::Values };
+            if settings.reconstruction == Reconstruction::Neural { Layout::Network } else { Layout::Values };
         settings
     }
 }
@@ -227,7 +227,7 @@ mod tests {
         let given = request(&["--guide", "variance", "--target", "radiance", "--reconstruct", "neural"]).unwrap();
         let settings = given.settings();
         assert_eq!((settings.samples, settings.learner.target), (SampleKinds::Path, Target::Radiance));
-        assert_eq!((settings.reconstruction, settings.learner.layout), (Reconstruction::Neural, Layout::Full));
+        assert_eq!((settings.reconstruction, settings.learner.layout), (Reconstruction::Neural, Layout::Network));
         let given = request(&["--size", "8x4", "--time", "2.5", "--guide", "none", "--max-depth", "3"]).unwrap();
         assert_eq!((given.size, given.stop), ([8, 4], StopRule::Time(2.5)));
         assert_eq!(given.max_depth, 3);

@@ -97,9 +97,20 @@ impl Builder {
 
     /// Adds a mesh of its own; `ball` is a ball (centre, radius) around it in mesh coordinates.
     pub fn add_mesh(&mut self, name: &str, file: MeshFile, to_world: Mat4, ball: (Vec3, f32), material: &str) {
+        let key = self.define_mesh(name, file);
+        self.add_instance(name, &key, to_world, ball, material);
+    }
+
+    /// Keeps a mesh for [`Builder::add_instance`] and gives back its name; a name that is taken gets a number.
+    pub fn define_mesh(&mut self, name: &str, file: MeshFile) -> String {
         let key = free_name(name, |n| self.scene.meshes.contains_key(n));
         self.scene.meshes.insert(key.clone(), file);
-        self.push(name, mesh(&key), to_world, material, None);
+        key
+    }
+
+    /// Adds a shape with the mesh `key`, scaled alike along all axes; `ball` is as in [`Builder::add_mesh`].
+    pub fn add_instance(&mut self, name: &str, key: &str, to_world: Mat4, ball: (Vec3, f32), material: &str) {
+        self.push(name, mesh(key), to_world, material, None);
         let scale = to_world.x_axis.truncate().length();
         self.solids.add(Solid::Ball { center: to_world.transform_point3(ball.0), radius: ball.1 * scale });
     }

@@ -32,13 +32,14 @@ pub fn build(draw: &mut Draw, builder: &mut Builder) {
 
 /// A floor and the first `walls` of: three walls, a ceiling, the fourth wall.
 fn surroundings(draw: &mut Draw, builder: &mut Builder, walls: u32, height: f32) {
-    let floor = builder.add_material("floor", diffuse(draw.albedo().map(|c| 0.2 + 0.7 * c)));
+    let bright = diffuse(draw.albedo().map(|c| 0.2 + 0.7 * c));
+    let floor = if draw.chance(0.7) { builder.add_material("floor", bright) } else { draw.floor(builder) };
     let reach = if walls == 0 { draw.log_range(1.5, 8.0) } else { 1.0 };
     builder.add_quad("floor", Vec3::ZERO, [Vec3::Z * reach, Vec3::X * reach], &floor, None);
     let up = Vec3::Y * height * 0.5;
     let order = [Some(Vec3::NEG_Z), Some(Vec3::X), Some(Vec3::NEG_X), None, Some(Vec3::Z)];
     for side in order.into_iter().take(walls as usize) {
-        let paint = builder.add_material("wall", draw.diffuse());
+        let paint = draw.surface(builder, "wall");
         match side {
             Some(side) => builder.add_quad("wall", side + up, [side.cross(Vec3::Y), up], &paint, None),
             None => builder.add_quad("ceiling", up * 2.0, [Vec3::X, Vec3::Z], &paint, None),
@@ -50,9 +51,10 @@ fn object(draw: &mut Draw, builder: &mut Builder) {
     let size = draw.log_range(0.04, 0.3);
     let kind = draw.range(0.0, 1.0);
     let material = match draw.range(0.0, 1.0) {
-        share if share < 0.5 => builder.add_material("glass", draw.glass()),
-        share if share < 0.85 => builder.add_material("metal", draw.metal(0.5)),
-        _ => builder.add_material("diffuse", draw.diffuse()),
+        share if share < 0.4 => builder.add_material("glass", draw.glass()),
+        share if share < 0.5 => builder.add_material("frosted glass", draw.rough_glass()),
+        share if share < 0.8 => builder.add_material("metal", draw.metal(0.5)),
+        _ => draw.clutter(builder, true),
     };
     let lift = if draw.chance(0.3) { draw.range(0.0, 0.4) } else { 1e-4 };
     let spot = |draw: &mut Draw, up: f32| Vec3::new(draw.range(-0.5, 0.5), up + lift, draw.range(-0.5, 0.5));

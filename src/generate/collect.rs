@@ -1,7 +1,9 @@
-//! Collecting training trees: the noisy Q_h that rendering would have, and the converged Q_gt of the same voxel.
+//! Collecting training pairs: what rendering would know of a voxel after a few iterations, and what it converges to.
 //!
-//! Voxels are those of the first iteration and are never halved, so that one long run serves every iteration's input (see
-//! SEMANTICS, targets for training). Inputs see camera paths and photons; targets see camera paths only.
+//! One long run of a scene makes the voxels, which are never halved, finds out where their light starts, and collects Q_gt for
+//! all of them from camera paths. Then several short runs learn anew in the same voxels, as a render does, and leave inputs after
+//! each iteration: inputs are cheap to make, targets are not. Directions of both refer to the same spheres (see
+//! [`Parallax`](crate::guiding::parallax::Parallax)).
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -12,11 +14,14 @@ use super::shard::{TreeSample, write_shard};
 use crate::base::random::Random;
 use crate::base::{Progress, Result};
 use crate::film::{Pass, PixelFilter, Window};
-use crate::guiding::cache::VoxelId;
+use crate::guiding::cache::{Bounds, VoxelId};
 use crate::guiding::distribution::{Distribution, kl};
+use crate::guiding::learner::CountedTree;
 use crate::guiding::leaves::distribution_of_values;
 use crate::guiding::quadtree::Quadtree;
-use crate::reconstruct::Counted;
+use crate::guiding::topology::Topology;
+use crate::network::config::Mode;
+use crate::reconstruct::gaussian::Gaussian;
 use crate::render::{CHUNK, GuideMode, Learning, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
 use crate::scene::{Scene, readers};
 
@@ -25,9 +30,12 @@ const TARGET_SPLIT_SHARE: f64 = 0.008;
 /// Path samples that a target needs.
 const LEAST_TARGET_SAMPLES: u64 = 256;
 /// Convergence floor above which a target teaches nothing, nats.
-const WORST_FLOOR: f32 = 2.0;
+const WORST_FLOOR: f32 = 1.5;
 /// Uniform part in the floor's second argument, which keeps it finite.
 const FLOOR_UNIFORM: f64 = 0.02;
+/// What the inputs of a scene's short runs are made from, in turn, with [`TreeSample::kinds`].
+const KINDS: [(SampleKinds, u32); 4] =
+    [(SampleKinds::Both, 0), (SampleKinds::Both, 0), (SampleKinds::Path, 1), (SampleKinds::Photon, 2)];
 
 /// Follows `recipe` into `folder`: one shard per scene and an index. Shards that the index already lists are kept, so an
 /// interrupted run goes on where it stopped.
@@ -70,42 +78,50 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
 ///
 /// # Errors
 /// Whatever building the scene or rendering it says.
-pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<(Vec<TreeSample>, crate::network::config::Mode)> {
+pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<(Vec<TreeSample>, Mode)> {
     let file = super::scene(job.family, job.seed, recipe.resolution);
     let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
     settings.transport.max_depth = file.render.max_depth;
     settings.seed = job.seed;
     settings.learner.resolution = recipe.grids[job.index as usize % recipe.grids.len()] as f32;
     settings.learner.voxel_samples = u32::MAX;
-    settings.learner.context = 0.0;
     settings.learner.memory = 1 << 30;
     let loaded = readers::resolve(file, Path::new("."), Path::new(job.family.name()))?;
     let scene = Scene::build(&loaded, recipe.resolution)?;
     let mode = settings.mode();
-    let mut collector = Collector {
-        scene: &scene,
-        learning: Learning::new(&settings, &scene.lights.emission),
-        settings,
-        first_sample: 0,
-    };
-    let inputs = collector.inputs(recipe, job, number)?;
-    Ok((collector.with_targets(inputs, recipe.target_spp)?, mode))
+    let learning = Learning::new(&settings, &scene.lights.emission);
+    let mut long = Run { scene: &scene, learning, settings: settings.clone(), first_sample: 0 };
+    let targets = long.targets(recipe.target_spp)?;
+    let mut samples = Vec::new();
+    for turn in 0..recipe.runs {
+        let mut settings = settings.clone();
+        settings.samples = KINDS[turn as usize % KINDS.len()].0;
+        let mut learning = Learning::new(&settings, &scene.lights.emission);
+        learning.learner = long.learning.learner.restarted(settings.learner.clone());
+        let mut run = Run { scene: &scene, learning, settings, first_sample: long.first_sample };
+        samples.extend(run.pairs(recipe, job, number, turn, &targets)?);
+        long.first_sample = run.first_sample;
+    }
+    Ok((samples, mode))
 }
 
-struct Collector<'a> {
+/// Passes over one scene and what is learned from them.
+struct Run<'a> {
     scene: &'a Scene,
     settings: RenderSettings,
     learning: Learning,
     first_sample: u32,
 }
 
-/// An input tree and the voxel that it came from.
-struct Input {
-    voxel: VoxelId,
-    sample: TreeSample,
+/// What a voxel converges to.
+struct Target {
+    distribution: Distribution,
+    bsdf: Vec<f32>,
+    samples: u64,
+    floor_kl: f32,
 }
 
-impl Collector<'_> {
+impl Run<'_> {
     fn pass(&mut self, spp: u32) {
         let field = self.learning.field(true);
         let tracer = PassTracer {
@@ -127,40 +143,13 @@ impl Collector<'_> {
     }
 
     fn end_iteration(&mut self) -> Result<()> {
-        self.learning.end_iteration(1, 0, 0.0, &Counted::default(), &mut Default::default()).map(drop)
+        let gaussian = Gaussian::default();
+        self.learning.end_iteration(1, 0, f64::INFINITY, &gaussian, &mut Default::default()).map(drop)
     }
 
-    /// Runs the iterations and takes the trees of evenly drawn voxels after each that the recipe lists.
-    fn inputs(&mut self, recipe: &Recipe, job: &Job, number: u32) -> Result<Vec<Input>> {
-        let last = recipe.iterations.iter().copied().max().unwrap_or(0);
-        let mut chosen: Option<Vec<VoxelId>> = None;
-        let mut inputs = Vec::new();
-        for t in 0..=last {
-            self.pass(1 << t);
-            if recipe.iterations.contains(&t) {
-                let trees = self.learning.learner.trees();
-                let voxels = chosen.get_or_insert_with(|| draw(&trees, recipe.max_trees_per_scene, job.seed));
-                let usable = voxels.iter().filter(|&&v| trees[v as usize].has_energy());
-                let cache = self.learning.learner.cache();
-                inputs.extend(usable.map(|&voxel| {
-                    let bounds = cache.map(|c| c.bounds(voxel));
-                    let corners = bounds.map_or([0.0; 6], |b| {
-                        let (l, h) = (b.low, b.high);
-                        [l.x, l.y, l.z, h.x, h.y, h.z]
-                    });
-                    let sample = input(trees[voxel as usize], job, number, t, corners);
-                    Input { voxel, sample }
-                }));
-            }
-            self.end_iteration()?;
-        }
-        Ok(inputs)
-    }
-
-    /// Refines the trees with a quarter of `spp` camera paths per pixel, freezes their shapes, and fills them with two
-    /// independent halves of the rest.
-    fn with_targets(mut self, inputs: Vec<Input>, spp: u32) -> Result<Vec<TreeSample>> {
-        self.settings.samples = SampleKinds::Path;
+    /// Refines the trees with a quarter of `spp` samples per pixel, freezes their shapes, and fills them with two independent
+    /// halves of the rest, from camera paths alone. One target per voxel; none where it has not converged.
+    fn targets(&mut self, spp: u32) -> Result<Vec<Option<Target>>> {
         self.learning.learner.set_split_share(TARGET_SPLIT_SHARE);
         let mut spent = 0;
         let mut next = (spp / 16).max(1);
@@ -170,25 +159,63 @@ impl Collector<'_> {
             spent += next;
             next = (next * 2).min((spp / 4).saturating_sub(spent).max(next));
         }
+        self.settings.samples = SampleKinds::Path;
+        self.learning.photon_share = 0.0;
         self.learning.learner.freeze_shapes();
         let mut halves = Vec::new();
         for _ in 0..2 {
             self.learning.learner.clear();
-            self.pass(((spp.saturating_sub(spent)) / 2).max(1));
+            self.pass((spp.saturating_sub(spent) / 2).max(1));
             halves.push(self.learning.learner.trees().into_iter().cloned().collect::<Vec<Quadtree>>());
         }
-        let target = |input: Input| {
-            let voxel = input.voxel as usize;
-            complete(input.sample, &halves[0][voxel], &halves[1][voxel])
-        };
-        Ok(inputs.into_iter().filter_map(target).collect())
+        Ok(halves[0].iter().zip(&halves[1]).map(|(first, second)| Target::of(first, second)).collect())
+    }
+
+    /// Runs the iterations, and takes the trees of evenly drawn voxels after each that the recipe lists.
+    fn pairs(
+        &mut self,
+        recipe: &Recipe,
+        job: &Job,
+        number: u32,
+        turn: u32,
+        targets: &[Option<Target>],
+    ) -> Result<Vec<TreeSample>> {
+        let last = recipe.iterations.iter().copied().max().unwrap_or(0);
+        let most = (recipe.max_trees_per_scene / (recipe.runs * recipe.iterations.len() as u32).max(1)).max(1);
+        let mut random = Random::new(job.seed, u64::MAX, u64::from(turn));
+        let mut pairs = Vec::new();
+        for t in 0..=last {
+            self.pass(1 << t);
+            if recipe.iterations.contains(&t) {
+                let bounds = self.learning.learner.cache().cloned();
+                let counted = self.learning.learner.counted();
+                let usable = |&v: &VoxelId| {
+                    counted[v as usize].is_some() && targets.get(v as usize).is_some_and(Option::is_some)
+                };
+                let voxels = (0..counted.len() as VoxelId).filter(usable).collect();
+                for voxel in draw(voxels, most, &mut random) {
+                    let pair = (&counted[voxel as usize], targets.get(voxel as usize), &bounds);
+                    if let (Some(tree), Some(Some(target)), Some(cache)) = pair {
+                        let Bounds { low, high, .. } = cache.bounds(voxel);
+                        pairs.push(TreeSample {
+                            scene: number,
+                            family: job.family.id() as u32,
+                            iteration: t,
+                            kinds: KINDS[turn as usize % KINDS.len()].1,
+                            bounds: [low.x, low.y, low.z, high.x, high.y, high.z],
+                            ..pair_of(tree, target)
+                        });
+                    }
+                }
+            }
+            self.end_iteration()?;
+        }
+        Ok(pairs)
     }
 }
 
-/// Up to `most` voxels whose trees hold energy, drawn without replacement.
-fn draw(trees: &[&Quadtree], most: u32, seed: u64) -> Vec<VoxelId> {
-    let mut voxels: Vec<VoxelId> = (0..trees.len() as VoxelId).filter(|&v| trees[v as usize].has_energy()).collect();
-    let mut random = Random::new(seed, u64::MAX, 0);
+/// Up to `most` of the voxels, drawn without replacement, in their order.
+fn draw(mut voxels: Vec<VoxelId>, most: u32, random: &mut Random) -> Vec<VoxelId> {
     let count = voxels.len().min(most as usize);
     for i in 0..count {
         let j = i + random.below((voxels.len() - i) as u32) as usize;
@@ -199,39 +226,45 @@ fn draw(trees: &[&Quadtree], most: u32, seed: u64) -> Vec<VoxelId> {
     voxels
 }
 
-fn input(tree: &Quadtree, job: &Job, number: u32, iteration: u32, bounds: [f32; 6]) -> TreeSample {
-    let [path_samples, photon_samples] = tree.counts();
+fn pair_of(tree: &CountedTree, target: &Target) -> TreeSample {
+    let narrow = |masses: Vec<f64>| masses.into_iter().map(|m| m as f32).collect();
     TreeSample {
-        scene: number,
-        family: job.family.id() as u32,
-        iteration,
-        bounds,
-        input_split: tree.leaves().topology.split_flags(),
-        input_sums: tree.leaves().sums.to_vec(),
-        path_samples,
-        photon_samples,
+        own_split: tree.leaves.topology.split_flags(),
+        own_sums: tree.leaves.sums.to_vec(),
+        counted_split: tree.distribution.topology().split_flags(),
+        counted: narrow(tree.distribution.leaf_mass()),
+        traits: tree.traits,
+        target_split: target.distribution.topology().split_flags(),
+        target: narrow(target.distribution.leaf_mass()),
+        target_bsdf: target.bsdf.clone(),
+        target_samples: target.samples,
+        floor_kl: target.floor_kl,
         ..TreeSample::default()
     }
 }
 
-/// Adds the target made of two halves; none where it has too few samples or too little in common with itself.
-fn complete(sample: TreeSample, first: &Quadtree, second: &Quadtree) -> Option<TreeSample> {
-    let topology = first.topology();
-    if topology != second.topology() {
-        return None;
+impl Target {
+    /// What two independent halves say together; none where they have too few samples or too little in common.
+    fn of(first: &Quadtree, second: &Quadtree) -> Option<Self> {
+        let topology = first.topology();
+        if topology != second.topology() {
+            return None;
+        }
+        let sum = |a: Vec<f64>, b: Vec<f64>| a.iter().zip(&b).map(|(x, y)| x + y).collect::<Vec<f64>>();
+        let (a, b) = (first.path_values(), second.path_values());
+        let distribution = |values: &[f64]| distribution_of_values(topology, values);
+        let floor_kl = kl(&distribution(&a), &distribution(&b), FLOOR_UNIFORM) as f32;
+        let samples = u64::from(first.counts()[0]) + u64::from(second.counts()[0]);
+        let both = sum(a, b);
+        let usable = both.iter().any(|&v| v > 0.0) && samples >= LEAST_TARGET_SAMPLES && floor_kl < WORST_FLOOR;
+        let bsdf = Distribution::from_leaf_weights(topology.clone(), &sum(first.bsdf_values(), second.bsdf_values()));
+        // Without any BSDF sample (everything was drawn by guides) the uniform sphere stands for it.
+        let bsdf = mass_on(topology, &bsdf);
+        usable.then(|| Self { distribution: distribution(&both), bsdf, samples, floor_kl })
     }
-    let (a, b) = (first.path_values(), second.path_values());
-    let both: Vec<f64> = a.iter().zip(&b).map(|(x, y)| x + y).collect();
-    let distribution = |values: &[f64]| distribution_of_values(topology, values);
-    let floor_kl = kl(&distribution(&a), &distribution(&b), FLOOR_UNIFORM) as f32;
-    let target_samples = u64::from(first.counts()[0]) + u64::from(second.counts()[0]);
-    let usable = both.iter().any(|&v| v > 0.0) && target_samples >= LEAST_TARGET_SAMPLES && floor_kl < WORST_FLOOR;
-    let target: Distribution = distribution(&both);
-    usable.then(|| TreeSample {
-        target_split: target.topology().split_flags(),
-        target: target.leaf_mass().into_iter().map(|m| m as f32).collect(),
-        target_samples,
-        floor_kl,
-        ..sample
-    })
+}
+
+/// Mass of a distribution in the leaves of another tree.
+fn mass_on(topology: &Topology, of: &Distribution) -> Vec<f32> {
+    topology.leaves().map(|leaf| of.cell_mass(topology.level_of(leaf), topology.cell[leaf]) as f32).collect()
 }

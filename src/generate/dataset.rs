@@ -142,7 +142,7 @@ pub struct Summary {
     pub train: usize,
     /// Trees held out.
     pub held_out: usize,
-    /// Mean nodes of Q_h.
+    /// Mean nodes of the counted trees.
     pub input_nodes: f64,
     /// Mean nodes of Q_gt.
     pub target_nodes: f64,
@@ -175,10 +175,10 @@ pub fn check(folder: &Path) -> Result<Summary> {
         let trees = read_entry(folder, entry)?;
         *(if entry.held_out { &mut summary.held_out } else { &mut summary.train }) += trees.len();
         for tree in &trees {
-            summary.input_nodes += tree.input_split.len() as f64;
+            summary.input_nodes += tree.counted_split.len() as f64;
             summary.target_nodes += tree.target_split.len() as f64;
-            summary.path_samples += f64::from(tree.path_samples);
-            summary.photon_samples += f64::from(tree.photon_samples);
+            summary.path_samples += f64::from(tree.traits.samples[0]);
+            summary.photon_samples += f64::from(tree.traits.samples[1]);
             summary.floor_kl += f64::from(tree.floor_kl);
         }
     }
@@ -192,10 +192,17 @@ pub fn check(folder: &Path) -> Result<Summary> {
 mod tests {
     use super::*;
     use crate::generate::shard::write_shard;
-    use crate::guiding::features::RAW_CHANNELS;
+    use crate::guiding::leaves::NETWORK_CHANNELS;
 
     fn entry(file: &str, scene: &str, held_out: bool) -> ShardEntry {
-        let mode = Mode { target: "variance".into(), nee: true, roulette: true, split_share: 0.01 };
+        let mode = Mode {
+            target: "variance".into(),
+            nee: true,
+            roulette: true,
+            split_share: 0.02,
+            direct: "all".into(),
+            context: 1024.0,
+        };
         let (file, scene, family) = (file.into(), scene.into(), "rooms".into());
         ShardEntry { version: VERSION, file, scene, family, seed: 1, held_out, samples: 1, mode }
     }
@@ -203,10 +210,13 @@ mod tests {
     fn folder(entries: Vec<ShardEntry>) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
         let tree = TreeSample {
-            input_split: vec![false],
-            input_sums: vec![0.0; RAW_CHANNELS],
+            own_split: vec![false],
+            own_sums: vec![0.0; NETWORK_CHANNELS],
+            counted_split: vec![false],
+            counted: vec![1.0],
             target_split: vec![false],
             target: vec![1.0],
+            target_bsdf: vec![1.0],
             ..TreeSample::default()
         };
         for file in ["a.safetensors", "b.safetensors"] {

@@ -2,16 +2,8 @@
 
 use glam::{Quat, Vec3};
 
-use super::build::{Builder, diffuse, glass};
+use super::build::Builder;
 use crate::base::random::Random;
-use crate::scene::file::{Distribution, MaterialFile, TextureFile};
-
-/// Refractive index and extinction of aluminium, copper and gold at red, green and blue.
-const METALS: [[[f32; 3]; 2]; 3] = [
-    [[1.6575, 0.8804, 0.5212], [9.2238, 6.2695, 4.8370]],
-    [[0.2010, 0.9238, 1.1022], [3.9133, 2.4531, 2.1421]],
-    [[0.1430, 0.3753, 1.4420], [3.9830, 2.3856, 1.6034]],
-];
 
 /// Draws with the shapes that scenes need.
 #[derive(Debug, Clone)]
@@ -85,50 +77,14 @@ impl Draw {
         raw.map(|c| c / mean)
     }
 
-    /// A diffuse material.
-    pub fn diffuse(&mut self) -> MaterialFile {
-        diffuse(self.albedo())
+    /// Power of all lights of a scene together, uniform in the logarithm over three decades.
+    pub fn power(&mut self) -> f32 {
+        self.log_range(0.3, 300.0)
     }
 
-    /// A metal, smooth with probability `smooth`, else of log-uniform roughness; on both sides.
-    pub fn metal(&mut self, smooth: f32) -> MaterialFile {
-        let [eta, k] = METALS[self.0.below(3) as usize];
-        let specular_reflectance = TextureFile::rgb([1.0; 3]);
-        let material = if self.chance(smooth) {
-            MaterialFile::Conductor { eta, k, specular_reflectance }
-        } else {
-            let distribution = if self.chance(0.5) { Distribution::Ggx } else { Distribution::Beckmann };
-            MaterialFile::RoughConductor {
-                alpha: self.log_range(0.03, 0.6),
-                distribution,
-                eta,
-                k,
-                specular_reflectance,
-            }
-        };
-        MaterialFile::TwoSided { material: Box::new(material) }
-    }
-
-    /// Glass or another clear solid.
-    pub fn glass(&mut self) -> MaterialFile {
-        glass(self.range(1.25, 1.9))
-    }
-
-    /// Any material for clutter: mostly diffuse, some metal, little glass. `closed` tells whether the shape may be glass.
-    pub fn clutter(&mut self, builder: &mut Builder, closed: bool) -> String {
-        let kind = self.range(0.0, 1.0);
-        if kind < 0.75 {
-            builder.add_material("diffuse", self.diffuse())
-        } else if kind < 0.93 || !closed {
-            builder.add_material("metal", self.metal(0.15))
-        } else {
-            builder.add_material("glass", self.glass())
-        }
-    }
-
-    /// Radiance of a diffuse emitter of `area` with a power that is uniform in the logarithm over three decades.
+    /// Radiance of a diffuse emitter of `area` with a power as of [`Draw::power`].
     pub fn emission(&mut self, area: f32) -> [f32; 3] {
-        let power = self.log_range(0.3, 300.0);
+        let power = self.power();
         self.tint().map(|c| c * power / (std::f32::consts::PI * area))
     }
 

@@ -6,8 +6,13 @@
 pub mod build;
 pub mod caustics;
 pub mod collect;
+pub mod corridors;
 pub mod dataset;
 pub mod draw;
+pub mod foliage;
+pub mod furniture;
+pub mod lamps;
+pub mod outdoors;
 pub mod own;
 pub mod primitives;
 pub mod recipe;
@@ -15,6 +20,7 @@ pub mod revolve;
 pub mod rooms;
 pub mod shard;
 pub mod solids;
+pub mod surfaces;
 pub mod text;
 pub mod walls;
 
@@ -37,11 +43,18 @@ pub enum Family {
     Rooms,
     /// Glass and metal near small lights.
     Caustics,
+    /// Closed rooms with many small lamps.
+    Lamps,
+    /// Corridors with light from far away or round the corner.
+    Corridors,
+    /// Houses, plants and walls under sun and sky.
+    Outdoors,
 }
 
 impl Family {
     /// All families.
-    pub const ALL: [Self; 3] = [Self::Primitives, Self::Rooms, Self::Caustics];
+    pub const ALL: [Self; 6] =
+        [Self::Primitives, Self::Rooms, Self::Caustics, Self::Lamps, Self::Corridors, Self::Outdoors];
 
     /// Its name in recipes.
     pub fn name(self) -> &'static str {
@@ -49,6 +62,9 @@ impl Family {
             Self::Primitives => "primitives",
             Self::Rooms => "rooms",
             Self::Caustics => "caustics",
+            Self::Lamps => "lamps",
+            Self::Corridors => "corridors",
+            Self::Outdoors => "outdoors",
         }
     }
 
@@ -58,6 +74,21 @@ impl Family {
             Self::Primitives => 1,
             Self::Rooms => 2,
             Self::Caustics => 3,
+            Self::Lamps => 4,
+            Self::Corridors => 5,
+            Self::Outdoors => 6,
+        }
+    }
+
+    /// What builds its scenes before they are scattered.
+    fn build(self) -> fn(&mut Draw, &mut Builder) {
+        match self {
+            Self::Primitives => primitives::build,
+            Self::Rooms => rooms::build,
+            Self::Caustics => caustics::build,
+            Self::Lamps => lamps::build,
+            Self::Corridors => corridors::build,
+            Self::Outdoors => outdoors::build,
         }
     }
 }
@@ -66,11 +97,7 @@ impl Family {
 pub fn scene(family: Family, seed: u64, size: [u32; 2]) -> SceneFile {
     let mut draw = Draw::new(family.id(), seed);
     let mut builder = Builder::new(format!("{}-{seed:016x}", family.name()), size);
-    match family {
-        Family::Primitives => primitives::build(&mut draw, &mut builder),
-        Family::Rooms => rooms::build(&mut draw, &mut builder),
-        Family::Caustics => caustics::build(&mut draw, &mut builder),
-    }
+    family.build()(&mut draw, &mut builder);
     builder.render(draw.integer(8, 12), 64);
     draw.scatter_world(&mut builder);
     builder.finish()

@@ -29,7 +29,7 @@ pub fn build(draw: &mut Draw, builder: &mut Builder) {
 
 /// A floor; in a closed scene also walls and a ceiling.
 fn enclosure(draw: &mut Draw, builder: &mut Builder, height: f32, closed: bool) {
-    let floor = builder.add_material("floor", draw.diffuse());
+    let floor = draw.floor(builder);
     let reach = if closed { HALF } else { draw.log_range(1.5, 10.0) };
     builder.add_quad("floor", Vec3::ZERO, [Vec3::Z * reach, Vec3::X * reach], &floor, None);
     if !closed {
@@ -38,9 +38,9 @@ fn enclosure(draw: &mut Draw, builder: &mut Builder, height: f32, closed: bool) 
     let up = Vec3::Y * height * 0.5;
     let ceiling = builder.add_material("ceiling", draw.diffuse());
     builder.add_quad("ceiling", up * 2.0, [Vec3::X * HALF, Vec3::Z * HALF], &ceiling, None);
-    let shared = builder.add_material("wall", draw.diffuse());
+    let shared = draw.surface(builder, "wall");
     for side in [Vec3::X, Vec3::NEG_X, Vec3::Z, Vec3::NEG_Z] {
-        let material = if draw.chance(0.5) { shared.clone() } else { builder.add_material("wall", draw.diffuse()) };
+        let material = if draw.chance(0.5) { shared.clone() } else { draw.surface(builder, "wall") };
         let along = side.cross(Vec3::Y) * HALF;
         builder.add_quad("wall", side * HALF + up, [along, up], &material, None);
     }

@@ -39,6 +39,9 @@ pub struct Recipe {
     pub target_spp: u32,
     /// At most so many trees are kept of a scene, drawn evenly.
     pub max_trees_per_scene: u32,
+    /// Short runs that inputs are taken from; of each four two see path samples and photons, one path samples, one photons.
+    #[serde(default = "default_runs")]
+    pub runs: u32,
     /// The families of scenes.
     pub family: Vec<FamilyRecipe>,
 }
@@ -68,6 +71,10 @@ pub struct Job {
 
 fn default_held_out() -> f64 {
     0.15
+}
+
+fn default_runs() -> u32 {
+    4
 }
 
 fn default_resolution() -> [u32; 2] {
@@ -125,6 +132,7 @@ impl Recipe {
                 "need one or more of 1 to 1024",
             ),
             ("target_spp", (1..=1 << 24).contains(&self.target_spp), "must be 1 to 16777216"),
+            ("runs", (1..=64).contains(&self.runs), "must be 1 to 64"),
             ("max_trees_per_scene", self.max_trees_per_scene > 0, "must not be 0"),
             ("family", (1..=u64::from(MAX_SCENES)).contains(&scenes), "all families together need 1 to 100000 scenes"),
         ];

@@ -1,11 +1,12 @@
 //! Family `rooms`: a closed room with clutter, lit only through openings: a door ajar, windows, a second room behind.
 
-use std::f32::consts::{FRAC_PI_2, PI};
+use std::f32::consts::PI;
 
 use glam::{Quat, Vec3};
 
 use super::build::{Builder, diffuse};
 use super::draw::Draw;
+use super::furniture;
 use super::walls::{Opening, Room, Side};
 use crate::scene::file::LightFile;
 
@@ -17,19 +18,19 @@ pub fn build(draw: &mut Draw, builder: &mut Builder) {
     let door = (kind < 0.6).then(|| doorway(draw, &room));
     let behind = door.map(|_| behind(draw, &room));
     let windows = if kind >= 0.45 { windows(draw, &room) } else { Vec::new() };
-    let floor = builder.add_material("floor", draw.diffuse());
+    let floor = draw.floor(builder);
     let ceiling = builder.add_material("ceiling", draw.diffuse());
     // One floor for both rooms: two would lie in the same plane under the door.
     let both = Room { high: behind.map_or(room.high, |b| b.high), ..room };
     both.add_floor_and_ceiling(builder, &floor, &ceiling);
-    let plaster = builder.add_material("wall", draw.diffuse());
+    let plaster = draw.surface(builder, "wall");
     for side in Side::ALL {
         let openings = match side {
             Side::East => door.as_slice(),
             Side::West => &windows,
             Side::North | Side::South => &[],
         };
-        let paint = if draw.chance(0.6) { plaster.clone() } else { builder.add_material("wall", draw.diffuse()) };
+        let paint = if draw.chance(0.6) { plaster.clone() } else { draw.surface(builder, "wall") };
         room.add_wall(builder, side, openings, &paint);
     }
     if let (Some(door), Some(behind)) = (door, behind) {
@@ -40,7 +41,7 @@ pub fn build(draw: &mut Draw, builder: &mut Builder) {
         outside(draw, builder, &room, &windows);
     }
     for _ in 0..draw.log_range(2.0, 18.0) as u32 {
-        clutter(draw, builder, &room);
+        furniture::clutter(draw, builder, &room);
     }
     let margin = size * 0.06;
     draw.camera(builder, [margin, size - margin], [margin, size * Vec3::new(1.0, 0.7, 1.0)], 0.3);
@@ -79,7 +80,7 @@ fn leaf(draw: &mut Draw, builder: &mut Builder, room: &Room, door: Opening) {
     let face = if outwards { room.wall } else { 0.0 };
     let hinge = room.on_wall(Side::East, [door.low[0], door.low[1] + half.y]) + Vec3::X * face;
     let turn = Quat::from_rotation_y(if outwards { angle } else { -angle });
-    let material = builder.add_material("door", draw.diffuse());
+    let material = draw.surface(builder, "door");
     // A little short of floor and lintel, so that no two faces lie in one plane.
     let size = half * Vec3::new(1.0, 0.995, 1.0);
     builder.add_box("door", hinge + turn * (Vec3::Z * half.z), size, turn, &material);
@@ -117,7 +118,7 @@ fn lamp(draw: &mut Draw, builder: &mut Builder, room: &Room) {
 
 /// What shines through the windows: a panel, a sun, the sky, or sun and sky.
 fn outside(draw: &mut Draw, builder: &mut Builder, room: &Room, windows: &[Opening]) {
-    let ground = builder.add_material("ground", draw.diffuse());
+    let ground = draw.surface(builder, "ground");
     let level = Vec3::new(room.low.x - room.wall - 5.0, room.low.y - room.wall, 0.5 * (room.low.z + room.high.z));
     let has_ground = draw.chance(0.6);
     if has_ground {
@@ -158,55 +159,4 @@ fn sun(draw: &mut Draw, builder: &mut Builder, room: &Room, windows: &[Opening])
     let irradiance = draw.log_range(3.0, 100.0);
     let radiance = irradiance * away * away / (PI * radius * radius);
     builder.add_sphere("sun", through + along * away, radius, &dark, Some(draw.tint().map(|c| c * radiance)));
-}
-
-fn clutter(draw: &mut Draw, builder: &mut Builder, room: &Room) {
-    let size = room.high - room.low;
-    let unit = size.min_element();
-    let on_floor = |draw: &mut Draw, up: f32| {
-        let spot = Vec3::new(draw.range(0.1, 0.9), 0.0, draw.range(0.1, 0.9));
-        room.low + size * spot + Vec3::Y * (up + 1e-4)
-    };
-    let kind = draw.range(0.0, 1.0);
-    let material = draw.clutter(builder, (0.2..0.75).contains(&kind));
-    if kind < 0.2 {
-        let foot = on_floor(draw, 0.0);
-        table(draw, builder, foot, unit, &material);
-    } else if kind < 0.5 {
-        let half =
-            Vec3::new(1.0, draw.log_range(0.4, 4.0), draw.log_range(0.5, 2.0)) * unit * draw.log_range(0.03, 0.15);
-        let half = half.min(Vec3::splat(0.35 * unit));
-        builder.add_box("crate", on_floor(draw, half.y), half, draw.yaw(), &material);
-    } else if kind < 0.75 {
-        let radius = unit * draw.log_range(0.03, 0.2);
-        builder.add_sphere("ball", on_floor(draw, radius), radius, &material, None);
-    } else {
-        let half = Vec3::new(unit * draw.log_range(0.05, 0.3), unit * draw.log_range(0.1, 0.3), 0.004);
-        let lean = draw.yaw() * Quat::from_rotation_x(draw.range(0.05, 0.9));
-        builder.add_box("board", on_floor(draw, half.y), half, lean, &material);
-    }
-}
-
-/// A board on four legs, with up to three things on it.
-fn table(draw: &mut Draw, builder: &mut Builder, foot: Vec3, unit: f32, material: &str) {
-    let half = Vec3::new(draw.range(0.1, 0.3), 0.012, draw.range(0.1, 0.3)) * unit;
-    let height = draw.range(0.2, 0.45) * unit;
-    let turn = Quat::from_rotation_y(draw.integer(0, 1) as f32 * FRAC_PI_2 + draw.range(-0.2, 0.2));
-    builder.add_box("table", foot + Vec3::Y * height, half, turn, material);
-    let leg = Vec3::new(half.y, 0.5 * (height - half.y) - 1e-4, half.y);
-    for [x, z] in [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]] {
-        let corner = turn * Vec3::new(x * (half.x - leg.x), leg.y, z * (half.z - leg.z));
-        builder.add_box("leg", foot + corner, leg, turn, material);
-    }
-    for _ in 0..draw.integer(0, 3) {
-        let radius = unit * draw.log_range(0.015, 0.06);
-        let spot = turn * (half * Vec3::new(draw.range(-0.8, 0.8), 0.0, draw.range(-0.8, 0.8)));
-        let center = foot + spot + Vec3::Y * (height + half.y + radius + 1e-4);
-        let thing = draw.clutter(builder, true);
-        if draw.chance(0.5) {
-            builder.add_sphere("ball", center, radius, &thing, None);
-        } else {
-            builder.add_box("block", center, Vec3::splat(radius), draw.yaw(), &thing);
-        }
-    }
 }

@@ -1,18 +1,20 @@
 //! One file of training pairs: noisy quadtrees and what they converge to, in safetensors.
 //!
-//! Arrays of all trees are concatenated; offsets say where each tree begins. Tensors, for T trees with H input nodes, L input
-//! leaves, G target nodes and K target leaves together:
+//! Arrays of all trees are concatenated; offsets say where each tree begins. Tensors, for T pairs, whose `own`, `counted` and
+//! `target` trees have together O, C and G nodes, and L, M and K leaves:
 //!
 //! | name | type | shape |
 //! |---|---|---|
-//! | `ids` | u32 | [T, 5]: scene, family, iteration, path samples, photon samples |
+//! | `ids` | u32 | [T, 6]: scene, family, iteration, kinds of samples, path samples, photons |
+//! | `traits` | f32 | [T, 5]: path share, mean normal, nearness |
 //! | `bounds` | f32 | [T, 6] |
 //! | `target_samples` | u64 | [T] |
 //! | `floor_kl` | f32 | [T] |
-//! | `input_offset`, `target_offset` | u64 | [T + 1], nodes |
-//! | `input_split`, `target_split` | u8 | [H], [G] |
-//! | `input_sums` | f32 | [L, [`RAW_CHANNELS`]] |
-//! | `target` | f32 | [K] |
+//! | `own_offset`, `counted_offset`, `target_offset` | u64 | [T + 1], nodes |
+//! | `own_split`, `counted_split`, `target_split` | u8 | [O], [C], [G] |
+//! | `own_sums` | f32 | [L, [`NETWORK_CHANNELS`]] |
+//! | `counted` | f32 | [M] |
+//! | `target`, `target_bsdf` | f32 | [K] |
 //!
 //! A tree of n nodes has (3n + 1)/4 leaves, so leaf offsets follow. The header's metadata hold `version` and `crc32`, over all
 //! tensors' bytes in the order of their names.
@@ -22,16 +24,20 @@ use std::path::Path;
 use crate::base::files::read_bytes;
 use crate::base::tensors::{self, Dtype, Tensor, Tensors};
 use crate::base::{Error, Place, Result};
-use crate::guiding::features::RAW_CHANNELS;
+use glam::Vec3;
+
+use crate::guiding::features::Traits;
+use crate::guiding::leaves::NETWORK_CHANNELS;
 use crate::guiding::topology::Topology;
 
-/// The version of shards that this program reads. 2: voxels are divided by facing, normals have the side of the path.
-pub const VERSION: u32 = 2;
+/// The version of shards that this program reads. 3: inputs have their context, targets the BSDF's mass.
+pub const VERSION: u32 = 3;
 
 /// Largest accepted shard in bytes.
 pub const SHARD_LIMIT: u64 = 1 << 30;
 
-const IDS: usize = 5;
+const IDS: usize = 6;
+const TRAITS: usize = 5;
 
 /// One voxel at one iteration: what had been collected, and the converged distribution there.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -40,22 +46,28 @@ pub struct TreeSample {
     pub scene: u32,
     /// Number of the procedural family that the scene belongs to.
     pub family: u32,
-    /// Iteration after which Q_h was taken.
+    /// Iteration after which the input was taken.
     pub iteration: u32,
+    /// What the input was made from: 0 path samples and photons, 1 path samples, 2 photons.
+    pub kinds: u32,
     /// The voxel in world space: minimum, maximum.
     pub bounds: [f32; 6],
-    /// Split flags of Q_h, as for [`Topology::from_split`].
-    pub input_split: Vec<bool>,
-    /// [leaves, [`RAW_CHANNELS`]], see [`crate::guiding::features`].
-    pub input_sums: Vec<f32>,
-    /// Path samples in Q_h.
-    pub path_samples: u32,
-    /// Photons in Q_h.
-    pub photon_samples: u32,
+    /// Split flags of the voxel's own tree Q_h, as for [`Topology::from_split`].
+    pub own_split: Vec<bool>,
+    /// [leaves, [`NETWORK_CHANNELS`]], see [`Layout::Network`](crate::guiding::leaves::Layout::Network).
+    pub own_sums: Vec<f32>,
+    /// Split flags of the counted distribution, which has the voxel's context.
+    pub counted_split: Vec<bool>,
+    /// Mass per leaf of the counted distribution; the sum is 1.
+    pub counted: Vec<f32>,
+    /// What is known of the voxel as a whole.
+    pub traits: Traits,
     /// Split flags of the converged tree, Q_gt.
     pub target_split: Vec<bool>,
     /// Mass per leaf of Q_gt; the sum is 1.
     pub target: Vec<f32>,
+    /// Mass per leaf of what BSDF sampling draws in the voxel; the sum is 1.
+    pub target_bsdf: Vec<f32>,
     /// Path samples in Q_gt.
     pub target_samples: u64,
     /// KL between two independent halves of Q_gt, in nats: no reconstruction can be measured below it.
@@ -63,43 +75,38 @@ pub struct TreeSample {
 }
 
 impl TreeSample {
-    /// The quadtree Q_h.
-    ///
-    /// # Errors
-    /// As [`Topology::from_split`].
-    pub fn input_topology(&self) -> Result<Topology, String> {
-        Topology::from_split(&self.input_split)
-    }
-
-    /// The quadtree Q_gt.
-    ///
-    /// # Errors
-    /// As [`Topology::from_split`].
-    pub fn target_topology(&self) -> Result<Topology, String> {
-        Topology::from_split(&self.target_split)
-    }
-
-    /// Checks both trees, all sizes, and that every number is finite and in range.
+    /// Checks all trees and sizes, and that every number is finite and in range.
     ///
     /// # Errors
     /// A sentence saying what is wrong.
     pub fn validate(&self) -> Result<(), String> {
-        let input = self.input_topology().map_err(|e| format!("input: {e}"))?;
-        let target = self.target_topology().map_err(|e| format!("target: {e}"))?;
+        let leaves = |what: &str, split: &[bool]| match Topology::from_split(split) {
+            Ok(tree) => Ok(tree.leaves().count()),
+            Err(e) => Err(format!("{what}: {e}")),
+        };
         let expect = |what: &str, found: usize, expected: usize| {
             if found == expected { Ok(()) } else { Err(format!("{what}: {found} values, expected {expected}")) }
         };
-        expect("input sums", self.input_sums.len(), input.leaves().count() * RAW_CHANNELS)?;
-        expect("target", self.target.len(), target.leaves().count())?;
-        if let Some(at) = self.input_sums.iter().position(|x| !x.is_finite()) {
-            return Err(format!("input sum {at} is {}", self.input_sums[at]));
+        expect("own sums", self.own_sums.len(), leaves("own tree", &self.own_split)? * NETWORK_CHANNELS)?;
+        expect("counted", self.counted.len(), leaves("counted tree", &self.counted_split)?)?;
+        expect("target", self.target.len(), leaves("target tree", &self.target_split)?)?;
+        expect("target BSDF", self.target_bsdf.len(), self.target.len())?;
+        if let Some(at) = self.own_sums.iter().position(|x| !(x.is_finite() && *x >= 0.0)) {
+            return Err(format!("own sum {at} is {}", self.own_sums[at]));
         }
-        if let Some(mass) = self.target.iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
-            return Err(format!("a target mass is {mass}"));
+        for (what, masses) in [("counted", &self.counted), ("target", &self.target), ("target BSDF", &self.target_bsdf)]
+        {
+            if let Some(mass) = masses.iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
+                return Err(format!("a {what} mass is {mass}"));
+            }
+            let total: f64 = masses.iter().map(|&m| f64::from(m)).sum();
+            if (total - 1.0).abs() > 1e-3 {
+                return Err(format!("{what} masses sum to {total}, expected 1"));
+            }
         }
-        let total: f64 = self.target.iter().map(|&m| f64::from(m)).sum();
-        if (total - 1.0).abs() > 1e-3 {
-            return Err(format!("target masses sum to {total}, expected 1"));
+        let Traits { path_share, normal, nearness, .. } = self.traits;
+        if !(0.0..=1.0).contains(&path_share) || !normal.is_finite() || !(nearness.is_finite() && nearness >= 0.0) {
+            return Err("path share, normal or nearness is out of range".into());
         }
         if !(self.floor_kl.is_finite() && self.bounds.iter().all(|b| b.is_finite())) {
             return Err("bounds or the KL floor are not finite".into());
@@ -132,26 +139,36 @@ fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor> {
     };
     let flags =
         |of: fn(&TreeSample) -> &Vec<bool>| samples.iter().flat_map(of).map(|&f| u8::from(f)).collect::<Vec<_>>();
-    let ids = |s: &TreeSample| [s.scene, s.family, s.iteration, s.path_samples, s.photon_samples];
-    let (input_split, target_split) = (flags(|s| &s.input_split), flags(|s| &s.target_split));
-    let sums = f32s(&mut samples.iter().flat_map(|s| &s.input_sums).copied());
-    let target = f32s(&mut samples.iter().flat_map(|s| &s.target).copied());
+    let ids = |s: &TreeSample| {
+        let [paths, photons] = s.traits.samples;
+        [s.scene, s.family, s.iteration, s.kinds, paths, photons]
+    };
+    let traits = |s: &TreeSample| {
+        let Traits { path_share, normal, nearness, .. } = s.traits;
+        [path_share, normal.x, normal.y, normal.z, nearness]
+    };
+    let column = |of: fn(&TreeSample) -> &Vec<f32>| f32s(&mut samples.iter().flat_map(of).copied());
+    let splits = [flags(|s| &s.counted_split), flags(|s| &s.own_split), flags(|s| &s.target_split)];
+    let [counted_split, own_split, target_split] = splits;
+    let values = [column(|s| &s.counted), column(|s| &s.own_sums), column(|s| &s.target), column(|s| &s.target_bsdf)];
+    let [counted, own_sums, target, target_bsdf] = values;
+    let target_samples = samples.iter().flat_map(|s| s.target_samples.to_le_bytes()).collect();
     vec![
         ("bounds", Dtype::F32, vec![trees, 6], f32s(&mut samples.iter().flat_map(|s| s.bounds))),
+        ("counted", Dtype::F32, vec![counted.len() / 4], counted),
+        ("counted_offset", Dtype::U64, vec![trees + 1], offsets(|s| s.counted_split.len())),
+        ("counted_split", Dtype::U8, vec![counted_split.len()], counted_split),
         ("floor_kl", Dtype::F32, vec![trees], f32s(&mut samples.iter().map(|s| s.floor_kl))),
         ("ids", Dtype::U32, vec![trees, IDS], samples.iter().flat_map(ids).flat_map(u32::to_le_bytes).collect()),
-        ("input_offset", Dtype::U64, vec![trees + 1], offsets(|s| s.input_split.len())),
-        ("input_split", Dtype::U8, vec![input_split.len()], input_split),
-        ("input_sums", Dtype::F32, vec![sums.len() / (4 * RAW_CHANNELS), RAW_CHANNELS], sums),
+        ("own_offset", Dtype::U64, vec![trees + 1], offsets(|s| s.own_split.len())),
+        ("own_split", Dtype::U8, vec![own_split.len()], own_split),
+        ("own_sums", Dtype::F32, vec![own_sums.len() / (4 * NETWORK_CHANNELS), NETWORK_CHANNELS], own_sums),
         ("target", Dtype::F32, vec![target.len() / 4], target),
+        ("target_bsdf", Dtype::F32, vec![target_bsdf.len() / 4], target_bsdf),
         ("target_offset", Dtype::U64, vec![trees + 1], offsets(|s| s.target_split.len())),
-        (
-            "target_samples",
-            Dtype::U64,
-            vec![trees],
-            samples.iter().flat_map(|s| s.target_samples.to_le_bytes()).collect(),
-        ),
+        ("target_samples", Dtype::U64, vec![trees], target_samples),
         ("target_split", Dtype::U8, vec![target_split.len()], target_split),
+        ("traits", Dtype::F32, vec![trees, TRAITS], f32s(&mut samples.iter().flat_map(traits))),
     ]
 }
 
@@ -180,30 +197,45 @@ impl Reader<'_> {
         Ok(offsets.into_iter().map(|o| o as usize).collect())
     }
 
+    /// f32 values of a tensor of so many rows.
+    fn floats(&self, name: &str, rows: usize, columns: usize) -> Result<Vec<f32>> {
+        self.file.read(name, Dtype::F32, Some(rows), columns, f32::from_le_bytes)
+    }
+
     fn samples(&self) -> Result<Vec<TreeSample>> {
         let ids = self.file.read("ids", Dtype::U32, None, IDS, u32::from_le_bytes)?;
         let trees = ids.len() / IDS;
-        let bounds = self.file.read("bounds", Dtype::F32, Some(trees), 6, f32::from_le_bytes)?;
-        let floor_kl = self.file.read("floor_kl", Dtype::F32, Some(trees), 1, f32::from_le_bytes)?;
+        let (bounds, traits) = (self.floats("bounds", trees, 6)?, self.floats("traits", trees, TRAITS)?);
+        let floor_kl = self.floats("floor_kl", trees, 1)?;
         let target_samples = self.file.read("target_samples", Dtype::U64, Some(trees), 1, u64::from_le_bytes)?;
-        let input = self.trees("input", trees)?;
-        let target = self.trees("target", trees)?;
-        let sums =
-            self.file.read("input_sums", Dtype::F32, Some(input.leaves(trees)), RAW_CHANNELS, f32::from_le_bytes)?;
-        let masses = self.file.read("target", Dtype::F32, Some(target.leaves(trees)), 1, f32::from_le_bytes)?;
+        let [own, counted, target] =
+            [self.trees("own", trees)?, self.trees("counted", trees)?, self.trees("target", trees)?];
+        let sums = self.floats("own_sums", own.leaves(trees), NETWORK_CHANNELS)?;
+        let masses = self.floats("counted", counted.leaves(trees), 1)?;
+        let [target_mass, target_bsdf] =
+            [self.floats("target", target.leaves(trees), 1)?, self.floats("target_bsdf", target.leaves(trees), 1)?];
         (0..trees)
             .map(|t| {
+                let (ids, traits) = (&ids[t * IDS..][..IDS], &traits[t * TRAITS..][..TRAITS]);
                 let sample = TreeSample {
-                    scene: ids[t * IDS],
-                    family: ids[t * IDS + 1],
-                    iteration: ids[t * IDS + 2],
-                    path_samples: ids[t * IDS + 3],
-                    photon_samples: ids[t * IDS + 4],
+                    scene: ids[0],
+                    family: ids[1],
+                    iteration: ids[2],
+                    kinds: ids[3],
                     bounds: std::array::from_fn(|i| bounds[t * 6 + i]),
-                    input_split: input.split[input.offsets[t]..input.offsets[t + 1]].to_vec(),
-                    input_sums: sums[input.leaves(t) * RAW_CHANNELS..input.leaves(t + 1) * RAW_CHANNELS].to_vec(),
-                    target_split: target.split[target.offsets[t]..target.offsets[t + 1]].to_vec(),
-                    target: masses[target.leaves(t)..target.leaves(t + 1)].to_vec(),
+                    own_split: own.split_of(t),
+                    own_sums: sums[own.leaves(t) * NETWORK_CHANNELS..own.leaves(t + 1) * NETWORK_CHANNELS].to_vec(),
+                    counted_split: counted.split_of(t),
+                    counted: masses[counted.leaves(t)..counted.leaves(t + 1)].to_vec(),
+                    traits: Traits {
+                        samples: [ids[4], ids[5]],
+                        path_share: traits[0],
+                        normal: Vec3::new(traits[1], traits[2], traits[3]),
+                        nearness: traits[4],
+                    },
+                    target_split: target.split_of(t),
+                    target: target_mass[target.leaves(t)..target.leaves(t + 1)].to_vec(),
+                    target_bsdf: target_bsdf[target.leaves(t)..target.leaves(t + 1)].to_vec(),
                     target_samples: target_samples[t],
                     floor_kl: floor_kl[t],
                 };
@@ -230,6 +262,10 @@ struct Trees {
 }
 
 impl Trees {
+    fn split_of(&self, t: usize) -> Vec<bool> {
+        self.split[self.offsets[t]..self.offsets[t + 1]].to_vec()
+    }
+
     /// Leaves before tree `t`: every tree of n nodes has (3n + 1)/4.
     fn leaves(&self, t: usize) -> usize {
         (3 * self.offsets[t] + t) / 4
@@ -242,23 +278,29 @@ mod tests {
 
     pub(crate) fn samples() -> Vec<TreeSample> {
         let root = TreeSample {
-            input_split: vec![false],
-            input_sums: vec![0.5; RAW_CHANNELS],
+            own_split: vec![false],
+            own_sums: vec![0.5; NETWORK_CHANNELS],
+            counted_split: vec![false],
+            counted: vec![1.0],
             target_split: vec![false],
             target: vec![1.0],
+            target_bsdf: vec![1.0],
             ..TreeSample::default()
         };
         let split = TreeSample {
             scene: 3,
             family: 2,
             iteration: 4,
+            kinds: 1,
             bounds: [0., 1., 2., 3., 4., 5.],
-            input_split: vec![true, false, false, false, false],
-            input_sums: (0..4 * RAW_CHANNELS).map(|i| i as f32).collect(),
-            path_samples: 17,
-            photon_samples: 5,
+            own_split: vec![true, false, false, false, false],
+            own_sums: (0..4 * NETWORK_CHANNELS).map(|i| i as f32).collect(),
+            counted_split: vec![true, false, false, false, false],
+            counted: vec![0.5, 0.25, 0.25, 0.0],
+            traits: Traits { samples: [17, 5], path_share: 0.25, normal: Vec3::new(0.0, 0.6, 0.8), nearness: 0.5 },
             target_split: vec![true, false, true, false, false, false, false, false, false],
             target: vec![0.25, 0.25, 0.25, 0.1, 0.05, 0.05, 0.05],
+            target_bsdf: vec![0.5, 0.0, 0.25, 0.1, 0.05, 0.05, 0.05],
             target_samples: 1 << 40,
             floor_kl: 0.01,
         };
@@ -308,12 +350,15 @@ mod tests {
     fn inconsistent_samples_are_not_written() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.safetensors");
-        let spoil: [fn(&mut TreeSample); 5] = [
-            |s| s.input_sums[3] = f32::NAN,
+        let spoil: [fn(&mut TreeSample); 8] = [
+            |s| s.own_sums[3] = f32::NAN,
+            |s| s.own_sums[3] = -1.0,
             |s| s.target[0] = 0.5,
             |s| s.target[0] = -0.25,
-            |s| s.input_split.truncate(4),
-            |s| s.target.truncate(2),
+            |s| s.counted[0] = 0.75,
+            |s| s.own_split.truncate(4),
+            |s| s.target_bsdf.truncate(2),
+            |s| s.traits.path_share = f32::NAN,
         ];
         for spoil in spoil {
             let mut all = samples();

@@ -13,7 +13,7 @@ use super::topology::MAX_LEVEL;
 /// Nodes of pooled distributions are not split further below this mass: their details belong to single voxels.
 const POOLED_MASS: f64 = 0.003;
 /// The same for the result.
-const MIXED_MASS: f64 = 0.0015;
+const MIXED_MASS: f64 = 0.003;
 
 /// A distribution and the number of samples that it was made from.
 pub type Counted = Option<(Distribution, f64)>;

@@ -9,12 +9,14 @@ pub struct Distribution {
     node_mass: Vec<f64>,
 }
 
-/// A cell on which two distributions are both constant: the mass that each has there, and the uniform distribution's.
+/// A cell on which distributions are constant: the mass that each has there, and the uniform distribution's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CommonCell {
-    /// Mass of the first distribution.
+    /// Mass of the target.
     pub target: f64,
-    /// Mass of the second.
+    /// Mass of what BSDF sampling draws.
+    pub bsdf: f64,
+    /// Mass of the guide.
     pub guide: f64,
     /// Share of the sphere that the cell covers, 4^(−level).
     pub area: f64,
@@ -158,19 +160,20 @@ impl Distribution {
         Topology::grown(root, most, |part| part.mass > share, |part| [0, 1, 2, 3].map(|k| part.child(k)))
     }
 
-    /// The cells of the union of both trees' leaves, without those where `target` has no mass.
-    pub fn common_cells(target: &Self, guide: &Self) -> Vec<CommonCell> {
+    /// The cells of the union of all trees' leaves, without those where `target` has no mass.
+    pub fn common_cells(target: &Self, bsdf: &Self, guide: &Self) -> Vec<CommonCell> {
         let mut cells = Vec::with_capacity(target.topology.len().max(guide.topology.len()));
         let start = |of| Part { of, node: Some(0), mass: 1.0 };
-        let mut open = vec![(start(target), start(guide), 1.0)];
-        while let Some((t, g, area)) = open.pop() {
-            if t.mass <= 0.0 {
+        let mut open = vec![([target, bsdf, guide].map(start), 1.0)];
+        while let Some((parts, area)) = open.pop() {
+            let [target, bsdf, guide] = parts.each_ref().map(|part| part.mass);
+            if target <= 0.0 {
                 continue;
             }
-            if t.has_children() || g.has_children() {
-                open.extend((0..4).map(|k| (t.child(k), g.child(k), 0.25 * area)));
+            if parts.iter().any(Part::has_children) {
+                open.extend((0..4).map(|k| (parts.each_ref().map(|part| part.child(k)), 0.25 * area)));
             } else {
-                cells.push(CommonCell { target: t.mass, guide: g.mass, area });
+                cells.push(CommonCell { target, bsdf, guide, area });
             }
         }
         cells
@@ -255,7 +258,7 @@ impl Part<'_> {
 
 /// KL(target ‖ (1−u)·guide + u·uniform) in nats, exact; infinite only where the mixture is 0 and the target is not.
 pub fn kl(target: &Distribution, guide: &Distribution, uniform: f64) -> f64 {
-    kl_of_cells(&Distribution::common_cells(target, guide), uniform)
+    kl_of_cells(&Distribution::common_cells(target, guide, guide), uniform)
 }
 
 /// [`kl`] divided into what each level adds by how it shares out its parents' mass (the chain rule); entry 0 is level 1.
@@ -290,15 +293,15 @@ pub fn kl_of_cells(cells: &[CommonCell], uniform: f64) -> f64 {
     cells.iter().map(term).sum::<f64>().max(0.0)
 }
 
-/// Relative variance ∫ t² / (½·uniform + ½·q) − 1 of the one-sample estimator whose integrand is the target `t` and which
-/// draws half from the guide q, itself mixed with a uniform part, and half uniformly: a proxy in which the uniform sphere
-/// stands for the BSDF, whose shape a tree does not know.
-pub fn relative_variance(cells: &[CommonCell], uniform: f64) -> f64 {
+/// What a picture feels of a guide: the second moment of the one-sample estimator that draws half from the BSDF and half from the
+/// guide q, relative to that of the best single distribution, ∫ t² / (½·p_bsdf + ½·q), with t the root of the integrand's second
+/// moment, normalised. A uniform part is mixed into the guide. The relative variance is this minus one.
+pub fn relative_moment(cells: &[CommonCell], uniform: f64) -> f64 {
     let term = |c: &CommonCell| {
         let guide = (1.0 - uniform) * c.guide + uniform * c.area;
-        c.target * c.target / (0.5 * c.area + 0.5 * guide)
+        c.target * c.target / (0.5 * c.bsdf + 0.5 * guide)
     };
-    cells.iter().map(term).sum::<f64>() - 1.0
+    cells.iter().map(term).sum()
 }
 
 #[cfg(test)]
@@ -371,8 +374,15 @@ mod tests {
     }
 
     #[test]
-    fn variance_of_a_uniform_target_is_zero() {
+    fn second_moments_match_their_integral() {
         let u = Distribution::uniform();
-        assert!(relative_variance(&Distribution::common_cells(&u, &u), 0.1).abs() < 1e-12);
+        assert!((relative_moment(&Distribution::common_cells(&u, &u, &u), 0.1) - 1.0).abs() < 1e-12);
+        // All of the light in a sixteenth of the sphere, which the BSDF finds with a quarter of its samples, the guide with half.
+        let t = deep([0., 0., 0., 1., 0., 0., 0.]);
+        let b = deep([0., 0., 0.75, 0.25, 0., 0., 0.]);
+        let q = deep([0.5, 0., 0., 0.5, 0., 0., 0.]);
+        let cells = Distribution::common_cells(&t, &b, &q);
+        assert!((relative_moment(&cells, 0.0) - 1.0 / 0.375).abs() < 1e-12);
+        assert!((relative_moment(&cells, 0.5) - 1.0 / (0.125 + 0.25 * (0.5 + 1.0 / 16.0))).abs() < 1e-12);
     }
 }

@@ -1,229 +1,313 @@
-//! What a quadtree stores per leaf, and what the network reads per node.
+//! What the network reads per node of a counted tree.
 //!
-//! Raw sums per leaf, [`RAW_CHANNELS`] in this order (Zhu 2021 eq. 11): [`PATH_CHANNELS`] of path samples
-//! `V, ωx, ωy, ωz, px, py, pz, d, nx, ny, nz, n'x, n'y, n'z, count, bsdf`, then [`PHOTON_CHANNELS`] of photons, the same
-//! without `bsdf`. V is the deposited value, ω the direction, p the voxel-local position in [0, 1]³, d the log-scaled distance
-//! relative to the voxel size, n the normal at the vertex, n' the normal at the next vertex, each on the side that light takes
-//! to or from it; count is 1 per sample.
-//!
-//! The network's input, [`FEATURES`] per node:
+//! The tree is that of the counted distribution, which has spatial context and parallax in it; the voxel's own samples have a tree
+//! of their own, and inside one of its leaves they count as evenly spread. Input channels, [`FEATURES`] per node:
 //!
 //! | channels | content |
 //! |---|---|
-//! | 0-30 | the raw sums, each divided by its largest magnitude in the tree |
-//! | 31-37 | path: mean of p mapped to [-1, 1], mean of d / 8 within ±2, mean of n |
-//! | 38-44 | photon: the same |
-//! | 45, 46 | log of the sampling weight relative to uniform (path, photon), see [`node_log_shares`] |
-//! | 47, 48 | sampling weight as share of the parent's (path, photon); the root's is 1 |
-//! | 49, 50 | log of the sample count relative to uniform (path, photon) |
-//! | 51 | level / 20 |
-//! | 52, 53 | ln(1 + samples of the tree) / 8 (path, photon) |
-//! | 54, 55 | ln(1 + samples of the node) / 8 (path, photon) |
+//! | 0, 1 | counted distribution: log of the density relative to uniform, share of the parent |
+//! | 2, 3 | the same smoothed, see [`gaussian`](crate::reconstruct::gaussian) |
+//! | 4, 5 | sampling weight of the voxel's own path samples: log density, share |
+//! | 6, 7 | of its own photons |
+//! | 8, 9 | ln(1 + own samples in the node) / 8 (path, photon) |
+//! | 10, 11 | the same of effective samples, (ΣV)²/ΣV² (path, photon): one firefly is one sample, however bright |
+//! | 12, 13 | the BSDF's mass as path samples tell it: log density, share |
+//! | 14 | cosine between the cell's centre and the voxel's mean normal |
+//! | 15 | level / 20 |
+//! | 16, 17 | ln(1 + own samples of the tree) / 8 (path, photon) |
+//! | 18 | what part of the counted distribution is from path samples, the rest being photons |
+//! | 19 | half of the voxel's diagonal over the distance from which its light is taken to come, see [`Parallax`](super::parallax::Parallax) |
+//! | 20 | 1 where the own tree ends above the node |
 //!
-//! Zhu's own channels are 0-30; they hide how many samples there were, and one firefly flattens them, hence the rest. Where a
-//! tree has no path samples, or no photons, the channels of that kind are zero. Scaling every V by a constant changes nothing.
+//! Zhu 2021 eq. 11 has sums of values, directions, positions, distances, normals and BSDF values, normalised by their largest;
+//! those hide how many samples there were, one firefly flattens them, and without them the network is as good (see the model's
+//! card). Scaling every V by a constant changes nothing.
 
-use std::borrow::Cow;
+use glam::Vec3;
 
-use super::leaves::Leaves;
-use super::topology::{MAX_LEVEL, Topology};
+use super::distribution::Distribution;
+use super::leaves::{BSDF, COUNTS, Leaves, NETWORK_CHANNELS, SQUARES, VALUES};
+use super::topology::{MAX_LEVEL, NO_CHILD, Topology};
+use crate::math::cylindrical::cell_centre;
 
-/// Raw sums of path samples.
-pub const PATH_CHANNELS: usize = 16;
-/// Raw sums of photons.
-pub const PHOTON_CHANNELS: usize = 15;
-/// Raw sums per leaf: those of path samples, then those of photons.
-pub const RAW_CHANNELS: usize = PATH_CHANNELS + PHOTON_CHANNELS;
 /// Network input channels per node.
-pub const FEATURES: usize = RAW_CHANNELS + 2 * MEANS + 11;
+pub const FEATURES: usize = 21;
+/// Logarithms of densities per node that the decoder sees again: counted, smoothed, own path samples, own photons.
+pub const LOG_SHARES: usize = 4;
 
-/// First raw channel of a kind of sample (path, photon): ΣV.
-pub(super) const KIND: [usize; 2] = [0, PATH_CHANNELS];
-/// Offsets within a kind.
-pub(super) const DIRECTION: usize = 1;
-pub(super) const POSITION: usize = 4;
-pub(super) const DISTANCE: usize = 7;
-pub(super) const NORMAL: usize = 8;
-pub(super) const OTHER_NORMAL: usize = 11;
-pub(super) const COUNT: usize = 14;
-/// The channel that only path samples have.
-pub(super) const BSDF: usize = 15;
-/// Channels of means per kind.
-const MEANS: usize = 7;
 /// Logarithms of densities are cut here, then divided by half of it.
-const LOG_LIMIT: f64 = 12.0;
-/// ln(1 + count) and distances are divided by this, so that usual values are near 1.
-const LOG_SCALE: f64 = 8.0;
+const LOG_LIMIT: f32 = 12.0;
+/// ln(1 + count) is divided by this, so that usual values are near 1.
+const LOG_SCALE: f32 = 8.0;
+/// Smallest share of a parent whose logarithm the network starts from.
+const LEAST_SHARE: f32 = 1e-4;
 
-/// The input of the network: [nodes, [`FEATURES`]], breadth first, every value finite.
-///
-/// `leaf_sums` is [leaves, [`RAW_CHANNELS`]] in the order of [`Topology::leaves`]; path values are those of the variance
-/// target (see [`Leaves::weights`]). Missing rows count as zero.
-pub fn node_features(topology: &Topology, leaf_sums: &[f32]) -> Vec<f32> {
-    let leaf_sums = finite(leaf_sums);
-    let sums = topology.sum_to_root(&leaf_sums, RAW_CHANNELS);
-    let weights = Leaves::full(topology, &leaf_sums).weights();
-    let counts = |node: usize| KIND.map(|kind| sums[node * RAW_CHANNELS + kind + COUNT].max(0.0));
-    let inverse_maxima = inverse_maxima(&sums);
-    let mut rows = Vec::with_capacity(topology.len() * FEATURES);
-    for (level, node) in (0..topology.levels()).flat_map(|l| topology.level(l).map(move |n| (l, n))) {
-        let raw = &sums[node * RAW_CHANNELS..][..RAW_CHANNELS];
-        rows.extend(raw.iter().zip(&inverse_maxima).map(|(&x, &scale)| (x * scale) as f32));
-        for kind in KIND {
-            push_means(&mut rows, &raw[kind..]);
+/// What is known of a voxel as a whole.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Traits {
+    /// Path samples and photons in its tree.
+    pub samples: [u32; 2],
+    /// Part of path samples in the counted distribution.
+    pub path_share: f32,
+    /// Mean normal of its samples, length in [0, 1]; zero in a medium.
+    pub normal: Vec3,
+    /// Half of the voxel's diagonal over the distance from which its light is taken to come, ≥ 0; 0 for far away.
+    pub nearness: f32,
+}
+
+impl Default for Traits {
+    fn default() -> Self {
+        Self { samples: [0; 2], path_share: 0.5, normal: Vec3::ZERO, nearness: 0.0 }
+    }
+}
+
+/// The network's view of one tree, breadth first over its nodes.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct NodeInputs {
+    /// [nodes, [`FEATURES`]], every value finite.
+    pub features: Vec<f32>,
+    /// [nodes] × [`LOG_SHARES`]. They are logarithms of densities, so a cell inside a leaf has that leaf's values.
+    pub log_shares: Vec<[f32; LOG_SHARES]>,
+    /// [nodes] logarithm of the smoothed share of the parent: what the network corrects.
+    pub base: Vec<f32>,
+}
+
+/// Own sums of a node.
+#[derive(Clone, Copy, Default)]
+struct Own {
+    weights: [f32; 2],
+    sums: [f32; NETWORK_CHANNELS],
+}
+
+/// A node of the own tree that holds a node of the counted tree, and the part of it that this is.
+#[derive(Clone, Copy)]
+struct Covering {
+    node: u32,
+    part: f32,
+}
+
+/// The inputs for a `counted` distribution, whose smoothed one has the node masses `smoothed`, with the `own` samples of the
+/// voxel in the layout [`Network`](super::leaves::Layout::Network); own samples in another layout count as none.
+pub fn node_inputs(counted: &Distribution, smoothed: &[f64], own: &Leaves, traits: &Traits) -> NodeInputs {
+    let topology = counted.topology();
+    let own_nodes = own_nodes(own);
+    let whole = own_nodes[0];
+    let bsdf_whole = whole.sums[BSDF];
+    let mut covering = vec![Covering { node: 0, part: 1.0 }; topology.len()];
+    let mut inputs = NodeInputs {
+        features: Vec::with_capacity(topology.len() * FEATURES),
+        log_shares: Vec::with_capacity(topology.len()),
+        base: Vec::with_capacity(topology.len()),
+    };
+    let tree_counts = traits.samples.map(|n| (n as f32).ln_1p() / LOG_SCALE);
+    for level in 0..topology.levels() {
+        let cells = 4f32.powi(level as i32);
+        for node in topology.level(level) {
+            let parent = topology.parent[node] as usize;
+            let at = covering[node];
+            let inside = at.part < 1.0;
+            let here = &own_nodes[at.node as usize];
+            let above = &own_nodes[own.topology.parent[at.node as usize] as usize];
+            let first = topology.first_child[node];
+            if first != NO_CHILD {
+                cover_children(&mut covering[first as usize..][..4], own.topology, at);
+            }
+            let masses = [counted.node_mass(), smoothed].map(|m| [m[node] as f32, m[parent] as f32]);
+            // Inside an own leaf everything is spread evenly.
+            let share = |part: f32, whole: f32| match () {
+                () if level == 0 => 1.0,
+                () if inside => 0.25,
+                () => ratio(part, whole),
+            };
+            let density = |part: f32, whole: f32| log_density(ratio(part * at.part, whole) * cells);
+            let log = [
+                log_density(masses[0][0] * cells),
+                log_density(masses[1][0] * cells),
+                density(here.weights[0], whole.weights[0]),
+                density(here.weights[1], whole.weights[1]),
+            ];
+            let smooth_share = if level == 0 { 1.0 } else { ratio(masses[1][0], masses[1][1]) };
+            inputs.base.push(smooth_share.max(LEAST_SHARE).ln());
+            inputs.log_shares.push(log);
+            let counted_share = if level == 0 { 1.0 } else { ratio(masses[0][0], masses[0][1]) };
+            inputs.features.extend([log[0], counted_share, log[1], smooth_share]);
+            inputs.features.extend([log[2], share(here.weights[0], above.weights[0])]);
+            inputs.features.extend([log[3], share(here.weights[1], above.weights[1])]);
+            inputs.features.extend(COUNTS.map(|c| (here.sums[c] * at.part).ln_1p() / LOG_SCALE));
+            inputs.features.extend([0, 1].map(|kind| (effective(here, kind) * at.part).ln_1p() / LOG_SCALE));
+            inputs.features.extend([density(here.sums[BSDF], bsdf_whole), share(here.sums[BSDF], above.sums[BSDF])]);
+            inputs.features.push(Vec3::from(cell_centre(level, topology.cell[node])).dot(traits.normal));
+            inputs.features.push(level as f32 / MAX_LEVEL as f32);
+            inputs.features.extend(tree_counts);
+            inputs.features.extend([traits.path_share, traits.nearness.min(2.0), f32::from(u8::from(inside))]);
         }
-        let parent = topology.parent[node] as usize;
-        rows.extend(log_shares(weights[node], weights[0], level));
-        rows.extend([0, 1].map(|kind| share(weights[node][kind], weights[parent][kind]) as f32));
-        rows.extend(log_shares(counts(node), counts(0), level));
-        rows.push(level as f32 / MAX_LEVEL as f32);
-        rows.extend(counts(0).map(|count| (count.ln_1p() / LOG_SCALE) as f32));
-        rows.extend(counts(node).map(|count| (count.ln_1p() / LOG_SCALE) as f32));
     }
-    rows
+    inputs
 }
 
-/// For every node, breadth first, the logarithm of its share of the tree's sampling weight relative to the uniform
-/// distribution (path, photon): ln(w/w_root · 4^level), cut at ±12 and divided by 6; zero where the tree has no weight.
-///
-/// It is the logarithm of a density, so a cell inside a leaf has that leaf's value.
-pub fn node_log_shares(topology: &Topology, leaf_sums: &[f32]) -> Vec<[f32; 2]> {
-    let weights = Leaves::full(topology, leaf_sums).weights();
-    let levels = (0..topology.levels()).flat_map(|l| topology.level(l).map(move |_| l));
-    levels.zip(&weights).map(|(level, &weight)| log_shares(weight, weights[0], level)).collect()
-}
-
-fn log_shares(part: [f64; 2], whole: [f64; 2], level: usize) -> [f32; 2] {
-    [0, 1].map(|kind| {
-        if whole[kind] <= 0.0 {
-            return 0.0;
-        }
-        let log = share(part[kind], whole[kind]).ln() + level as f64 * 4f64.ln();
-        (log.clamp(-LOG_LIMIT, LOG_LIMIT) / (0.5 * LOG_LIMIT)) as f32
-    })
-}
-
-fn share(part: f64, whole: f64) -> f64 {
-    if whole > 0.0 { part / whole } else { 0.0 }
-}
-
-/// Per raw channel the inverse of the largest magnitude in the tree, or 0 where all are zero.
-fn inverse_maxima(sums: &[f64]) -> [f64; RAW_CHANNELS] {
-    let mut maxima = [0.0f64; RAW_CHANNELS];
-    for row in sums.chunks_exact(RAW_CHANNELS) {
-        for (max, &x) in maxima.iter_mut().zip(row) {
-            *max = max.max(x.abs());
-        }
+/// Where the four children of a cell that `above` covers lie in the own tree.
+fn cover_children(children: &mut [Covering], own: &Topology, above: Covering) {
+    let first = own.first_child[above.node as usize];
+    for (k, child) in (0u32..).zip(children) {
+        *child = match first {
+            NO_CHILD => Covering { node: above.node, part: 0.25 * above.part },
+            first => Covering { node: first + k, part: 1.0 },
+        };
     }
-    maxima.map(|max| if max > 0.0 { 1.0 / max } else { 0.0 })
 }
 
-/// Position, distance and normal of the mean sample of one kind; zeros where there is none.
-fn push_means(rows: &mut Vec<f32>, kind: &[f64]) {
-    if kind[COUNT] <= 0.0 {
-        rows.extend([0.0; MEANS]);
-        return;
+/// Sums and weights of every node of the own tree, relative to the largest of their kind.
+fn own_nodes(own: &Leaves) -> Vec<Own> {
+    let mut nodes = vec![Own::default(); own.topology.len()];
+    if own.layout.channels() != NETWORK_CHANNELS {
+        return nodes;
     }
-    let mean = |channel: usize| kind[channel] / kind[COUNT];
-    rows.extend((POSITION..DISTANCE).map(|c| (2.0 * mean(c) - 1.0).clamp(-1.0, 1.0) as f32));
-    rows.push((mean(DISTANCE) / LOG_SCALE).clamp(-2.0, 2.0) as f32);
-    rows.extend((NORMAL..NORMAL + 3).map(|c| mean(c).clamp(-1.0, 1.0) as f32));
+    let weights = own.weights();
+    let sums = own.topology.sum_to_root(own.sums, NETWORK_CHANNELS);
+    for ((node, weights), sums) in nodes.iter_mut().zip(weights).zip(sums.chunks_exact(NETWORK_CHANNELS)) {
+        // A sum of finite f32 is within the range of f64; a tree whose sums leave that of f32 has no meaningful values left.
+        let usable = |x: f64| if x.is_finite() { x.clamp(0.0, f64::from(f32::MAX)) as f32 } else { 0.0 };
+        *node = Own { weights: weights.map(usable), sums: std::array::from_fn(|c| usable(sums[c])) };
+    }
+    nodes
 }
 
-/// The sums with NaN as 0 and infinities as the largest finite number: a sum of finite samples may overflow f32.
-fn finite(sums: &[f32]) -> Cow<'_, [f32]> {
-    if sums.iter().all(|x| x.is_finite()) {
-        return Cow::Borrowed(sums);
+/// (ΣV)²/ΣV², at most the number of samples; 0 without any value.
+fn effective(node: &Own, kind: usize) -> f32 {
+    let [sum, square, count] = [VALUES[kind], SQUARES[kind], COUNTS[kind]].map(|c| f64::from(node.sums[c]));
+    match () {
+        () if sum <= 0.0 => 0.0,
+        () if square <= 0.0 => count.min(1.0) as f32,
+        () => (sum * sum / square).min(count) as f32,
     }
-    Cow::Owned(sums.iter().map(|&x| if x.is_nan() { 0.0 } else { x.clamp(f32::MIN, f32::MAX) }).collect())
+}
+
+fn ratio(part: f32, whole: f32) -> f32 {
+    if whole > 0.0 { (part / whole).min(1.0) } else { 0.0 }
+}
+
+/// The logarithm of a density relative to uniform, cut at ±[`LOG_LIMIT`] and divided by half of that; 0 counts as the least.
+fn log_density(relative: f32) -> f32 {
+    relative.ln().clamp(-LOG_LIMIT, LOG_LIMIT) / (0.5 * LOG_LIMIT)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::base::random::Random;
+    use crate::guiding::leaves::{Layout, Target};
 
-    fn tree() -> (Topology, Vec<f32>) {
-        let topology = Topology::from_split(&[true, false, true, false, false, false, false, false, false]).unwrap();
-        let mut random = Random::new(7, 0, 0);
-        let sums = (0..7 * RAW_CHANNELS)
-            .map(|i| match i % RAW_CHANNELS {
-                c if KIND.contains(&c) => random.next_f32().powi(4),
-                c if KIND.contains(&(c.wrapping_sub(COUNT))) => 1.0 + random.below(30) as f32,
-                _ => random.range(-1.0, 1.0),
-            })
-            .collect();
-        (topology, sums)
+    /// A counted tree, and own samples in a tree that is finer in one corner and coarser in another.
+    fn trees(seed: u64) -> (Distribution, Topology, Vec<f32>) {
+        let counted = Topology::from_split(&[
+            true, false, true, false, true, false, false, false, false, false, false, false, false,
+        ]);
+        let own = Topology::from_split(&[
+            true, true, true, false, false, false, false, false, false, false, false, false, false,
+        ]);
+        let (counted, own) = (counted.expect("two levels"), own.expect("two levels"));
+        let mut random = Random::new(seed, 0, 0);
+        let weights: Vec<f64> = counted.leaves().map(|_| random.next_f64().powi(3)).collect();
+        let mut sums = Vec::new();
+        for _ in own.leaves() {
+            let counts = [1 + random.below(30), random.below(3)].map(|n| n as f32);
+            let values = counts.map(|n| n * random.next_f32().powi(4));
+            let squares = [0, 1].map(|k| values[k] * values[k] / (0.3 + 0.7 * random.next_f32()));
+            sums.extend([values[0], counts[0], values[1], counts[1], squares[0], squares[1], 0.5 * counts[0]]);
+        }
+        (Distribution::from_leaf_weights(counted, &weights), own, sums)
     }
 
-    fn scaled(sums: &[f32], scale: f32) -> Vec<f32> {
-        let value = |i: usize| KIND.contains(&(i % RAW_CHANNELS));
-        sums.iter().enumerate().map(|(i, &x)| if value(i) { x * scale } else { x }).collect()
+    fn leaves<'a>(topology: &'a Topology, sums: &'a [f32]) -> Leaves<'a> {
+        Leaves { topology, sums, layout: Layout::Network, target: Target::Variance }
+    }
+
+    fn inputs(counted: &Distribution, own: &Leaves) -> NodeInputs {
+        let traits = Traits { samples: [120, 8], normal: Vec3::Y, ..Traits::default() };
+        node_inputs(counted, counted.node_mass(), own, &traits)
     }
 
     #[test]
     fn scaling_radiance_changes_nothing() {
-        let (topology, sums) = tree();
-        let expected = node_features(&topology, &sums);
-        assert_eq!(expected.len(), topology.len() * FEATURES);
-        for scale in [1e-20, 1e-10, 3.0, 1e20] {
-            let features = node_features(&topology, &scaled(&sums, scale));
-            for (i, (a, b)) in expected.iter().zip(&features).enumerate() {
-                assert!((a - b).abs() <= 1e-6 * a.abs().max(1e-3), "feature {}: {a} {b}", i % FEATURES);
+        let (counted, own, sums) = trees(1);
+        let expected = inputs(&counted, &leaves(&own, &sums)).features;
+        for scale in [1e-8f32, 3.0, 1e8] {
+            let mut scaled = sums.clone();
+            for row in scaled.chunks_exact_mut(NETWORK_CHANNELS) {
+                VALUES.iter().for_each(|&c| row[c] *= scale);
+                SQUARES.iter().for_each(|&c| row[c] *= scale * scale);
+            }
+            let found = inputs(&counted, &leaves(&own, &scaled)).features;
+            for (i, (a, b)) in expected.iter().zip(&found).enumerate() {
+                assert!((a - b).abs() <= 1e-5 * a.abs().max(0.1), "feature {}: {a} {b}", i % FEATURES);
             }
         }
     }
 
+    /// Densities integrate to one, and shares of siblings to one, also where the own tree ends above.
     #[test]
-    fn without_photons_their_channels_are_zero() {
-        let (topology, mut sums) = tree();
-        sums.chunks_exact_mut(RAW_CHANNELS).for_each(|row| row[PATH_CHANNELS..].fill(0.0));
-        let photon = (PATH_CHANNELS..RAW_CHANNELS).chain(38..45).chain([46, 48, 50, 53, 55]);
-        let photon: Vec<_> = photon.collect();
-        for row in node_features(&topology, &sums).chunks_exact(FEATURES) {
-            assert!(photon.iter().all(|&c| row[c] == 0.0), "{row:?}");
-            assert!(row[54] > 0.0 && row[52] > 0.0);
+    fn densities_and_shares_are_those_of_distributions() {
+        let (counted, own, sums) = trees(2);
+        let made = inputs(&counted, &leaves(&own, &sums));
+        let topology = counted.topology();
+        for log in 0..LOG_SHARES {
+            let mass = |node: usize| {
+                (made.log_shares[node][log] * 0.5 * LOG_LIMIT).exp() * 0.25f32.powi(topology.level_of(node) as i32)
+            };
+            let total: f32 = topology.leaves().map(mass).sum();
+            assert!((total - 1.0).abs() < 1e-3, "{log}: {total}");
         }
+        for node in (0..topology.len()).filter(|&n| !topology.is_leaf(n)) {
+            let first = topology.first_child[node] as usize;
+            for share in [1, 3, 5, 7, 13] {
+                let total: f32 = (first..first + 4).map(|n| made.features[n * FEATURES + share]).sum();
+                assert!((total - 1.0).abs() < 1e-5, "share {share} of node {node}: {total}");
+            }
+            let shares: f32 = (first..first + 4).map(|n| made.base[n].exp()).sum();
+            assert!((shares - 1.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn one_bright_sample_counts_as_one() {
+        let topology = Topology::root();
+        let sums = |values: [f32; 4]| {
+            let (sum, square) = (values.iter().sum::<f32>(), values.iter().map(|v| v * v).sum::<f32>());
+            [sum, 4.0, 0.0, 0.0, square, 0.0, 2.0]
+        };
+        let effective_of = |values| {
+            let sums = sums(values);
+            effective(&own_nodes(&leaves(&topology, &sums))[0], 0)
+        };
+        assert!((effective_of([1.0, 1e-6, 1e-6, 1e-6]) - 1.0).abs() < 1e-4);
+        assert!((effective_of([0.5; 4]) - 4.0).abs() < 1e-4);
+        assert_eq!(effective_of([0.0; 4]), 0.0);
     }
 
     #[test]
     fn empty_and_overflowed_trees_are_finite() {
-        let (topology, mut sums) = tree();
+        let (counted, own, mut sums) = trees(3);
         sums[0] = f32::INFINITY;
-        sums[RAW_CHANNELS] = f32::NAN;
-        let empty = vec![0.0; sums.len()];
-        for sums in [&empty, &sums, &vec![f32::MAX; sums.len()]] {
-            let features = node_features(&topology, sums);
-            assert!(features.iter().all(|x| x.is_finite() && x.abs() < 100.0));
-            assert!(node_log_shares(&topology, sums).iter().flatten().all(|x| x.is_finite()));
+        sums[NETWORK_CHANNELS] = f32::NAN;
+        for sums in [vec![0.0; sums.len()], sums.clone(), vec![f32::MAX; sums.len()], vec![]] {
+            let made = inputs(&counted, &leaves(&own, &sums));
+            assert!(made.features.iter().all(|x| x.is_finite() && x.abs() < 100.0));
+            assert!(made.log_shares.iter().flatten().chain(&made.base).all(|x| x.is_finite()));
         }
-    }
-
-    /// Uniform samples have the same root-mean-square everywhere: ΣV is proportional to the solid angle, and the path weight
-    /// must be too, at every level.
-    #[test]
-    fn weights_of_a_uniform_tree_are_uniform() {
-        let (topology, mut sums) = tree();
-        for (row, node) in sums.chunks_exact_mut(RAW_CHANNELS).zip(topology.leaves()) {
-            let level = if node < 5 { 1 } else { 2 };
-            KIND.iter().for_each(|&kind| row[kind] = 0.25f32.powi(level));
-        }
-        for shares in node_log_shares(&topology, &sums) {
-            assert!(shares.iter().all(|x| x.abs() < 1e-6), "{shares:?}");
-        }
+        let values = Leaves { layout: Layout::Values, ..leaves(&own, &[]) };
+        assert!(inputs(&counted, &values).features.iter().all(|x| x.is_finite()));
     }
 
     #[test]
     fn layout_is_as_documented() {
-        let (topology, sums) = tree();
-        let features = node_features(&topology, &sums);
-        assert_eq!(FEATURES, 56);
-        let root = &features[..FEATURES];
-        assert_eq!(root[45..49], [0.0, 0.0, 1.0, 1.0]);
-        assert_eq!(root[51], 0.0);
-        assert_eq!(features[5 * FEATURES + 51], 0.1);
-        let count: f32 = sums.chunks_exact(RAW_CHANNELS).map(|row| row[COUNT]).sum();
-        assert!((root[52] - count.ln_1p() / 8.0).abs() < 1e-6);
-        assert_eq!(root[52], root[54]);
+        let (counted, own, sums) = trees(4);
+        let made = inputs(&counted, &leaves(&own, &sums));
+        assert_eq!(made.features.len(), counted.topology().len() * FEATURES);
+        let root = &made.features[..FEATURES];
+        assert_eq!([root[0], root[1], root[15], root[20]], [0.0, 1.0, 0.0, 0.0]);
+        assert!((root[16] - 120f32.ln_1p() / 8.0).abs() < 1e-6);
+        // Node 9 is a child of node 4, a leaf of the own tree; its centre is at z = 0.25, φ = 9/8 π.
+        let below = &made.features[9 * FEATURES..][..FEATURES];
+        assert_eq!([below[15], below[20], below[5]], [0.1, 1.0, 0.25]);
     }
 }

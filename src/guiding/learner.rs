@@ -9,6 +9,7 @@ use super::cache::{Ancestry, Bounds, CELL_BYTES, SpatialCache, VoxelId};
 use super::context::{Counted, with_context};
 use super::distribution::Distribution;
 use super::effort::{Effort, Returns};
+use super::features::Traits;
 use super::field::{Evidence, GuideField, VoxelGuide};
 use super::fraction::{Adam, FractionRule};
 use super::leaves::{DirectLight, Layout, Leaves, Target};
@@ -108,6 +109,8 @@ struct Voxel {
     kinds: Option<Box<[SamplingTree; 2]>>,
     /// Whether the tree got its shape in the current pass.
     shaped: bool,
+    /// Sum of the normals of what was deposited.
+    normals: Vec3,
     /// See [`Evidence`].
     counted: Option<SamplingTree>,
     gain: f32,
@@ -132,6 +135,7 @@ impl Voxel {
             shares: Moments::default(),
             kinds: None,
             shaped: false,
+            normals: Vec3::ZERO,
             counted: None,
             gain: f32::NAN,
         }
@@ -145,8 +149,8 @@ pub struct CountedTree<'a> {
     pub leaves: Leaves<'a>,
     /// The samples' own distribution, with the context that the settings ask for.
     pub distribution: Distribution,
-    /// Path samples and photons in the tree.
-    pub samples: [u32; 2],
+    /// What is known of the voxel as a whole.
+    pub traits: Traits,
     /// What the voxel's path samples contributed to the picture, in any unit.
     pub contribution: f64,
 }
@@ -161,8 +165,17 @@ pub struct Learner {
     iterations: u32,
     /// Chunks so far, for random numbers.
     absorbed: u64,
-    frozen: bool,
+    kept: Kept,
     outliers: Outliers,
+}
+
+/// What of voxels is never fitted anew.
+#[derive(Debug, Clone, Copy, Default)]
+struct Kept {
+    /// The shapes of their trees.
+    shapes: bool,
+    /// The spheres that directions refer to.
+    spheres: bool,
 }
 
 /// Fraction of BSDF samples while learning.
@@ -184,7 +197,7 @@ impl Learner {
             ancestry: Ancestry::default(),
             iterations: 0,
             absorbed: 0,
-            frozen: false,
+            kept: Kept::default(),
             outliers: Outliers::default(),
         }
     }
@@ -209,9 +222,22 @@ impl Learner {
         self.settings.split_share = share;
     }
 
-    /// From now on trees keep their shape: samples of several passes can be compared leaf by leaf.
+    /// A learner that knows the voxels of this one and where their light starts, and nothing else.
+    pub fn restarted(&self, settings: LearnerSettings) -> Self {
+        let (layout, target) = (settings.layout, settings.target);
+        let fresh = |old: &Voxel| Voxel { parallax: old.parallax, ..Voxel::new(layout, target) };
+        Self {
+            cache: self.cache.clone(),
+            voxels: self.voxels.iter().map(fresh).collect(),
+            kept: Kept { shapes: false, spheres: true },
+            ..Self::new(settings)
+        }
+    }
+
+    /// From now on trees keep their shape and what their directions refer to: samples of several passes can be compared leaf by
+    /// leaf.
     pub fn freeze_shapes(&mut self) {
-        self.frozen = true;
+        self.kept = Kept { shapes: true, spheres: true };
     }
 
     /// The quadtrees Q_h, one per voxel.
@@ -252,14 +278,14 @@ impl Learner {
         let paths_by_voxel = Groups::new(&path_voxels, self.voxels.len());
         let photons_by_voxel = Groups::new(&photon_voxels, self.voxels.len());
         self.outliers.absorb(paths, &path_voxels);
-        let (cache, settings, frozen) = (&*cache, &self.settings, self.frozen);
+        let (cache, settings, kept) = (&*cache, &self.settings, self.kept);
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
             let bounds = cache.bounds(v as VoxelId);
             let own_paths = paths_by_voxel.group(v).iter().map(|&i| &paths[i as usize]);
             let own_photons = photons_by_voxel.group(v).iter().map(|&i| &photons[i as usize]);
             own_paths.clone().for_each(|record| voxel.judge(record, settings.fraction));
             let deposited = own_paths.take(if deposit_paths { usize::MAX } else { 0 });
-            voxel.deposit(&bounds, deposited, own_photons, settings, frozen);
+            voxel.deposit(&bounds, deposited, own_photons, settings, kept);
         });
         reached
     }
@@ -287,13 +313,14 @@ impl Learner {
         } else {
             own.into_iter().map(|c| c.map(|c| c.0)).collect()
         };
-        let tree = |(voxel, distribution)| {
+        let tree = |(v, (voxel, distribution)): (usize, (_, _))| {
             let voxel: &Voxel = voxel;
             let distribution: Option<Distribution> = distribution;
-            let (leaves, samples, contribution) = (voxel.tree.leaves(), voxel.tree.counts(), voxel.contribution);
-            distribution.map(|distribution| CountedTree { leaves, distribution, samples, contribution })
+            let (leaves, contribution) = (voxel.tree.leaves(), voxel.contribution);
+            let traits = voxel.traits(cache.bounds(v as VoxelId));
+            distribution.map(|distribution| CountedTree { leaves, distribution, traits, contribution })
         };
-        self.voxels.iter().zip(distributions).map(tree).collect()
+        self.voxels.iter().zip(distributions).enumerate().map(tree).collect()
     }
 
     /// How far photons lower the second moment of guided samples, as a factor in (0, 1], averaged over voxels by what they
@@ -427,7 +454,7 @@ impl Learner {
             (voxel.contribution, voxel.squares, voxel.all_squares) = (0.0, Moments::default(), 0.0);
             (voxel.fractions, voxel.shares) = (Moments::default(), Moments::default());
             voxel.returns = Returns::default();
-            voxel.shaped = false;
+            (voxel.shaped, voxel.normals) = (false, Vec3::ZERO);
         });
     }
 
@@ -476,23 +503,25 @@ impl Voxel {
     }
 
     /// Adds samples to the tree. The first of a pass also give it its shape, and the sphere that it refers to, unless shapes are
-    /// `frozen`.
+    /// kept.
     fn deposit<'a>(
         &mut self,
         bounds: &Bounds,
         paths: impl ExactSizeIterator<Item = &'a PathRecord> + Clone,
         photons: impl ExactSizeIterator<Item = &'a PhotonRecord> + Clone,
         settings: &LearnerSettings,
-        frozen: bool,
+        kept: Kept,
     ) {
         if paths.len() + photons.len() == 0 {
             return;
         }
-        let first = !self.shaped && !frozen;
-        if settings.parallax && first {
+        let first = !self.shaped && !kept.shapes;
+        if settings.parallax && !self.shaped && !kept.spheres {
             self.parallax = self.fit_parallax(bounds, paths.clone(), photons.clone());
         }
-        let place = Place { bounds, parallax: self.parallax, filtered: settings.filtered };
+        let place = Place { parallax: self.parallax, filtered: settings.filtered };
+        let normals = paths.clone().map(|r| r.normal).chain(photons.clone().map(|r| r.normal));
+        self.normals += normals.sum::<Vec3>();
         let deposit = |tree: &mut Quadtree| {
             tree.deposit_paths(&place, paths.clone());
             tree.deposit_photons(&place, photons.clone());
@@ -505,6 +534,18 @@ impl Voxel {
             deposit(&mut self.tree);
         }
         self.shaped = true;
+    }
+
+    fn traits(&self, bounds: Bounds) -> Traits {
+        let samples = self.tree.counts();
+        let count = samples.iter().sum::<u32>().max(1);
+        let half = 0.5 * (bounds.high - bounds.low).length();
+        Traits {
+            samples,
+            path_share: self.path_share as f32,
+            normal: self.normals / count as f32,
+            nearness: self.parallax.curvature * half,
+        }
     }
 
     /// The sphere that fits what these samples brought. Where the last guide was dense, an error of direction costs most: what it

@@ -5,7 +5,6 @@ use std::f64::consts::PI;
 use serde::{Deserialize, Serialize};
 
 use super::distribution::Distribution;
-use super::features::{COUNT, KIND, RAW_CHANNELS};
 use super::topology::Topology;
 
 /// What is deposited and so what distributions become proportional to.
@@ -65,37 +64,32 @@ impl DirectLight {
     }
 }
 
-/// What is summed per leaf.
+/// What is summed per leaf. Channels 0 to 3 of both layouts are ΣV and the number of path samples, and the same of photons.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
-    /// ΣV and the number of samples, of paths and of photons: all that counting needs.
+    /// No more than that: all that counting needs.
     Values,
-    /// All [`RAW_CHANNELS`] of [`features`](super::features): what the network reads.
-    Full,
+    /// Also what the network reads: ΣV² of path samples, of photons, and the sum of [`PathRecord::bsdf_share`](super::record::PathRecord).
+    Network,
 }
+
+/// Sums per leaf of [`Layout::Network`].
+pub const NETWORK_CHANNELS: usize = 7;
+/// Where ΣV of a kind of sample (path, photon) is.
+pub const VALUES: [usize; 2] = [0, 2];
+/// Where the number of samples of a kind is.
+pub const COUNTS: [usize; 2] = [1, 3];
+/// Where ΣV² of a kind is.
+pub const SQUARES: [usize; 2] = [4, 5];
+/// Where the BSDF's share is: summed over samples of the mixture of BSDF and guide, it is proportional to the BSDF's mass.
+pub const BSDF: usize = 6;
 
 impl Layout {
     /// Sums per leaf.
     pub fn channels(self) -> usize {
         match self {
             Self::Values => 4,
-            Self::Full => RAW_CHANNELS,
-        }
-    }
-
-    /// Where ΣV of paths and of photons is.
-    pub fn values(self) -> [usize; 2] {
-        match self {
-            Self::Values => [0, 2],
-            Self::Full => KIND,
-        }
-    }
-
-    /// Where the numbers of path samples and of photons are.
-    pub fn counts(self) -> [usize; 2] {
-        match self {
-            Self::Values => [1, 3],
-            Self::Full => KIND.map(|kind| kind + COUNT),
+            Self::Network => NETWORK_CHANNELS,
         }
     }
 }
@@ -114,14 +108,13 @@ pub struct Leaves<'a> {
 }
 
 impl<'a> Leaves<'a> {
-    /// Leaves as the network takes them: the full layout, the variance target.
-    pub fn full(topology: &'a Topology, sums: &'a [f32]) -> Self {
-        Self { topology, sums, layout: Layout::Full, target: Target::Variance }
-    }
-
     /// ΣV of one kind of sample (0 path, 1 photon) per leaf; what is not a number counts as 0, what overflowed as the largest.
     pub fn values(&self, kind: usize) -> impl Iterator<Item = f64> + 'a {
-        let channel = self.layout.values()[kind];
+        self.channel(VALUES[kind])
+    }
+
+    /// One channel per leaf, made usable as [`Leaves::values`] does.
+    pub(super) fn channel(&self, channel: usize) -> impl Iterator<Item = f64> + 'a {
         let usable = |v: f32| if v.is_nan() { 0.0 } else { f64::from(v.clamp(0.0, f32::MAX)) };
         self.sums.chunks_exact(self.layout.channels()).map(move |row| usable(row[channel]))
     }

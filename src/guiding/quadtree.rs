@@ -6,9 +6,7 @@
 
 use glam::Vec3;
 
-use super::cache::Bounds;
-use super::features::{BSDF, DIRECTION, DISTANCE, KIND, NORMAL, OTHER_NORMAL, POSITION};
-use super::leaves::{Layout, Leaves, Target};
+use super::leaves::{BSDF, COUNTS, Layout, Leaves, SQUARES, Target, VALUES};
 use super::parallax::Parallax;
 use super::record::{PathRecord, PhotonRecord};
 use super::topology::{MAX_NODES, NO_CHILD, Topology};
@@ -17,9 +15,7 @@ use crate::math::cylindrical;
 
 /// Where samples are deposited.
 #[derive(Debug, Clone, Copy)]
-pub struct Place<'a> {
-    /// The voxel.
-    pub bounds: &'a Bounds,
+pub struct Place {
     /// How directions are carried to its centre.
     pub parallax: Parallax,
     /// Whether directions are moved at random within the size of their leaf (Müller 2019 §10.2).
@@ -79,6 +75,11 @@ impl Quadtree {
         self.leaves().values(0).map(|v| v * scale).collect()
     }
 
+    /// The BSDF's mass per leaf, as [`PathRecord::bsdf_share`] of the path samples tells; on no particular scale.
+    pub fn bsdf_values(&self) -> Vec<f64> {
+        if self.layout == Layout::Network { self.leaves().channel(BSDF).collect() } else { Vec::new() }
+    }
+
     /// Number of path samples and of photons since the last clearing.
     pub fn counts(&self) -> [u32; 2] {
         self.counts
@@ -104,11 +105,10 @@ impl Quadtree {
             let value = r.value * inverse;
             // A density g over ω' is g·dω'/dω over ω: (g·dω'/dω)²·dω = g²·dω'/dω·dω'.
             let value = if squares { value * value / seen.density } else { value };
-            let details = || (r.point, r.distance, [r.normal, r.next_normal]);
             let direction = if place.filtered { self.moved(seen.direction) } else { seen.direction };
-            let sums = self.add(0, place.bounds, value, direction, details);
+            let sums = self.add(0, value, direction);
             if let Some(bsdf) = sums.get_mut(BSDF) {
-                *bsdf += r.bsdf;
+                *bsdf += r.bsdf_share;
             }
         }
     }
@@ -117,10 +117,9 @@ impl Quadtree {
     pub fn deposit_photons<'a>(&mut self, place: &Place, records: impl Iterator<Item = &'a PhotonRecord> + Clone) {
         let inverse = self.grow_scale(1, records.clone().map(|r| r.power));
         for r in records {
-            let details = || (r.point, r.distance, [r.normal, r.previous_normal]);
             let seen = place.parallax.to_centre(r.point, r.direction).direction;
             let direction = if place.filtered { self.moved(seen) } else { seen };
-            self.add(1, place.bounds, r.power * inverse, direction, details);
+            self.add(1, r.power * inverse, direction);
         }
     }
 
@@ -149,31 +148,17 @@ impl Quadtree {
         Self::new(self.topology.clone(), self.layout, target)
     }
 
-    /// Adds a sample to its leaf, whose sums it returns. What its `details` (point, distance, two normals) are is only asked
-    /// where the layout has a place for them.
-    fn add(
-        &mut self,
-        kind: usize,
-        bounds: &Bounds,
-        value: f32,
-        direction: Vec3,
-        details: impl FnOnce() -> (Vec3, f32, [Vec3; 2]),
-    ) -> &mut [f32] {
+    /// Adds a sample to its leaf, whose sums it returns.
+    fn add(&mut self, kind: usize, value: f32, direction: Vec3) -> &mut [f32] {
         self.counts[kind] += 1;
         let leaf = self.topology.leaf_at(cylindrical::to_cell(direction));
         let channels = self.layout.channels();
         let sums = &mut self.sums[self.row[leaf] as usize * channels..][..channels];
-        sums[self.layout.values()[kind]] += if value.is_finite() { value } else { 0.0 };
-        sums[self.layout.counts()[kind]] += 1.0;
-        if self.layout == Layout::Full {
-            let (point, distance, [own, other]) = details();
-            let sums = &mut sums[KIND[kind]..];
-            let mut add = |at: usize, v: Vec3| (0..3).for_each(|axis| sums[at + axis] += v[axis]);
-            add(DIRECTION, direction);
-            add(POSITION, bounds.local(point));
-            add(NORMAL, own);
-            add(OTHER_NORMAL, other);
-            sums[DISTANCE] += scaled_distance(distance, bounds);
+        let value = if value.is_finite() { value } else { 0.0 };
+        sums[VALUES[kind]] += value;
+        sums[COUNTS[kind]] += 1.0;
+        if let Some(square) = sums.get_mut(SQUARES[kind]) {
+            *square += value * value;
         }
         sums
     }
@@ -184,16 +169,19 @@ impl Quadtree {
         if largest > self.scales[kind] {
             let factor = self.scales[kind] / largest;
             let squares = kind == 0 && self.target != Target::Radiance;
-            self.rescale(self.layout.values()[kind], if squares { factor * factor } else { factor });
+            self.rescale(kind, if squares { factor * factor } else { factor });
             self.scales[kind] = largest;
         }
         if self.scales[kind] > 0.0 { 1.0 / self.scales[kind] } else { 0.0 }
     }
 
-    /// Multiplies the value sums of one kind of sample, which start at `channel`.
-    fn rescale(&mut self, channel: usize, factor: f32) {
+    /// Multiplies the values of one kind of sample.
+    fn rescale(&mut self, kind: usize, factor: f32) {
         for sums in self.sums.chunks_exact_mut(self.layout.channels()) {
-            sums[channel] *= factor;
+            sums[VALUES[kind]] *= factor;
+            if let Some(square) = sums.get_mut(SQUARES[kind]) {
+                *square *= factor * factor;
+            }
         }
     }
 
@@ -224,11 +212,6 @@ impl Quadtree {
     pub fn bytes(&self) -> usize {
         self.topology.len() * 20 + self.sums.len() * 4
     }
-}
-
-/// ln(1 + distance / voxel size), at most 16: finite for the background.
-fn scaled_distance(distance: f32, bounds: &Bounds) -> f32 {
-    (distance / bounds.size()).ln_1p().clamp(0.0, 16.0)
 }
 
 #[cfg(test)]

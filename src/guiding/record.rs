@@ -33,14 +33,10 @@ pub struct PathRecord {
     pub direct_share: f32,
     /// `light_ratio` in that direction; ∞ for a light that only light sampling finds.
     pub direct_ratio: f32,
-    /// Channel mean of the BSDF's value without the cosine, sr⁻¹.
-    pub bsdf: f32,
     /// Distance to the next vertex; infinite for the background.
     pub distance: f32,
     /// Shading normal at the vertex, on the side that the path arrived at.
     pub normal: Vec3,
-    /// Shading normal at the next vertex, on the side of this one; zero for the background.
-    pub next_normal: Vec3,
 }
 
 impl PathRecord {
@@ -77,6 +73,4 @@ pub struct PhotonRecord {
     pub distance: f32,
     /// Shading normal at the point, on the side that the photon arrived at.
     pub normal: Vec3,
-    /// Normal at the previous vertex, on the side that the photon left on.
-    pub previous_normal: Vec3,
 }

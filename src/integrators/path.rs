@@ -448,10 +448,8 @@ impl PathTracer<'_> {
             direct,
             direct_share: vertex.direct.bsdf_share,
             direct_ratio: vertex.direct.ratio,
-            bsdf: if sample.cos > 0.0 { (channel_mean(sample.value) / sample.cos).min(1e6) } else { 0.0 },
             distance: next.map_or(f32::INFINITY, |n| n.distance),
             normal: vertex.normal,
-            next_normal: next.map_or(Vec3::ZERO, |n| n.normal),
         })
     }
 }

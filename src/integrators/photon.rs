@@ -29,7 +29,6 @@ pub struct PhotonTracer<'a> {
 /// A photon on its way.
 struct Photon {
     power: Vec3,
-    previous_normal: Vec3,
     /// Whether it has been scattered by a surface that is not a delta surface.
     scattered: bool,
     /// Number of delta surfaces since it was emitted or last scattered.
@@ -101,7 +100,6 @@ impl PhotonTracer<'_> {
                 return;
             }
             photon.power /= survival;
-            photon.previous_normal = side(&surface, on_surface, sample.direction);
             photon.at_infinity = false;
             photon.delta_chain = if sample.delta { photon.delta_chain + 1 } else { 0 };
             photon.scattered |= !sample.delta;
@@ -118,7 +116,6 @@ impl PhotonTracer<'_> {
         let emission = light.emit(&self.scene.bounds, u, v)?;
         let photon = Photon {
             power: emission.power / start.probability as f32,
-            previous_normal: emission.normal,
             scattered: false,
             delta_chain: 0,
             reachable: light.is_reachable(),
@@ -155,7 +152,6 @@ impl PhotonTracer<'_> {
             power,
             distance: if photon.at_infinity { f32::INFINITY } else { surface.distance },
             normal: side(surface, on_surface, direction),
-            previous_normal: photon.previous_normal,
         });
     }
 }

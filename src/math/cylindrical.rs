@@ -29,6 +29,16 @@ pub fn to_direction([x, y]: [f64; 2]) -> Vec3 {
     Vec3::new((r * cos) as f32, (r * sin) as f32, z as f32)
 }
 
+/// The direction of the centre of a cell at `level`.
+pub fn cell_centre(level: usize, cell: [u32; 2]) -> [f32; 3] {
+    let side = 0.5f32.powi(level as i32);
+    let [x, y] = cell.map(|c| (c as f32 + 0.5) * side);
+    let z = 2.0 * x - 1.0;
+    let radius = (1.0 - z * z).max(0.0).sqrt();
+    let (sin, cos) = (std::f32::consts::TAU * y).sin_cos();
+    [radius * cos, radius * sin, z]
+}
+
 /// Integer cell of a direction at level 20; shifting right by 20−n gives its cell at level n.
 pub fn to_cell(direction: Vec3) -> [u32; 2] {
     cell_of(to_square(direction))

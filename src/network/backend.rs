@@ -29,6 +29,8 @@ pub struct DecodeInputs<'a> {
     pub skip: &'a [f32],
     /// [N, [`GEOMETRY`](super::program::GEOMETRY)].
     pub geometry: &'a [f32],
+    /// [N] logarithm of the share that the logit corrects.
+    pub base: &'a [f32],
     /// [N, 9]; N marks a missing neighbour.
     pub neighbours: &'a [u32],
 }

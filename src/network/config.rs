@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 use crate::base::{Error, Result};
 use crate::guiding::features::FEATURES;
 
-/// The version of model folders that this program reads. 2: voxels are divided by facing, normals have the side of the path.
-pub const VERSION: u32 = 2;
+/// The version of model folders that this program reads. 3: the network sees counted trees with their context, and corrects
+/// smoothed ones.
+pub const VERSION: u32 = 3;
 
 /// Content of a model's `config.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -48,6 +49,10 @@ pub struct Mode {
     pub roulette: bool,
     /// Share of a tree's total above which a node is split, ρ.
     pub split_share: f32,
+    /// What trees learn of light that light sampling finds too: `nothing`, `weighted` or `all`.
+    pub direct: String,
+    /// As how many samples a voxel's surroundings count.
+    pub context: f32,
 }
 
 /// Widths that the embedded path has kernels for.

@@ -76,7 +76,12 @@ impl Backend for Embedded {
         }
         let outputs = step.run(&Inputs {
             rows: inputs.rows,
-            floats: vec![("parents", inputs.parents), ("skip", inputs.skip), ("geometry", inputs.geometry)],
+            floats: vec![
+                ("parents", inputs.parents),
+                ("skip", inputs.skip),
+                ("geometry", inputs.geometry),
+                ("base", inputs.base),
+            ],
             indices: vec![("parent_index", inputs.parent_index), ("neighbours", inputs.neighbours)],
         })?;
         match <[_; 5]>::try_from(outputs) {

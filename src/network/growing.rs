@@ -3,7 +3,9 @@
 use super::batch::Batch;
 use super::program::GEOMETRY;
 use super::rows::{NONE, Rows};
+use crate::guiding::features::LOG_SHARES;
 use crate::guiding::topology::MAX_LEVEL;
+use crate::math::cylindrical::cell_centre;
 
 /// One level of the trees that are decoded (Q_r), grown level by level from the roots.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -59,9 +61,16 @@ impl DecodeLevel {
         rows
     }
 
+    /// The step's `base` input [N]: the logarithm of the share that the network corrects. `base` is that of all encoded nodes, as
+    /// [`NodeInputs`](crate::guiding::features::NodeInputs) has them; equal shares where the encoded tree has no such node.
+    pub fn base(&self, base: &[f32]) -> Vec<f32> {
+        let of = |(&skip, &ancestor): (&u32, &u32)| if skip == NONE { 0.25f32.ln() } else { base[ancestor as usize] };
+        self.skip.iter().zip(&self.ancestor).map(of).collect()
+    }
+
     /// The step's `geometry` input [N, [`GEOMETRY`]]; `log_shares` are those of
-    /// [`node_log_shares`](crate::guiding::features::node_log_shares), all trees' concatenated.
-    pub fn geometry(&self, log_shares: &[[f32; 2]]) -> Vec<f32> {
+    /// [`NodeInputs`](crate::guiding::features::NodeInputs), all trees' concatenated.
+    pub fn geometry(&self, log_shares: &[[f32; LOG_SHARES]]) -> Vec<f32> {
         let mut geometry = Vec::with_capacity(self.rows.len() * GEOMETRY);
         for (row, &cell) in self.rows.cell.iter().enumerate() {
             geometry.extend([f32::from(self.skip[row] != NONE), self.level as f32 / MAX_LEVEL as f32]);
@@ -71,13 +80,4 @@ impl DecodeLevel {
         }
         geometry
     }
-}
-
-/// The direction of a cell's centre under the cylindrical map.
-fn cell_centre(level: usize, cell: [u32; 2]) -> [f32; 3] {
-    let [u, v] = cell.map(|c| (f64::from(c) + 0.5) * 0.5f64.powi(level as i32));
-    let z = 2.0 * u - 1.0;
-    let radius = (1.0 - z * z).max(0.0).sqrt();
-    let (sin, cos) = (std::f64::consts::TAU * v).sin_cos();
-    [radius * cos, radius * sin, z].map(|x| x as f32)
 }

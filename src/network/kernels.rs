@@ -101,38 +101,58 @@ impl Packed {
 ///
 /// Every output depends on its own row's inputs only and is summed in a fixed order, so threads do not change a bit.
 pub fn apply(packed: &Packed, parts: &[Part], epilogue: Epilogue, rows: usize) -> Vec<f32> {
-    apply_with(simd(), packed, parts, epilogue, rows)
+    apply_with(Instructions::best(), packed, parts, epilogue, rows)
 }
 
-/// As [`apply`], without vector instructions beyond the build's baseline: for machines without AVX2, and to test against.
-pub fn apply_portable(packed: &Packed, parts: &[Part], epilogue: Epilogue, rows: usize) -> Vec<f32> {
-    apply_with(false, packed, parts, epilogue, rows)
-}
-
-fn apply_with(simd: bool, packed: &Packed, parts: &[Part], epilogue: Epilogue, rows: usize) -> Vec<f32> {
+/// As [`apply`] with the given instructions, or the best that this processor has below them.
+pub fn apply_with(
+    instructions: Instructions,
+    packed: &Packed,
+    parts: &[Part],
+    epilogue: Epilogue,
+    rows: usize,
+) -> Vec<f32> {
     let mut out = vec![0.0; rows * packed.columns];
     let columns = packed.columns;
+    let instructions = instructions.min(Instructions::best());
     out.par_chunks_mut(TASK * BLOCK * columns).enumerate().for_each(|(task, out)| {
         let first = task * TASK * BLOCK;
         let task = Task { packed, parts, epilogue, first };
         match packed.panel {
-            8 => task.run::<8>(simd, out),
-            16 => task.run::<16>(simd, out),
-            24 => task.run::<24>(simd, out),
-            _ => task.run::<1>(simd, out),
+            8 => task.run::<8>(instructions, out),
+            16 => task.run::<16>(instructions, out),
+            24 => task.run::<24>(instructions, out),
+            _ => task.run::<1>(instructions, out),
         }
     });
     out
 }
 
-#[cfg(target_arch = "x86_64")]
-fn simd() -> bool {
-    is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")
+/// Vector instructions, from fewest to most. All but the first fuse multiplication and addition, and give the same bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Instructions {
+    /// What the build assumes of every machine.
+    Portable,
+    /// 8 lanes.
+    Avx2,
+    /// 16 lanes.
+    Avx512,
 }
 
-#[cfg(not(target_arch = "x86_64"))]
-fn simd() -> bool {
-    false
+impl Instructions {
+    /// The most that this processor has.
+    pub fn best() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("fma") {
+                return Self::Avx512;
+            }
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+                return Self::Avx2;
+            }
+        }
+        Self::Portable
+    }
 }
 
 /// Consecutive output rows from `first` on.
@@ -144,14 +164,22 @@ struct Task<'a> {
 }
 
 impl Task<'_> {
-    fn run<const PANEL: usize>(&self, simd: bool, out: &mut [f32]) {
-        #[cfg(target_arch = "x86_64")]
-        if simd {
-            // SAFETY: `simd` is true only after both features were detected on this processor.
-            return unsafe { self.rows_avx2::<PANEL>(out) };
+    fn run<const PANEL: usize>(&self, instructions: Instructions, out: &mut [f32]) {
+        match instructions {
+            // SAFETY: `apply_with` lets these pass only after their features were detected on this processor.
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx512 => unsafe { self.rows_avx512::<PANEL>(out) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx2 => unsafe { self.rows_avx2::<PANEL>(out) },
+            _ => self.rows::<PANEL, false>(out),
         }
-        let _ = simd;
-        self.rows::<PANEL, false>(out);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,fma")]
+    fn rows_avx512<const PANEL: usize>(&self, out: &mut [f32]) {
+        self.rows::<PANEL, true>(out);
     }
 
     #[cfg(target_arch = "x86_64")]
@@ -257,11 +285,12 @@ mod tests {
             let part = |offset| Part { x: &x, channels, index: Index::Gather { index: &index, stride: 9, offset } };
             let parts: Vec<Part> = (0..9).map(part).collect();
             let epilogue = Epilogue { residual: Some(&residual), relu: columns > 8 };
-            let vector = apply(&packed, &parts, epilogue, rows);
-            let portable = apply_portable(&packed, &parts, epilogue, rows);
-            for (a, b) in vector.iter().zip(&portable) {
+            let with = |instructions| apply_with(instructions, &packed, &parts, epilogue, rows);
+            let (portable, avx2) = (with(Instructions::Portable), with(Instructions::Avx2));
+            for (a, b) in avx2.iter().zip(&portable) {
                 assert!((a - b).abs() <= 1e-5 * (b.abs() + 1.0), "{a} {b}, {columns} columns");
             }
+            assert_eq!(with(Instructions::Avx512), avx2);
         }
     }
 }

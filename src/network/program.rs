@@ -11,17 +11,18 @@
 //! `decode_step`, at level n ≥ 1 of Q_r with N nodes, siblings adjacent in fours (so N is a multiple of 4):
 //! inputs `parents` [P, C] (the features of the level above; the encoder's root for n = 1), `parent_index` [N] (rows of
 //! `parents`), `skip` [N, C] (the encoder's output where Q_h has the node, else zero), `geometry` [N, [`GEOMETRY`]],
-//! `neighbours` [N, 9];
+//! `neighbours` [N, 9], `base` [N, 1] (logarithm of the smoothed share, which the network corrects);
 //! outputs `decoded` [N, C], `share_logit` [N, 1], `share` [N, 1] (softmax over the four siblings), `leaf_logit` [N, 1],
 //! `leaf` [N, 1].
 
 use super::config::Config;
+use crate::guiding::features::LOG_SHARES;
 use crate::guiding::topology::MAX_LEVEL;
 
 /// Channels of the decoder's `geometry` input: presence flag in Q_h; level / 20; one-hot position among the four siblings;
-/// the direction of the cell's centre (x, y, z); log-share of the nearest ancestor (or the node itself) in the path tree and
-/// in the photon tree, relative to the uniform distribution.
-pub const GEOMETRY: usize = 11;
+/// the direction of the cell's centre (x, y, z); the log-densities of the nearest ancestor (or the node itself), see
+/// [`NodeInputs`](crate::guiding::features::NodeInputs).
+pub const GEOMETRY: usize = 9 + LOG_SHARES;
 
 /// Index of a value in a [`Program`].
 pub type Value = usize;
@@ -162,7 +163,9 @@ pub fn decode_program(config: &Config, level: usize) -> Program {
     let x = p.linear(x, format!("{prefix}.in"), config.width);
     let x = p.relu(x);
     let x = p.convolutions(x, &prefix, config.convolutions);
-    let share_logit = p.linear(x, format!("{prefix}.share"), 1);
+    let correction = p.linear(x, format!("{prefix}.share"), 1);
+    let base = p.input("base", 1);
+    let share_logit = p.push(Op::Add(correction, base), 1);
     let share = p.push(Op::SoftmaxSiblings(share_logit), 1);
     let leaf_logit = p.linear(x, format!("{prefix}.leaf"), 1);
     let leaf = p.push(Op::Sigmoid(leaf_logit), 1);

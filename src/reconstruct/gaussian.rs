@@ -98,7 +98,7 @@ impl Reconstructor for Gaussian {
     }
 
     fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
-        let samples = |tree: &CountedTree| tree.samples.iter().map(|&n| f64::from(n)).sum::<f64>();
+        let samples = |tree: &CountedTree| tree.traits.samples.iter().map(|&n| f64::from(n)).sum::<f64>();
         Ok(trees.into_par_iter().map(|tree| self.smooth(&tree.distribution, samples(&tree))).collect())
     }
 }

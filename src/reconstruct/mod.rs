@@ -11,8 +11,9 @@ use std::path::Path;
 
 use crate::base::{Error, Result};
 use crate::guiding::distribution::Distribution;
+use crate::guiding::features::Traits;
 use crate::guiding::learner::CountedTree;
-use crate::guiding::leaves::Layout;
+use crate::guiding::leaves::{Layout, Leaves};
 use crate::guiding::topology::Topology;
 use crate::network::backend::Backend;
 use crate::network::config::Mode;
@@ -22,10 +23,12 @@ use crate::network::weights::Model;
 /// A tree to reconstruct.
 #[derive(Debug, Clone, Copy)]
 pub struct TreeInput<'a> {
-    /// Its shape.
-    pub topology: &'a Topology,
-    /// [leaves, [`RAW_CHANNELS`](crate::guiding::features::RAW_CHANNELS)] in the order of [`Topology::leaves`].
-    pub leaf_sums: &'a [f32],
+    /// The voxel's samples as counted, with its context: this tree is encoded.
+    pub counted: &'a Distribution,
+    /// The voxel's own samples, in the layout [`Network`](crate::guiding::leaves::Layout::Network).
+    pub own: Leaves<'a>,
+    /// What is known of the voxel as a whole.
+    pub traits: &'a Traits,
 }
 
 /// A reconstructed distribution.
@@ -67,10 +70,8 @@ pub fn reconstruct_within(
     trees: Vec<CountedTree>,
     reconstructor: &dyn Reconstructor,
 ) -> Result<(Vec<(Distribution, f32)>, f64)> {
-    let cost = |tree: &CountedTree| match tree.samples {
-        [0, 0] => 0.0,
-        _ => reconstructor.rays_per_node() * tree.leaves.topology.len().max(LEAST_NODES) as f64,
-    };
+    let nodes = |tree: &CountedTree| tree.distribution.topology().len().max(LEAST_NODES) as f64;
+    let cost = |tree: &CountedTree| reconstructor.rays_per_node() * nodes(tree);
     let mut order: Vec<usize> = (0..trees.len()).collect();
     order.sort_by(|&a, &b| trees[b].contribution.total_cmp(&trees[a].contribution).then(a.cmp(&b)));
     let mut spent = 0.0;
@@ -202,30 +203,24 @@ impl Reconstructor for Neural {
     }
 
     fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
-        // A tree without samples has nothing to reconstruct; what its surroundings know is in its distribution already.
-        let sampled = |tree: &&CountedTree| tree.samples != [0, 0];
-        if trees.iter().filter(sampled).any(|tree| tree.leaves.layout != Layout::Full) {
+        if trees.iter().any(|tree| tree.leaves.layout != Layout::Network) {
             let message = "the network needs trees with all their features".into();
             return Err(Error::Backend { backend: self.backend.name(), message });
         }
-        let inputs: Vec<_> = trees
-            .iter()
-            .filter(sampled)
-            .map(|tree| TreeInput { topology: tree.leaves.topology, leaf_sums: tree.leaves.sums })
-            .collect();
-        let mut reconstructed = neural::reconstruct_batch(&self.model, self.backend.as_ref(), &inputs)?.into_iter();
-        let result = trees.iter().map(|tree| {
-            let own = if sampled(&tree) { reconstructed.next() } else { None };
-            own.map_or_else(|| tree.distribution.clone(), |r| Distribution::from_shares(r.topology, &r.node_share))
-        });
-        Ok(result.collect())
+        let input = |tree| {
+            let CountedTree { distribution: counted, leaves, traits, .. }: &CountedTree = tree;
+            TreeInput { counted, own: *leaves, traits }
+        };
+        let inputs: Vec<_> = trees.iter().map(input).collect();
+        let reconstructed = neural::reconstruct_batch(&self.model, self.backend.as_ref(), &inputs)?;
+        Ok(reconstructed.into_iter().map(|r| Distribution::from_shares(r.topology, &r.node_share)).collect())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guiding::leaves::{Leaves, Target};
+    use crate::guiding::leaves::Target;
 
     /// Makes every tree uniform, at a price.
     struct Flat(f64);
@@ -255,7 +250,7 @@ mod tests {
         let tree = |contribution| CountedTree {
             leaves: Leaves { topology: &topology, sums: &sums, layout: Layout::Values, target: Target::Variance },
             distribution: Distribution::from_leaf_weights(topology.clone(), &[0.7, 0.1, 0.1, 0.1]),
-            samples: [4, 0],
+            traits: Traits { samples: [4, 0], ..Traits::default() },
             contribution,
         };
         let (made, spent) = reconstruct_within(rays, [1.0, 3.0, 2.0].map(tree).to_vec(), &Flat(price)).unwrap();

@@ -2,10 +2,11 @@
 
 use rayon::prelude::*;
 
+use super::gaussian::Gaussian;
 use super::growth::Growth;
 use super::{Reconstructed, TreeInput};
 use crate::base::{Error, Result};
-use crate::guiding::features::{FEATURES, RAW_CHANNELS, node_features, node_log_shares};
+use crate::guiding::features::{FEATURES, NodeInputs, node_inputs};
 use crate::guiding::topology::{MAX_LEVEL, Topology};
 use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use crate::network::batch::{Batch, DecodeLevel};
@@ -35,7 +36,7 @@ pub fn reconstruct_batch(model: &Model, backend: &dyn Backend, inputs: &[TreeInp
 fn partition<'a, 'b>(inputs: &'b [TreeInput<'a>]) -> Vec<&'b [TreeInput<'a>]> {
     let (mut parts, mut start, mut nodes) = (vec![], 0, 0);
     for (i, input) in inputs.iter().enumerate() {
-        nodes += input.topology.len().max(TREE_NODES);
+        nodes += input.counted.topology().len().max(TREE_NODES);
         if nodes >= BATCH_NODES || i + 1 == inputs.len() {
             parts.push(&inputs[start..=i]);
             (start, nodes) = (i + 1, 0);
@@ -46,16 +47,10 @@ fn partition<'a, 'b>(inputs: &'b [TreeInput<'a>]) -> Vec<&'b [TreeInput<'a>]> {
 
 fn reconstruct(config: &Config, backend: &dyn Backend, inputs: &[TreeInput]) -> Result<Vec<Reconstructed>> {
     let fail = |message| Error::Backend { backend: backend.name(), message };
-    for (i, input) in inputs.iter().enumerate() {
-        let (leaves, values) = (input.topology.leaves().count(), input.leaf_sums.len());
-        if values != leaves * RAW_CHANNELS {
-            return Err(fail(format!("tree {i} has {values} sums for {leaves} leaves of {RAW_CHANNELS} channels")));
-        }
-    }
-    let topologies: Vec<&Topology> = inputs.iter().map(|input| input.topology).collect();
+    let topologies: Vec<&Topology> = inputs.iter().map(|input| input.counted.topology()).collect();
     let batch = Batch::new(&topologies);
-    let encoded = encode(config, backend, &batch, inputs)?;
-    let log_shares: Vec<_> = inputs.iter().flat_map(|input| node_log_shares(input.topology, input.leaf_sums)).collect();
+    let nodes = all_inputs(inputs);
+    let encoded = encode(config, backend, &batch, &nodes.features)?;
 
     let mut growth = Growth::roots(inputs.len());
     let mut above = DecodeLevel::roots(&batch);
@@ -65,7 +60,7 @@ fn reconstruct(config: &Config, backend: &dyn Backend, inputs: &[TreeInput]) -> 
         if level.rows.is_empty() {
             return growth.finish(fail);
         }
-        let output = decode(config, backend, &level, &parents, encoded.get(level.level), &log_shares)?;
+        let output = decode(config, backend, &level, &parents, encoded.get(level.level), &nodes)?;
         growth.add(&level.rows.tree, &level.rows.parent, &output.share, |row, mass| {
             output.leaf[row] < config.leaf_threshold && mass > config.min_split_share && level.level < MAX_LEVEL
         });
@@ -74,15 +69,33 @@ fn reconstruct(config: &Config, backend: &dyn Backend, inputs: &[TreeInput]) -> 
     }
 }
 
+/// What the network reads of all trees, concatenated.
+fn all_inputs(inputs: &[TreeInput]) -> NodeInputs {
+    let mut all = NodeInputs::default();
+    for input in inputs {
+        let nodes = inputs_of(input);
+        all.features.extend(nodes.features);
+        all.log_shares.extend(nodes.log_shares);
+        all.base.extend(nodes.base);
+    }
+    all
+}
+
+/// What the network reads of one tree: it is smoothed with the default [`Gaussian`], which is what the network corrects.
+pub fn inputs_of(input: &TreeInput) -> NodeInputs {
+    let samples = input.traits.samples.iter().map(|&n| f64::from(n)).sum();
+    let smoothed = Gaussian::default().smooth(input.counted, samples);
+    node_inputs(input.counted, smoothed.node_mass(), &input.own, input.traits)
+}
+
 /// The encoder's output of every level, from the root down.
-fn encode(config: &Config, backend: &dyn Backend, batch: &Batch, inputs: &[TreeInput]) -> Result<Vec<Vec<f32>>> {
-    let features: Vec<f32> = inputs.iter().flat_map(|input| node_features(input.topology, input.leaf_sums)).collect();
+fn encode(config: &Config, backend: &dyn Backend, batch: &Batch, features: &[f32]) -> Result<Vec<Vec<f32>>> {
     let mut encoded = vec![vec![]; batch.levels.len()];
     for level in (0..batch.levels.len()).rev() {
         let below = encoded.get(level + 1).map_or(&[][..], Vec::as_slice);
         let step = EncodeInputs {
             rows: batch.len(level),
-            features: &batch.gather(level, &features, FEATURES),
+            features: &batch.gather(level, features, FEATURES),
             pooled: &batch.pool(level, below, config.width),
             neighbours: &batch.levels[level].rows.neighbours,
         };
@@ -97,14 +110,15 @@ fn decode(
     level: &DecodeLevel,
     parents: &[f32],
     encoded: Option<&Vec<f32>>,
-    log_shares: &[[f32; 2]],
+    nodes: &NodeInputs,
 ) -> Result<DecodeOutput> {
     let step = DecodeInputs {
         rows: level.rows.len(),
         parents,
         parent_index: &level.rows.parent,
         skip: &level.skip_rows(encoded.map_or(&[], Vec::as_slice), config.width),
-        geometry: &level.geometry(log_shares),
+        geometry: &level.geometry(&nodes.log_shares),
+        base: &level.base(&nodes.base),
         neighbours: &level.rows.neighbours,
     };
     backend.decode(level.level, &step)

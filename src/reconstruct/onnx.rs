@@ -208,6 +208,7 @@ impl Backend for OnnxBackend {
             ("parent_index", integers(&[n], &parent_index)?),
             ("skip", floats(n, inputs.skip, width)?),
             ("geometry", floats(n, inputs.geometry, GEOMETRY)?),
+            ("base", floats(n, inputs.base, 1)?),
             ("neighbours", integers(&[n, SLOTS], &neighbours)?),
         ];
         let names = [("decoded", width), ("share_logit", 1), ("share", 1), ("leaf_logit", 1), ("leaf", 1)];

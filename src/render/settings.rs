@@ -161,10 +161,7 @@ impl RenderSettings {
                 ..LearnerSettings::default()
             },
             // What the network was trained with.
-            GuideMode::Neural => {
-                let direct = DirectLight::Nothing;
-                LearnerSettings { layout: Layout::Full, direct, split_share: 0.01, ..LearnerSettings::default() }
-            }
+            GuideMode::Neural => LearnerSettings { layout: Layout::Network, ..LearnerSettings::default() },
             _ => LearnerSettings::default(),
         };
         let samples = match guide {
@@ -253,6 +250,8 @@ impl RenderSettings {
             nee: self.transport.nee,
             roulette: self.transport.roulette != Roulette::Off,
             split_share: self.learner.split_share as f32,
+            direct: self.learner.direct.name().into(),
+            context: self.learner.context as f32,
         }
     }
 

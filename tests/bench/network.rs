@@ -6,18 +6,16 @@ use std::time::Instant;
 use fanal::base::random::Random;
 use fanal::guiding::topology::Topology;
 use fanal::network::batch::{Batch, SLOTS};
-use fanal::network::kernels::{Epilogue, Index, Packed, Part, apply, apply_portable};
+use fanal::network::kernels::{Epilogue, Index, Instructions, Packed, Part, apply_with};
 use fanal::network::weights::LayerWeights;
-
-type Apply = fn(&Packed, &[Part], Epilogue, usize) -> Vec<f32>;
 
 fn main() {
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global().expect("the pool is built once");
     for width in [8, 16, 24, 32, 48, 64] {
-        for (name, apply) in [("vector", apply as Apply), ("portable", apply_portable as Apply)] {
-            let (seconds, flops) = convolution(width, apply);
+        for instructions in [Instructions::Portable, Instructions::Avx2, Instructions::Avx512] {
+            let (seconds, flops) = convolution(width, instructions.min(Instructions::best()));
             println!(
-                "convolution, width {width:2}, {name:8}: {:6.2} ms, {:6.1} GFLOP/s",
+                "convolution, width {width:2}, {instructions:?}: {:6.2} ms, {:6.1} GFLOP/s",
                 seconds * 1e3,
                 flops / seconds * 1e-9
             );
@@ -27,7 +25,7 @@ fn main() {
 }
 
 /// Best time of several runs over 100 trees of 1,024 nodes at one level, all neighbours present, and its operations.
-fn convolution(width: usize, apply: Apply) -> (f64, f64) {
+fn convolution(width: usize, instructions: Instructions) -> (f64, f64) {
     let rows = 102_400;
     let mut random = Random::new(1, 0, 0);
     let mut uniform = |n: usize| (0..n).map(|_| random.range(-1.0, 1.0)).collect::<Vec<f32>>();
@@ -41,7 +39,8 @@ fn convolution(width: usize, apply: Apply) -> (f64, f64) {
     let parts: Vec<Part> = (0..SLOTS)
         .map(|offset| Part { x: &x, channels: width, index: Index::Gather { index: &index, stride: SLOTS, offset } })
         .collect();
-    let seconds = best(|| drop(black_box(apply(&packed, &parts, Epilogue { residual: Some(&x), relu: true }, rows))));
+    let epilogue = Epilogue { residual: Some(&x), relu: true };
+    let seconds = best(|| drop(black_box(apply_with(instructions, &packed, &parts, epilogue, rows))));
     (seconds, 2.0 * (rows * 9 * width * width) as f64)
 }
 

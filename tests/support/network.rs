@@ -1,16 +1,27 @@
 //! Models, trees of every shape, and a forward pass over a fixed structure, for tests that compare backends.
 
 use fanal::base::random::Random;
-use fanal::guiding::features::{FEATURES, PATH_CHANNELS, RAW_CHANNELS, node_features, node_log_shares};
+use fanal::guiding::distribution::Distribution;
+use fanal::guiding::features::{FEATURES, NodeInputs, Traits};
+use fanal::guiding::leaves::{BSDF, COUNTS, Layout, Leaves, NETWORK_CHANNELS, SQUARES, Target, VALUES};
 use fanal::guiding::topology::{MAX_LEVEL, MAX_NODES, Topology};
 use fanal::network::backend::{Backend, DecodeInputs, EncodeInputs};
 use fanal::network::batch::{Batch, DecodeLevel, NONE};
 use fanal::network::config::{Config, Mode, VERSION};
 use fanal::network::weights::{Model, Weights};
+use fanal::reconstruct::TreeInput;
+use fanal::reconstruct::neural::inputs_of;
 
 /// A valid configuration.
 pub fn config(width: usize, convolutions: usize, per_level: bool) -> Config {
-    let mode = Mode { target: "variance".into(), nee: true, roulette: true, split_share: 0.01 };
+    let mode = Mode {
+        target: "variance".into(),
+        nee: true,
+        roulette: true,
+        split_share: 0.02,
+        direct: "all".into(),
+        context: 1024.0,
+    };
     Config {
         version: VERSION,
         name: "test".into(),
@@ -35,27 +46,50 @@ pub fn model(config: Config, seed: u64) -> Model {
     Model { config, weights }
 }
 
-/// A tree and its leaf sums.
-pub type Tree = (Topology, Vec<f32>);
+/// A counted tree and the own samples that it was made from.
+#[derive(Debug, Clone)]
+pub struct Tree {
+    pub counted: Distribution,
+    pub own: Topology,
+    pub sums: Vec<f32>,
+    pub traits: Traits,
+}
+
+impl Tree {
+    /// What a reconstructor is given.
+    pub fn input(&self) -> TreeInput<'_> {
+        let own = Leaves { topology: &self.own, sums: &self.sums, layout: Layout::Network, target: Target::Variance };
+        TreeInput { counted: &self.counted, own, traits: &self.traits }
+    }
+}
+
+/// The tree with these own sums; where they hold nothing, equal shares.
+fn with_sums(topology: Topology, sums: Vec<f32>) -> Tree {
+    let leaves = Leaves { topology: &topology, sums: &sums, layout: Layout::Network, target: Target::Variance };
+    let counted = if leaves.has(0) || leaves.has(1) {
+        leaves.hybrid(0.5)
+    } else {
+        Distribution::from_shares(topology.clone(), &vec![0.25; topology.len()])
+    };
+    Tree { counted, own: topology, sums, traits: Traits { samples: [50, 20], ..Traits::default() } }
+}
 
 /// Sums as a few random samples per leaf would give, some leaves without photons or without anything.
 pub fn filled(topology: Topology, seed: u64) -> Tree {
     let mut random = Random::new(seed, 1, 0);
     let mut sums = vec![];
     for _ in topology.leaves() {
-        let counts = [random.below(5) as f32, random.below(4) as f32];
-        for channel in 0..RAW_CHANNELS {
-            let (count, offset) =
-                if channel < PATH_CHANNELS { (counts[0], channel) } else { (counts[1], channel - PATH_CHANNELS) };
-            sums.push(match offset {
-                0 => count * (-8.0 * random.next_f32()).exp(),
-                14 => count,
-                4..7 => count * random.next_f32(),
-                _ => count * random.range(-1.0, 1.0),
-            });
+        let mut row = [0.0; NETWORK_CHANNELS];
+        for kind in [0, 1] {
+            let count = random.below(5 - kind as u32) as f32;
+            let value = (-8.0 * random.next_f32()).exp();
+            (row[VALUES[kind]], row[COUNTS[kind]]) = (count * value, count);
+            row[SQUARES[kind]] = count * value * value;
         }
+        row[BSDF] = row[COUNTS[0]] * random.next_f32();
+        sums.extend(row);
     }
-    (topology, sums)
+    with_sums(topology, sums)
 }
 
 /// A tree of at most `nodes` nodes and `depth` levels below the root, each node split with `probability`.
@@ -84,12 +118,12 @@ pub fn chain() -> Topology {
 /// One node; twenty levels; as many nodes as allowed; no samples; some usual ones.
 pub fn trees() -> Vec<Tree> {
     let empty = random_topology(9, 200, 6, 0.6);
-    let no_samples = vec![0.0; empty.leaves().count() * RAW_CHANNELS];
+    let no_samples = vec![0.0; empty.leaves().count() * NETWORK_CHANNELS];
     let mut trees = vec![
         filled(Topology::root(), 1),
         filled(chain(), 2),
         filled(random_topology(3, MAX_NODES, MAX_LEVEL, 0.55), 3),
-        (empty, no_samples),
+        with_sums(empty, no_samples),
     ];
     trees.extend((10..30).map(|seed| filled(random_topology(seed, 400, 9, 0.6), seed)));
     trees
@@ -98,10 +132,12 @@ pub fn trees() -> Vec<Tree> {
 /// Every output of every step over `trees` together, on a fixed structure: the trees' own, and a little beyond.
 pub fn forward(model: &Model, backend: &dyn Backend, trees: &[Tree]) -> Vec<(String, Vec<f32>)> {
     let width = model.config.width;
-    let topologies: Vec<&Topology> = trees.iter().map(|(topology, _)| topology).collect();
+    let topologies: Vec<&Topology> = trees.iter().map(|tree| tree.counted.topology()).collect();
     let batch = Batch::new(&topologies);
-    let features: Vec<f32> = trees.iter().flat_map(|(topology, sums)| node_features(topology, sums)).collect();
-    let log_shares: Vec<_> = trees.iter().flat_map(|(topology, sums)| node_log_shares(topology, sums)).collect();
+    let nodes: Vec<NodeInputs> = trees.iter().map(|tree| inputs_of(&tree.input())).collect();
+    let features: Vec<f32> = nodes.iter().flat_map(|n| &n.features).copied().collect();
+    let log_shares: Vec<_> = nodes.iter().flat_map(|n| &n.log_shares).copied().collect();
+    let base: Vec<f32> = nodes.iter().flat_map(|n| &n.base).copied().collect();
     let mut encoded = vec![vec![]; batch.levels.len() + 1];
     for level in (0..batch.levels.len()).rev() {
         let inputs = EncodeInputs {
@@ -133,6 +169,7 @@ pub fn forward(model: &Model, backend: &dyn Backend, trees: &[Tree]) -> Vec<(Str
             parent_index: &level.rows.parent,
             skip: &level.skip_rows(encoded.get(level.level).unwrap_or(&none), width),
             geometry: &level.geometry(&log_shares),
+            base: &level.base(&base),
             neighbours: &level.rows.neighbours,
         };
         let output = backend.decode(level.level, &inputs).expect("the inputs fit");

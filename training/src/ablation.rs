@@ -3,7 +3,7 @@
 use anyhow::Result;
 use fanal::base::random::Random;
 use fanal::guiding::distribution::Distribution;
-use fanal::guiding::features::{PATH_CHANNELS, RAW_CHANNELS};
+use fanal::guiding::leaves::{COUNTS, NETWORK_CHANNELS, SQUARES, VALUES};
 use fanal::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use fanal::network::batch::{CENTRE, SLOTS};
 use fanal::network::embedded::Embedded;
@@ -16,8 +16,8 @@ use crate::cases::{Case, reconstruct};
 pub enum Ablation {
     /// Convolutions see only their own cell.
     Neighbours,
-    /// No photons in the input.
-    Photons,
+    /// Nothing of the voxel's own samples but what the counted distribution has of them.
+    Own,
     /// The input of another tree.
     Shuffle,
     /// The weights of the decoder's first convolution in another order.
@@ -29,7 +29,7 @@ impl Ablation {
     pub fn name(self) -> &'static str {
         match self {
             Self::Neighbours => "network, no neighbours",
-            Self::Photons => "network, no photons",
+            Self::Own => "network, no own samples",
             Self::Shuffle => "network, other tree's input",
             Self::Layer => "network, one layer shuffled",
         }
@@ -42,7 +42,7 @@ impl Ablation {
     pub fn reconstruct(self, model: &Model, backend: &dyn Backend, cases: &[Case]) -> Result<Vec<Distribution>> {
         match self {
             Self::Neighbours => reconstruct(model, &Alone(backend), cases),
-            Self::Photons => reconstruct(model, backend, &without_photons(cases)),
+            Self::Own => reconstruct(model, backend, &without_own(cases)),
             Self::Shuffle => reconstruct(model, backend, &shuffled(cases)),
             Self::Layer => {
                 let model = with_shuffled_layer(model);
@@ -66,11 +66,10 @@ fn with_shuffled_layer(model: &Model) -> Model {
     model
 }
 
-fn without_photons(cases: &[Case]) -> Vec<Case> {
+fn without_own(cases: &[Case]) -> Vec<Case> {
     let mut cases = cases.to_vec();
-    for case in &mut cases {
-        case.sums.chunks_exact_mut(RAW_CHANNELS).for_each(|row| row[PATH_CHANNELS..].fill(0.0));
-        case.photon_samples = 0;
+    for row in cases.iter_mut().flat_map(|case| case.own_sums.chunks_exact_mut(NETWORK_CHANNELS)) {
+        [VALUES, COUNTS, SQUARES].iter().flatten().for_each(|&channel| row[channel] = 0.0);
     }
     cases
 }

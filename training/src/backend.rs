@@ -53,6 +53,7 @@ impl Backend for Burn {
             index(inputs.parent_index, self.net.device()),
             self.rows(inputs.skip, self.width),
             self.rows(inputs.geometry, GEOMETRY),
+            self.rows(inputs.base, 1),
             index(inputs.neighbours, self.net.device()),
         );
         Ok(DecodeOutput {

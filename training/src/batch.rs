@@ -2,10 +2,13 @@
 
 use fanal::generate::shard::TreeSample;
 use fanal::guiding::distribution::Distribution;
-use fanal::guiding::features::{FEATURES, node_features, node_log_shares};
-use fanal::guiding::topology::{NO_CHILD, Topology};
+use fanal::guiding::features::{FEATURES, LOG_SHARES, NodeInputs};
+use fanal::guiding::topology::NO_CHILD;
 use fanal::network::batch::{Batch, NONE};
+use fanal::reconstruct::neural::inputs_of;
 use rayon::prelude::*;
+
+use crate::cases::Case;
 
 /// Several pairs, merged level by level.
 #[derive(Debug, Clone)]
@@ -15,7 +18,9 @@ pub struct HostBatch {
     /// Per level of the input [N, [`FEATURES`]].
     pub features: Vec<Vec<f32>>,
     /// Log-shares of all input nodes, trees concatenated.
-    pub log_shares: Vec<[f32; 2]>,
+    pub log_shares: Vec<[f32; LOG_SHARES]>,
+    /// Logarithms of the smoothed shares of all input nodes.
+    pub base: Vec<f32>,
     /// The converged trees.
     pub target: Targets,
 }
@@ -27,27 +32,21 @@ pub struct Targets {
     pub first_child: Vec<u32>,
     /// Per node its share of the tree.
     pub mass: Vec<f32>,
+    /// Per node what BSDF sampling draws of it.
+    pub bsdf: Vec<f32>,
     /// Per tree the index of its root.
     pub root: Vec<u32>,
 }
 
 /// One pair, prepared.
 struct Prepared {
-    topology: Topology,
-    features: Vec<f32>,
-    log_shares: Vec<[f32; 2]>,
-    target: Distribution,
+    case: Case,
+    inputs: NodeInputs,
 }
 
 fn prepare(sample: &TreeSample) -> Result<Prepared, String> {
-    let topology = sample.input_topology()?;
-    let weights: Vec<f64> = sample.target.iter().map(|&m| f64::from(m)).collect();
-    Ok(Prepared {
-        features: node_features(&topology, &sample.input_sums),
-        log_shares: node_log_shares(&topology, &sample.input_sums),
-        target: Distribution::from_leaf_weights(sample.target_topology()?, &weights),
-        topology,
-    })
+    let case = Case::new(sample).map_err(|e| e.to_string())?;
+    Ok(Prepared { inputs: inputs_of(&case.input()), case })
 }
 
 impl HostBatch {
@@ -57,13 +56,14 @@ impl HostBatch {
     /// A sentence if a sample is not valid.
     pub fn new(samples: &[TreeSample]) -> Result<Self, String> {
         let prepared: Vec<Prepared> = samples.par_iter().map(prepare).collect::<Result<_, _>>()?;
-        let input = Batch::new(&prepared.iter().map(|p| &p.topology).collect::<Vec<_>>());
-        let per_node: Vec<f32> = prepared.iter().flat_map(|p| &p.features).copied().collect();
+        let input = Batch::new(&prepared.iter().map(|p| p.case.counted.topology()).collect::<Vec<_>>());
+        let per_node: Vec<f32> = prepared.iter().flat_map(|p| &p.inputs.features).copied().collect();
         let features = (0..input.levels.len()).map(|level| input.gather(level, &per_node, FEATURES)).collect();
-        let log_shares = prepared.iter().flat_map(|p| &p.log_shares).copied().collect();
+        let log_shares = prepared.iter().flat_map(|p| &p.inputs.log_shares).copied().collect();
+        let base = prepared.iter().flat_map(|p| &p.inputs.base).copied().collect();
         let mut target = Targets::default();
-        prepared.iter().for_each(|p| target.push(&p.target));
-        Ok(Self { input, features, log_shares, target })
+        prepared.iter().for_each(|p| target.push(&p.case.target, &p.case.bsdf));
+        Ok(Self { input, features, log_shares, base, target })
     }
 
     /// Number of trees.
@@ -73,10 +73,12 @@ impl HostBatch {
 }
 
 impl Targets {
-    fn push(&mut self, tree: &Distribution) {
+    /// `bsdf` is on the same tree.
+    fn push(&mut self, tree: &Distribution, bsdf: &Distribution) {
         let start = self.mass.len() as u32;
         self.root.push(start);
         self.mass.extend(tree.node_mass().iter().map(|&m| m as f32));
+        self.bsdf.extend(bsdf.node_mass().iter().map(|&m| m as f32));
         let children = tree.topology().first_child.iter();
         self.first_child.extend(children.map(|&c| if c == NO_CHILD { NONE } else { start + c }));
     }
@@ -89,6 +91,8 @@ pub struct Aligned {
     pub node: Vec<u32>,
     /// Per row the converged mass of its cell; below a leaf its part of the leaf.
     pub mass: Vec<f32>,
+    /// The same of what BSDF sampling draws.
+    pub bsdf: Vec<f32>,
     /// Per row how many levels it lies below a converged leaf.
     pub below: Vec<u8>,
 }
@@ -97,7 +101,7 @@ impl Aligned {
     /// The roots of all trees.
     pub fn roots(targets: &Targets) -> Self {
         let trees = targets.root.len();
-        Self { node: targets.root.clone(), mass: vec![1.0; trees], below: vec![0; trees] }
+        Self { node: targets.root.clone(), mass: vec![1.0; trees], bsdf: vec![1.0; trees], below: vec![0; trees] }
     }
 
     /// Whether the converged tree divides the cell of `row`.
@@ -114,10 +118,12 @@ impl Aligned {
                 let node = targets.first_child[self.node[parent] as usize] + row as u32 % 4;
                 next.node.push(node);
                 next.mass.push(targets.mass[node as usize]);
+                next.bsdf.push(targets.bsdf[node as usize]);
                 next.below.push(0);
             } else {
                 next.node.push(NONE);
                 next.mass.push(0.25 * self.mass[parent]);
+                next.bsdf.push(0.25 * self.bsdf[parent]);
                 next.below.push(self.below[parent] + 1);
             }
         }

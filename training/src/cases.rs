@@ -2,7 +2,9 @@
 
 use anyhow::{Result, anyhow};
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::distribution::{CommonCell, Distribution, kl_of_cells};
+use fanal::guiding::distribution::{CommonCell, Distribution, kl_of_cells, relative_moment};
+use fanal::guiding::features::Traits;
+use fanal::guiding::leaves::{Layout, Leaves, Target};
 use fanal::guiding::topology::Topology;
 use fanal::network::backend::Backend;
 use fanal::network::weights::Model;
@@ -13,16 +15,20 @@ use rayon::prelude::*;
 /// A pair, unpacked.
 #[derive(Debug, Clone)]
 pub struct Case {
-    /// Shape of Q_h.
-    pub topology: Topology,
-    /// Sums of Q_h's leaves.
-    pub sums: Vec<f32>,
-    /// Path samples in Q_h.
-    pub path_samples: u32,
-    /// Photons in Q_h.
-    pub photon_samples: u32,
+    /// The voxel's samples as counted, with its context.
+    pub counted: Distribution,
+    /// Shape of the voxel's own tree Q_h.
+    pub own: Topology,
+    /// Sums of its leaves.
+    pub own_sums: Vec<f32>,
+    /// What is known of the voxel as a whole.
+    pub traits: Traits,
+    /// What the input was made from, see [`TreeSample::kinds`].
+    pub kinds: u32,
     /// Q_gt.
     pub target: Distribution,
+    /// What BSDF sampling draws, on the same tree.
+    pub bsdf: Distribution,
     /// KL between two halves of Q_gt.
     pub floor: f64,
 }
@@ -33,17 +39,45 @@ impl Case {
     /// # Errors
     /// When its trees are not valid.
     pub fn new(sample: &TreeSample) -> Result<Self> {
-        let weights: Vec<f64> = sample.target.iter().map(|&m| f64::from(m)).collect();
-        let target = sample.target_topology().map_err(|e| anyhow!("target tree: {e}"))?;
+        let tree = |what: &str, split: &[bool]| Topology::from_split(split).map_err(|e| anyhow!("{what} tree: {e}"));
+        let wide = |masses: &[f32]| masses.iter().map(|&m| f64::from(m)).collect::<Vec<_>>();
+        let target = tree("target", &sample.target_split)?;
+        let counted = tree("counted", &sample.counted_split)?;
         Ok(Self {
-            topology: sample.input_topology().map_err(|e| anyhow!("input tree: {e}"))?,
-            sums: sample.input_sums.clone(),
-            path_samples: sample.path_samples,
-            photon_samples: sample.photon_samples,
-            target: Distribution::from_leaf_weights(target, &weights),
+            counted: on_tree(counted, &wide(&sample.counted)),
+            own: tree("own", &sample.own_split)?,
+            own_sums: sample.own_sums.clone(),
+            traits: sample.traits,
+            kinds: sample.kinds,
+            bsdf: on_tree(target.clone(), &wide(&sample.target_bsdf)),
+            target: on_tree(target, &wide(&sample.target)),
             floor: f64::from(sample.floor_kl),
         })
     }
+
+    /// What a reconstructor is given.
+    pub fn input(&self) -> TreeInput<'_> {
+        TreeInput { counted: &self.counted, own: self.leaves(), traits: &self.traits }
+    }
+
+    /// The voxel's own samples.
+    pub fn leaves(&self) -> Leaves<'_> {
+        Leaves { topology: &self.own, sums: &self.own_sums, layout: Layout::Network, target: Target::Variance }
+    }
+
+    /// Path samples and photons in the own tree.
+    pub fn samples(&self) -> f64 {
+        self.traits.samples.iter().map(|&n| f64::from(n)).sum()
+    }
+}
+
+/// A distribution that keeps its tree, also where it is uniform.
+fn on_tree(topology: Topology, masses: &[f64]) -> Distribution {
+    if masses.iter().any(|&m| m > 0.0) {
+        return Distribution::from_leaf_weights(topology, masses);
+    }
+    let shares = vec![0.25; topology.len()];
+    Distribution::from_shares(topology, &shares)
 }
 
 /// At most `limit` of the samples, evenly spread, unpacked.
@@ -60,14 +94,15 @@ pub fn spread(samples: &[TreeSample], limit: usize) -> Result<Vec<Case>> {
 /// # Errors
 /// Those of [`reconstruct_batch`].
 pub fn reconstruct(model: &Model, backend: &dyn Backend, cases: &[Case]) -> Result<Vec<Distribution>> {
-    let inputs: Vec<_> = cases.iter().map(|c| TreeInput { topology: &c.topology, leaf_sums: &c.sums }).collect();
+    let inputs: Vec<_> = cases.iter().map(Case::input).collect();
     let trees = reconstruct_batch(model, backend, &inputs)?;
     Ok(trees.into_iter().map(|t| Distribution::from_shares(t.topology, &t.node_share)).collect())
 }
 
 /// For every case the cells that its target and a method's result have in common.
 pub fn common(cases: &[Case], guides: &[Distribution]) -> Vec<Vec<CommonCell>> {
-    cases.par_iter().zip(guides).map(|(case, guide)| Distribution::common_cells(&case.target, guide)).collect()
+    let cells = |(case, guide): (&Case, &Distribution)| Distribution::common_cells(&case.target, &case.bsdf, guide);
+    cases.par_iter().zip(guides).map(cells).collect()
 }
 
 /// Mean KL at a uniform part.
@@ -75,8 +110,13 @@ pub fn mean_kl(cells: &[Vec<CommonCell>], uniform: f64) -> f64 {
     cells.par_iter().map(|c| kl_of_cells(c, uniform)).sum::<f64>() / cells.len().max(1) as f64
 }
 
-/// The uniform part, out of a logarithmic grid from 1e-3 to 0.5, with the lowest mean KL.
-pub fn tune_uniform(cells: &[Vec<CommonCell>]) -> f64 {
+/// The uniform part, out of a logarithmic grid from 1e-3 to 0.5, at which the `score` (a mean KL or a mean log moment) is least.
+pub fn tune_uniform(cells: &[Vec<CommonCell>], score: impl Fn(&[Vec<CommonCell>], f64) -> f64) -> f64 {
     let grid = (0..=20).map(|i| 1e-3 * 500f64.powf(f64::from(i) / 20.0));
-    grid.map(|u| (mean_kl(cells, u), u)).min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.1, |(_, u)| u)
+    grid.map(|u| (score(cells, u), u)).min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.1, |(_, u)| u)
+}
+
+/// Mean logarithm of what a picture feels, see [`relative_moment`], at a uniform part.
+pub fn mean_log_moment(cells: &[Vec<CommonCell>], uniform: f64) -> f64 {
+    cells.par_iter().map(|c| relative_moment(c, uniform).ln()).sum::<f64>() / cells.len().max(1) as f64
 }

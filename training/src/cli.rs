@@ -8,8 +8,8 @@ use burn::tensor::Device;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use fanal::generate::dataset::{DatasetIndex, ShardEntry, read_dataset};
 use fanal::generate::shard::{VERSION, write_shard};
-use fanal::network::config::Mode;
 use fanal::network::weights::Model;
+use fanal::render::{GuideMode, RenderSettings, StopRule};
 
 use crate::ablation::Ablation;
 use crate::evaluate::evaluate;
@@ -173,7 +173,7 @@ fn run_train(args: TrainArgs) -> Result<()> {
     };
     let outcome = train(&settings, &INTERRUPTED)?;
     let (step, best, speed) = (outcome.step, outcome.best, outcome.trees_per_second);
-    println!("{step} steps, best validation KL {best:.4} nats, {speed:.0} trees/s");
+    println!("{step} steps, best validation ln(1 + V) {best:.4}, {speed:.0} trees/s");
     Ok(())
 }
 
@@ -207,7 +207,7 @@ fn export(folder: &Path) -> Result<()> {
 /// Scenes of fifty trees, one shard for training and one held out.
 fn write_synthetic(folder: &Path, trees: u32, seed: u64) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-    let mode = Mode { target: "variance".into(), nee: true, roulette: true, split_share: 0.01 };
+    let mode = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1)).mode();
     let settings = synthetic::Settings::default();
     let mut index = DatasetIndex::default();
     for (file, held_out, first, count) in

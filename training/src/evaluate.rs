@@ -4,15 +4,15 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use fanal::generate::dataset::Dataset;
-use fanal::guiding::distribution::{CommonCell, Distribution, kl_by_level, kl_of_cells, relative_variance};
-use fanal::guiding::leaves::Leaves;
+use fanal::guiding::distribution::{Distribution, kl_by_level, kl_of_cells, relative_moment};
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::Model;
+use fanal::reconstruct::gaussian::Gaussian;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::ablation::Ablation;
-use crate::cases::{Case, common, mean_kl, reconstruct, spread, tune_uniform};
+use crate::cases::{Case, common, mean_kl, mean_log_moment, reconstruct, spread, tune_uniform};
 use crate::tuning::tune_gaussian;
 
 /// Lower bounds of the buckets by number of path samples.
@@ -29,16 +29,22 @@ const MEAN_LEVEL: usize = 5;
 pub struct Row {
     /// The method.
     pub name: String,
-    /// Uniform part, tuned on training trees.
+    /// Uniform part at which V is least on training trees.
     pub uniform: f64,
-    /// Mean KL over held-out trees.
+    /// Mean KL over held-out trees, at the uniform part at which that is least on training trees.
     pub kl: f64,
     /// Median KL.
     pub median_kl: f64,
     /// Mean KL above the convergence floor.
     pub kl_above_floor: f64,
-    /// Median relative variance of the one-sample estimator (see `relative_variance`).
+    /// Median of V, the relative variance of the one-sample estimator (see [`relative_moment`]).
     pub median_variance: f64,
+    /// Mean of V.
+    pub mean_variance: f64,
+    /// Geometric mean of 1 + V.
+    pub moment: f64,
+    /// Geometric mean of 1 + V per bucket of path samples.
+    pub bucket_moments: [Option<f64>; 5],
     /// Mean KL per bucket of path samples; none where it is empty.
     pub buckets: [Option<f64>; 5],
     /// Mean KL that each level adds.
@@ -60,7 +66,7 @@ pub struct Evaluation {
     pub trees: usize,
     /// Trees per bucket.
     pub bucket_trees: [usize; 5],
-    /// Mean nodes of Q_h.
+    /// Mean nodes of the counted trees.
     pub input_nodes: f64,
     /// Mean nodes of Q_gt.
     pub target_nodes: f64,
@@ -88,15 +94,19 @@ pub fn evaluate(data: &Dataset, model: &Model, ablations: &[Ablation], limit: us
     let each = |f: &(dyn Fn(&Case) -> Distribution + Sync), cases: &[Case]| -> Result<Vec<Distribution>> {
         Ok(cases.par_iter().map(f).collect())
     };
-    let hybrid = |c: &Case| Leaves::full(&c.topology, &c.sums).hybrid(0.5);
-    let smooth = |c: &Case| gaussian.smooth(&hybrid(c), f64::from(c.path_samples) + f64::from(c.photon_samples));
+    let hybrid = |c: &Case| c.leaves().hybrid(f64::from(c.traits.path_share));
+    let shipped = Gaussian::default();
     let mut rows = vec![
         bench.row("uniform", |cases| each(&|_| Distribution::uniform(), cases))?,
-        bench.row("path only", |cases| each(&|c| Leaves::full(&c.topology, &c.sums).distribution(0), cases))?,
-        bench.row("photons only", |cases| each(&|c| Leaves::full(&c.topology, &c.sums).distribution(1), cases))?,
-        bench.row("Q_h hybrid", |cases| each(&hybrid, cases))?,
+        bench.row("path only", |cases| each(&|c| c.leaves().distribution(0), cases))?,
+        bench.row("photons only", |cases| each(&|c| c.leaves().distribution(1), cases))?,
+        bench.row("hybrid", |cases| each(&hybrid, cases))?,
+        bench.row("hybrid with context", |cases| each(&|c| c.counted.clone(), cases))?,
         bench.row("mean tree", |cases| each(&|_| mean.clone(), cases))?,
-        bench.row("Gaussian", |cases| each(&smooth, cases))?,
+        bench.row("Gaussian", |cases| each(&|c| gaussian.smooth(&hybrid(c), c.samples()), cases))?,
+        bench.row("Gaussian with context", |cases| each(&|c| gaussian.smooth(&c.counted, c.samples()), cases))?,
+        bench.row("as the program ships it", |cases| each(&|c| shipped.smooth(&c.counted, c.samples()), cases))?,
+        bench.row("the targets themselves", |cases| each(&|c| c.target.clone(), cases))?,
         bench.row("network", |cases| reconstruct(model, &backend, cases))?,
     ];
     for &ablation in ablations {
@@ -106,7 +116,7 @@ pub fn evaluate(data: &Dataset, model: &Model, ablations: &[Ablation], limit: us
     Ok(Evaluation {
         trees: cases.len(),
         bucket_trees: std::array::from_fn(|b| cases.iter().filter(|c| bucket(c) == b).count()),
-        input_nodes: mean_of(&|c| c.topology.len() as f64),
+        input_nodes: mean_of(&|c| c.counted.topology().len() as f64),
         target_nodes: mean_of(&|c| c.target.topology().len() as f64),
         floor: mean_of(&|c| c.floor),
         gaussian: [gaussian.sigma, gaussian.near, gaussian.far, gaussian.flat],
@@ -119,7 +129,7 @@ fn mean_tree(cases: &[Case]) -> Distribution {
 }
 
 fn bucket(case: &Case) -> usize {
-    BUCKETS.iter().rposition(|&low| case.path_samples >= low).unwrap_or(0)
+    BUCKETS.iter().rposition(|&low| case.traits.samples[0] >= low).unwrap_or(0)
 }
 
 struct Bench<'a> {
@@ -129,31 +139,38 @@ struct Bench<'a> {
 
 impl Bench<'_> {
     fn row(&self, name: &str, method: impl Fn(&[Case]) -> Result<Vec<Distribution>>) -> Result<Row> {
-        let uniform = tune_uniform(&common(self.tuning, &method(self.tuning)?));
+        let tuning = common(self.tuning, &method(self.tuning)?);
+        let uniform = tune_uniform(&tuning, mean_log_moment);
+        let kl_uniform = tune_uniform(&tuning, mean_kl);
         let start = Instant::now();
         let guides = method(self.cases)?;
         let microseconds = 1e6 * start.elapsed().as_secs_f64() / self.cases.len() as f64;
         let cells = common(self.cases, &guides);
-        let kl: Vec<f64> = cells.iter().map(|c| kl_of_cells(c, uniform)).collect();
-        let variance: Vec<f64> = cells.iter().map(|c: &Vec<CommonCell>| relative_variance(c, uniform)).collect();
-        let in_bucket = |b: usize| -> Option<f64> {
-            let chosen: Vec<f64> =
-                self.cases.iter().zip(&kl).filter(|(c, _)| bucket(c) == b).map(|(_, &k)| k).collect();
-            (!chosen.is_empty()).then(|| chosen.iter().sum::<f64>() / chosen.len() as f64)
+        let kl: Vec<f64> = cells.iter().map(|c| kl_of_cells(c, kl_uniform)).collect();
+        let variance: Vec<f64> = cells.iter().map(|c| relative_moment(c, uniform) - 1.0).collect();
+        let in_bucket = |b: usize, values: &[f64]| -> Option<f64> {
+            let chosen = self.cases.iter().zip(values).filter(|(c, _)| bucket(c) == b).map(|(_, &value)| value);
+            let (count, sum) = chosen.fold((0.0, 0.0), |(n, sum), value| (n + 1.0, sum + value));
+            (count > 0.0).then(|| sum / count)
         };
+        let logs: Vec<f64> = variance.iter().map(|v| v.ln_1p()).collect();
         let n = self.cases.len() as f64;
         let floor = self.cases.iter().map(|c| c.floor).sum::<f64>() / n;
         let changes = self.cases.iter().zip(&guides).map(|(c, g)| changed_nodes(c, g));
         let [added, removed] = changes.fold([0.0, 0.0], |sum, c| [sum[0] + c[0], sum[1] + c[1]]);
+        let mean = kl.iter().sum::<f64>() / n;
         Ok(Row {
             name: name.to_owned(),
             uniform,
-            kl: mean_kl(&cells, uniform),
+            kl: mean,
             median_kl: median(kl.clone()),
-            kl_above_floor: mean_kl(&cells, uniform) - floor,
+            kl_above_floor: mean - floor,
+            mean_variance: variance.iter().sum::<f64>() / n,
             median_variance: median(variance),
-            buckets: std::array::from_fn(in_bucket),
-            levels: self.levels(&guides, uniform),
+            moment: (logs.iter().sum::<f64>() / n).exp(),
+            buckets: std::array::from_fn(|b| in_bucket(b, &kl)),
+            bucket_moments: std::array::from_fn(|b| in_bucket(b, &logs).map(f64::exp)),
+            levels: self.levels(&guides, kl_uniform),
             nodes: guides.iter().map(|g| g.topology().len() as f64).sum::<f64>() / n,
             nodes_added: added / n,
             nodes_removed: removed / n,
@@ -172,9 +189,9 @@ impl Bench<'_> {
     }
 }
 
-/// Nodes of the guide that Q_h does not have, and the other way round.
+/// Nodes of the guide that the counted tree does not have, and the other way round.
 fn changed_nodes(case: &Case, guide: &Distribution) -> [f64; 2] {
-    let (before, after) = (&case.topology, guide.topology());
+    let (before, after) = (case.counted.topology(), guide.topology());
     let mut common = 1;
     let mut open = vec![(0usize, 0usize)];
     while let Some((a, b)) = open.pop() {

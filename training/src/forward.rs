@@ -23,6 +23,8 @@ pub struct DecodedRows {
     pub tree: Vec<u32>,
     /// [R] converged mass of the cell.
     pub mass: Vec<f32>,
+    /// [R] mass of the cell under BSDF sampling.
+    pub bsdf: Vec<f32>,
     /// [R] converged mass of the parent's cell.
     pub parent_mass: Vec<f32>,
     /// [R] whether the converged tree has a leaf there, or ends above.
@@ -113,6 +115,7 @@ impl Walk {
             parent: vec![],
             tree: vec![],
             mass: vec![],
+            bsdf: vec![],
             parent_mass: vec![],
             is_leaf: vec![],
             split: vec![],
@@ -148,6 +151,7 @@ impl Walk {
             index(&level.rows.parent, device),
             skip(encoded.get(level.level), &level, &batch.input, config.width, net),
             rows(level.geometry(&batch.log_shares), GEOMETRY, device),
+            rows(level.base(&batch.base), 1, device),
             index(&level.rows.neighbours, device),
         );
         let (share, leaf) = (to_vec(decoded.share.inner()), to_vec(decoded.leaf.inner()));
@@ -182,6 +186,7 @@ impl Walk {
         }
         out.tree.extend(&level.rows.tree);
         out.mass.extend(&aligned.mass);
+        out.bsdf.extend(&aligned.bsdf);
         out.split.extend(split);
         out.level.extend(std::iter::repeat_n(level.level as u8, level.rows.len()));
     }

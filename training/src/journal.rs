@@ -36,6 +36,9 @@ pub struct Entry {
     /// KL on the validation trees in nats, when measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub validation_kl: Option<f64>,
+    /// Mean ln(1 + V) on the validation trees, when measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub validation_moment: Option<f64>,
 }
 
 /// The log of a run.

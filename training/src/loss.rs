@@ -17,7 +17,8 @@ pub enum Loss {
     Kl,
     /// L1 of shares (Zhu 2021 eq. 16), weighted by target mass plus a floor.
     Zhu,
-    /// Logarithm of the variance of a one-sample estimator that draws half uniformly, half from the tree, plus a tenth of KL.
+    /// What a picture feels (see [`relative_moment`](fanal::guiding::distribution::relative_moment)): the logarithm of the second
+    /// moment of the estimator that draws half from the BSDF, half from the tree, plus a tenth of KL.
     Variance,
 }
 
@@ -49,7 +50,7 @@ pub fn losses(loss: Loss, decoded: &DecodedRows, beta: f64) -> Losses {
         Loss::Zhu => l1(decoded, log_expected, &device),
         Loss::Variance => {
             let kl = kl(decoded, log_expected.clone(), &device);
-            log_variance(decoded, log_expected, &device) + kl.mul_scalar(0.1)
+            log_moment(decoded, log_expected, &device) + kl.mul_scalar(0.1)
         }
     };
     let class = class(decoded, &device);
@@ -107,16 +108,19 @@ fn per_tree(decoded: &DecodedRows, weights: impl Iterator<Item = f32>) -> Vec<f3
     weights
 }
 
-/// Mean over trees of ln ∫ t² / (½ uniform + ½ q): what a picture feels of a guide that is mixed half and half, the uniform
-/// sphere standing for a BSDF that a tree does not know.
-fn log_variance(decoded: &DecodedRows, log_expected: Tensor<2>, device: &Device) -> Tensor<1> {
+/// Uniform part of the tree in [`log_moment`]; about what `eval` tunes.
+const UNIFORM: f32 = 0.03;
+
+/// Mean over trees of ln ∫ t² / (½·p_bsdf + ½·q).
+fn log_moment(decoded: &DecodedRows, log_expected: Tensor<2>, device: &Device) -> Tensor<1> {
     let log_mass = accumulate(decoded, log_expected, device);
     let ends: Vec<u32> = (0..decoded.split.len() as u32).filter(|&r| !decoded.split[r as usize]).collect();
-    let half_area = |&r: &u32| 0.5 * 0.25f32.powi(i32::from(decoded.level[r as usize]));
-    let areas = rows(ends.iter().map(half_area).collect(), 1, device);
+    let area = |r: usize| 0.25f32.powi(i32::from(decoded.level[r]));
+    let others = ends.iter().map(|&r| 0.5 * decoded.bsdf[r as usize] + 0.5 * UNIFORM * area(r as usize));
+    let others = rows(others.collect(), 1, device);
     let squares = rows(ends.iter().map(|&r| decoded.mass[r as usize].powi(2)).collect(), 1, device);
-    let guide = log_mass.select(0, index(&ends, device)).exp().mul_scalar(0.5);
-    let terms = squares / (guide + areas);
+    let guide = log_mass.select(0, index(&ends, device)).exp().mul_scalar(0.5 * (1.0 - UNIFORM));
+    let terms = squares / (guide + others);
     let trees: Vec<u32> = ends.iter().map(|&r| decoded.tree[r as usize]).collect();
     let sums = Tensor::<2>::zeros([decoded.trees, 1], device);
     let sums = sums.select_assign(0, index(&trees, device), terms, burn::tensor::IndexingUpdateOp::Add);
@@ -155,6 +159,7 @@ mod tests {
             parent: vec![0, 0, 0, 0, 1, 1, 1, 1],
             tree: vec![0; 8],
             mass: vec![0.7, 0.1, 0.1, 0.1, 0.4, 0.3, 0.0, 0.0],
+            bsdf: vec![0.1, 0.2, 0.2, 0.5, 0.1, 0.0, 0.0, 0.0],
             parent_mass: vec![1.0, 1.0, 1.0, 1.0, 0.7, 0.7, 0.7, 0.7],
             is_leaf: vec![false, true, true, true, true, true, true, true],
             split: vec![true, false, false, false, false, false, false, false],
@@ -186,9 +191,12 @@ mod tests {
         let logs = [0.7f32, 0.1, 0.1, 0.1, 4.0 / 7.0, 3.0 / 7.0, 1e-12, 1e-12].map(f32::ln);
         let decoded = decoded(logs, [-60.0; 8], &device);
         let log_expected = log_expected(&decoded, &device);
-        let found = to_vec(log_variance(&decoded, log_expected, &device).inner())[0];
-        let term = |t: f32, area: f32| t * t / (0.5 * area + 0.5 * t);
-        let expected = 3.0 * term(0.1, 0.25) + term(0.4, 0.0625) + term(0.3, 0.0625);
+        let found = to_vec(log_moment(&decoded, log_expected, &device).inner())[0];
+        let guide = |q: f32, area: f32| 0.5 * (0.97 * q + 0.03 * area);
+        let expected = 0.1 * 0.1 / (0.5 * 0.2 + guide(0.1, 0.25)) * 2.0
+            + 0.1 * 0.1 / (0.5 * 0.5 + guide(0.1, 0.25))
+            + 0.4 * 0.4 / (0.5 * 0.1 + guide(0.4, 0.0625))
+            + 0.3 * 0.3 / guide(0.3, 0.0625);
         assert!((found - expected.ln()).abs() < 1e-4, "{found} {expected}");
     }
 

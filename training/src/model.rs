@@ -115,7 +115,8 @@ impl Net {
         encoded
     }
 
-    /// The decoder's step at `level` ≥ 1: parents [P, C], parent index [N], skip [N, C], geometry [N, G], neighbours [9N].
+    /// The decoder's step at `level` ≥ 1: parents [P, C], parent index [N], skip [N, C], geometry [N, G], base [N, 1],
+    /// neighbours [9N].
     pub fn decode(
         &self,
         level: usize,
@@ -123,6 +124,7 @@ impl Net {
         parent_index: Tensor<1, Int>,
         skip: Tensor<2>,
         geometry: Tensor<2>,
+        base: Tensor<2>,
         neighbours: Tensor<1, Int>,
     ) -> Decoded {
         let inputs = [
@@ -130,6 +132,7 @@ impl Net {
             ("parent_index", Input::Index(parent_index)),
             ("skip", Input::Rows(skip)),
             ("geometry", Input::Rows(geometry)),
+            ("base", Input::Rows(base)),
             (NEIGHBOURS, Input::Index(neighbours)),
         ];
         let outputs = ["decoded", "share_logit", "share", "leaf_logit", "leaf"];
@@ -195,7 +198,7 @@ impl Parameter {
 }
 
 /// Weights to start training from: [`Weights::random`], but the last convolution of each residual stack at a fifth, so that
-/// activations do not grow over twenty levels, and the two heads at a tenth, so that the first trees are nearly uniform.
+/// activations do not grow over twenty levels, and the two heads at a tenth, so that the first trees are nearly the smoothed ones.
 pub fn initial_weights(config: &Config, seed: u64) -> Weights {
     let mut weights = Weights::random(config, seed);
     let last = format!(".conv{}", config.convolutions.saturating_sub(1));

@@ -6,8 +6,8 @@ use std::f64::consts::{PI, TAU};
 use fanal::base::random::Random;
 use fanal::generate::shard::TreeSample;
 use fanal::guiding::distribution::{Distribution, kl};
-use fanal::guiding::features::{PATH_CHANNELS, RAW_CHANNELS};
-use fanal::guiding::leaves::Target;
+use fanal::guiding::features::Traits;
+use fanal::guiding::leaves::{BSDF, COUNTS, Layout, Leaves, NETWORK_CHANNELS, SQUARES, Target, VALUES};
 use fanal::guiding::topology::{MAX_LEVEL, Topology};
 
 /// What to generate.
@@ -34,10 +34,9 @@ struct Lobe {
     kappa: f64,
 }
 
-/// A direction with its value and its pdf, and where it falls.
+/// A sample's value, and where its direction falls.
 struct Record {
     value: f64,
-    direction: [f64; 3],
     cell: [u32; 2],
 }
 
@@ -104,7 +103,7 @@ fn normalised(a: [f64; 3]) -> [f64; 3] {
 fn record(value: f64, direction: [f64; 3]) -> Record {
     let side = f64::from(1u32 << MAX_LEVEL);
     let unit = [(direction[2] + 1.0) / 2.0, direction[1].atan2(direction[0]).rem_euclid(TAU) / TAU];
-    Record { value, direction, cell: unit.map(|u| (u * side).clamp(0.0, side - 1.0) as u32) }
+    Record { value, cell: unit.map(|u| (u * side).clamp(0.0, side - 1.0) as u32) }
 }
 
 /// Splits while a node's share of either kind exceeds `split_share`; returns the flags and every record's leaf rank.
@@ -158,44 +157,41 @@ pub fn tree_sample(settings: &Settings, seed: u64, index: u32) -> TreeSample {
         (0..photon_count).map(|_| record(0.5 + random.next_f64(), sample_radiance(&truth, &mut random))).collect();
     let (input_split, ranks) = build([&path, &photons], settings.split_share);
     let leaves = input_split.iter().filter(|s| !**s).count();
-    let mut input_sums = vec![0.0; leaves * RAW_CHANNELS];
-    for (k, records) in [&path, &photons].into_iter().enumerate() {
-        for (r, &rank) in records.iter().zip(&ranks[k]) {
-            deposit(&mut input_sums[rank * RAW_CHANNELS + k * PATH_CHANNELS..], r, k == 0, &mut random);
+    let mut own_sums = vec![0.0; leaves * NETWORK_CHANNELS];
+    for (kind, records) in [&path, &photons].into_iter().enumerate() {
+        for (r, &rank) in records.iter().zip(&ranks[kind]) {
+            let row = &mut own_sums[rank * NETWORK_CHANNELS..][..NETWORK_CHANNELS];
+            row[VALUES[kind]] += r.value as f32;
+            row[COUNTS[kind]] += 1.0;
+            row[SQUARES[kind]] += (r.value * r.value) as f32;
+            row[BSDF] += if kind == 0 { 1.0 } else { 0.0 };
         }
     }
-    let (target_split, target, floor_kl) = converged(settings, &truth, &mut random);
+    let (target_split, target, target_bsdf, floor_kl) = converged(settings, &truth, &mut random);
+    // Without a scene there is no context: the counted tree is the own one.
+    let own = Topology::from_split(&input_split).unwrap_or_else(|_| Topology::root());
+    let leaves = Leaves { topology: &own, sums: &own_sums, layout: Layout::Network, target: Target::Variance };
+    let counted = leaves.hybrid(0.5);
     TreeSample {
         scene: index / 50,
         family: index % 4,
-        iteration: 0,
         bounds: [0.0, 0.0, 0.0, 1.0, 1.0, 1.0],
-        input_split,
-        input_sums,
-        path_samples: count,
-        photon_samples: photon_count,
+        counted_split: counted.topology().split_flags(),
+        counted: counted.leaf_mass().into_iter().map(|m| m as f32).collect(),
+        own_split: input_split,
+        own_sums,
+        traits: Traits { samples: [count, photon_count], ..Traits::default() },
         target_split,
         target,
+        target_bsdf,
         target_samples: u64::from(settings.target_samples),
         floor_kl,
+        ..TreeSample::default()
     }
 }
 
-fn deposit(row: &mut [f32], r: &Record, with_bsdf: bool, random: &mut Random) {
-    row[0] += r.value as f32;
-    (0..3).for_each(|axis| row[1 + axis] += r.direction[axis] as f32);
-    (0..3).for_each(|axis| row[4 + axis] += random.next_f32());
-    row[7] += 2.0 + random.next_f32();
-    row[10] += 1.0;
-    (0..3).for_each(|axis| row[11 + axis] -= r.direction[axis] as f32);
-    row[14] += 1.0;
-    if with_bsdf {
-        row[15] += 0.3;
-    }
-}
-
-/// The target tree from many samples: flags, leaf masses, and the KL between its two halves.
-fn converged(settings: &Settings, truth: &[Lobe], random: &mut Random) -> (Vec<bool>, Vec<f32>, f32) {
+/// The target tree from many samples: flags, leaf masses, those of a uniform BSDF, and the KL between its two halves.
+fn converged(settings: &Settings, truth: &[Lobe], random: &mut Random) -> (Vec<bool>, Vec<f32>, Vec<f32>, f32) {
     let records: Vec<Record> = (0..settings.target_samples)
         .map(|_| {
             let w = sample_radiance(truth, random);
@@ -215,7 +211,8 @@ fn converged(settings: &Settings, truth: &[Lobe], random: &mut Random) -> (Vec<b
     };
     let floor = kl(&half(&|i| i % 2 == 0), &half(&|i| i % 2 == 1), 1e-3);
     let target = half(&|_| true).leaf_mass().into_iter().map(|m| m as f32).collect();
-    (tree.split_flags(), target, floor as f32)
+    let uniform = level.iter().map(|&l| 0.25f32.powi(l as i32)).collect();
+    (tree.split_flags(), target, uniform, floor as f32)
 }
 
 /// `count` pairs from `first` on.

@@ -1,12 +1,14 @@
 //! An evaluation as a table for people.
 
-use crate::evaluate::{BUCKETS, Evaluation};
+use std::fmt::{Display, Formatter, Result};
 
-impl std::fmt::Display for Evaluation {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+use crate::evaluate::{BUCKETS, Evaluation, Row};
+
+impl Display for Evaluation {
+    fn fmt(&self, f: &mut Formatter<'_>) -> Result {
         writeln!(
             f,
-            "{} held-out trees; mean nodes: Q_h {:.0}, Q_gt {:.0}; KL floor of the targets {:.4} nats",
+            "{} held-out trees; mean nodes: counted {:.0}, converged {:.0}; KL floor of the targets {:.4} nats",
             self.trees, self.input_nodes, self.target_nodes, self.floor
         )?;
         let [sigma, near, far, flat] = self.gaussian;
@@ -14,22 +16,19 @@ impl std::fmt::Display for Evaluation {
             f,
             "Gaussian tuned to sigma {sigma} cells; near, far and equal shares count as {near}, {far} and {flat} samples"
         )?;
-        write!(f, "{:<28}{:>8}{:>8}{:>8}{:>8}{:>8} |", "KL in nats", "uniform", "mean", "median", "-floor", "V med")?;
-        for (low, n) in BUCKETS.iter().zip(self.bucket_trees) {
-            write!(f, "{:>14}", format!("N>={low} ({n})"))?;
-        }
-        writeln!(f, " | {:>7}{:>7}{:>8}{:>9}", "nodes", "added", "removed", "us/tree")?;
+        writeln!(f, "\n1 + V, geometric means")?;
+        header(f, self, ["mean", "V median", "V mean", "uniform", "us/tree", "nodes"])?;
         for row in &self.rows {
-            write!(
-                f,
-                "{:<28}{:>8.3}{:>8.4}{:>8.4}{:>8.4}{:>8.3} |",
-                row.name, row.uniform, row.kl, row.median_kl, row.kl_above_floor, row.median_variance
-            )?;
-            for kl in row.buckets {
-                write!(f, "{:>14}", kl.map_or("-".to_owned(), |kl| format!("{kl:.4}")))?;
-            }
-            let (added, removed) = (row.nodes_added, row.nodes_removed);
-            writeln!(f, " | {:>7.0}{added:>7.0}{removed:>8.0}{:>9.1}", row.nodes, row.microseconds)?;
+            let Row { moment, median_variance, mean_variance, uniform, microseconds, nodes, .. } = row;
+            let columns = [*moment, *median_variance, *mean_variance, *uniform, *microseconds, *nodes];
+            line(f, &row.name, columns, row.bucket_moments)?;
+        }
+        writeln!(f, "\nKL in nats")?;
+        header(f, self, ["mean", "median", "- floor", "added", "removed", "nodes"])?;
+        for row in &self.rows {
+            let Row { kl, median_kl, kl_above_floor, nodes_added, nodes_removed, nodes, .. } = row;
+            let columns = [*kl, *median_kl, *kl_above_floor, *nodes_added, *nodes_removed, *nodes];
+            line(f, &row.name, columns, row.buckets)?;
         }
         writeln!(f, "\nKL that each level adds (1, 2, …)")?;
         for row in &self.rows {
@@ -38,4 +37,24 @@ impl std::fmt::Display for Evaluation {
         }
         Ok(())
     }
+}
+
+fn header(f: &mut Formatter<'_>, evaluation: &Evaluation, columns: [&str; 6]) -> Result {
+    write!(f, "{:<28}", "")?;
+    columns.iter().try_for_each(|column| write!(f, "{column:>10}"))?;
+    write!(f, " |")?;
+    for (low, n) in BUCKETS.iter().zip(evaluation.bucket_trees) {
+        write!(f, "{:>14}", format!("N>={low} ({n})"))?;
+    }
+    writeln!(f)
+}
+
+fn line(f: &mut Formatter<'_>, name: &str, columns: [f64; 6], buckets: [Option<f64>; 5]) -> Result {
+    write!(f, "{name:<28}")?;
+    columns.iter().try_for_each(|column| write!(f, "{column:>10.3}"))?;
+    write!(f, " |")?;
+    for value in buckets {
+        write!(f, "{:>14}", value.map_or("-".to_owned(), |value| format!("{value:.4}")))?;
+    }
+    writeln!(f)
 }

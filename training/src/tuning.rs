@@ -1,24 +1,21 @@
 //! Finding the Gaussian baseline's parameters: it has to be as strong as it can be.
 
 use fanal::guiding::distribution::Distribution;
-use fanal::guiding::leaves::Leaves;
 use fanal::reconstruct::gaussian::Gaussian;
 use rayon::prelude::*;
 
-use crate::cases::{Case, common, mean_kl, tune_uniform};
+use crate::cases::{Case, common, mean_log_moment, tune_uniform};
 
 const SIGMAS: [f64; 5] = [0.5, 0.7, 1.0, 1.5, 3.0];
 const SAMPLES: [f64; 8] = [0.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0];
 
-/// The parameters with the lowest mean KL on `cases`, each at its own best uniform part; one coordinate after the other,
+/// The parameters with the lowest mean log moment on `cases`, each at its own best uniform part; one coordinate after the other,
 /// twice.
 pub fn tune_gaussian(cases: &[Case]) -> Gaussian {
-    let hybrid: Vec<Distribution> = cases.par_iter().map(|c| Leaves::full(&c.topology, &c.sums).hybrid(0.5)).collect();
     let score = |gaussian: Gaussian| {
-        let samples = |c: &Case| f64::from(c.path_samples) + f64::from(c.photon_samples);
-        let smooth = cases.par_iter().zip(&hybrid).map(|(c, h)| gaussian.smooth(h, samples(c))).collect::<Vec<_>>();
+        let smooth: Vec<Distribution> = cases.par_iter().map(|c| gaussian.smooth(&c.counted, c.samples())).collect();
         let cells = common(cases, &smooth);
-        mean_kl(&cells, tune_uniform(&cells))
+        mean_log_moment(&cells, tune_uniform(&cells, mean_log_moment))
     };
     let mut best = Gaussian::default();
     for _ in 0..2 {

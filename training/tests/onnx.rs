@@ -10,7 +10,6 @@ use fanal::base::Error;
 use fanal::network::backend::{Backend, EncodeInputs};
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::{CONFIG_FILE, ENCODE_FILE};
-use fanal::reconstruct::TreeInput;
 use fanal::reconstruct::neural::reconstruct_batch;
 use fanal::reconstruct::onnx::OnnxBackend;
 use fanal_training::onnx::{EXAMPLE_FILE, export};
@@ -55,7 +54,7 @@ fn reconstruction_runs_from_several_threads() {
     let model = exported(folder.path(), 16, 1);
     let onnx = OnnxBackend::load_with(folder.path(), &library).unwrap();
     let trees: Vec<Tree> = (0..15).flat_map(|_| trees()).collect();
-    let inputs: Vec<_> = trees.iter().map(|(topology, leaf_sums)| TreeInput { topology, leaf_sums }).collect();
+    let inputs: Vec<_> = trees.iter().map(Tree::input).collect();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
     let found = pool.install(|| reconstruct_batch(&model, &onnx, &inputs)).unwrap();
     let expected = reconstruct_batch(&model, &Embedded::new(&model).unwrap(), &inputs).unwrap();

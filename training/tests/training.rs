@@ -7,11 +7,11 @@ use fanal::base::random::Random;
 use fanal::generate::dataset::{DatasetIndex, ShardEntry};
 use fanal::generate::shard::{TreeSample, VERSION, write_shard};
 use fanal::guiding::features::FEATURES;
-use fanal::guiding::leaves::Leaves;
 use fanal::network::backend::Backend;
 use fanal::network::config::{Config, Mode};
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::Model;
+use fanal::render::{GuideMode, RenderSettings, StopRule};
 use fanal_training::backend::Burn;
 use fanal_training::batch::HostBatch;
 use fanal_training::cases::{Case, common, mean_kl, reconstruct, tune_uniform};
@@ -24,7 +24,7 @@ use fanal_training::train::{self, train};
 use fanal_training::tuning::tune_gaussian;
 
 fn mode() -> Mode {
-    Mode { target: "variance".into(), nee: true, roulette: true, split_share: 0.01 }
+    RenderSettings::new(GuideMode::Neural, StopRule::Spp(1)).mode()
 }
 
 fn config() -> Config {
@@ -76,18 +76,12 @@ fn overfits_a_few_trees() {
     let course = steps(&mut net, &batch, 300, 5e-3, 0.2);
     let cases: Vec<Case> = samples.iter().map(|s| Case::new(s).unwrap()).collect();
     let gaussian = tune_gaussian(&cases);
-    let smooth: Vec<_> = cases
-        .iter()
-        .map(|c| {
-            let hybrid = Leaves::full(&c.topology, &c.sums).hybrid(0.5);
-            gaussian.smooth(&hybrid, f64::from(c.path_samples + c.photon_samples))
-        })
-        .collect();
+    let smooth: Vec<_> = cases.iter().map(|c| gaussian.smooth(&c.counted, c.samples())).collect();
     let model = Model { config: config(), weights: net.weights() };
     let found = reconstruct(&model, &Embedded::new(&model).unwrap(), &cases).unwrap();
     let [baseline, network] = [smooth, found].map(|guides| {
         let cells = common(&cases, &guides);
-        mean_kl(&cells, tune_uniform(&cells))
+        mean_kl(&cells, tune_uniform(&cells, mean_kl))
     });
     assert!(course[299] < 0.3 * course[0], "{} {}", course[0], course[299]);
     assert!(network < 0.5 * baseline, "network {network}, Gaussian {baseline}");
@@ -134,10 +128,13 @@ fn burn_agrees_with_the_renderer() {
 #[test]
 fn roots_without_samples_train() {
     let empty = TreeSample {
-        input_split: vec![false],
-        input_sums: vec![0.0; fanal::guiding::features::RAW_CHANNELS],
+        own_split: vec![false],
+        own_sums: vec![0.0; fanal::guiding::leaves::NETWORK_CHANNELS],
+        counted_split: vec![false],
+        counted: vec![1.0],
         target_split: vec![false],
         target: vec![1.0],
+        target_bsdf: vec![1.0],
         ..TreeSample::default()
     };
     let mut mixed = tree_samples(&quick(), 14, 0, 2);

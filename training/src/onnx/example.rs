@@ -61,14 +61,15 @@ fn decode(model: &Model, backend: &Embedded, batch: &Batch, tensors: &mut Tensor
     let level = above.grow(batch, &[true, false, true, true]);
     let (n, p) = (level.rows.len(), above.rows.len());
     let (parents, skip) = (wave(p * width), wave(n * width));
-    let shares = vec![[0.25, -0.5]; batch.tree_start[1]];
-    let geometry = level.geometry(&shares);
+    let shares = vec![[0.25, -0.5, 0.0, 1.0]; batch.tree_start[1]];
+    let (geometry, base) = (level.geometry(&shares), wave(n));
     let inputs = DecodeInputs {
         rows: n,
         parents: &parents,
         parent_index: &level.rows.parent,
         skip: &skip,
         geometry: &geometry,
+        base: &base,
         neighbours: &level.rows.neighbours,
     };
     let output = backend.decode(level.level, &inputs)?;
@@ -76,6 +77,7 @@ fn decode(model: &Model, backend: &Embedded, batch: &Batch, tensors: &mut Tensor
     integers(tensors, "decode.parent_index", &[n], &level.rows.parent);
     floats(tensors, "decode.skip", &[n, width], &skip);
     floats(tensors, "decode.geometry", &[n, GEOMETRY], &geometry);
+    floats(tensors, "decode.base", &[n, 1], &base);
     integers(tensors, "decode.neighbours", &[n, SLOTS], &level.rows.neighbours);
     floats(tensors, "decode.decoded", &[n, width], &output.decoded);
     let columns = [
