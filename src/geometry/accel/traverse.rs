@@ -140,10 +140,13 @@ impl Hierarchy {
 
     /// Replaces `best` by the nearest hit that precedes it.
     pub fn closest(&self, query: &Query, best: &mut Hit, others: &impl Others) {
-        match self.stack() {
-            ..=SMALL_STACK => self.closest_with(query, best, others, &mut [0; SMALL_STACK]),
-            ..=USUAL_STACK => self.closest_with(query, best, others, &mut [0; USUAL_STACK]),
-            deep => self.closest_with(query, best, others, &mut vec![0; deep]),
+        let size = self.stack();
+        if size <= SMALL_STACK {
+            self.closest_with(query, best, others, &mut [0; SMALL_STACK]);
+        } else if size <= USUAL_STACK {
+            self.closest_with(query, best, others, &mut [0; USUAL_STACK]);
+        } else {
+            self.closest_with(query, best, others, &mut vec![0; size]);
         }
     }
 
@@ -159,10 +162,13 @@ impl Hierarchy {
 
     /// Whether the ray meets anything before `t_max`.
     pub fn occluded(&self, query: &Query, t_max: f32, others: &impl Others) -> bool {
-        match self.stack() {
-            ..=SMALL_STACK => self.occluded_with(query, t_max, others, &mut [Child::EMPTY; SMALL_STACK]),
-            ..=USUAL_STACK => self.occluded_with(query, t_max, others, &mut [Child::EMPTY; USUAL_STACK]),
-            deep => self.occluded_with(query, t_max, others, &mut vec![Child::EMPTY; deep]),
+        let size = self.stack();
+        if size <= SMALL_STACK {
+            self.occluded_with(query, t_max, others, &mut [Child::EMPTY; SMALL_STACK])
+        } else if size <= USUAL_STACK {
+            self.occluded_with(query, t_max, others, &mut [Child::EMPTY; USUAL_STACK])
+        } else {
+            self.occluded_with(query, t_max, others, &mut vec![Child::EMPTY; size])
         }
     }
 
