@@ -254,11 +254,11 @@ fn each_shape(file: &mut Value, without: &[&str]) {
 
 /// A matt surface of the colour that the material names first.
 fn plain(material: &Value) -> Value {
-    let colours =
+    let mut colours =
         ["base_color", "diffuse_reflectance", "specular_reflectance"].iter().filter_map(|key| material.get(key));
     let default = if material.get("eta").is_some() { 1.0 } else { 0.5 };
     let grey = json!({"type": "rgb", "value": [default, default, default]});
-    let colour = colours.cloned().next().unwrap_or(grey);
+    let colour = colours.next().cloned().unwrap_or(grey);
     json!({"type": "two_sided", "material": {"type": "diffuse", "reflectance": colour}})
 }
 
