@@ -3,6 +3,7 @@
 pub mod error;
 pub mod files;
 pub mod process;
+pub mod processor;
 pub mod progress;
 pub mod random;
 mod sobol;

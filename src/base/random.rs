@@ -68,8 +68,18 @@ impl Random {
         }
     }
 
-    /// The next point of the plane from the sequences, if there are any left.
-    #[inline]
+    /// Leaves out the next number.
+    #[inline(always)]
+    pub fn skip(&mut self) {
+        match self.sequence.as_mut().filter(|sequence| sequence.dimension < sequence.end) {
+            Some(sequence) => sequence.dimension += 1,
+            None => self.state = self.state.wrapping_add(GOLDEN),
+        }
+    }
+
+    /// The next point of the plane from the sequences, if there are any left. Where one coordinate is enough, the compiler leaves
+    /// the other out.
+    #[inline(always)]
     fn next_point(&mut self) -> Option<[u32; 2]> {
         let sequence = self.sequence.as_mut().filter(|sequence| sequence.dimension < sequence.end)?;
         let seed = mix(sequence.key.wrapping_add(GOLDEN.wrapping_mul(u64::from(sequence.dimension))));
@@ -89,6 +99,7 @@ impl Random {
     }
 
     /// Uniform in [0, 1), a multiple of 2⁻²⁴.
+    #[inline(always)]
     pub fn next_f32(&mut self) -> f32 {
         if let Some([x, _]) = self.next_point() {
             return unit(x);
@@ -97,6 +108,7 @@ impl Random {
     }
 
     /// Uniform in [0, 1), a multiple of 2⁻⁵³, or of 2⁻³² where it comes from a sequence.
+    #[inline(always)]
     pub fn next_f64(&mut self) -> f64 {
         if let Some([x, _]) = self.next_point() {
             return f64::from(x) * (1.0 / 4_294_967_296.0);
@@ -105,6 +117,7 @@ impl Random {
     }
 
     /// Two uniform numbers in [0, 1), independent or a point of a sequence of the plane.
+    #[inline(always)]
     pub fn next_2d(&mut self) -> [f32; 2] {
         if let Some(point) = self.next_point() {
             return point.map(unit);
@@ -153,6 +166,20 @@ mod tests {
             let chi2: f64 = counts.iter().map(|&c| (f64::from(c) - expected).powi(2) / expected).sum();
             // 255 degrees of freedom: the 1 - 1e-4 quantile is 347.7.
             assert!(chi2 < 347.7, "{chi2}");
+        }
+    }
+
+    #[test]
+    fn skipping_leaves_one_out() {
+        let independent = Random::new(1, 2, 3);
+        let within = independent.clone().in_sequences(4, 5);
+        for start in [independent, within] {
+            let (mut drawn, mut skipped) = (start.clone(), start);
+            for _ in 0..2 * PER_VERTEX {
+                drawn.next_f64();
+                skipped.skip();
+                assert_eq!(drawn.next_2d(), skipped.next_2d());
+            }
         }
     }
 

@@ -5,7 +5,7 @@
 //! of different keys are independent in pairs: pads of planes make up the dimensions of a path.
 
 /// Point `index` of the sequence with key `seed`: two coordinates as fractions of 2³².
-#[inline]
+#[inline(always)]
 pub fn point(index: u32, seed: u64) -> [u32; 2] {
     let more = seed.wrapping_mul(0x9E6C_63D0_876A_68EF) ^ (seed >> 29);
     let index = hash(index.reverse_bits(), seed as u32).reverse_bits();
@@ -16,7 +16,7 @@ pub fn point(index: u32, seed: u64) -> [u32; 2] {
 
 /// The second dimension's matrix, reversed: bit r of the result is the sum of all bits c of `index` whose binomial coefficient
 /// (c over r) is odd, which by Lucas's theorem are those with r's bits among c's.
-#[inline]
+#[inline(always)]
 fn superset_sums(mut index: u32) -> u32 {
     for (shift, mask) in [(1, 0x5555_5555), (2, 0x3333_3333), (4, 0x0F0F_0F0F), (8, 0x00FF_00FF), (16, 0x0000_FFFF)] {
         index ^= (index >> shift) & mask;
@@ -25,7 +25,7 @@ fn superset_sums(mut index: u32) -> u32 {
 }
 
 /// Flips each bit or not, by a hash of the bits below it and `seed`: nested scrambling of reversed bits.
-#[inline]
+#[inline(always)]
 fn hash(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3D20_ADEA);
     x = x.wrapping_add(seed);

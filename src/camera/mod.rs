@@ -2,6 +2,7 @@
 
 use glam::{Affine3A, Vec3};
 
+use crate::base::random::Random;
 use crate::geometry::Ray;
 use crate::sampling::warp;
 
@@ -34,6 +35,16 @@ impl Camera {
     /// World position of the camera.
     pub fn position(&self) -> Vec3 {
         self.to_world.translation.into()
+    }
+
+    /// The next numbers for the lens, left out by a pinhole.
+    #[inline]
+    pub fn lens(&self, random: &mut Random) -> [f32; 2] {
+        if self.aperture_radius > 0.0 {
+            return random.next_2d();
+        }
+        random.skip();
+        [0.5; 2]
     }
 
     /// The ray through pixel coordinates `film` (columns from the left, rows from the top), and `lens` in [0, 1)².

@@ -33,7 +33,7 @@ pub struct Surface {
 
 impl Surface {
     /// The surface at `hit` on `shape`.
-    #[inline]
+    #[inline(always)]
     pub fn new(ray: &Ray, hit: &Hit, shape: &Shape) -> Self {
         let sign = if shape.flip_normals { -1.0 } else { 1.0 };
         match &shape.geometry {
@@ -58,7 +58,7 @@ impl Surface {
         Self { point, error, normal, smooth: normal, frame: Frame::new(out), uv, distance, shape: u32::MAX }
     }
 
-    #[inline]
+    #[inline(always)]
     fn on_triangle(hit: &Hit, shape: &Shape, sign: f32, winding: f32) -> Self {
         let [a, b, c] = shape.triangle(hit.triangle);
         let [b1, b2] = hit.barycentric;
@@ -87,7 +87,7 @@ impl Surface {
     }
 
     /// The ray that leaves this point along the unit vector `direction` without hitting the surface again.
-    #[inline]
+    #[inline(always)]
     pub fn leave(&self, direction: Vec3) -> Ray {
         Ray { origin: offset_origin(self.point, self.error, self.normal, direction), direction }
     }

@@ -16,12 +16,18 @@ pub struct Shear {
 impl Shear {
     /// Constants of the ray from `origin` along `direction`.
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
+        Self::with_inverse(origin, direction, direction.recip())
+    }
+
+    /// The same where the inverses of the direction's components are known.
+    #[inline(always)]
+    pub(super) fn with_inverse(origin: Vec3, direction: Vec3, inverse: Vec3) -> Self {
         let kz = direction.abs().max_position();
-        let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
+        let [mut kx, mut ky] = [[1, 2], [2, 0], [0, 1]][kz];
         if direction[kz] < 0.0 {
             std::mem::swap(&mut kx, &mut ky);
         }
-        let inverse = 1.0 / direction[kz];
+        let inverse = inverse[kz];
         Self { origin, axes: [kx, ky, kz], shear: Vec3::new(direction[kx] * inverse, direction[ky] * inverse, inverse) }
     }
 

@@ -52,6 +52,9 @@ pub struct Mixture<'a, E> {
     surface: &'a Surface,
     scattering: Scattering<'a>,
     wo: Vec3,
+    /// Where there are none but plain diffuse materials, the one here and whether it is seen from the back of a two-sided one. Found
+    /// without a look at all the others, this is most of what they would cost.
+    plain: Option<(&'a Diffuse, bool)>,
     guide: Option<DirectionGuide<'a>>,
     /// What bumps hide; none where there are none.
     bumps: Option<Shadowing>,
@@ -90,19 +93,14 @@ impl<'a, E: Effects> Mixture<'a, E> {
             }
             _ => None,
         };
-        Self { surface, scattering, wo: surface.frame.to_local(out), guide, bumps, effects: PhantomData }
-    }
-
-    /// Where there are only plain diffuse materials, the one here and whether it is seen from the back of a two-sided one. Found
-    /// without a look at all the others, this is most of what they would cost.
-    #[inline(always)]
-    fn plain(&self) -> Option<(&'a Diffuse, bool)> {
-        match self.scattering {
+        let wo = surface.frame.to_local(out);
+        let plain = match scattering {
             Scattering::Material(Material { kind: Kind::Diffuse(diffuse), two_sided, .. }) if !E::MATERIALS => {
-                Some((diffuse, *two_sided && self.wo.z < 0.0))
+                Some((diffuse, *two_sided && wo.z < 0.0))
             }
             _ => None,
-        }
+        };
+        Self { surface, scattering, wo, plain, guide, bumps, effects: PhantomData }
     }
 
     /// The part of the light from the world direction `wi`, in local coordinates `local`, that bumps do not hide.
@@ -117,9 +115,11 @@ impl<'a, E: Effects> Mixture<'a, E> {
     /// f·|cos θ| towards the world direction `wi`, in local coordinates `local`; in a medium the phase function.
     #[inline(always)]
     fn value(&self, wi: Vec3, local: Vec3) -> Vec3 {
-        if let Some((diffuse, back)) = self.plain() {
-            let [wo, wi] = [self.wo, local].map(|w| turned(w, back));
-            return diffuse.eval(self.surface.uv, wo, wi);
+        if !E::MATERIALS {
+            return self.plain.map_or(Vec3::ZERO, |(diffuse, back)| {
+                let [wo, wi] = [self.wo, local].map(|w| turned(w, back));
+                diffuse.eval(self.surface.uv, wo, wi)
+            });
         }
         match self.scattering {
             Scattering::Material(material) => material.eval(self.surface.uv, self.wo, local) * self.unhidden(wi, local),
@@ -130,8 +130,8 @@ impl<'a, E: Effects> Mixture<'a, E> {
     /// Its density before the guide.
     #[inline(always)]
     fn density(&self, local: Vec3) -> f32 {
-        if let Some((_, back)) = self.plain() {
-            return Diffuse::pdf(turned(self.wo, back), turned(local, back));
+        if !E::MATERIALS {
+            return self.plain.map_or(0.0, |(_, back)| Diffuse::pdf(turned(self.wo, back), turned(local, back)));
         }
         match self.scattering {
             Scattering::Material(material) => material.pdf(self.surface.uv, self.wo, local),
@@ -142,7 +142,8 @@ impl<'a, E: Effects> Mixture<'a, E> {
     /// A direction in the world by the surface or medium alone, less what bumps hide.
     #[inline(always)]
     fn draw(&self, random: &mut Random, transport: Transport) -> Option<(Vec3, BsdfSample)> {
-        if let Some((diffuse, back)) = self.plain() {
+        if !E::MATERIALS {
+            let (diffuse, back) = self.plain?;
             let sample = diffuse.sample(self.surface.uv, turned(self.wo, back), random.next_2d())?;
             let wi = turned(sample.wi, back);
             return Some((self.surface.frame.to_world(wi), BsdfSample { wi, delta: false, ..sample }));

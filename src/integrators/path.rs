@@ -5,6 +5,8 @@ use glam::Vec3;
 
 use super::mixture::{Mixture, MixtureSample, Scattering};
 use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
+#[cfg(target_arch = "x86_64")]
+use crate::base::processor::Avx2;
 use crate::base::random::Random;
 use crate::geometry::{Ray, Surface};
 use crate::guiding::effort::{Effort, Roulette};
@@ -44,8 +46,6 @@ struct Vertex {
     weight: Vec3,
     /// Probability of surviving roulette before going on.
     survival: f32,
-    /// What a medium before the vertex lets through, over the density of getting there.
-    passed: Vec3,
 }
 
 /// What a record needs to know of a vertex besides; kept only where records are wanted.
@@ -95,6 +95,8 @@ struct Previous {
 #[derive(Default)]
 pub struct PathScratch {
     vertices: Vec<Vertex>,
+    /// What a medium before each vertex lets through, over the density of getting there; none where there are no media.
+    passed: Vec<Vec3>,
     /// Of each vertex where records are wanted, otherwise none.
     details: Vec<Details>,
 }
@@ -107,6 +109,16 @@ impl PathScratch {
             self.details.push(details);
         }
     }
+}
+
+/// What a path begins with, and what it needs on its way.
+struct Beginning<'p> {
+    ray: Ray,
+    random: &'p mut Random,
+    /// See [`PathTracer::trace`].
+    pixel: Option<f32>,
+    scratch: &'p mut PathScratch,
+    count: &'p mut RayCount,
 }
 
 /// Totals of a worker.
@@ -152,12 +164,15 @@ impl PathTracer<'_> {
         count: &mut RayCount,
     ) -> Vec3 {
         scratch.vertices.clear();
+        if E::MEDIA {
+            scratch.passed.clear();
+        }
         let Some(records) = records else {
-            let background = self.walk::<E, false>(ray, random, pixel, scratch, count);
+            let background = self.walk::<E, false>(Beginning { ray, random, pixel, scratch, count });
             return self.gather::<E, false>(scratch, background, |_, _| ());
         };
         scratch.details.clear();
-        let background = self.walk::<E, true>(ray, random, pixel, scratch, count);
+        let background = self.walk::<E, true>(Beginning { ray, random, pixel, scratch, count });
         let record = |i: usize, along: [Vec3; 2]| {
             let next = scratch.details.get(i + 1);
             let met = next.map_or(background, |next| next.emission);
@@ -167,16 +182,33 @@ impl PathTracer<'_> {
     }
 
     /// Extends the path until it ends; returns what the last segment brought from the background.
-    // Ten loops in one function would spill each other's registers.
+    #[inline(always)]
+    fn walk<E: Effects, const RECORDS: bool>(&self, beginning: Beginning) -> Emission {
+        #[cfg(target_arch = "x86_64")]
+        if Avx2::detect().is_some() {
+            // SAFETY: the processor has the features.
+            return unsafe { self.walk_avx2::<E, RECORDS>(beginning) };
+        }
+        self.walk_portable::<E, RECORDS>(beginning)
+    }
+
+    // Ten loops in one function would spill each other's registers, so each remains a function.
     #[inline(never)]
-    fn walk<E: Effects, const RECORDS: bool>(
-        &self,
-        mut ray: Ray,
-        random: &mut Random,
-        pixel: Option<f32>,
-        scratch: &mut PathScratch,
-        count: &mut RayCount,
-    ) -> Emission {
+    fn walk_portable<E: Effects, const RECORDS: bool>(&self, beginning: Beginning) -> Emission {
+        self.extend::<E, RECORDS>(beginning)
+    }
+
+    /// The same compiled for newer processors. Nothing is rounded otherwise: products and sums are not fused unless code asks for it.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(never)]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+    fn walk_avx2<E: Effects, const RECORDS: bool>(&self, beginning: Beginning) -> Emission {
+        self.extend::<E, RECORDS>(beginning)
+    }
+
+    #[inline(always)]
+    fn extend<E: Effects, const RECORDS: bool>(&self, beginning: Beginning) -> Emission {
+        let Beginning { mut ray, random, pixel, scratch, count } = beginning;
         let mut previous: Option<Previous> = None;
         let mut throughput = Vec3::ONE;
         let mut reflected = Vec3::ONE;
@@ -187,24 +219,23 @@ impl PathTracer<'_> {
             }
             count.rays += 1;
             random.begin_vertex(depth);
-            let (scattering, passed);
-            // On plain scenes the surface goes through no enum: it is long, and every copy shows.
-            let surface = if E::MEDIA || E::MATERIALS {
+            let (surface, scattering, passed);
+            if E::MEDIA || E::MATERIALS {
                 let (arrival, factor) = self.scene.advance::<E>(&ray, &mut medium, throughput, random);
-                let Some((surface, found)) = Scattering::at(self.scene, arrival) else {
+                let Some(found) = Scattering::at(self.scene, arrival) else {
                     return self.background(&ray, previous).dimmed(factor);
                 };
-                (scattering, passed) = (found, factor);
-                surface
+                ((surface, scattering), passed) = (found, factor);
             } else {
+                // On plain scenes the surface goes through no enum and is made where it stays: it is long, and every copy shows.
                 let Some(hit) = self.scene.accel.intersect(&ray) else { return self.background(&ray, previous) };
-                let surface = Surface::new(&ray, &hit, &self.scene.shapes[hit.shape as usize]);
+                surface = Surface::new(&ray, &hit, &self.scene.shapes[hit.shape as usize]);
                 (scattering, passed) = (Scattering::Material(self.scene.material(&surface)), Vec3::ONE);
-                surface
-            };
+            }
             if E::MEDIA {
                 throughput *= passed;
                 reflected *= passed;
+                scratch.passed.push(passed);
             }
             let on_surface = !E::MEDIA || scattering.is_material();
             let emission = if on_surface { self.emission(&surface, &ray, previous) } else { Emission::default() };
@@ -213,7 +244,7 @@ impl PathTracer<'_> {
             let (point, distance, direct) = (surface.point, surface.distance, Direct::default());
             let mut details = Details { point, distance, normal, throughput, emission, direct, step: None };
             let emitted = emission.weighted();
-            let mut vertex = Vertex { emitted, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0, passed };
+            let mut vertex = Vertex { emitted, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0 };
             if depth == self.settings.max_depth {
                 scratch.push::<RECORDS>(vertex, details);
                 break;
@@ -316,8 +347,8 @@ impl PathTracer<'_> {
         if E::GUIDING && probability < 1.0 && random.next_f32() >= probability {
             return nothing;
         }
-        let (choice, u) = (random.next_f64(), random.next_2d());
         let lights = &self.scene.lights;
+        let (choice, u) = (lights.choice(random), random.next_2d());
         let Some((index, chosen)) = lights.choose(surface.point, choice) else { return nothing };
         let Some(light) = lights.lights[index].sample(surface.point, u) else { return nothing };
         let value = mixture.eval(light.wi);
@@ -403,7 +434,7 @@ impl PathTracer<'_> {
             // Nothing arrives where the path has ended.
             let mut reflected = vertex.direct + vertex.weight * incoming / vertex.survival;
             if E::MEDIA {
-                reflected *= vertex.passed;
+                reflected *= scratch.passed[i];
             }
             incoming = vertex.emitted + reflected;
             if RECORDS {

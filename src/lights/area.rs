@@ -19,13 +19,33 @@ pub struct AreaLight {
     shape: Shape,
     radiance: Vec3,
     triangles: Discrete,
+    /// The same triangles in the world; none for a sphere.
+    placed: Vec<Placed>,
+}
+
+/// A triangle that emits.
+#[derive(Debug, Clone, Copy)]
+struct Placed {
+    corners: [Vec3; 3],
+    /// On the side that emits.
+    normal: Vec3,
 }
 
 impl AreaLight {
     /// The emitting `shape` with `radiance` in W·m⁻²·sr⁻¹.
     pub fn new(shape: Shape, radiance: Vec3) -> Self {
         let triangles = shape.area_distribution();
-        Self { shape, radiance, triangles }
+        let Geometry::Mesh { mesh, winding, .. } = &shape.geometry else {
+            return Self { shape, radiance, triangles, placed: Vec::new() };
+        };
+        let sign = if shape.flip_normals { -1.0 } else { 1.0 } * winding;
+        let placed = (0..mesh.triangles.len() as u32).map(|index| {
+            let corners = shape.triangle(index);
+            let [a, b, c] = corners;
+            Placed { corners, normal: (b - a).cross(c - a).normalize_or(Vec3::Z) * sign }
+        });
+        let placed = placed.collect();
+        Self { shape, radiance, triangles, placed }
     }
 
     /// Radiance that leaves the surface point towards the unit direction `out`.
@@ -49,6 +69,7 @@ impl AreaLight {
     }
 
     /// A direction towards the emitting side, uniform over the area of a mesh or the visible cap of a sphere.
+    #[inline(always)]
     pub fn sample(&self, point: Vec3, u: [f32; 2]) -> Option<LightSample> {
         match &self.shape.geometry {
             Geometry::Sphere(sphere) => {
@@ -87,20 +108,20 @@ impl AreaLight {
     }
 
     /// Uniform point, front normal and error bound.
+    #[inline(always)]
     fn sample_point(&self, u: [f32; 2]) -> (Vec3, Vec3, Vec3) {
-        let sign = if self.shape.flip_normals { -1.0 } else { 1.0 };
         match &self.shape.geometry {
             Geometry::Sphere(sphere) => {
+                let sign = if self.shape.flip_normals { -1.0 } else { 1.0 };
                 let normal = warp::square_to_sphere(u);
                 let error = gamma(6) * (sphere.center.abs() + Vec3::splat(sphere.radius));
                 (sphere.center + normal * sphere.radius, normal * sign, error)
             }
-            Geometry::Mesh { winding, .. } => {
+            Geometry::Mesh { .. } => {
                 let (triangle, inside) = self.triangles.sample(f64::from(u[0]));
-                let [a, b, c] = self.shape.triangle(triangle as u32);
+                let Placed { corners: [a, b, c], normal } = self.placed[triangle];
                 let [b1, b2] = warp::square_to_triangle([inside as f32, u[1]]);
                 let b0 = 1.0 - b1 - b2;
-                let normal = (b - a).cross(c - a).normalize_or(Vec3::Z) * (sign * winding);
                 let error = gamma(12) * ((a * b0).abs() + (b * b1).abs() + (c * b2).abs());
                 (a * b0 + b * b1 + c * b2, normal, error)
             }

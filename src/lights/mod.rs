@@ -8,6 +8,7 @@ pub mod tree;
 
 use glam::Vec3;
 
+use crate::base::random::Random;
 use crate::geometry::Ray;
 use crate::math::channel_mean;
 use crate::sampling::discrete::Discrete;
@@ -195,6 +196,16 @@ impl LightSet {
             emission: Discrete::new(power.iter().copied()),
             lights,
         }
+    }
+
+    /// The next number for [`LightSet::choose`]. It is left out where there is nothing to choose.
+    #[inline(always)]
+    pub fn choice(&self, random: &mut Random) -> f64 {
+        if self.lights.len() > 1 {
+            return random.next_f64();
+        }
+        random.skip();
+        0.0
     }
 
     /// Chooses a light for `point`; returns its index and the probability of the choice.

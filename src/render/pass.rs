@@ -274,7 +274,7 @@ pub(super) fn camera_ray(
     let mut random = sample.random(settings.seed, pixel);
     let [dx, dy] = filter.sample(random.next_2d());
     let film = [column as f32 + dx, row as f32 + dy];
-    (scene.camera.ray(film, random.next_2d()), random)
+    (scene.camera.ray(film, scene.camera.lens(&mut random)), random)
 }
 
 #[cfg(test)]

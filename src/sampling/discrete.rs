@@ -48,8 +48,14 @@ impl Discrete {
     }
 
     /// The index that `u` in [0, 1) selects, and `u` stretched to [0, 1) inside it. Needs at least one index.
+    #[inline]
     pub fn sample(&self, u: f64) -> (usize, f64) {
-        let i = self.cdf.partition_point(|&c| c <= u).min(self.cdf.len() - 1);
+        // A few are counted faster than searched: no branch depends on `u`.
+        let below = match self.cdf.len() {
+            0..=8 => self.cdf.iter().filter(|&&c| c <= u).count(),
+            _ => self.cdf.partition_point(|&c| c <= u),
+        };
+        let i = below.min(self.cdf.len() - 1);
         let low = if i == 0 { 0.0 } else { self.cdf[i - 1] };
         let width = self.cdf[i] - low;
         let inside = if width > 0.0 { (u - low) / width } else { 0.5 };

@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use super::effects::Needs;
 use super::file::{LightFile, MaterialFile, SceneFile, TextureFile};
-use super::plan::{EffectKind, is_clear, is_coated, is_environment, is_glossy, is_mirror, is_pane};
+use super::plan::{EffectKind, EffectPlan, is_clear, is_coated, is_environment, is_glossy, is_mirror, is_pane};
 
 /// `+name` or `-name`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,6 +46,13 @@ pub fn apply(scene: &mut SceneFile, overrides: &[Override]) -> Needs {
         }
     }
     needs
+}
+
+/// Writes into a plan what was asked for.
+pub fn decide(plan: &mut EffectPlan, overrides: &[Override]) {
+    for &Override { kind, on } in overrides {
+        plan.decide(kind, on, "asked for with --effects");
+    }
 }
 
 /// Effects of materials that the loop for plain diffuse surfaces leaves out.
@@ -136,13 +143,21 @@ fn flatten(texture: &mut TextureFile) {
 
 /// A plain surface of the same colour instead of every part that passes; two-sided, since light came from everywhere.
 fn make_diffuse(scene: &mut SceneFile, test: fn(&MaterialFile) -> bool) {
-    change_parts(scene, |part| {
-        if test(part) {
-            let colour = part.textures().first().map_or(TextureFile::rgb([0.5; 3]), |(_, texture)| (*texture).clone());
-            let plain = Box::new(MaterialFile::Diffuse { reflectance: colour });
-            *part = MaterialFile::TwoSided { material: plain };
-        }
-    });
+    scene.materials.values_mut().for_each(|material| flatten_parts(material, test, false));
+}
+
+/// [`make_diffuse`] for one material, which something `two_sided` may be around already.
+fn flatten_parts(material: &mut MaterialFile, test: fn(&MaterialFile) -> bool, two_sided: bool) {
+    let two_sided = two_sided || matches!(material, MaterialFile::TwoSided { .. });
+    if let MaterialFile::Blend { materials, .. } = material {
+        materials.iter_mut().for_each(|part| flatten_parts(part, test, two_sided));
+    } else if let Some(inside) = material.inside_mut() {
+        flatten_parts(inside, test, two_sided);
+    } else if test(material) {
+        let colour = material.textures().first().map_or(TextureFile::rgb([0.5; 3]), |(_, texture)| (*texture).clone());
+        let plain = MaterialFile::Diffuse { reflectance: colour };
+        *material = if two_sided { plain } else { MaterialFile::TwoSided { material: Box::new(plain) } };
+    }
 }
 
 fn change_parts(scene: &mut SceneFile, mut change: impl FnMut(&mut MaterialFile)) {

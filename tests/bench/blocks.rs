@@ -3,30 +3,38 @@
 //!
 //!     cargo bench --bench blocks -- SCENE --reference REF.exr [--variance VAR.exr] [--spp 32] [--seeds 16] [--modes …]
 //!     cargo bench --bench blocks -- SCENE --reference-spp 1024 …        renders 8 references by `none` itself
+//!     cargo bench --bench blocks -- SCENE --effects=each …              with each effect alone the other way round than planned
+//!     cargo bench --bench blocks -- SCENE --effects=+medium,-photons …  with each of these alone
+//!
+//! `each` leaves out what would change the scene itself, and light sampling, without which some lights are never found.
 //!
 //! Also prints the mean of the picture relative to the reference's, and the same without the pixels that are the brightest 0.1 %
 //! of the reference, for scenes whose tails are too heavy for any test of means. (Leaving out each picture's own brightest pixels
 //! would take the fireflies from the noisier one, and with them light that belongs to it.)
 
+#[path = "../support/blocks.rs"]
+mod blocks;
 #[path = "../support/statistics.rs"]
 #[allow(dead_code, reason = "shared with the tests")]
 mod statistics;
 
-use std::path::PathBuf;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use blocks::{BLOCK, block_means, channel_means, summaries};
 use clap::Parser;
 use fanal::base::progress::Silent;
 use fanal::materials::image::Image;
-use fanal::math::channel_mean;
+use fanal::reconstruct::gaussian::Gaussian;
 use fanal::reconstruct::{Counted, Neural, Reconstructor};
-use fanal::render::{GuideMode, RenderSettings, StopRule, render};
+use fanal::render::{GuideMode, Reconstruction, RenderSettings, StopRule, render};
 use fanal::scene::Scene;
-use fanal::scene::readers::{load, read_image};
+use fanal::scene::overrides::{Override, decide};
+use fanal::scene::plan::{EffectKind, EffectPlan, plan};
+use fanal::scene::readers::{load_with, read_image};
 use statistics::{Summary, sidak};
 
-/// Side of a block in pixels.
-const BLOCK: usize = 16;
 /// Probability of a false alarm per mode and run.
 const FALSE_ALARM: f64 = 0.01;
 /// References rendered where none is given.
@@ -49,9 +57,12 @@ struct Options {
     spp: u32,
     #[arg(long, default_value_t = 16)]
     seeds: u64,
-    /// none, hybrid, neural.
+    /// As in `fanal render --guide`.
     #[arg(long, value_delimiter = ',', default_value = "none,hybrid,neural")]
     modes: Vec<String>,
+    /// Effects to switch, each alone, as in `fanal render --effects`; `each` are all that must not change the picture.
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true)]
+    effects: Vec<String>,
     /// Given by cargo.
     #[arg(long, hide = true)]
     bench: bool,
@@ -73,55 +84,98 @@ fn main() {
         return;
     }
     let options = Options::parse();
-    let loaded = load(&options.scene).expect("a scene");
-    let scene = Scene::build(&loaded, [loaded.file.film.width, loaded.file.film.height]).expect("a scene");
     let neural = Neural::built_in().expect("the model compiled in");
-    let pictures = |mode: &str, spp, seeds: std::ops::Range<u64>| -> Vec<Image> {
-        let guide = match mode {
-            "none" => GuideMode::None,
-            "hybrid" => GuideMode::Hybrid,
-            "neural" => GuideMode::Neural,
-            other => panic!("unknown mode {other}"),
-        };
-        let counted = Counted::default();
-        let reconstructor: &dyn Reconstructor = if guide == GuideMode::Neural { &neural } else { &counted };
-        let one = |seed| {
-            let mut settings = RenderSettings::new(guide, StopRule::Spp(spp));
-            settings.transport.max_depth = loaded.file.render.max_depth;
-            settings.seed = seed;
-            render(&scene, &settings, reconstructor, &Silent, &AtomicBool::new(false)).expect("a picture").image
-        };
-        seeds.map(one).collect()
-    };
+    let planned = Subject::new(&options.scene, &[]);
     let truth = match &options.reference {
         Some(path) => given(path, options.variance.as_deref()),
-        None => rendered(&pictures("none", options.reference_spp, 900_000..900_000 + REFERENCES)),
+        None => {
+            let seeds = 900_000..900_000 + REFERENCES;
+            rendered(&planned.pictures("none", &neural, options.reference_spp, seeds))
+        }
     };
-    let tail = sidak(FALSE_ALARM, truth.blocks.len());
+    let switched = switched(&options.effects, &planned.plan);
     for mode in &options.modes {
-        let pictures = pictures(mode, options.spp, 2000..2000 + options.seeds);
-        let blocks = summaries(&pictures);
-        let tests: Vec<f64> = blocks.iter().zip(&truth.blocks).map(|(a, b)| a.welch(b, tail)).collect();
-        let worst = (0..tests.len()).max_by(|&a, &b| tests[a].total_cmp(&tests[b])).expect("a block");
-        let means: Vec<f64> = pictures.iter().map(|p| channel_means(p).iter().sum::<f64>()).collect();
-        let mean = Summary::new(&means);
-        let pixels = channel_means(&pictures[0]).len() as f64;
-        println!(
-            "{mode:7} {} blocks, {} seeds of {} spp: worst |t| {:.3} of its limit (block {worst}: {:.5} ± {:.5}, truth \
-             {:.5}), {} | mean ratio {:.4} ± {:.4}, trimmed {:.4}",
-            tests.len(),
-            options.seeds,
-            options.spp,
-            tests[worst],
-            blocks[worst].mean,
-            blocks[worst].error(),
-            truth.blocks[worst].mean,
-            if tests[worst] <= 1.0 { "agrees" } else { "DIFFERS" },
-            mean.mean / pixels / truth.mean,
-            mean.error() / pixels / truth.mean,
-            trimmed(&average(&pictures), &truth.pixels, truth.limit) / truth.trimmed
-        );
+        compare(mode, &planned, &neural, &options, &truth);
+        for &change in &switched {
+            print!("{}{} ", if change.on { '+' } else { '-' }, change.kind.name());
+            compare(mode, &Subject::new(&options.scene, &[change]), &neural, &options, &truth);
+        }
     }
+}
+
+/// The effects that are to be switched, each alone.
+fn switched(effects: &[String], plan: &EffectPlan) -> Vec<Override> {
+    let sought = [EffectKind::Photons, EffectKind::Guiding, EffectKind::Reconstruction];
+    let each = plan.effects.iter().filter(|effect| !effect.on || sought.contains(&effect.name));
+    let each = each.map(|effect| Override { kind: effect.name, on: !effect.on });
+    let one = |text: &String| match text.as_str() {
+        "each" => each.clone().collect::<Vec<_>>(),
+        other => vec![other.parse::<Override>().unwrap_or_else(|e| panic!("{e}"))],
+    };
+    effects.iter().flat_map(one).collect()
+}
+
+/// A scene with some effects switched.
+struct Subject {
+    scene: Scene,
+    plan: EffectPlan,
+    max_depth: u32,
+}
+
+impl Subject {
+    fn new(path: &Path, overrides: &[Override]) -> Self {
+        let loaded = load_with(path, overrides).expect("a scene");
+        let file = &loaded.file;
+        let mut plan = plan(file);
+        decide(&mut plan, overrides);
+        let scene = Scene::build(&loaded, [file.film.width, file.film.height]).expect("a scene");
+        Self { scene, plan, max_depth: file.render.max_depth }
+    }
+
+    fn pictures(&self, mode: &str, neural: &Neural, spp: u32, seeds: Range<u64>) -> Vec<Image> {
+        let guide = GuideMode::ALL.into_iter().find(|guide| guide.name() == mode);
+        let guide = guide.unwrap_or_else(|| panic!("unknown mode {mode}"));
+        let one = |seed| {
+            let mut settings = RenderSettings::new(guide, StopRule::Spp(spp)).following(&self.plan);
+            settings.transport.max_depth = self.max_depth;
+            settings.seed = seed;
+            let counted = Counted::default();
+            let reconstructor: &dyn Reconstructor = match settings.reconstruction {
+                Reconstruction::Neural => neural,
+                Reconstruction::Gaussian => &Gaussian::default(),
+                Reconstruction::None => &counted,
+            };
+            render(&self.scene, &settings, reconstructor, &Silent, &AtomicBool::new(false)).expect("a picture").image
+        };
+        seeds.map(one).collect()
+    }
+}
+
+/// Prints how a mode's blocks compare with the truth.
+fn compare(mode: &str, subject: &Subject, neural: &Neural, options: &Options, truth: &Truth) {
+    let tail = sidak(FALSE_ALARM, truth.blocks.len());
+    let pictures = subject.pictures(mode, neural, options.spp, 2000..2000 + options.seeds);
+    let blocks = summaries(&pictures);
+    let tests: Vec<f64> = blocks.iter().zip(&truth.blocks).map(|(a, b)| a.welch(b, tail)).collect();
+    let worst = (0..tests.len()).max_by(|&a, &b| tests[a].total_cmp(&tests[b])).expect("a block");
+    let means: Vec<f64> = pictures.iter().map(|p| channel_means(p).iter().sum::<f64>()).collect();
+    let mean = Summary::new(&means);
+    let pixels = channel_means(&pictures[0]).len() as f64;
+    println!(
+        "{mode:7} {} blocks, {} seeds of {} spp: worst |t| {:.3} of its limit (block {worst}: {:.5} ± {:.5}, truth \
+         {:.5}), {} | mean ratio {:.4} ± {:.4}, trimmed {:.4}",
+        tests.len(),
+        options.seeds,
+        options.spp,
+        tests[worst],
+        blocks[worst].mean,
+        blocks[worst].error(),
+        truth.blocks[worst].mean,
+        if tests[worst] <= 1.0 { "agrees" } else { "DIFFERS" },
+        mean.mean / pixels / truth.mean,
+        mean.error() / pixels / truth.mean,
+        trimmed(&average(&pictures), &truth.pixels, truth.limit) / truth.trimmed
+    );
 }
 
 /// The truth from files: per-pixel variances add up over a block.
@@ -154,16 +208,6 @@ fn truth(blocks: Vec<Summary>, pixels: Vec<f64>) -> Truth {
     Truth { blocks, mean, trimmed: trimmed(&pixels, &pixels, limit), limit, pixels }
 }
 
-/// Per block, over independent pictures.
-fn summaries(pictures: &[Image]) -> Vec<Summary> {
-    let all: Vec<Vec<f64>> = pictures.iter().map(|p| block_means(p, &channel_means(p))).collect();
-    (0..all[0].len()).map(|b| Summary::new(&all.iter().map(|p| p[b]).collect::<Vec<_>>())).collect()
-}
-
-fn channel_means(image: &Image) -> Vec<f64> {
-    image.pixels.iter().map(|p| f64::from(channel_mean(*p))).collect()
-}
-
 fn average(pictures: &[Image]) -> Vec<f64> {
     let mut sum = vec![0.0; channel_means(&pictures[0]).len()];
     for picture in pictures {
@@ -176,18 +220,4 @@ fn average(pictures: &[Image]) -> Vec<f64> {
 fn trimmed(values: &[f64], truth: &[f64], limit: f64) -> f64 {
     let kept = || values.iter().zip(truth).filter(|(_, t)| **t <= limit).map(|(v, _)| v);
     kept().sum::<f64>() / kept().count() as f64
-}
-
-/// Means of whole blocks and of the narrower ones at the right and the lower edge.
-fn block_means(image: &Image, values: &[f64]) -> Vec<f64> {
-    let (width, height) = (image.width, image.height);
-    let mut means = Vec::new();
-    for y in (0..height).step_by(BLOCK) {
-        for x in (0..width).step_by(BLOCK) {
-            let rows = y..(y + BLOCK).min(height);
-            let (right, count) = ((x + BLOCK).min(width), (rows.len() * ((x + BLOCK).min(width) - x)) as f64);
-            means.push(rows.map(|r| values[r * width + x..r * width + right].iter().sum::<f64>()).sum::<f64>() / count);
-        }
-    }
-    means
 }

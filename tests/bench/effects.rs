@@ -175,5 +175,5 @@ fn camera_ray(scene: &Scene, pixel: u64, sample: u64) -> (Ray, Random) {
     let mut random = Random::new(0, pixel, sample).in_sequences(family.key(), (sample / 2) as u32);
     let [dx, dy] = PixelFilter::default().sample(random.next_2d());
     let film = [(pixel % u64::from(SIZE)) as f32 + dx, (pixel / u64::from(SIZE)) as f32 + dy];
-    (scene.camera.ray(film, random.next_2d()), random)
+    (scene.camera.ray(film, scene.camera.lens(&mut random)), random)
 }

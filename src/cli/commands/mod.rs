@@ -11,7 +11,6 @@ use super::args::Common;
 use super::print;
 use crate::base::{Error, Result};
 use crate::scene::overrides::Override;
-use crate::scene::plan::EffectPlan;
 use crate::scene::readers::{LoadedScene, load_with};
 
 /// Loads a scene and passes its warnings on.
@@ -28,11 +27,4 @@ fn in_pool<T: Send>(common: &Common, work: impl FnOnce() -> Result<T> + Send) ->
         .build()
         .map_err(|e| Error::Options(format!("threads cannot be started: {e}")))?;
     pool.install(work)
-}
-
-/// Writes into the plan what was asked for.
-fn apply(plan: &mut EffectPlan, overrides: &[Override]) {
-    for &Override { kind, on } in overrides {
-        plan.decide(kind, on, "asked for with --effects");
-    }
 }

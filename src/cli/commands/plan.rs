@@ -1,9 +1,10 @@
 //! `fanal plan`.
 
-use super::{apply, in_pool, load_scene};
+use super::{in_pool, load_scene};
 use crate::base::Result;
 use crate::cli::args::PlanArgs;
 use crate::cli::print;
+use crate::scene::overrides::decide;
 use crate::scene::plan::plan;
 
 /// Prints what a scene calls for.
@@ -12,7 +13,7 @@ use crate::scene::plan::plan;
 /// What reading the scene says.
 pub fn run(args: &PlanArgs) -> Result<()> {
     let mut plan = plan(&in_pool(&args.common, || load_scene(&args.scene, &args.effects, &args.common))?.file);
-    apply(&mut plan, &args.effects);
+    decide(&mut plan, &args.effects);
     if args.json {
         return print::json(&plan);
     }

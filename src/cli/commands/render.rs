@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use super::{apply, in_pool, load_scene};
+use super::{in_pool, load_scene};
 use crate::base::files::write_bytes;
 use crate::base::{Error, Progress, Result};
 use crate::cli::args::{Backend, RenderArgs};
@@ -22,6 +22,7 @@ use crate::render::{
     self, Aov, Control, ErrorPoint, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics, StopRule, aov,
 };
 use crate::scene::Scene;
+use crate::scene::overrides::decide;
 use crate::scene::plan::{EffectKind, plan};
 use crate::scene::readers::{LoadedScene, read_image};
 
@@ -106,7 +107,7 @@ fn render(
     if let Some(samples) = request.samples {
         plan.decide(EffectKind::Photons, samples.photons(), "asked for with --samples");
     }
-    apply(&mut plan, &request.effects);
+    decide(&mut plan, &request.effects);
     let mut settings = request.settings().following(&plan);
     settings.note(&mut plan);
     let loaded_guide = request.load_guide.as_deref().map(file::load).transpose()?;

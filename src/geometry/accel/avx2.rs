@@ -67,7 +67,7 @@ struct Found {
 #[target_feature(enable = "avx2,fma")]
 fn test<const INCLUSIVE: bool>(packet: &Packet, shear: &Shear, t_max: f32) -> Found {
     let zero = _mm_setzero_ps();
-    let [kx, ky, kz] = shear.axes.map(|axis| axis % 3);
+    let [kx, ky, kz] = shear.axes;
     let origin = [shear.origin.x, shear.origin.y, shear.origin.z];
     let [ox, oy, oz] = [kx, ky, kz].map(|axis| _mm_set1_ps(origin[axis]));
     let [sx, sy, sz] = [shear.shear.x, shear.shear.y, shear.shear.z].map(|s| _mm_set1_ps(s));

@@ -147,17 +147,17 @@ impl Accel {
     }
 
     /// The nearest hit; of several at the same distance, that of the first shape's first triangle.
-    #[inline]
+    #[inline(always)]
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
         let mut best = Hit::NONE;
-        self.hierarchy.closest(&Query::new(ray)?, &mut best, &self.others);
+        Query::with(ray, |query| self.hierarchy.closest(query, &mut best, &self.others))?;
         best.found()
     }
 
     /// Whether anything lies on the ray before distance `t_max`.
-    #[inline]
+    #[inline(always)]
     pub fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
-        Query::new(ray).is_some_and(|query| self.hierarchy.occluded(&query, t_max, &self.others))
+        Query::with(ray, |query| self.hierarchy.occluded(query, t_max, &self.others)).unwrap_or(false)
     }
 }
 
@@ -172,14 +172,13 @@ impl Others for Placed {
                 }
             }
             Some(Primitive::Instance { mesh, shape, to_mesh }) => {
-                if let Some(local) = Query::new(&to_local(to_mesh, query)) {
-                    // The hit known so far is of another shape: it precedes all of the mesh at its distance, or none.
-                    let known = if best.shape < *shape { INSTANCED - 1 } else { INSTANCED + 1 };
-                    let mut nearest = Hit { shape: known, ..*best };
-                    self.meshes[*mesh as usize].closest(&local, &mut nearest, &NoOthers);
-                    if nearest.shape == INSTANCED {
-                        *best = Hit { shape: *shape, ..nearest };
-                    }
+                // The hit known so far is of another shape: it precedes all of the mesh at its distance, or none.
+                let known = if best.shape < *shape { INSTANCED - 1 } else { INSTANCED + 1 };
+                let mut nearest = Hit { shape: known, ..*best };
+                let mesh = &self.meshes[*mesh as usize];
+                Query::with(&to_local(to_mesh, query), |local| mesh.closest(local, &mut nearest, &NoOthers));
+                if nearest.shape == INSTANCED {
+                    *best = Hit { shape: *shape, ..nearest };
                 }
             }
             None => {}
@@ -189,8 +188,10 @@ impl Others for Placed {
     fn occluded(&self, index: usize, query: &Query, t_max: f32) -> bool {
         match self.primitives.get(index) {
             Some(Primitive::Sphere { sphere, .. }) => sphere.intersect(query.origin, query.direction, t_max).is_some(),
-            Some(Primitive::Instance { mesh, to_mesh, .. }) => Query::new(&to_local(to_mesh, query))
-                .is_some_and(|local| self.meshes[*mesh as usize].occluded(&local, t_max, &NoOthers)),
+            Some(Primitive::Instance { mesh, to_mesh, .. }) => {
+                let mesh = &self.meshes[*mesh as usize];
+                Query::with(&to_local(to_mesh, query), |local| mesh.occluded(local, t_max, &NoOthers)).unwrap_or(false)
+            }
             None => false,
         }
     }

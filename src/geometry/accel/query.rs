@@ -29,14 +29,17 @@ pub struct Slabs {
 }
 
 impl Query {
-    /// None where the ray has no finite origin or direction: it hits nothing.
+    /// What `ask` finds; none where the ray has no finite origin or direction: it hits nothing. A query is long, and returned it
+    /// would be copied.
     #[inline(always)]
-    pub fn new(ray: &Ray) -> Option<Self> {
+    pub fn with<R>(ray: &Ray, ask: impl FnOnce(&Self) -> R) -> Option<R> {
         let Ray { origin, direction } = *ray;
         if !(origin.is_finite() && direction.is_finite()) {
             return None;
         }
-        Some(Self { origin, direction, shear: Shear::new(origin, direction), slabs: Slabs::new(origin, direction) })
+        let inverse = direction.recip();
+        let shear = Shear::with_inverse(origin, direction, inverse);
+        Some(ask(&Self { origin, direction, shear, slabs: Slabs::new(origin, direction, inverse) }))
     }
 }
 
@@ -46,10 +49,10 @@ impl Slabs {
     /// together they stay below eight units.
     const SLACK: f32 = 8.0 * f32::EPSILON;
 
-    #[inline]
-    fn new(origin: Vec3, direction: Vec3) -> Self {
+    #[inline(always)]
+    fn new(origin: Vec3, direction: Vec3, inverse: Vec3) -> Self {
         // A component of zero makes these infinite; the distance is then infinite, or not a number and without a say.
-        let inverse = -direction.recip();
+        let inverse = -inverse;
         let forward = direction.to_array().map(|d| !d.is_sign_negative());
         let [x, y, z] = forward;
         let plane = |low: bool, axis: usize| if low { axis } else { 3 + axis };

@@ -8,6 +8,8 @@ use crate::geometry::triangle::Shear;
 
 #[cfg(target_arch = "x86_64")]
 use super::avx2;
+#[cfg(target_arch = "x86_64")]
+use crate::base::processor::Avx2;
 
 /// The tests that this processor can do. Chosen once, when a scene's hierarchy is built.
 #[derive(Debug, Clone, Copy)]
@@ -23,17 +25,12 @@ impl Kernel {
     /// The fastest.
     pub fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            return Self::Avx2(Avx2(()));
+        if let Some(proof) = Avx2::detect() {
+            return Self::Avx2(proof);
         }
         Self::Portable
     }
 }
-
-/// Proof that the processor has AVX2 and FMA: only [`Kernel::detect`] makes one.
-#[cfg(target_arch = "x86_64")]
-#[derive(Debug, Clone, Copy)]
-pub struct Avx2(());
 
 #[derive(Clone, Copy)]
 struct Portable;
@@ -122,6 +119,8 @@ pub struct Hierarchy {
 
 /// Children that wait, for hierarchies of usual depth; deeper ones need memory from the heap.
 const USUAL_STACK: usize = 128;
+/// The same for those of a few hundred triangles, where clearing a longer stack shows.
+const SMALL_STACK: usize = 32;
 
 impl Hierarchy {
     pub fn new(tree: super::build::Tree, kernel: Kernel) -> Self {
@@ -141,10 +140,13 @@ impl Hierarchy {
 
     /// Replaces `best` by the nearest hit that precedes it.
     pub fn closest(&self, query: &Query, best: &mut Hit, others: &impl Others) {
-        if self.stack() <= USUAL_STACK {
+        let size = self.stack();
+        if size <= SMALL_STACK {
+            self.closest_with(query, best, others, &mut [0; SMALL_STACK]);
+        } else if size <= USUAL_STACK {
             self.closest_with(query, best, others, &mut [0; USUAL_STACK]);
         } else {
-            self.closest_with(query, best, others, &mut vec![0; self.stack()]);
+            self.closest_with(query, best, others, &mut vec![0; size]);
         }
     }
 
@@ -160,10 +162,13 @@ impl Hierarchy {
 
     /// Whether the ray meets anything before `t_max`.
     pub fn occluded(&self, query: &Query, t_max: f32, others: &impl Others) -> bool {
-        if self.stack() <= USUAL_STACK {
+        let size = self.stack();
+        if size <= SMALL_STACK {
+            self.occluded_with(query, t_max, others, &mut [Child::EMPTY; SMALL_STACK])
+        } else if size <= USUAL_STACK {
             self.occluded_with(query, t_max, others, &mut [Child::EMPTY; USUAL_STACK])
         } else {
-            self.occluded_with(query, t_max, others, &mut vec![Child::EMPTY; self.stack()])
+            self.occluded_with(query, t_max, others, &mut vec![Child::EMPTY; size])
         }
     }
 

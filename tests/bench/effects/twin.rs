@@ -6,6 +6,8 @@
 
 use glam::Vec3;
 
+#[cfg(target_arch = "x86_64")]
+use crate::base::processor::Avx2;
 use crate::base::random::Random;
 use crate::geometry::{Ray, Surface};
 use crate::lights::Light;
@@ -69,8 +71,24 @@ impl<'a> Twin<'a> {
         })
     }
 
-    /// Radiance along `ray`.
-    pub fn trace(&self, mut ray: Ray, random: &mut Random, vertices: &mut Vec<Vertex>) -> Vec3 {
+    /// Radiance along `ray`. Compiled for newer processors too, as ours is.
+    pub fn trace(&self, ray: Ray, random: &mut Random, vertices: &mut Vec<Vertex>) -> Vec3 {
+        #[cfg(target_arch = "x86_64")]
+        if Avx2::detect().is_some() {
+            // SAFETY: the processor has the features.
+            return unsafe { self.trace_avx2(ray, random, vertices) };
+        }
+        self.walk(ray, random, vertices)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+    fn trace_avx2(&self, ray: Ray, random: &mut Random, vertices: &mut Vec<Vertex>) -> Vec3 {
+        self.walk(ray, random, vertices)
+    }
+
+    #[inline(always)]
+    fn walk(&self, mut ray: Ray, random: &mut Random, vertices: &mut Vec<Vertex>) -> Vec3 {
         vertices.clear();
         let mut previous: Option<Previous> = None;
         let mut throughput = Vec3::ONE;
@@ -110,6 +128,7 @@ impl<'a> Twin<'a> {
     }
 
     /// Emission of a surface that the path ran into, weighted against light sampling at the vertex before.
+    #[inline(always)]
     fn emission(&self, surface: &Surface, ray: &Ray, previous: Option<Previous>) -> Vec3 {
         let Some(index) = self.shape_light[surface.shape as usize] else { return Vec3::ZERO };
         let light = &self.lights[index as usize];
@@ -120,8 +139,9 @@ impl<'a> Twin<'a> {
     }
 
     /// Next event estimation: f·L·w / p for one sampled light.
+    #[inline(always)]
     fn direct(&self, surface: &Surface, material: &Plain, wo: Vec3, random: &mut Random) -> Vec3 {
-        let (choice, u) = (random.next_f64(), random.next_2d());
+        let (choice, u) = (self.scene.lights.choice(random), random.next_2d());
         let Some((index, probability)) = self.scene.lights.choose(surface.point, choice) else { return Vec3::ZERO };
         let Some(light) = self.lights[index].sample(surface.point, u) else { return Vec3::ZERO };
         let (wo, wi) = material.to_front(wo, surface.frame.to_local(light.wi));
@@ -139,10 +159,12 @@ impl<'a> Twin<'a> {
 }
 
 impl Plain {
+    #[inline(always)]
     fn to_front(&self, wo: Vec3, wi: Vec3) -> (Vec3, Vec3) {
         if self.two_sided && wo.z < 0.0 { (-wo, -wi) } else { (wo, wi) }
     }
 
+    #[inline(always)]
     fn sample(&self, surface: &Surface, wo: Vec3, random: &mut Random) -> Option<BsdfSample> {
         let u = random.next_2d();
         let flip = self.two_sided && wo.z < 0.0;
@@ -152,6 +174,7 @@ impl Plain {
 }
 
 /// The ray from `surface` to the light point at the finite `distance` in direction `wi`, and where it stops.
+#[inline(always)]
 fn shadow_ray(surface: &Surface, wi: Vec3, distance: f32) -> (Ray, f32) {
     let ray = surface.leave(wi);
     let target = surface.point + wi * distance;

@@ -1,0 +1,286 @@
+//! Every effect of the plan, switched on and off on every scene: what is on without need changes nothing, what only seeks light
+//! changes no mean, and what is part of the scene is gone as if the scene file had never had it.
+
+#[path = "support/blocks.rs"]
+mod blocks;
+#[path = "support/scenes.rs"]
+#[allow(dead_code, reason = "shared with other tests of light transport")]
+mod scenes;
+#[path = "support/statistics.rs"]
+#[allow(dead_code, reason = "shared with other tests")]
+mod statistics;
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use fanal::base::progress::Silent;
+use fanal::materials::image::Image;
+use fanal::render::{GuideMode, Reconstruction, RenderSettings, render};
+use fanal::scene::Scene;
+use fanal::scene::file::{LightFile, SceneFile};
+use fanal::scene::overrides::{Override, decide};
+use fanal::scene::plan::{EffectKind, EffectPlan, plan};
+use fanal::scene::readers::{LoadedScene, load_with, resolve};
+use rayon::prelude::*;
+use scenes::{GUIDES, Guide, reconstructor, settings};
+use serde_json::{Value, json};
+use statistics::{Summary, sidak};
+
+/// Six blocks.
+const SIZE: [u32; 2] = [48, 32];
+/// Independent pictures per mean.
+const SEEDS: u64 = 5;
+/// Samples per pixel of each.
+const SPP: u32 = 20;
+/// Largest relative error of a mean that is tested.
+const MOST_ERROR: f64 = 0.2;
+/// Probability that some test of means raises a false alarm.
+const FALSE_ALARM: f64 = 0.01;
+
+const NONE: Guide = GUIDES[0];
+const HYBRID: Guide = GUIDES[1];
+const NEURAL: Guide = GUIDES[6];
+
+/// Effects that decide how light is sought, not what there is.
+const SEEKING: [EffectKind; 4] =
+    [EffectKind::DirectLight, EffectKind::Photons, EffectKind::Guiding, EffectKind::Reconstruction];
+
+/// The folders of all committed scenes, and of one made to have every effect.
+fn folders() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let entries = std::fs::read_dir(root.join("scenes")).expect("the scenes are committed");
+    let folders = entries.map(|entry| entry.expect("a readable folder").path());
+    let mut folders: Vec<PathBuf> = folders.filter(|path| path.join("scene.json").exists()).collect();
+    folders.sort();
+    folders.push(root.join("tests/support/museum"));
+    assert!(folders.len() > 8);
+    folders
+}
+
+/// A scene with some effects switched, and its plan.
+struct Switched {
+    scene: Scene,
+    plan: EffectPlan,
+    max_depth: u32,
+}
+
+impl Switched {
+    fn new(folder: &Path, overrides: &[Override]) -> Self {
+        let loaded = load_with(folder, overrides).unwrap_or_else(|e| panic!("{overrides:?}: {e}"));
+        let mut plan = plan(&loaded.file);
+        decide(&mut plan, overrides);
+        Self { plan, ..Self::of(&loaded) }
+    }
+
+    fn of(loaded: &LoadedScene) -> Self {
+        let scene = Scene::build(loaded, SIZE).unwrap_or_else(|e| panic!("{}: {e}", loaded.file.name));
+        Self { scene, plan: plan(&loaded.file), max_depth: loaded.file.render.max_depth }
+    }
+
+    fn picture(&self, guide: Guide, spp: u32, seed: u64) -> Image {
+        let mut settings: RenderSettings = settings(guide, spp, seed).following(&self.plan);
+        settings.transport.max_depth = self.max_depth;
+        let guide = if settings.reconstruction == Reconstruction::None { GuideMode::Hybrid } else { settings.guide };
+        let reconstructor = reconstructor(guide);
+        let outcome = render(&self.scene, &settings, reconstructor.as_ref(), &Silent, &AtomicBool::new(false));
+        outcome.expect("the settings are sound").image
+    }
+
+    /// Means of blocks over pictures with seeds of their own.
+    fn means(&self, guide: Guide, spp: u32, first_seed: u64) -> Vec<Summary> {
+        let seeds = (first_seed..first_seed + SEEDS).into_par_iter();
+        let pictures: Vec<Image> = seeds.map(|seed| self.picture(guide, spp, seed)).collect();
+        blocks::summaries(&pictures)
+    }
+}
+
+fn bits(image: &Image) -> Vec<[u32; 3]> {
+    image.pixels.iter().map(|p| p.to_array().map(f32::to_bits)).collect()
+}
+
+fn lit(image: &Image) -> usize {
+    image.pixels.iter().filter(|p| p.max_element() > 0.0).count()
+}
+
+/// The loop that is compiled with an effect does to the last bit what the loop without it does, wherever there is nothing for the
+/// effect to do; in `none`, and where a guide learns from camera and light paths.
+#[test]
+fn what_is_on_without_need_changes_nothing() {
+    for folder in folders() {
+        let whole = Switched::new(&folder, &[]);
+        let guided = whole.picture(HYBRID, 12, 1);
+        let plain = whole.picture(NONE, 12, 1);
+        for effect in whole.plan.effects.iter().filter(|effect| !effect.on) {
+            let more = Switched::new(&folder, &[Override { kind: effect.name, on: true }]);
+            let place = format!("{} with {}", folder.display(), effect.name.name());
+            assert!(bits(&more.picture(NONE, 12, 1)) == bits(&plain), "{place}");
+            if !SEEKING.contains(&effect.name) {
+                assert!(bits(&more.picture(HYBRID, 12, 1)) == bits(&guided), "{place}, guided");
+            }
+        }
+        assert!(lit(&guided) > 5, "{}: {} pixels are lit", folder.display(), lit(&guided));
+    }
+}
+
+/// Whether every light can be run into, so that paths find it that do not look for it.
+fn is_reachable(file: &SceneFile) -> bool {
+    let reachable = |light: &LightFile| matches!(light, LightFile::Constant { .. } | LightFile::Envmap { .. });
+    file.lights.iter().all(reachable)
+}
+
+/// The means of blocks stay the same with each way of seeking light the other way round than the plan has it.
+#[test]
+fn seeking_light_in_another_way_changes_no_mean() {
+    let mut tests = Vec::new();
+    for folder in folders() {
+        let whole = Switched::new(&folder, &[]);
+        // The network costs more than all else here, so it is used where it is what is compared.
+        let planned = [HYBRID, NEURAL].map(|guide| whole.means(guide, SPP, 100));
+        let reachable = is_reachable(&load_with(&folder, &[]).expect("it was just read").file);
+        for (index, kind) in (0..).zip(SEEKING) {
+            if kind == EffectKind::DirectLight && !reachable {
+                continue;
+            }
+            let other = Switched::new(&folder, &[Override { kind, on: !whole.plan.is_on(kind) }]);
+            let neural = kind == EffectKind::Reconstruction;
+            let others = other.means(if neural { NEURAL } else { HYBRID }, SPP, 1000 + 100 * index);
+            tests.push((folder.display().to_string(), kind, planned[usize::from(neural)].clone(), others));
+        }
+    }
+    // Where few samples have found light, means are not normal, and their errors say nothing.
+    let known = |mean: &Summary| mean.error() < MOST_ERROR * mean.mean;
+    let pairs = |means: &[Summary], others: &[Summary]| -> Vec<(Summary, Summary)> {
+        let pairs = means.iter().copied().zip(others.iter().copied());
+        pairs.filter(|(a, b)| known(a) && known(b)).collect()
+    };
+    let tests = tests.into_iter().map(|(name, kind, means, others)| (name, kind, pairs(&means, &others)));
+    let tests: Vec<_> = tests.collect();
+    for kind in SEEKING {
+        let scenes = tests.iter().filter(|(_, of, pairs)| *of == kind && !pairs.is_empty()).count();
+        assert!(scenes >= 3, "{}: tested on {scenes} scenes only", kind.name());
+    }
+    let tail = sidak(FALSE_ALARM, tests.iter().map(|(.., pairs)| pairs.len()).sum());
+    for (name, kind, pairs) in &tests {
+        for (a, b) in pairs {
+            let test = a.welch(b, tail);
+            assert!(test <= 1.0, "{name} and {}: {test:.2} of the limit: {a:?} and {b:?}", kind.name());
+        }
+    }
+    // The same test sees a lamp that is a fifth brighter.
+    let folder = &folders()[1];
+    let mut loaded = load_with(folder, &[]).expect("it was just read");
+    loaded.file.shapes.iter_mut().filter_map(|s| s.emission.as_mut()).for_each(|e| *e = e.map(|x| 1.2 * x));
+    let brighter = Switched::of(&loaded).means(HYBRID, SPP, 5000);
+    let means = Switched::new(folder, &[]).means(HYBRID, SPP, 100);
+    assert!(means.iter().zip(&brighter).all(|(a, b)| a.welch(b, tail) > 1.0), "{means:?} {brighter:?}");
+}
+
+/// An effect that is switched off is gone as if the file had never had it: the picture of the file with it taken out by hand.
+#[test]
+fn what_is_off_is_as_if_it_had_never_been() {
+    let mut seen = Vec::new();
+    for folder in folders() {
+        let whole = Switched::new(&folder, &[]);
+        let pictures = [NONE, HYBRID].map(|guide| bits(&whole.picture(guide, 16, 1)));
+        for effect in whole.plan.effects.iter().filter(|effect| effect.on && !SEEKING.contains(&effect.name)) {
+            let kind = effect.name;
+            let place = format!("{} without {}", folder.display(), kind.name());
+            let text = std::fs::read_to_string(folder.join("scene.json")).expect("it was just read");
+            let mut file: Value = serde_json::from_str(&text).expect("it was just read");
+            take_out(&mut file, kind);
+            let file = serde_json::from_value(file).unwrap_or_else(|e| panic!("{place}: {e}"));
+            let less = Switched::of(&resolve(file, &folder, &folder).unwrap_or_else(|e| panic!("{place}: {e}")));
+            let off = Switched::new(&folder, &[Override { kind, on: false }]);
+            let without = [NONE, HYBRID].map(|guide| bits(&off.picture(guide, 16, 1)));
+            assert!(without == [NONE, HYBRID].map(|guide| bits(&less.picture(guide, 16, 1))), "{place}");
+            assert!(without != pictures, "{place}: nothing changed");
+            seen.push(kind);
+        }
+    }
+    for kind in EffectKind::ALL {
+        assert!(seen.contains(&kind) || SEEKING.contains(&kind), "no scene has {}", kind.name());
+    }
+}
+
+/// Takes an effect out of a scene file.
+fn take_out(file: &mut Value, kind: EffectKind) {
+    use EffectKind as K;
+    let lights = |file: &mut Value, kind: &str| {
+        file["lights"].as_array_mut().expect("there are lights").retain(|light| light["type"] != kind);
+    };
+    match kind {
+        K::AreaLights => each_shape(file, &["emission"]),
+        K::PointLights => lights(file, "point"),
+        K::SpotLights => lights(file, "spot"),
+        K::DirectionalLights => lights(file, "directional"),
+        K::Environment => lights(file, "constant"),
+        K::DepthOfField => drop(file["camera"].as_object_mut().map(|camera| camera.remove("aperture_radius"))),
+        K::Medium => {
+            drop(file.as_object_mut().map(|file| file.remove("media")));
+            each_shape(file, &["interior", "exterior"]);
+        }
+        K::Masks => replace(file, "mask", &|mask| mask["material"].clone()),
+        K::BumpMaps => replace(file, "bump_map", &|bumps| bumps["material"].clone()),
+        K::Textures => {
+            replace(file, "bitmap", &|_| json!({"type": "rgb", "value": [0.5, 0.5, 0.5]}));
+            replace(file, "checkerboard", &|board| {
+                let colour = |key: &str, c: usize| board[key][c].as_f64().expect("a colour") as f32;
+                let mean = [0, 1, 2].map(|c| 0.5 * (colour("color0", c) + colour("color1", c)));
+                json!({"type": "rgb", "value": mean})
+            });
+        }
+        K::Mirrors => replace(file, "conductor", &plain),
+        K::Transmission => replace(file, "dielectric", &plain),
+        K::ThinTransmission => replace(file, "thin_dielectric", &plain),
+        K::Glossy => ["rough_conductor", "principled"].iter().for_each(|kind| replace(file, kind, &plain)),
+        K::Coats => {
+            replace(file, "principled", &|material| {
+                let mut bare = material.clone();
+                bare["clearcoat"] = json!(0.0);
+                bare
+            });
+            replace(file, "plastic", &plain);
+        }
+        K::DirectLight | K::Photons | K::Guiding | K::Reconstruction => {}
+    }
+}
+
+fn each_shape(file: &mut Value, without: &[&str]) {
+    let shapes = file["shapes"].as_array_mut().expect("there are shapes");
+    for shape in shapes.iter_mut().filter_map(Value::as_object_mut) {
+        without.iter().for_each(|key| drop(shape.remove(*key)));
+    }
+}
+
+/// A matt surface of the colour that the material names first.
+fn plain(material: &Value) -> Value {
+    let mut colours =
+        ["base_color", "diffuse_reflectance", "specular_reflectance"].iter().filter_map(|key| material.get(key));
+    let default = if material.get("eta").is_some() { 1.0 } else { 0.5 };
+    let grey = json!({"type": "rgb", "value": [default, default, default]});
+    let colour = colours.next().cloned().unwrap_or(grey);
+    json!({"type": "two_sided", "material": {"type": "diffuse", "reflectance": colour}})
+}
+
+/// Replaces every part of the materials with this `type`, inner parts first.
+fn replace(value: &mut Value, kind: &str, by: &dyn Fn(&Value) -> Value) {
+    fn inside(value: &mut Value, kind: &str, by: &dyn Fn(&Value) -> Value) {
+        match value {
+            Value::Array(items) => items.iter_mut().for_each(|item| inside(item, kind, by)),
+            Value::Object(items) => items.values_mut().for_each(|item| inside(item, kind, by)),
+            _ => {}
+        }
+        if value.get("type").is_some_and(|found| found == kind) {
+            *value = by(value);
+        }
+    }
+    inside(&mut value["materials"], kind, by);
+    value["materials"].as_object_mut().expect("there are materials").values_mut().for_each(once_two_sided);
+}
+
+/// Two sides of something two-sided are its own.
+fn once_two_sided(material: &mut Value) {
+    while material["type"] == "two_sided" && material["material"]["type"] == "two_sided" {
+        *material = material["material"].take();
+    }
+}
