@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn scaling_radiance_changes_nothing() {
+    fn a10_scaling_radiance_changes_no_feature() {
         let (topology, sums) = tree();
         let expected = node_features(&topology, &sums);
         assert_eq!(expected.len(), topology.len() * FEATURES);
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_and_overflowed_trees_are_finite() {
+    fn a10_empty_and_overflowed_trees_are_finite() {
         let (topology, mut sums) = tree();
         sums[0] = f32::INFINITY;
         sums[RAW_CHANNELS] = f32::NAN;
