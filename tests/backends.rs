@@ -161,7 +161,7 @@ fn bits_do_not_depend_on_threads() {
 }
 
 #[test]
-fn extreme_weights_still_give_distributions() {
+fn a17_extreme_weights_still_give_distributions() {
     let trees = trees();
     for scale in [0.0, 1e4, 1e38] {
         let mut model = model(config(16, 1, false), 8);
@@ -179,7 +179,7 @@ fn extreme_weights_still_give_distributions() {
 }
 
 #[test]
-fn empty_inputs_are_fine_and_wrong_ones_are_refused() {
+fn a17_empty_inputs_are_fine_and_wrong_ones_are_refused() {
     let model = model(config(16, 1, false), 9);
     let backend = Embedded::new(&model).unwrap();
     assert!(reconstruct_batch(&model, &backend, &[]).unwrap().is_empty());

@@ -104,7 +104,7 @@ const NEW: &str = r##"<scene version="3.0.0">
 
 /// The same scene in the words of 0.5 and of 3: the same file, and the same picture bit for bit.
 #[test]
-fn both_dialects_give_the_same_picture() {
+fn s09_both_dialects_give_the_same_picture() {
     let folder = folder();
     let [old, new] = [OLD, NEW].map(|text| load_text(&folder, text).unwrap_or_else(|error| panic!("{error}")));
     assert_eq!(old.file, new.file);

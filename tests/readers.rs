@@ -182,7 +182,7 @@ fn tidy(mut file: SceneFile) -> SceneFile {
 }
 
 #[test]
-fn both_formats_mean_the_same() {
+fn s09_both_formats_mean_the_same() {
     let folder = folder();
     let put = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
     put("scene.xml", XML);
@@ -519,7 +519,7 @@ fn damaged_files_are_survived() {
 }
 
 #[test]
-fn triangles_without_area_are_counted() {
+fn a08_triangles_without_area_are_counted() {
     let mesh = MeshFile::Inline {
         positions: vec![[0.; 3], [1., 0., 0.], [0., 1., 0.]],
         normals: vec![],

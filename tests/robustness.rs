@@ -109,7 +109,7 @@ fn moved(scale: f32, shift: f32) {
 
 /// Catches ray offsets, shadow rays, box tests and voxels with absolute sizes.
 #[test]
-fn scale_does_not_matter() {
+fn a06_scale_does_not_matter() {
     moved(1e-4, 0.0);
     moved(1e4, 0.0);
 }
@@ -117,7 +117,7 @@ fn scale_does_not_matter() {
 /// A scene of unit size at 1e6 units would be below the resolution of single precision (1/16 there), so it is made 1000 times
 /// larger first.
 #[test]
-fn place_does_not_matter() {
+fn a06_place_does_not_matter() {
     moved(1e3, 1e6);
 }
 
@@ -125,7 +125,7 @@ fn place_does_not_matter() {
 /// rounds nothing and no decision may change. Catches absolute thresholds in the trees, squares that overflow or vanish, and
 /// roulette or pass weights that depend on the unit of radiance.
 #[test]
-fn the_unit_of_radiance_does_not_matter() {
+fn a10_the_unit_of_radiance_does_not_matter() {
     for guide in GUIDES {
         let render =
             |factor: f32| -> Image { picture(&built(room([24, 18], 10.0 * factor).finish()), &settings(guide, 64, 1)) };
@@ -141,7 +141,7 @@ fn the_unit_of_radiance_does_not_matter() {
 
 /// The ceiling of the field is kept, also one far below what the scene would like, and guiding goes on.
 #[test]
-fn the_field_stays_below_its_ceiling() {
+fn a05_the_field_stays_below_its_ceiling() {
     let scene = built(room([64, 48], 10.0).finish());
     let size = |memory: usize| {
         let mut settings = settings(GUIDES[1], 128, 1);

@@ -116,7 +116,7 @@ fn check(name: &str, material: &Material, wo: Vec3, alpha: f32) -> f64 {
 }
 
 #[test]
-fn phase_function_follows_its_density() {
+fn s01_phase_function_follows_its_density() {
     for (g, power) in [(-0.9, 4.0), (-0.3, 1.0), (0.0, 1.0), (0.6, 1.0), (0.99, 6.0)] {
         let phase = HenyeyGreenstein::new(g);
         let peak = if g < 0.0 { Vec3::Z } else { Vec3::NEG_Z };
@@ -130,7 +130,7 @@ fn phase_function_follows_its_density() {
 }
 
 #[test]
-fn rough_metal_follows_its_density() {
+fn s01_rough_metal_follows_its_density() {
     for shape in SHAPES {
         for alpha in ALPHAS {
             for cos in COSINES {
@@ -149,7 +149,7 @@ fn rough_metal_follows_its_density() {
 
 /// A diffuse surface loses no sample: its density integrates to 1 up to the rounding of single precision.
 #[test]
-fn diffuse_follows_its_density() {
+fn s01_diffuse_follows_its_density() {
     for (two_sided, cos) in [(false, 1.0), (false, 0.02), (true, -0.6)] {
         let wo = direction(cos, 0.7);
         let mass = check(&format!("diffuse {cos}"), &diffuse(two_sided), wo, 1.0);
@@ -159,7 +159,7 @@ fn diffuse_follows_its_density() {
 
 /// A smooth coat's delta lobe counts as lost.
 #[test]
-fn plastic_follows_its_density() {
+fn s01_plastic_follows_its_density() {
     for cos in [0.9, 0.1] {
         let mass = check(&format!("smooth plastic {cos}"), &plastic(0.6, None), direction(cos, 0.7), 1.0);
         assert!(mass < 0.99, "{mass}");
@@ -171,7 +171,7 @@ fn plastic_follows_its_density() {
 }
 
 #[test]
-fn principled_follows_its_density() {
+fn s01_principled_follows_its_density() {
     for (name, parameters) in principled([0.6, 0.3, 0.1]) {
         let clear = parameters.spec_trans > 0.0;
         let material = made(parameters);
@@ -282,7 +282,7 @@ fn principled_is_that_of_mitsuba() {
 
 /// From both sides, into the denser and into the thinner medium.
 #[test]
-fn rough_glass_follows_its_density() {
+fn s01_rough_glass_follows_its_density() {
     for shape in SHAPES {
         for (alpha, cos) in [(0.3, 0.8), (0.3, -0.8), (0.8, 0.3), (0.8, -0.3)] {
             let wo = direction(cos, 0.7);
@@ -342,7 +342,7 @@ fn samples_agree_with_density_and_value() {
 
 /// Helmholtz: f(a, b) = f(b, a). Catches shadowing or a cosine applied to one direction only.
 #[test]
-fn reciprocal() {
+fn s06_reciprocal() {
     let mut random = Random::new(7, 0, 0);
     for (material, a) in cases() {
         for _ in 0..200 {
@@ -357,7 +357,7 @@ fn reciprocal() {
 /// Refraction scales radiance by the squared indices: f(a, b)/η_a² = f(b, a)/η_b² (Veach 1997, eq. 5.14). Catches a squeeze of
 /// radiance that is missing, doubled or on the wrong side.
 #[test]
-fn rough_glass_is_reciprocal() {
+fn s06_rough_glass_is_reciprocal() {
     let mut random = Random::new(17, 0, 0);
     let mut compared = 0;
     for shape in SHAPES {
@@ -389,7 +389,7 @@ fn albedo(material: &Material, wo: Vec3, transport: Transport) -> f64 {
 /// since η²(1 − R) is the mean transmittance from outside. Three standard errors are 0.01. A rough coat loses what its facets throw at one
 /// another, on the way in and out, and 2 % by its quadrature. Catches a factor η² or a Fresnel term that is missing.
 #[test]
-fn white_plastic_keeps_energy() {
+fn s06_white_plastic_keeps_energy() {
     for cos in [1.0, 0.5, 0.2] {
         let wo = direction(cos, 0.3);
         let smooth = albedo(&plastic(1.0, None), wo, Transport::Radiance);
@@ -403,7 +403,7 @@ fn white_plastic_keeps_energy() {
 
 /// Power is kept but for what facets hide, radiance is squeezed; a pane lets through what it does not mirror.
 #[test]
-fn glass_keeps_power() {
+fn s06_glass_keeps_power() {
     for shape in SHAPES {
         for cos in [0.9, 0.5, -0.9, -0.5] {
             let wo = direction(cos, 0.3);
@@ -424,7 +424,7 @@ fn glass_keeps_power() {
 /// However white the base and whatever lobes are added, no more leaves than arrives. Weights stay below about 3, so 1e5 samples leave
 /// three standard errors of 0.015; tables between 24 cosines are off by less. Catches a bound that is missing or too low.
 #[test]
-fn principled_gains_no_energy() {
+fn s06_principled_gains_no_energy() {
     for (name, parameters) in principled([1.0; 3]) {
         let clear = parameters.spec_trans > 0.0;
         let material = made(parameters);
@@ -443,7 +443,7 @@ fn principled_gains_no_energy() {
 /// standard error below 0.003 (weights ≤ about 1, 1e5 samples) leaves 3σ. A nearly smooth one loses next to nothing.
 /// Catches a missing or doubled factor in f.
 #[test]
-fn no_metal_gains_energy() {
+fn s06_no_metal_gains_energy() {
     let mut random = Random::new(9, 0, 0);
     for shape in SHAPES {
         for (alpha, cos) in ALPHAS.into_iter().flat_map(|a| COSINES.map(|c| (a, c))) {

@@ -131,7 +131,7 @@ fn merged(topology: &Topology, mut node: usize, level: usize, merge: usize) -> u
 }
 
 #[test]
-fn quadtrees_follow_their_density() {
+fn s01_quadtrees_follow_their_density() {
     for seed in 0..4 {
         check(&format!("tree {seed}"), &random_tree(seed, 6, 0.6), 0.1, MAX_LEVEL);
     }
@@ -149,7 +149,7 @@ fn quadtrees_follow_their_density() {
 
 /// Σ pdf · solid angle over all leaves is 1 to 1e-5, with the density looked up at each leaf's centre.
 #[test]
-fn tree_densities_sum_to_one() {
+fn s02_tree_densities_sum_to_one() {
     let trees = (0..6).map(|seed| random_tree(seed, 6, 0.6)).chain([chain(Vec3::X), chain(Vec3::new(-1.0, 1e-3, 0.0))]);
     for (i, distribution) in trees.enumerate() {
         let (tree, topology) = (SamplingTree::new(&distribution, 0.1, usize::MAX), distribution.topology());
@@ -168,7 +168,7 @@ fn tree_densities_sum_to_one() {
 /// Catches a density that leaves out the other strategy, world and local directions mixed up, and a weight that is not
 /// f·cos θ over the whole mixture's density. Directions in which f is zero are lost.
 #[test]
-fn mixture_follows_its_density() {
+fn s01_mixture_follows_its_density() {
     let n = Vec3::new(0.3, 0.5, -0.8).normalize();
     let surface = Surface {
         point: Vec3::splat(0.5),

@@ -35,7 +35,7 @@ fn shape_pdf(light: &AreaLight, shape: &Shape, accel: &Accel, point: Vec3, direc
 /// Near, far and from inside. Catches a cone of the wrong angle and 1 − cos without digits for a distant sphere. The mass is
 /// 1; the rim is resolved to 1e-3 of it.
 #[test]
-fn sphere_lights_follow_their_density() {
+fn s01_sphere_lights_follow_their_density() {
     for (distance, radius, inside) in [(1.1, 1.0, false), (50.0, 0.5, false), (0.4, 1.0, true)] {
         let center = Vec3::new(0.3, -0.2, 0.9).normalize() * distance;
         let shape = Shape::sphere(center, radius, inside);
@@ -66,7 +66,7 @@ fn triangles() -> Shape {
 /// Points on a mesh light are uniform over its area: 64 equal parts of each triangle. Catches triangles chosen by number and
 /// not by area, and a warp that crowds a corner. The density is that of the hit point, distance² / (cos · area).
 #[test]
-fn mesh_lights_are_uniform_over_their_area() {
+fn s01_mesh_lights_are_uniform_over_their_area() {
     let shape = triangles();
     let (light, accel) = (AreaLight::new(shape.clone(), Vec3::ONE), Accel::new(std::slice::from_ref(&shape)));
     let areas: [f64; 3] = std::array::from_fn(|i| {
@@ -99,7 +99,7 @@ fn mesh_lights_are_uniform_over_their_area() {
 
 /// Seen at all angles, the same light's density w.r.t. solid angle integrates to 1. Catches a missing distance² or cosine.
 #[test]
-fn mesh_lights_follow_their_density() {
+fn s01_mesh_lights_follow_their_density() {
     let shape = triangles();
     let (light, accel) = (AreaLight::new(shape.clone(), Vec3::ONE), Accel::new(std::slice::from_ref(&shape)));
     let mass = Chart::around(Vec3::new(1.0, 0.5, 2.0).normalize(), 2.0).check(
@@ -121,7 +121,7 @@ fn background(light: &Light, random: &mut Random) -> Option<Vec3> {
 }
 
 #[test]
-fn constant_light_follows_its_density() {
+fn s01_constant_light_follows_its_density() {
     let light = Light::Constant(Constant { radiance: Vec3::ONE });
     let mass = Chart::around(Vec3::X, 1.0).check(
         "constant light",
@@ -136,7 +136,7 @@ fn constant_light_follows_its_density() {
 /// the picture's, in the documented convention (u = atan2(x, −z)/2π, v = acos(y)/π, columns between texel centres). Catches a
 /// forgotten sin θ, swapped rows and columns, a rotation the wrong way around.
 #[test]
-fn environment_follows_its_density() {
+fn s01_environment_follows_its_density() {
     for hot in [3 * 16 + 5, 2] {
         let mut pixels: Vec<Vec3> = (0..16 * 9).map(|i| Vec3::splat(0.2 + (i % 7) as f32)).collect();
         pixels[hot] = Vec3::splat(1e4);

@@ -90,7 +90,7 @@ fn furnace_with(scene: &Scene, guide: Guide, expected: f64, change: impl Fn(&mut
 /// L = 1 + a·L = 1/(1 − a). Catches energy lost or counted twice between light and BSDF sampling, in roulette, or by the
 /// guide's density, and rays that leak through or stick to a wall.
 #[test]
-fn closed_furnaces() {
+fn s03_closed_furnaces() {
     for albedo in [0.5, 0.8] {
         let expected = 1.0 / (1.0 - f64::from(albedo));
         for scene in [box_furnace(albedo), sphere_furnace(albedo)] {
@@ -103,7 +103,7 @@ fn closed_furnaces() {
 
 /// What can be chosen besides gives the same radiance: the furnaces above have what is used by default.
 #[test]
-fn options_change_no_mean() {
+fn s03_options_change_no_mean() {
     let changes: [fn(&mut RenderSettings); 8] = [
         |s| s.transport.roulette = Roulette::Off,
         |s| s.transport.roulette = Roulette::Throughput,
@@ -137,7 +137,7 @@ fn work_follows_the_light() {
 
 /// A convex body sees only the sky: L = a. Catches the same for light from infinity.
 #[test]
-fn sky_furnaces() {
+fn s03_sky_furnaces() {
     for (guide, nee) in GUIDES.into_iter().flat_map(|guide| [(guide, true), (guide, false)]) {
         furnace(&sky_furnace(0.8), guide, nee, f64::from(0.8f32));
     }
@@ -244,7 +244,7 @@ fn blocks(image: &Image) -> Vec<f64> {
 /// less of the picture. Catches light that guiding loses or gains: a wrong mixture density, records that steer the final
 /// picture, passes combined with weights that follow their samples.
 #[test]
-fn guided_pictures_agree_with_none() {
+fn s05_guided_pictures_agree_with_none() {
     let names = ["cornell", "door-ajar", "glass-caustic", "lamp-room", "pinhole"];
     let level = sidak(0.001, (GUIDES.len() - 1) * names.len() * 13);
     let mut compared = 0;
@@ -278,7 +278,7 @@ fn guided_pictures_agree_with_none() {
 
 /// A block a tenth brighter would be seen on the diffuse box. Keeps the test above honest.
 #[test]
-fn agreement_can_fail() {
+fn s05_agreement_can_fail() {
     let scene = committed("cornell", [32, 24]);
     let runs = |seed: u64, factor: f64| -> Vec<f64> {
         (0..16).map(|i| factor * blocks(&picture(&scene, &settings(GUIDES[0], 24, seed + i)))[5]).collect()

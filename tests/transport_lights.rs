@@ -70,7 +70,7 @@ fn lights() -> Vec<(Light, Vec3)> {
 /// Within 1 %, per channel; 2e5 samples have standard errors below 0.3 %. Catches a density left out of a photon's power, and
 /// photons chosen by another power than they carry.
 #[test]
-fn emitted_photons_carry_the_power_of_the_light() {
+fn s08_emitted_photons_carry_the_power_of_the_light() {
     let mut random = Random::new(1, 0, 0);
     for (i, (light, expected)) in lights().into_iter().enumerate() {
         let n = 200_000;
@@ -151,7 +151,7 @@ fn deposited_flux(scene: &Scene) -> f64 {
 /// flux below 0.5 %. Catches photons that start in the wrong place or direction, a wrong cosine, and power divided by the
 /// wrong count.
 #[test]
-fn photons_bring_the_flux_that_paths_see() {
+fn s08_photons_bring_the_flux_that_paths_see() {
     let down = Mat4::from_rotation_translation(Quat::from_rotation_x(1.2), Vec3::new(0.1, 1.5, -0.4));
     let to_world = down.transpose().to_cols_array();
     let lights = [
@@ -180,7 +180,7 @@ fn photons_bring_the_flux_that_paths_see() {
 /// Two lamps in a closed room: all of their power arrives, whichever lamp a photon comes from. The powers differ by 12, so a
 /// wrong probability of choosing shows; exact but for 1 % noise.
 #[test]
-fn photons_of_several_lights_carry_their_sum() {
+fn s08_photons_of_several_lights_carry_their_sum() {
     let mut b = Builder::new("closed", [4, 4]);
     let wall = b.add_material("wall", diffuse([0.5; 3]));
     b.add_block("room", Vec3::splat(-1.0), Vec3::ONE, &wall);
@@ -222,7 +222,7 @@ fn direct(name: &str, b: Builder, irradiance: f64, reachable: bool) {
 }
 
 #[test]
-fn direct_light_has_its_closed_form() {
+fn s04_direct_light_has_its_closed_form() {
     let pi = std::f64::consts::PI;
     let lamp = |emission| {
         let mut b = floor([32, 32], 1.0);

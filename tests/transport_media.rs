@@ -91,7 +91,7 @@ fn white_media_vanish() {
 /// Inside a closed box whose walls emit 1 and reflect a, the radiance is 1/(1 - a) everywhere, fog that absorbs nothing or not.
 /// Catches light sampling that forgets the fog, or counts it twice.
 #[test]
-fn fog_changes_no_furnace() {
+fn s03_fog_changes_no_furnace() {
     let mut b = Builder::new("foggy furnace", [8, 8]);
     let wall = b.add_material("wall", diffuse([0.5; 3]));
     let axes = [Vec3::X, Vec3::Y, Vec3::Z];

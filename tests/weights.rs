@@ -33,7 +33,7 @@ fn saved_models_are_loaded() {
 }
 
 #[test]
-fn damaged_weights_name_the_tensor() {
+fn a18_damaged_weights_name_the_tensor() {
     let config = config(16, 1, false);
     let good = model(config.clone(), 2).weights;
     let damage: [(&str, Change<Weights>); 6] = [
@@ -81,7 +81,7 @@ fn truncated_and_flipped_files_do_not_panic() {
 }
 
 #[test]
-fn models_of_other_versions_and_features_are_refused() {
+fn a18_models_of_other_versions_and_features_are_refused() {
     let good = config(16, 1, false);
     let weights = model(good.clone(), 4).weights;
     let changes: [(&str, Change<Config>); 6] = [

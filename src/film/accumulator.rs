@@ -432,7 +432,7 @@ mod tests {
 
     /// HARD_CASES A16: an f32 sum of 1e6 values of 0.1 is off by 1 %.
     #[test]
-    fn mean_of_a_million_samples_is_exact() {
+    fn a16_mean_of_a_million_samples_is_exact() {
         let mut constant = Pixel::default();
         let mut alternating = Pixel::default();
         for i in 0..1_000_000 {
@@ -448,7 +448,7 @@ mod tests {
 
     /// HARD_CASES A13: no division by a variance of 0; the result is the plain mean.
     #[test]
-    fn zero_variance_falls_back_to_the_plain_mean() {
+    fn a13_zero_variance_falls_back_to_the_plain_mean() {
         let constant = [pass(2, |_| 1.0), pass(6, |_| 3.0)];
         let picture = combine(&constant).unwrap();
         assert!(picture.pixels.iter().all(|p| (p.x - 2.5).abs() < 1e-6));

@@ -170,7 +170,7 @@ mod tests {
 
     /// χ² of 200,000 offsets on each axis over 40 cells against the filter's definition; 14 tests with a false alarm of 1e-5 each.
     #[test]
-    fn offsets_follow_the_filter() {
+    fn s01_offsets_follow_the_filter() {
         let n = 200_000;
         for (stream, file) in ALL.into_iter().enumerate() {
             let filter = PixelFilter::new(file).unwrap();
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn density_has_the_integral_one_and_the_filters_variance() {
+    fn s02_density_has_the_integral_one_and_the_filters_variance() {
         for file in ALL {
             let filter = PixelFilter::new(file).unwrap();
             let reach = f64::from(file.radius()) * 1.1;

@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn extreme_points_have_a_voxel() {
+    fn a06_extreme_points_have_a_voxel() {
         let mut cache = SpatialCache::fit(&[Vec3::splat(1e6), Vec3::splat(1e6 + 1.0)], 20.0);
         for p in [Vec3::INFINITY, Vec3::NEG_INFINITY, Vec3::splat(1e30), Vec3::splat(1e6)] {
             let voxel = cache.find_or_insert(p, UP);

@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn masses_sum_to_one_whatever_the_scale() {
+    fn a03_masses_sum_to_one_whatever_the_scale() {
         for scale in [1e-300, 1.0, 1e300] {
             let d = deep([1., 2., 3., 4., 5., 6., 7.].map(|w| w * scale));
             assert!((d.leaf_mass().iter().sum::<f64>() - 1.0).abs() < 1e-12);

@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn scaling_radiance_changes_nothing() {
+    fn a10_scaling_radiance_changes_nothing() {
         let (counted, own, sums) = trees(1);
         let expected = inputs(&counted, &leaves(&own, &sums)).features;
         for scale in [1e-8f32, 3.0, 1e8] {
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_and_overflowed_trees_are_finite() {
+    fn a10_empty_and_overflowed_trees_are_finite() {
         let (counted, own, mut sums) = trees(3);
         sums[0] = f32::INFINITY;
         sums[NETWORK_CHANNELS] = f32::NAN;

@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_samples_change_nothing() {
+    fn a14_bad_samples_change_nothing() {
         let mut adam = Adam::default();
         adam.step(f64::NAN, 0.5, 0.5);
         adam.step(f64::INFINITY, 1.0, 0.5);

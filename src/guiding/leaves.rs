@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn hybrid_averages_or_takes_what_there_is() {
+    fn a04_hybrid_averages_or_takes_what_there_is() {
         let topology = Topology::from_split(&[true, false, false, false, false]).unwrap();
         let hybrid = |sums: &[f32], target, share| {
             Leaves { topology: &topology, sums, layout: Layout::Values, target }.hybrid(share)

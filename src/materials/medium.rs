@@ -138,7 +138,7 @@ mod tests {
 
     /// HARD_CASES A12: nothing, or everything at once.
     #[test]
-    fn limits_are_exact() {
+    fn a12_limits_are_exact() {
         let clear = medium(Vec3::ZERO, 1.0);
         let opaque = medium(Vec3::splat(1e30), 1.0);
         for u in [0.0, 0.5, 1.0 - f32::EPSILON] {

@@ -52,7 +52,7 @@ mod tests {
     const ALL: [f32; 9] = [-1.0, -0.99, -0.7, -1e-4, 0.0, 1e-6, 0.3, 0.95, 1.0];
 
     #[test]
-    fn density_integrates_to_one_and_has_the_mean_cosine() {
+    fn s02_density_integrates_to_one_and_has_the_mean_cosine() {
         for g in ALL {
             let phase = HenyeyGreenstein::new(g);
             // Substituted cos θ = 1 - s³ from the side of the peak, where the density needs many cells.
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_turn_by_the_mean_cosine() {
+    fn a12_samples_turn_by_the_mean_cosine() {
         for g in ALL {
             let phase = HenyeyGreenstein::new(g);
             let n = 1 << 12;

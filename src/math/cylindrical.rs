@@ -56,7 +56,7 @@ mod tests {
     use crate::base::random::Random;
 
     #[test]
-    fn inverse_within_rounding_and_half_open_at_the_poles() {
+    fn a01_inverse_within_rounding_and_half_open_at_the_poles() {
         let mut random = Random::new(3, 0, 0);
         for _ in 0..10_000 {
             let square = [random.next_f64(), random.next_f64()];

@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_shares_become_uniform() {
+    fn a19_broken_shares_become_uniform() {
         let shares = sane_shares(&[f32::NAN, 1., 0., 0., 0.5, 0.5, 0., 0., 1., 1., 1., 1.]);
         assert_eq!(shares, [0.25, 0.25, 0.25, 0.25, 0.5, 0.5, 0.0, 0.0, 0.25, 0.25, 0.25, 0.25]);
     }

@@ -100,14 +100,14 @@ mod tests {
     }
 
     #[test]
-    fn sphere_warps_follow_their_densities() {
+    fn s01_sphere_warps_follow_their_densities() {
         check_sphere(square_to_sphere, |_| square_to_sphere_pdf());
         check_sphere(square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf);
         check_sphere(|u| square_to_cone(u, 0.75), |w| if w.z >= 0.25 { square_to_cone_pdf(0.75) } else { 0.0 });
     }
 
     #[test]
-    fn disk_and_triangle_are_uniform() {
+    fn s01_disk_and_triangle_are_uniform() {
         let mut random = Random::new(8, 0, 0);
         let n = 100_000;
         let (mut inner, mut corner) = (0, 0);

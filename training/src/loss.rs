@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn saturated_logits_have_finite_losses_and_gradients() {
+    fn a17_saturated_logits_have_finite_losses_and_gradients() {
         let device = Device::flex().autodiff();
         for loss in [Loss::Kl, Loss::Zhu, Loss::Variance] {
             for (share, leaf) in [(1e4, 1e4), (1e4, -1e4), (-1e4, 1e4), (-1e4, -1e4), (0.0, 0.0)] {

@@ -101,7 +101,7 @@ fn random_ray(random: &mut Random, i: usize) -> Ray {
 
 /// HARD_CASES S7: the same hits as testing every primitive, for placed meshes, instances, spheres, and surfaces that coincide.
 #[test]
-fn hierarchy_equals_brute_force() {
+fn s07_hierarchy_equals_brute_force() {
     let mut random = Random::new(11, 0, 0);
     let shared = Arc::new(soup(&mut random, 40, 0.2));
     let turned = Affine3A::from_scale_rotation_translation(
@@ -171,7 +171,7 @@ fn kernels_agree() {
 /// HARD_CASES S7 and A6: no ray leaves a closed mesh, through faces, edges or vertices, whatever its size and place; and few of
 /// those that come from 1e5 units away slip through it.
 #[test]
-fn closed_mesh_is_watertight() {
+fn s07_closed_mesh_is_watertight() {
     for (radius, center, distance) in [
         (1.0, Vec3::ZERO, 1e5),
         (1e-4, Vec3::ZERO, 10.0),
@@ -208,7 +208,7 @@ fn closed_mesh_is_watertight() {
 
 /// HARD_CASES A8: shapes that no ray can hit, and rays that hit nothing.
 #[test]
-fn nothing_to_hit() {
+fn a08_nothing_to_hit() {
     let degenerate = Mesh {
         positions: vec![Vec3::ZERO, Vec3::X, 2.0 * Vec3::X, Vec3::NAN, Vec3::INFINITY, Vec3::Y],
         triangles: vec![[0, 1, 2], [0, 0, 0], [0, 1, 3], [0, 1, 4], [0, 1, 1]],

@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn drops_and_counts_triangles_without_area() {
+    fn a08_drops_and_counts_triangles_without_area() {
         let corners = vec![[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [2., 0., 0.]];
         let (mesh, skipped) = inline(corners.clone(), vec![[0, 1, 2], [0, 1, 1], [0, 1, 3]]).unwrap();
         assert_eq!((mesh.triangles, skipped), (vec![[0, 1, 2]], 2));
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_cannot_be_repaired() {
+    fn a08_refuses_what_cannot_be_repaired() {
         let corners = vec![[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]];
         for (positions, triangles) in [
             (corners.clone(), vec![[0, 1, 3]]),
