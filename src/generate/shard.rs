@@ -20,7 +20,7 @@
 use std::path::Path;
 
 use crate::base::files::read_bytes;
-use crate::base::tensors::{self, Dtype, Tensor, Tensors};
+use crate::base::tensors::{self, Dtype, Tensor, Tensors, vector};
 use crate::base::{Error, Place, Result};
 use crate::guiding::features::RAW_CHANNELS;
 use crate::guiding::topology::Topology;
@@ -120,7 +120,7 @@ pub fn write_shard(path: &Path, samples: &[TreeSample]) -> Result<()> {
 }
 
 /// All tensors, sorted by name.
-fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor> {
+fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor<'_>> {
     let trees = samples.len();
     let f32s = |values: &mut dyn Iterator<Item = f32>| values.flat_map(f32::to_le_bytes).collect::<Vec<u8>>();
     let offsets = |len: fn(&TreeSample) -> usize| {
@@ -137,21 +137,16 @@ fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor> {
     let sums = f32s(&mut samples.iter().flat_map(|s| &s.input_sums).copied());
     let target = f32s(&mut samples.iter().flat_map(|s| &s.target).copied());
     vec![
-        ("bounds", Dtype::F32, vec![trees, 6], f32s(&mut samples.iter().flat_map(|s| s.bounds))),
-        ("floor_kl", Dtype::F32, vec![trees], f32s(&mut samples.iter().map(|s| s.floor_kl))),
-        ("ids", Dtype::U32, vec![trees, IDS], samples.iter().flat_map(ids).flat_map(u32::to_le_bytes).collect()),
-        ("input_offset", Dtype::U64, vec![trees + 1], offsets(|s| s.input_split.len())),
-        ("input_split", Dtype::U8, vec![input_split.len()], input_split),
-        ("input_sums", Dtype::F32, vec![sums.len() / (4 * RAW_CHANNELS), RAW_CHANNELS], sums),
-        ("target", Dtype::F32, vec![target.len() / 4], target),
-        ("target_offset", Dtype::U64, vec![trees + 1], offsets(|s| s.target_split.len())),
-        (
-            "target_samples",
-            Dtype::U64,
-            vec![trees],
-            samples.iter().flat_map(|s| s.target_samples.to_le_bytes()).collect(),
-        ),
-        ("target_split", Dtype::U8, vec![target_split.len()], target_split),
+        ("bounds".into(), Dtype::F32, vec![trees, 6], f32s(&mut samples.iter().flat_map(|s| s.bounds)).into()),
+        ("floor_kl".into(), Dtype::F32, vec![trees], f32s(&mut samples.iter().map(|s| s.floor_kl)).into()),
+        ("ids".into(), Dtype::U32, vec![trees, IDS], samples.iter().flat_map(ids).flat_map(u32::to_le_bytes).collect()),
+        ("input_offset".into(), Dtype::U64, vec![trees + 1], offsets(|s| s.input_split.len()).into()),
+        ("input_split".into(), Dtype::U8, vec![input_split.len()], input_split.into()),
+        ("input_sums".into(), Dtype::F32, vec![sums.len() / (4 * RAW_CHANNELS), RAW_CHANNELS], sums.into()),
+        ("target".into(), Dtype::F32, vec![target.len() / 4], target.into()),
+        ("target_offset".into(), Dtype::U64, vec![trees + 1], offsets(|s| s.target_split.len()).into()),
+        vector("target_samples", Dtype::U64, samples.iter().map(|s| s.target_samples.to_le_bytes())),
+        ("target_split".into(), Dtype::U8, vec![target_split.len()], target_split.into()),
     ]
 }
 
