@@ -203,24 +203,3 @@ fn a17_empty_inputs_are_fine_and_wrong_ones_are_refused() {
     let short = Tree { sums: tree.sums[1..].to_vec(), ..tree.clone() };
     assert!(reconstruct_batch(&model, &backend, &[short.input()]).is_ok());
 }
-
-/// A missing or unusable library is a typed error that says what to install, and changes nothing for the embedded backend.
-#[cfg(feature = "onnx")]
-#[test]
-fn a_missing_library_is_explained() {
-    use fanal::reconstruct::onnx::OnnxBackend;
-    let folder = tempfile::tempdir().unwrap();
-    let model = model(config(8, 1, false), 10);
-    model.save(folder.path()).unwrap();
-    let text = folder.path().join("libonnxruntime.so");
-    std::fs::write(&text, "not a library").unwrap();
-    for library in [folder.path().join("missing.so"), folder.path().to_owned(), text] {
-        match OnnxBackend::load_with(folder.path(), &library) {
-            Err(Error::Backend { backend: "onnx", message }) => {
-                assert!(message.contains("onnxruntime") && message.contains("ORT_DYLIB_PATH"), "{message}");
-            }
-            other => panic!("{:?}", other.err()),
-        }
-    }
-    reconstruct(&model, &Embedded::new(&model).unwrap(), &trees()[..2]);
-}

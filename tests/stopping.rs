@@ -72,7 +72,7 @@ fn no_time_at_all_still_gives_a_picture() {
 fn a_learned_field_can_be_used_again() {
     let scene = committed("cornell", [32, 24]);
     let stop = AtomicBool::new(false);
-    let control = Control { progress: &Silent, stop: &stop, refresh: None };
+    let control = Control::new(&Silent, &stop);
     let settings = settings(GUIDES[1], 64, 3);
     let field = learn(&scene, &settings, &Counted::default(), &control).expect("the settings are sound");
     assert!(field.voxels().iter().any(|v| v.tree.is_some()));

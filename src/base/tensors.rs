@@ -2,36 +2,102 @@
 //!
 //! The header's metadata hold `version` and `crc32`, the latter over all tensors' bytes in the order of their names.
 
-use std::collections::HashMap;
+use std::borrow::Cow;
 use std::path::Path;
 
 pub use safetensors::Dtype;
 use safetensors::SafeTensors;
-use safetensors::tensor::TensorView;
 
-use super::files::{crc32, write_bytes};
+use super::files::{crc32, write_atomically};
 use super::{Error, Place, Result};
 
 /// An array to write: name, type, shape, little-endian bytes.
-pub type Tensor = (&'static str, Dtype, Vec<usize>, Vec<u8>);
+pub type Tensor<'a> = (Cow<'static, str>, Dtype, Vec<usize>, Cow<'a, [u8]>);
 
-/// Writes tensors, which must be sorted by name, atomically.
+/// A vector of elements of `B` bytes.
+pub fn vector<'a, const B: usize>(
+    name: impl Into<Cow<'static, str>>,
+    dtype: Dtype,
+    elements: impl Iterator<Item = [u8; B]>,
+) -> Tensor<'a> {
+    let bytes: Vec<u8> = elements.flatten().collect();
+    (name.into(), dtype, vec![bytes.len() / B], bytes.into())
+}
+
+/// Rows of `N` numbers.
+pub fn floats<'a, const N: usize>(
+    name: impl Into<Cow<'static, str>>,
+    rows: impl Iterator<Item = [f32; N]>,
+) -> Tensor<'a> {
+    let bytes: Vec<u8> = rows.flatten().flat_map(f32::to_le_bytes).collect();
+    (name.into(), Dtype::F32, vec![bytes.len() / (4 * N), N], bytes.into())
+}
+
+/// The same in double precision.
+pub fn doubles<'a, const N: usize>(
+    name: impl Into<Cow<'static, str>>,
+    rows: impl Iterator<Item = [f64; N]>,
+) -> Tensor<'a> {
+    let bytes: Vec<u8> = rows.flatten().flat_map(f64::to_le_bytes).collect();
+    (name.into(), Dtype::F64, vec![bytes.len() / (8 * N), N], bytes.into())
+}
+
+/// Numbers as they lie in memory, which are not copied where that is how files hold them.
+pub fn borrowed<'a, T: bytemuck::NoUninit, const B: usize>(
+    name: impl Into<Cow<'static, str>>,
+    (dtype, columns): (Dtype, usize),
+    values: &'a [T],
+) -> Tensor<'a> {
+    let bytes: &[u8] = bytemuck::cast_slice(values);
+    let rows = bytes.len() / (B * columns);
+    let shape = if columns == 1 { vec![rows] } else { vec![rows, columns] };
+    let data = if cfg!(target_endian = "little") {
+        Cow::Borrowed(bytes)
+    } else {
+        bytes.as_chunks::<B>().0.iter().flat_map(|b| b.iter().rev()).copied().collect()
+    };
+    (name.into(), dtype, shape, data)
+}
+
+/// Writes tensors atomically, without a second copy of them in memory.
 ///
 /// # Errors
 /// [`Error::Malformed`] where shapes do not fit the bytes, [`Error::Io`].
 pub fn write(path: &Path, version: u32, tensors: &[Tensor]) -> Result<()> {
-    let metadata = HashMap::from([
-        ("version".to_owned(), version.to_string()),
-        ("crc32".to_owned(), crc32(tensors.iter().map(|t| t.3.as_slice())).to_string()),
-    ]);
-    let fail = |e| Error::malformed(Place::file(path), format!("the arrays cannot be stored: {e}"));
-    let views: Vec<_> = tensors
-        .iter()
-        .map(|(name, dtype, shape, data)| {
-            TensorView::new(*dtype, shape.clone(), data).map(|v| (*name, v)).map_err(fail)
-        })
-        .collect::<Result<_>>()?;
-    write_bytes(path, &safetensors::serialize(views, Some(metadata)).map_err(fail)?)
+    let mut order: Vec<&Tensor> = tensors.iter().collect();
+    order.sort_by(|a, b| a.0.cmp(&b.0));
+    let crc = crc32(order.iter().map(|t| t.3.as_ref()));
+    // Wide elements first, so that all are aligned.
+    order.sort_by_key(|t| std::cmp::Reverse(t.1));
+    let text = header(path, version, crc, &order)?;
+    write_atomically(path, |out| {
+        out.write_all(&(text.len() as u64).to_le_bytes())?;
+        out.write_all(text.as_bytes())?;
+        order.iter().try_for_each(|tensor| out.write_all(&tensor.3))
+    })
+}
+
+/// The header as the format has it: JSON, filled up with spaces to a multiple of 8 bytes.
+fn header(path: &Path, version: u32, crc: u32, tensors: &[&Tensor]) -> Result<String> {
+    let mut header = serde_json::Map::new();
+    let metadata = serde_json::json!({ "version": version.to_string(), "crc32": crc.to_string() });
+    header.insert("__metadata__".into(), metadata);
+    let mut end = 0;
+    for (name, dtype, shape, data) in tensors {
+        let begin = end;
+        end += data.len();
+        let entry = serde_json::json!({ "dtype": dtype, "shape": shape, "data_offsets": [begin, end] });
+        if shape.iter().product::<usize>() * dtype.bitsize() != 8 * data.len() {
+            return Err(Error::malformed(
+                Place::part(path, name.as_ref()),
+                format!("no {} bytes: {entry}", data.len()),
+            ));
+        }
+        header.insert(name.clone().into_owned(), entry);
+    }
+    let text = serde_json::Value::Object(header).to_string();
+    let length = text.len().next_multiple_of(8);
+    Ok(format!("{text:length$}"))
 }
 
 /// The arrays of a file.
@@ -57,6 +123,11 @@ impl<'a> Tensors<'a> {
         let tensors = Self { file: SafeTensors::deserialize(bytes).map_err(broken)?, path };
         tensors.check_crc(entry("crc32"))?;
         Ok(tensors)
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        self.path
     }
 
     /// An error about a part of the file.

@@ -11,7 +11,7 @@ use crate::film::Window;
 use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Target};
-use crate::render::{Aov, GuideMode, Reconstruction, SampleKinds};
+use crate::render::{Aov, GuideMode, Reconstruction, Sample, SampleKinds};
 use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;
 use crate::scene::overrides::Override;
@@ -225,7 +225,10 @@ const RENDER_EXAMPLES: &str = "Examples:
   fanal render scenes/cornell/scene.json -o out.png --guide none --spp 256 --size 128x128
   fanal render scenes/lamp-room -o out.exr --target-error 0.01
   fanal render scene.xml -o out.exr --time 60 --stats stats.json --reference reference.exr
-  fanal render scenes/lamp-room -o out.exr --model models/mine --backend onnx";
+  fanal render scenes/lamp-room -o out.exr --model models/mine --backend onnx
+  fanal render scenes/lamp-room -o out.exr --spp 4096 --checkpoint lamp.part
+  fanal render scenes/lamp-room -o out.exr --spp 4096 --resume lamp.part
+  fanal render scene.xml --guide none --replay 120,45,17";
 
 /// `fanal render`.
 #[derive(Debug, Clone, Args)]
@@ -234,8 +237,8 @@ pub struct RenderArgs {
     /// Scene: our JSON, Mitsuba XML, or a folder with scene.json or scene.xml
     pub scene: PathBuf,
     /// Picture to write, .exr or .png
-    #[arg(short, long, value_name = "FILE")]
-    pub output: PathBuf,
+    #[arg(short, long, value_name = "FILE", required_unless_present = "replay")]
+    pub output: Option<PathBuf>,
     /// How camera rays find light
     #[arg(long, value_enum, default_value = "neural")]
     pub guide: GuideMode,
@@ -316,6 +319,21 @@ pub struct RenderArgs {
     /// Who executes the network, for --guide neural
     #[arg(long, value_enum, default_value = "embedded")]
     pub backend: Backend,
+    /// Write the state of the render to this file from time to time, for --resume
+    #[arg(long, value_name = "FILE")]
+    pub checkpoint: Option<PathBuf>,
+    /// Least time between two checkpoints; they may take a twentieth of all time at most
+    #[arg(long, value_name = "SECONDS", default_value = "30", allow_negative_numbers = true, value_parser = seconds)]
+    pub every: f64,
+    /// Go on from a checkpoint of the same scene and options, and keep it up to date unless --checkpoint names another file. Under
+    /// --spp the picture has the bits that it would have had without the interruption
+    #[arg(long, value_name = "FILE")]
+    pub resume: Option<PathBuf>,
+    /// Render nothing, but print the path of one sample vertex by vertex: the column and row of its pixel, its number, and the
+    /// number at which its pass began, which is 0 with --guide none, or "none" where random numbers are independent (--target-error).
+    /// --stats lists dropped samples in this form. Replays --guide none and --load-guide
+    #[arg(long, value_name = "X,Y,SAMPLE[,FROM]", value_parser = sample, conflicts_with_all = ["checkpoint", "resume", "save_guide", "stats"])]
+    pub replay: Option<Sample>,
     /// Write statistics as JSON
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,
@@ -527,6 +545,20 @@ fn stops(text: &str) -> Result<f32, String> {
 fn size(text: &str) -> Result<[u32; 2], String> {
     let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     sides.ok_or_else(|| "expected columns and rows, for example 640x480".into())
+}
+
+fn sample(text: &str) -> Result<Sample, String> {
+    let usage = || "expected column,row,sample or column,row,sample,first sample of its pass (or none)".to_owned();
+    let parts: Vec<&str> = text.split(',').collect();
+    let number = |text: &str| text.parse::<u32>().map_err(|_| usage());
+    let (&[x, y, sample, ..], from) = (parts.first_chunk::<3>().ok_or_else(usage)?, &parts[3..]);
+    let pass_from = match from {
+        [] => Some(0),
+        ["none"] => None,
+        [from] => Some(number(from)?),
+        _ => return Err(usage()),
+    };
+    Ok(Sample { pixel: [number(x)?, number(y)?], number: number(sample)?.into(), pass_from })
 }
 
 fn window(text: &str) -> Result<Window, String> {

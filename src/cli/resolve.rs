@@ -1,6 +1,7 @@
 //! From arguments and scene to the one description of what to render.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use super::args::{Backend, Layer, PixelFilter, RenderArgs};
 use crate::base::{Error, Result};
@@ -67,6 +68,10 @@ pub struct RenderRequest {
     pub model: Option<PathBuf>,
     /// Who executes the network.
     pub backend: Backend,
+    /// Where checkpoints go, and the least time between two.
+    pub checkpoint: Option<(PathBuf, Duration)>,
+    /// The checkpoint to go on from.
+    pub resume: Option<PathBuf>,
     /// Where statistics go.
     pub stats: Option<PathBuf>,
     /// The picture that errors are measured against.
@@ -147,9 +152,10 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
     if args.guide == GuideMode::None && (args.save_guide.is_some() || args.load_guide.is_some()) {
         return Err(Error::Options("--guide none has no guide to save or load".into()));
     }
+    let every = Duration::try_from_secs_f64(args.every).unwrap_or(Duration::MAX);
     Ok(RenderRequest {
         scene: args.scene.clone(),
-        output: args.output.clone(),
+        output: args.output.clone().unwrap_or_default(),
         size,
         crop: args.crop,
         filter: args.pixel_filter.map_or(scene.film.filter, PixelFilter::file),
@@ -174,13 +180,15 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         guide_memory: u64::from(args.guide_memory) * 1_000_000,
         model: args.model.clone(),
         backend: args.backend,
+        checkpoint: args.checkpoint.as_ref().or(args.resume.as_ref()).map(|path| (path.clone(), every)),
+        resume: args.resume.clone(),
         stats: args.stats.clone(),
         reference: args.reference.clone(),
     })
 }
 
 fn is_png(args: &RenderArgs) -> bool {
-    args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+    args.output.as_ref().and_then(|output| output.extension()).is_some_and(|e| e.eq_ignore_ascii_case("png"))
 }
 
 /// The layers, refused where they could not be written.

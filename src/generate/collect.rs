@@ -8,11 +8,11 @@
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use super::dataset::{DatasetIndex, ShardEntry};
+use super::dataset::{DatasetIndex, INDEX_FILE, ShardEntry};
 use super::recipe::{Job, Recipe};
 use super::shard::{TreeSample, write_shard};
 use crate::base::random::Random;
-use crate::base::{Progress, Result};
+use crate::base::{Error, Place, Progress, Result};
 use crate::film::{Pass, PixelFilter, Window};
 use crate::guiding::cache::{Bounds, VoxelId};
 use crate::guiding::distribution::{Distribution, kl};
@@ -44,7 +44,7 @@ const KINDS: [(SampleKinds, u32); 4] =
 /// Whatever building a scene, rendering it or writing says.
 pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &AtomicBool) -> Result<()> {
     let mut index =
-        if folder.join("index.jsonl").exists() { DatasetIndex::read(folder)? } else { DatasetIndex::default() };
+        if folder.join(INDEX_FILE).exists() { DatasetIndex::read(folder)? } else { DatasetIndex::default() };
     let jobs = recipe.jobs();
     progress.start(jobs.len() as u64, "scenes");
     for (number, job) in (0u32..).zip(&jobs) {
@@ -52,7 +52,12 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
             break;
         }
         let file = format!("{number:05}-{}.safetensors", job.family.name());
-        if !index.shards.iter().any(|s| s.file == file) {
+        let known = index.shards.iter().find(|shard| shard.file == file);
+        if let Some(other) = known.filter(|shard| (shard.seed, shard.held_out) != (job.seed, job.held_out)) {
+            let message = format!("{} was made by another recipe: it has the seed {}", other.file, other.seed);
+            return Err(Error::malformed(Place::file(folder.join(INDEX_FILE)), message));
+        }
+        if known.is_none() {
             progress.message(&file);
             let (samples, mode) = collect(recipe, job, number)?;
             write_shard(&folder.join(&file), &samples)?;
@@ -138,7 +143,7 @@ impl Run<'_> {
             chunk: CHUNK,
         };
         let mut film = Pass::new(self.scene.size[0] as usize, self.scene.size[1] as usize);
-        tracer.run(&mut film, Some(&mut self.learning), &mut Statistics::default(), &mut |_, _| true);
+        tracer.run(&mut film, 0, Some(&mut self.learning), &mut Statistics::default(), &mut |_| true);
         self.first_sample += spp;
     }
 

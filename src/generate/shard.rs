@@ -22,7 +22,7 @@
 use std::path::Path;
 
 use crate::base::files::read_bytes;
-use crate::base::tensors::{self, Dtype, Tensor, Tensors};
+use crate::base::tensors::{self, Dtype, Tensor, Tensors, vector};
 use crate::base::{Error, Place, Result};
 use glam::Vec3;
 
@@ -127,7 +127,7 @@ pub fn write_shard(path: &Path, samples: &[TreeSample]) -> Result<()> {
 }
 
 /// All tensors, sorted by name.
-fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor> {
+fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor<'_>> {
     let trees = samples.len();
     let f32s = |values: &mut dyn Iterator<Item = f32>| values.flat_map(f32::to_le_bytes).collect::<Vec<u8>>();
     let offsets = |len: fn(&TreeSample) -> usize| {
@@ -152,23 +152,27 @@ fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor> {
     let [counted_split, own_split, target_split] = splits;
     let values = [column(|s| &s.counted), column(|s| &s.own_sums), column(|s| &s.target), column(|s| &s.target_bsdf)];
     let [counted, own_sums, target, target_bsdf] = values;
-    let target_samples = samples.iter().flat_map(|s| s.target_samples.to_le_bytes()).collect();
     vec![
-        ("bounds", Dtype::F32, vec![trees, 6], f32s(&mut samples.iter().flat_map(|s| s.bounds))),
-        ("counted", Dtype::F32, vec![counted.len() / 4], counted),
-        ("counted_offset", Dtype::U64, vec![trees + 1], offsets(|s| s.counted_split.len())),
-        ("counted_split", Dtype::U8, vec![counted_split.len()], counted_split),
-        ("floor_kl", Dtype::F32, vec![trees], f32s(&mut samples.iter().map(|s| s.floor_kl))),
-        ("ids", Dtype::U32, vec![trees, IDS], samples.iter().flat_map(ids).flat_map(u32::to_le_bytes).collect()),
-        ("own_offset", Dtype::U64, vec![trees + 1], offsets(|s| s.own_split.len())),
-        ("own_split", Dtype::U8, vec![own_split.len()], own_split),
-        ("own_sums", Dtype::F32, vec![own_sums.len() / (4 * NETWORK_CHANNELS), NETWORK_CHANNELS], own_sums),
-        ("target", Dtype::F32, vec![target.len() / 4], target),
-        ("target_bsdf", Dtype::F32, vec![target_bsdf.len() / 4], target_bsdf),
-        ("target_offset", Dtype::U64, vec![trees + 1], offsets(|s| s.target_split.len())),
-        ("target_samples", Dtype::U64, vec![trees], target_samples),
-        ("target_split", Dtype::U8, vec![target_split.len()], target_split),
-        ("traits", Dtype::F32, vec![trees, TRAITS], f32s(&mut samples.iter().flat_map(traits))),
+        ("bounds".into(), Dtype::F32, vec![trees, 6], f32s(&mut samples.iter().flat_map(|s| s.bounds)).into()),
+        ("counted".into(), Dtype::F32, vec![counted.len() / 4], counted.into()),
+        ("counted_offset".into(), Dtype::U64, vec![trees + 1], offsets(|s| s.counted_split.len()).into()),
+        ("counted_split".into(), Dtype::U8, vec![counted_split.len()], counted_split.into()),
+        ("floor_kl".into(), Dtype::F32, vec![trees], f32s(&mut samples.iter().map(|s| s.floor_kl)).into()),
+        ("ids".into(), Dtype::U32, vec![trees, IDS], samples.iter().flat_map(ids).flat_map(u32::to_le_bytes).collect()),
+        ("own_offset".into(), Dtype::U64, vec![trees + 1], offsets(|s| s.own_split.len()).into()),
+        ("own_split".into(), Dtype::U8, vec![own_split.len()], own_split.into()),
+        (
+            "own_sums".into(),
+            Dtype::F32,
+            vec![own_sums.len() / (4 * NETWORK_CHANNELS), NETWORK_CHANNELS],
+            own_sums.into(),
+        ),
+        ("target".into(), Dtype::F32, vec![target.len() / 4], target.into()),
+        ("target_bsdf".into(), Dtype::F32, vec![target_bsdf.len() / 4], target_bsdf.into()),
+        ("target_offset".into(), Dtype::U64, vec![trees + 1], offsets(|s| s.target_split.len()).into()),
+        vector("target_samples", Dtype::U64, samples.iter().map(|s| s.target_samples.to_le_bytes())),
+        ("target_split".into(), Dtype::U8, vec![target_split.len()], target_split.into()),
+        ("traits".into(), Dtype::F32, vec![trees, TRAITS], f32s(&mut samples.iter().flat_map(traits)).into()),
     ]
 }
 

@@ -56,7 +56,8 @@ impl Effort {
 
     /// What a voxel with such `returns` is worth.
     pub fn new(returns: &Returns) -> Self {
-        let known = |mean: f64| if mean.is_finite() { (mean / WINDOW) as f32 } else { f32::INFINITY };
+        // Environments with negative pixels have negative means, which are worth no more than none.
+        let known = |mean: f64| if mean.is_finite() { (mean / WINDOW).max(0.0) as f32 } else { f32::INFINITY };
         returns.means().map_or(Self::UNKNOWN, |[light, onward]| Self { light: known(light), onward: known(onward) })
     }
 

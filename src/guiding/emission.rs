@@ -6,10 +6,13 @@
 //! density on a quadtree. (Photon emission guided by visible contribution: after Vorba et al. 2014 §5, with a factored density
 //! instead of Gaussian mixtures.) A uniform part keeps every photon possible.
 
+use super::arrays::{read_offsets, read_trees, tree_arrays};
 use super::distribution::Distribution;
 use super::sampler::SamplingTree;
 use super::topology::{MAX_LEVEL, MAX_NODES, Topology};
+use crate::base::Result;
 use crate::base::random::Random;
+use crate::base::tensors::{Dtype, Tensor, Tensors, vector};
 use crate::sampling::discrete::Discrete;
 
 /// Part of the photons that start as if nothing had been learned; the same for the choice of a light.
@@ -34,13 +37,22 @@ pub struct Start {
 #[derive(Debug, Clone)]
 pub struct EmissionGuide {
     choice: Discrete,
+    /// Power by which lights are chosen; empty where nothing was learned.
+    power: Vec<f64>,
     squares: Vec<[SamplingTree; 2]>,
 }
 
 impl EmissionGuide {
     /// By the lights' powers alone.
     pub fn new(power: &Discrete) -> Self {
-        Self { choice: power.clone(), squares: Vec::new() }
+        Self { choice: power.clone(), power: Vec::new(), squares: Vec::new() }
+    }
+
+    /// Lights chosen by the `power` that their photons brought, or as if nothing had been learned of the `emitted` ones.
+    fn learned(emitted: &Discrete, power: Vec<f64>, squares: Vec<[SamplingTree; 2]>) -> Self {
+        let (total, uniform): (f64, f64) = (power.iter().sum(), UNIFORM.into());
+        let part = |i: usize| uniform * emitted.probability(i) + (1.0 - uniform) * power[i] / total;
+        Self { choice: Discrete::new((0..power.len()).map(part)), power, squares }
     }
 
     /// Draws a start; none where there is no light.
@@ -141,15 +153,70 @@ impl EmissionLearner {
         if !(total > 0.0 && total.is_finite()) {
             return EmissionGuide::new(&self.emitted);
         }
-        let uniform = f64::from(UNIFORM);
-        let part = |i: usize| uniform * self.emitted.probability(i) + (1.0 - uniform) * self.power[i] / total;
-        let choice = Discrete::new((0..self.power.len()).map(part));
         let tree = |square: &Square| SamplingTree::new(&square.distribution(), UNIFORM, usize::MAX);
         let squares = self.lights.iter().map(|[a, b]| [tree(a), tree(b)]).collect();
         self.lights.iter_mut().flatten().for_each(|square| *square = square.refined());
-        self.power.fill(0.0);
-        EmissionGuide { choice, squares }
+        let power = std::mem::replace(&mut self.power, vec![0.0; self.emitted.len()]);
+        EmissionGuide::learned(&self.emitted, power, squares)
     }
+}
+
+/// Both as arrays of a file: `emission` trees, two for each light, `emission_power` [L] or empty, `square_offset` [2 L + 1],
+/// `square_split`, `square_power` of every node, `light_power` [L].
+pub fn arrays<'a>(guide: &EmissionGuide, learner: &EmissionLearner) -> Vec<Tensor<'a>> {
+    let trees: Vec<_> = guide.squares.iter().flatten().map(Some).collect();
+    let squares = || learner.lights.iter().flatten();
+    let offsets = squares().scan(0, |end, square| {
+        *end += square.topology.len() as u64;
+        Some(*end)
+    });
+    let flags = squares().flat_map(|square| square.topology.split_flags());
+    let bytes = |values: &[f64]| values.iter().map(|x| x.to_le_bytes()).collect::<Vec<_>>().into_iter();
+    let power: Vec<f64> = squares().flat_map(|square| &square.power).copied().collect();
+    let mut all = tree_arrays("emission", &trees).to_vec();
+    all.extend([
+        vector("emission_power", Dtype::F64, bytes(&guide.power)),
+        vector("light_power", Dtype::F64, bytes(&learner.power)),
+        vector("square_offset", Dtype::U64, std::iter::once(0).chain(offsets).map(u64::to_le_bytes)),
+        vector("square_power", Dtype::F64, bytes(&power)),
+        vector("square_split", Dtype::U8, flags.map(|split| [u8::from(split)])),
+    ]);
+    all
+}
+
+/// What [`arrays`] were made of, for lights of the powers `emitted`.
+///
+/// # Errors
+/// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
+pub fn from_arrays(emitted: &Discrete, file: &Tensors) -> Result<(EmissionGuide, EmissionLearner)> {
+    let floats = |name: &str, rows| file.read(name, Dtype::F64, rows, 1, f64::from_le_bytes);
+    let sound = |powers: &[f64]| powers.iter().all(|p| *p >= 0.0 && p.is_finite());
+    let mut learner = EmissionLearner::new(emitted);
+    let count = 2 * learner.lights.len();
+    learner.power = floats("light_power", Some(emitted.len()))?;
+    let offsets = read_offsets(file, "square_offset", count)?;
+    let flags = file.read("square_split", Dtype::U8, Some(offsets[count]), 1, |[b]| b != 0)?;
+    let powers = floats("square_power", Some(offsets[count]))?;
+    for (i, square) in learner.lights.iter_mut().flatten().enumerate() {
+        let own = offsets[i]..offsets[i + 1];
+        let topology = Topology::from_split(&flags[own.clone()]);
+        let topology = topology.or_else(|e| file.fail(format!("square_split of square {i}"), e))?;
+        *square = Square { topology, power: powers[own].to_vec() };
+    }
+    let power = floats("emission_power", None)?;
+    if !sound(&powers) || !sound(&learner.power) || !sound(&power) {
+        return file.fail("square_power", "powers that are negative or not finite");
+    }
+    let guide = if power.is_empty() { 0 } else { count };
+    let mut trees = read_trees(file, "emission", guide)?.into_iter().flatten();
+    let squares: Vec<_> = (0..guide / 2).filter_map(|_| Some([trees.next()?, trees.next()?])).collect();
+    if !power.is_empty() && (power.len() != emitted.len() || squares.len() != guide / 2) {
+        return file.fail("emission_power", format!("{} powers for {} lights", power.len(), emitted.len()));
+    }
+    let total: f64 = power.iter().sum();
+    let learned = total > 0.0 && total.is_finite();
+    let guide = if learned { EmissionGuide::learned(emitted, power, squares) } else { EmissionGuide::new(emitted) };
+    Ok((guide, learner))
 }
 
 #[cfg(test)]

@@ -23,16 +23,13 @@
 
 use std::path::Path;
 
-use glam::Vec3;
-
-use super::cache::{CacheParts, SpatialCache};
+use super::arrays::{cache_arrays, read_cache, read_parallax, read_trees, tree_arrays};
 use super::effort::Effort;
 use super::field::{Evidence, GuideField, VoxelGuide};
-use super::parallax::Parallax;
-use super::sampler::{Node, SamplingTree};
+use super::sampler::SamplingTree;
 use crate::base::Result;
 use crate::base::files::read_bytes;
-use crate::base::tensors::{self, Dtype, Tensor, Tensors};
+use crate::base::tensors::{self, Dtype, Tensor, Tensors, floats, vector};
 
 /// The version of guide files that this program reads.
 pub const VERSION: u32 = 2;
@@ -45,64 +42,25 @@ pub const GUIDE_LIMIT: u64 = 1 << 31;
 /// # Errors
 /// [`Error::Io`](crate::base::Error::Io) naming `path`.
 pub fn save(path: &Path, field: &GuideField, evidence: &Evidence) -> Result<()> {
+    tensors::write(path, VERSION, &arrays(field, evidence))
+}
+
+/// The arrays of a guide file.
+pub fn arrays<'a>(field: &GuideField, evidence: &Evidence) -> Vec<Tensor<'a>> {
     let voxels = field.voxels();
-    let CacheParts { origin, cell, faces, keys, roots, nodes } = field.cache().parts();
     let guides: Vec<Option<&SamplingTree>> = voxels.iter().map(|v| v.tree.as_ref()).collect();
     let counted: Vec<_> = (0..voxels.len()).map(|v| evidence.counted.get(v).and_then(Option::as_ref)).collect();
     let gains = (0..voxels.len()).map(|v| evidence.gain.get(v).copied().unwrap_or(f32::NAN));
-    let grid = [origin.x, origin.y, origin.z, cell, f32::from(u8::from(faces))];
-    let [guide_offset, guide_shares, guide_uniform] = trees(["guide_offset", "guide_shares", "guide_uniform"], &guides);
-    let names = ["counted_offset", "counted_shares", "counted_uniform"];
-    let [counted_offset, counted_shares, counted_uniform] = trees(names, &counted);
-    let all = [
+    let mut all = cache_arrays(field.cache());
+    all.extend(tree_arrays("guide", &guides));
+    all.extend(tree_arrays("counted", &counted));
+    all.extend([
         vector("bsdf_fraction", Dtype::F32, voxels.iter().map(|v| v.bsdf_fraction.to_le_bytes())),
-        vector("cell_facing", Dtype::U8, keys.iter().map(|k| [k.1])),
-        {
-            let bytes = keys.iter().flat_map(|k| k.0).flat_map(i32::to_le_bytes).collect();
-            ("cell_keys", Dtype::I32, vec![keys.len(), 3], bytes)
-        },
-        vector("cell_roots", Dtype::U32, roots.iter().map(|r| r.to_le_bytes())),
-        counted_offset,
-        counted_shares,
-        counted_uniform,
         floats("effort", voxels.iter().map(|v| [v.effort.light, v.effort.onward])),
         vector("gain", Dtype::F32, gains.map(f32::to_le_bytes)),
-        vector("grid", Dtype::F32, grid.map(f32::to_le_bytes).into_iter()),
-        guide_offset,
-        guide_shares,
-        guide_uniform,
-        vector("node_axis", Dtype::U8, nodes.iter().map(|n| [n.0])),
-        vector("node_child", Dtype::U32, nodes.iter().map(|n| n.2.to_le_bytes())),
-        vector("node_position", Dtype::F32, nodes.iter().map(|n| n.1.to_le_bytes())),
-        floats("parallax", voxels.iter().map(|v| v.parallax.centre.extend(v.parallax.curvature).to_array())),
-    ];
-    tensors::write(path, VERSION, &all)
-}
-
-fn vector<const B: usize>(name: &'static str, dtype: Dtype, elements: impl Iterator<Item = [u8; B]>) -> Tensor {
-    let bytes: Vec<u8> = elements.flatten().collect();
-    (name, dtype, vec![bytes.len() / B], bytes)
-}
-
-fn floats<const N: usize>(name: &'static str, rows: impl Iterator<Item = [f32; N]>) -> Tensor {
-    let bytes: Vec<u8> = rows.flatten().flat_map(f32::to_le_bytes).collect();
-    (name, Dtype::F32, vec![bytes.len() / (4 * N), N], bytes)
-}
-
-fn trees([offset, shares, uniform]: [&'static str; 3], trees: &[Option<&SamplingTree>]) -> [Tensor; 3] {
-    let (mut offsets, mut nodes, mut uniforms) = (vec![0u64], Vec::new(), Vec::new());
-    for tree in trees {
-        let (inner, part) = tree.map_or((&[][..], 0.0), SamplingTree::nodes);
-        nodes.extend(inner.iter().flat_map(|n| [n.begin[0], n.begin[1], n.begin[2], n.inner]));
-        uniforms.push(part);
-        offsets.push(nodes.len() as u64 / 4);
-    }
-    let bytes = nodes.iter().flat_map(|x: &u16| x.to_le_bytes()).collect();
-    [
-        vector(offset, Dtype::U64, offsets.iter().map(|o| o.to_le_bytes())),
-        (shares, Dtype::U16, vec![nodes.len() / 4, 4], bytes),
-        vector(uniform, Dtype::F32, uniforms.iter().map(|u: &f32| u.to_le_bytes())),
-    ]
+        floats("parallax", voxels.iter().map(|v| v.parallax.to_array())),
+    ]);
+    all
 }
 
 /// Reads a guide file.
@@ -113,88 +71,45 @@ fn trees([offset, shares, uniform]: [&'static str; 3], trees: &[Option<&Sampling
 /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor for everything else that is wrong with it.
 pub fn load(path: &Path) -> Result<(GuideField, Evidence)> {
     let bytes = read_bytes(path, GUIDE_LIMIT)?;
-    let file = Tensors::open(path, &bytes, "guide file", VERSION)?;
-    let cache = read_cache(&file)?;
+    from_arrays(&Tensors::open(path, &bytes, "guide file", VERSION)?)
+}
+
+/// The field and the evidence that the arrays of a file hold.
+///
+/// # Errors
+/// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
+pub fn from_arrays(file: &Tensors) -> Result<(GuideField, Evidence)> {
+    let cache = read_cache(file)?;
     let voxels = cache.len();
     let floats = |name: &str| file.read(name, Dtype::F32, Some(voxels), 1, f32::from_le_bytes);
     let fractions = floats("bsdf_fraction")?;
     if let Some(bad) = fractions.iter().find(|&&f| !(f > 0.0 && f <= 1.0)) {
         return file.fail("bsdf_fraction", format!("{bad} is not above 0 and at most 1"));
     }
-    let guides = read_trees(&file, ["guide_offset", "guide_shares", "guide_uniform"], voxels)?;
-    let counted = read_trees(&file, ["counted_offset", "counted_shares", "counted_uniform"], voxels)?;
+    let guides = read_trees(file, "guide", voxels)?;
+    let counted = read_trees(file, "counted", voxels)?;
     let efforts = file.read("effort", Dtype::F32, Some(voxels), 2, f32::from_le_bytes)?;
     if let Some(bad) = efforts.iter().find(|e| e.is_nan() || **e < 0.0) {
         return file.fail("effort", format!("{bad} is not 0 or above"));
     }
     let effort = efforts.as_chunks::<2>().0.iter().map(|&[light, onward]| Effort { light, onward });
-    let spheres = file.read("parallax", Dtype::F32, Some(voxels), 4, f32::from_le_bytes)?;
-    if let Some(bad) = spheres.iter().find(|x| !x.is_finite()) {
-        return file.fail("parallax", format!("{bad} is not finite"));
-    }
-    let parallax = spheres.as_chunks::<4>().0.iter();
-    let parallax = parallax.map(|&[x, y, z, curvature]| Parallax { centre: Vec3::new(x, y, z), curvature });
+    let parallax = read_parallax(file, "parallax", voxels)?;
     let guide = |(((tree, bsdf_fraction), effort), parallax)| VoxelGuide { tree, parallax, bsdf_fraction, effort };
     let guides = guides.into_iter().zip(fractions).zip(effort).zip(parallax).map(guide);
     let field = GuideField::new(cache, guides.collect());
     Ok((field, Evidence { counted, gain: floats("gain")? }))
 }
 
-fn read_cache(file: &Tensors) -> Result<SpatialCache> {
-    let grid = file.read("grid", Dtype::F32, Some(5), 1, f32::from_le_bytes)?;
-    let cells = file.read("cell_keys", Dtype::I32, None, 3, i32::from_le_bytes)?;
-    let count = cells.len() / 3;
-    let facing = file.read("cell_facing", Dtype::U8, Some(count), 1, |[b]| b)?;
-    let axis = file.read("node_axis", Dtype::U8, None, 1, |[b]| b)?;
-    let position = file.read("node_position", Dtype::F32, Some(axis.len()), 1, f32::from_le_bytes)?;
-    let child = file.read("node_child", Dtype::U32, Some(axis.len()), 1, u32::from_le_bytes)?;
-    let parts = CacheParts {
-        origin: Vec3::new(grid[0], grid[1], grid[2]),
-        cell: grid[3],
-        faces: grid[4] != 0.0,
-        keys: cells.as_chunks::<3>().0.iter().copied().zip(facing).collect(),
-        roots: file.read("cell_roots", Dtype::U32, Some(count), 1, u32::from_le_bytes)?,
-        nodes: axis.into_iter().zip(position).zip(child).map(|((axis, at), child)| (axis, at, child)).collect(),
-    };
-    SpatialCache::from_parts(&parts).or_else(|e| file.fail("cells", e))
-}
-
-fn read_trees(
-    file: &Tensors,
-    [offset, shares, uniform]: [&str; 3],
-    voxels: usize,
-) -> Result<Vec<Option<SamplingTree>>> {
-    let offsets = file.read(offset, Dtype::U64, Some(voxels + 1), 1, u64::from_le_bytes)?;
-    let values = file.read(shares, Dtype::U16, None, 4, u16::from_le_bytes)?;
-    let uniforms = file.read(uniform, Dtype::F32, Some(voxels), 1, f32::from_le_bytes)?;
-    let nodes = values.as_chunks::<4>().0;
-    if offsets[0] != 0 || offsets[voxels] != nodes.len() as u64 || !offsets.is_sorted() {
-        return file.fail(offset, format!("offsets do not divide {} nodes into trees", nodes.len()));
-    }
-    let tree = |v: usize| {
-        let own = &nodes[offsets[v] as usize..offsets[v + 1] as usize];
-        if uniforms[v] == 0.0 && own.is_empty() {
-            return Ok(None);
-        }
-        let mut first = 1;
-        let unpack = |&[a, b, c, inner]: &[u16; 4]| {
-            let node = Node { begin: [a, b, c], inner, first };
-            first += (inner & 15).count_ones();
-            node
-        };
-        let nodes = own.iter().map(unpack).collect();
-        SamplingTree::from_nodes(nodes, uniforms[v])
-            .map(Some)
-            .or_else(|e| file.fail(format!("{shares} of voxel {v}"), e))
-    };
-    (0..voxels).map(tree).collect()
-}
-
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
     use crate::base::random::Random;
+    use crate::guiding::cache::{CacheParts, SpatialCache};
     use crate::guiding::distribution::Distribution;
+    use crate::guiding::parallax::Parallax;
+    use crate::guiding::sampler::Node;
     use crate::guiding::topology::Topology;
 
     fn some_field() -> (GuideField, Evidence) {

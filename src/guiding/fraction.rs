@@ -39,6 +39,16 @@ const DECAY: [f64; 2] = [0.9, 0.999];
 const LOGIT: f64 = 2.197_224_577_336_219_6;
 
 impl Adam {
+    /// Its state.
+    pub(super) fn numbers(&self) -> [f64; 4] {
+        [self.logit, self.mean, self.square, f64::from(self.steps)]
+    }
+
+    /// The state with these [`Adam::numbers`].
+    pub(super) fn from_numbers([logit, mean, square, steps]: [f64; 4]) -> Self {
+        Self { logit: logit.clamp(-LOGIT, LOGIT), mean, square, steps: steps.max(0.0) as i32 }
+    }
+
     /// The fraction of BSDF samples, in [0.1, 0.9].
     pub fn fraction(&self) -> f64 {
         1.0 / (1.0 + (-self.logit).exp())

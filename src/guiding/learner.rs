@@ -2,6 +2,8 @@
 //!
 //! Everything is merged in a fixed order (by voxel, then by path), so the result does not depend on the number of threads.
 
+mod stored;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -467,6 +469,11 @@ impl Learner {
     /// The field to sample from: while `learning` half of the samples come from the BSDF, afterwards each voxel's own fraction;
     /// a voxel that is better off without its guide then has none.
     pub fn field(&self, learning: bool) -> GuideField {
+        self.field_of(self.voxels.len(), learning)
+    }
+
+    /// The same of the first `count` voxels, which is the field of a time when there were no more.
+    pub fn field_of(&self, count: usize, learning: bool) -> GuideField {
         let Some(cache) = &self.cache else { return GuideField::empty() };
         let guide = |voxel: &Voxel| {
             let bsdf_fraction = if learning { LEARNING_FRACTION as f32 } else { voxel.bsdf_fraction };
@@ -478,7 +485,7 @@ impl Learner {
                 effort: Effort::new(&voxel.known_returns),
             }
         };
-        GuideField::new(cache.clone(), self.voxels.iter().map(guide).collect())
+        GuideField::new(cache.clone(), self.voxels.iter().take(count).map(guide).collect())
     }
 }
 

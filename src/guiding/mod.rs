@@ -1,5 +1,6 @@
 //! Path guiding: directional quadtrees in a spatial cache, what is deposited into them, and the distributions they yield.
 
+mod arrays;
 pub mod cache;
 pub mod context;
 pub mod distribution;

@@ -92,6 +92,17 @@ impl<const N: usize> Moments<N> {
         self.add_all(other, 1.0);
     }
 
+    /// Appends its numbers, for [`Moments::pull_from`].
+    pub(super) fn push_to(&self, numbers: &mut Vec<f64>) {
+        numbers.extend(self.sums);
+        numbers.extend([self.squares, self.samples]);
+    }
+
+    /// The moments whose numbers come next.
+    pub(super) fn pull_from(next: &mut impl FnMut() -> f64) -> Self {
+        Self { sums: [0; N].map(|_| next()), squares: next(), samples: next() }
+    }
+
     /// Sums over the samples.
     pub fn sums(&self) -> [f64; N] {
         self.sums

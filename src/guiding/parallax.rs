@@ -36,6 +36,11 @@ impl Parallax {
     /// Directions are the same everywhere.
     pub const NONE: Self = Self { centre: Vec3::ZERO, curvature: 0.0 };
 
+    /// Centre and curvature.
+    pub(super) fn to_array(self) -> [f32; 4] {
+        self.centre.extend(self.curvature).to_array()
+    }
+
     /// The curvature for a voxel where light of the given weights started at the given places: the mean of the inverse
     /// distances, by which the squared errors of directions are least. Places at infinity count as such.
     pub fn fit(bounds: &Bounds, starts: impl Iterator<Item = (Vec3, f32)>) -> Self {

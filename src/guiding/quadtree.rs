@@ -53,6 +53,25 @@ impl Quadtree {
         Self { topology, row, layout, target, sums, scales: [0.0; 2], counts: [0; 2] }
     }
 
+    /// A tree whose leaves hold `sums`, see [`Quadtree::leaves`].
+    pub(super) fn with_sums(topology: Topology, layout: Layout, target: Target, sums: &[f32]) -> Self {
+        let mut tree = Self::new(topology, layout, target);
+        if tree.sums.len() == sums.len() {
+            tree.sums.copy_from_slice(sums);
+        }
+        tree
+    }
+
+    /// Scales of path values and of photon powers.
+    pub(super) fn scales(&self) -> [f32; 2] {
+        self.scales
+    }
+
+    /// Sets [`Quadtree::scales`] and [`Quadtree::counts`].
+    pub(super) fn set_samples(&mut self, scales: [f32; 2], counts: [u32; 2]) {
+        (self.scales, self.counts) = (scales, counts);
+    }
+
     /// The shape.
     pub fn topology(&self) -> &Topology {
         &self.topology

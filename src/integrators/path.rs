@@ -1,6 +1,10 @@
 //! The path tracer: next event estimation with multiple importance sampling, guided directions, Russian roulette, and
 //! records of what each vertex received.
 
+mod explain;
+
+pub use explain::{Cause, ExplainedVertex, Explanation, Met, Onward};
+
 use glam::Vec3;
 
 use super::mixture::{Mixture, MixtureSample, Scattering};
@@ -51,6 +55,7 @@ struct Vertex {
 /// What a record needs to know of a vertex besides; kept only where records are wanted.
 struct Details {
     point: Vec3,
+    shape: u32,
     /// From the vertex before.
     distance: f32,
     /// Shading normal on the side that the path arrived at; zero in a medium.
@@ -126,6 +131,8 @@ struct Beginning<'p> {
 pub struct RayCount {
     /// Nearest-hit and occlusion queries.
     pub rays: u64,
+    /// Light paths that ended because their power was not finite.
+    pub dropped: u64,
 }
 
 impl PathTracer<'_> {
@@ -242,7 +249,8 @@ impl PathTracer<'_> {
             let emission = emission.dimmed(passed);
             let normal = if on_surface { surface.normal_towards(-ray.direction) } else { Vec3::ZERO };
             let (point, distance, direct) = (surface.point, surface.distance, Direct::default());
-            let mut details = Details { point, distance, normal, throughput, emission, direct, step: None };
+            let shape = surface.shape;
+            let mut details = Details { point, shape, distance, normal, throughput, emission, direct, step: None };
             let emitted = emission.weighted();
             let mut vertex = Vertex { emitted, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0 };
             if depth == self.settings.max_depth {

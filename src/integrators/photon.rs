@@ -95,6 +95,10 @@ impl PhotonTracer<'_> {
             if on_surface {
                 photon.power *= shading_correction(&surface, -ray.direction, sample.direction);
             }
+            if !photon.power.is_finite() {
+                count.dropped += 1;
+                return;
+            }
             let survival = self.survival(depth, channel_mean(photon.power) / begun);
             if !(survival > 0.0 && random.next_f32() < survival) {
                 return;

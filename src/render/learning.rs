@@ -6,8 +6,9 @@ use super::pass::Records;
 use super::settings::{RenderSettings, SampleKinds};
 use super::statistics::{Iteration, Seconds};
 use crate::base::Result;
+use crate::base::tensors::{Dtype, Tensors};
 use crate::guiding::cache::VoxelId;
-use crate::guiding::emission::{EmissionGuide, EmissionLearner, Start};
+use crate::guiding::emission::{self, EmissionGuide, EmissionLearner, Start};
 use crate::guiding::field::GuideField;
 use crate::guiding::learner::Learner;
 use crate::guiding::moments::PictureMoments;
@@ -20,7 +21,7 @@ pub struct Learning {
     pub learner: Learner,
     /// Where light paths start.
     pub emission: EmissionGuide,
-    emission_learner: EmissionLearner,
+    pub(super) emission_learner: EmissionLearner,
     /// Light paths for each camera path of the next iteration, in [0, 1]. Once there are none, there will be none.
     pub photon_share: f64,
     iterations: u32,
@@ -53,6 +54,27 @@ impl Learning {
             reconstruction_rays: 0.0,
             photon_share: if settings.samples.photons() { 1.0 } else { 0.0 },
         }
+    }
+
+    /// Numbers beside the learner's and the photons' own, for checkpoints. Moments are measured anew by each iteration.
+    pub(super) fn numbers(&self) -> [f64; 3] {
+        [self.photon_share, f64::from(self.iterations), self.reconstruction_rays]
+    }
+
+    /// What was learned, as a checkpoint has it, of a scene whose lights have the powers `emitted`.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
+    pub(super) fn from_arrays(settings: &RenderSettings, emitted: &Discrete, file: &Tensors) -> Result<Self> {
+        let numbers = file.read("learning", Dtype::F64, Some(3), 1, f64::from_le_bytes)?;
+        let [photon_share, iterations, reconstruction_rays] = [numbers[0], numbers[1], numbers[2]];
+        if !(0.0..=1.0).contains(&photon_share) {
+            return file.fail("learning", format!("{photon_share} light paths for each camera path"));
+        }
+        let learner = Learner::from_arrays(settings.learner.clone(), file)?;
+        let (emission, emission_learner) = emission::from_arrays(emitted, file)?;
+        let (iterations, moments) = (iterations as u32, PictureMoments::default());
+        Ok(Self { learner, emission, emission_learner, photon_share, iterations, moments, reconstruction_rays })
     }
 
     /// Deposits one chunk.
@@ -120,5 +142,10 @@ impl Learning {
     /// The field to sample from next.
     pub fn field(&self, learning: bool) -> GuideField {
         self.learner.field(learning)
+    }
+
+    /// The field of an iteration that began when there were `voxels`.
+    pub fn field_of(&self, voxels: usize) -> GuideField {
+        self.learner.field_of(voxels, true)
     }
 }

@@ -1,20 +1,25 @@
 //! Rendering: passes of growing size that learn, then a final pass; budgets; statistics.
 
 pub mod aov;
+pub mod checkpoint;
 mod control;
 mod learning;
 mod pass;
+mod replay;
 mod settings;
 mod split;
+mod state;
 mod statistics;
 mod target;
 
 pub use aov::Aov;
+pub use checkpoint::Checkpointing;
 pub use control::{Control, Refresh, Snapshot};
 pub use learning::Learning;
-pub use pass::{CHUNK, PassTracer, Records};
+pub use pass::{CHUNK, Chunk, PassTracer, Records};
+pub use replay::{Sample, replay};
 pub use settings::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
-pub use statistics::{ErrorPoint, GuideStatistics, Iteration, Seconds, Statistics};
+pub use statistics::{Dropped, Drops, ErrorPoint, GuideStatistics, Iteration, Seconds, Statistics};
 
 use std::sync::atomic::AtomicBool;
 
@@ -28,8 +33,10 @@ use crate::materials::Material;
 use crate::materials::image::Image;
 use crate::reconstruct::Reconstructor;
 use crate::scene::Scene;
+use checkpoint::{Moment, Resumed};
 use control::Watcher;
 use split::{Outlook, gain, learns_on, pays};
+use state::{Part, Phase, Position, State, Trend};
 
 /// What a render produced.
 pub struct Outcome {
@@ -43,6 +50,8 @@ pub struct Outcome {
     pub field: GuideField,
     /// What it was made of, where the settings ask for that.
     pub evidence: Evidence,
+    /// Why the last checkpoint could not be written; none where it could.
+    pub unkept: Option<String>,
 }
 
 /// Renders `scene`. `reconstructor` makes the distributions of the guided modes and is not used by [`GuideMode::None`].
@@ -59,7 +68,7 @@ pub fn render(
     progress: &dyn Progress,
     stop: &AtomicBool,
 ) -> Result<Outcome> {
-    render_watched(scene, settings, reconstructor, &Control { progress, stop, refresh: None })
+    render_watched(scene, settings, reconstructor, &Control::new(progress, stop))
 }
 
 /// [`render`] with a picture shown from time to time.
@@ -73,7 +82,15 @@ pub fn render_watched(
     control: &Control,
 ) -> Result<Outcome> {
     let mut run = Run::begin(scene, settings, control)?;
-    let field = if settings.guide == GuideMode::None { None } else { Some(run.learn(reconstructor)?) };
+    let resumed = run.resumed.as_mut().and_then(|resumed| resumed.field.take());
+    let field = match (settings.guide, resumed) {
+        (GuideMode::None, _) => None,
+        (_, Some((field, evidence))) => {
+            run.evidence = if settings.learner.keeps_evidence { evidence } else { Evidence::default() };
+            Some(field)
+        }
+        (_, None) => Some(run.learn(reconstructor)?),
+    };
     run.finish(field)
 }
 
@@ -89,8 +106,10 @@ pub fn render_with_field(
     control: &Control,
 ) -> Result<Outcome> {
     let mut run = Run::begin(scene, settings, control)?;
-    run.statistics.guide = GuideStatistics::of(&field);
-    run.look(&field);
+    let resumed = run.resume(Phase::Look);
+    if resumed.is_some() || run.resumed.is_none() {
+        run.look(&field, resumed);
+    }
     run.finish(Some(field))
 }
 
@@ -143,34 +162,12 @@ struct Run<'a> {
     filter: PixelFilter,
     watcher: Watcher<'a>,
     statistics: Statistics,
-    passes: Vec<FinishedPass>,
-    /// The first passes that learned, which are too noisy for the picture, but tell about what it will be.
-    early: Vec<FinishedPass>,
     /// Whether no picture is wanted, so that the whole budget may go into learning.
     learn_only: bool,
-    /// Whether guiding turned out not to pay.
-    gave_up: bool,
-    /// Samples per pixel so far, camera and light paths together.
-    spent: f64,
     evidence: Evidence,
-    /// Camera samples per pixel so far.
-    rendered: u32,
-    /// Those before the pass that is being made, where its samples follow sequences.
-    sequences_from: Option<u32>,
-}
-
-/// What the iterations so far say about the next.
-#[derive(Default)]
-struct Trend {
-    /// Variance of one sample in each iteration.
-    variances: Vec<f64>,
-    /// Seconds of the last iteration, and the part of them in which camera paths were traced.
-    seconds: f64,
-    useful: f64,
-    /// Variance with the guide over that without it, as the last iteration measured it.
-    gain: Option<f64>,
-    /// relMSE of a picture with one sample per pixel, by the last iteration; only kept where a target error asks for it.
-    relative: f64,
+    state: State,
+    /// What an earlier process has left, until it is gone on with.
+    resumed: Option<Resumed>,
 }
 
 impl<'a> Run<'a> {
@@ -179,48 +176,65 @@ impl<'a> Run<'a> {
         settings.check()?;
         let window = settings.window(scene.size);
         window.check_inside(scene.size)?;
-        let run = Self {
+        let mut run = Self {
             scene,
             settings,
             window,
             filter: PixelFilter::new(settings.filter)?,
             watcher: Watcher::new(control),
             statistics: Statistics::default(),
-            passes: Vec::new(),
-            early: Vec::new(),
             learn_only: false,
-            gave_up: false,
-            spent: 0.0,
             evidence: Evidence::default(),
-            rendered: 0,
-            sequences_from: None,
+            state: State::default(),
+            resumed: None,
         };
         let total = match settings.stop {
             StopRule::Spp(spp) => u64::from(spp) * run.pixels(),
             StopRule::Time(_) | StopRule::TargetError(_) => 0,
         };
         control.progress.start(total, "samples");
+        run.read_checkpoint()?;
         Ok(run)
+    }
+
+    /// Takes up what the checkpoint holds that is to be gone on from, if there is one.
+    fn read_checkpoint(&mut self) -> Result<()> {
+        let control = self.watcher.control;
+        let from = control.checkpoint.and_then(|c| Some((c.resume.as_ref()?, &c.made_for)));
+        let Some((path, made_for)) = from else { return Ok(()) };
+        let size = [self.window.width, self.window.height];
+        let mut resumed = Resumed::read(path, made_for, self.settings, size, &self.scene.lights.emission)?;
+        self.state = std::mem::take(&mut resumed.state);
+        self.statistics = std::mem::take(&mut resumed.statistics);
+        (self.watcher.before, self.watcher.errors) = (resumed.elapsed, std::mem::take(&mut resumed.errors));
+        control.progress.advance(self.statistics.samples);
+        self.resumed = Some(resumed);
+        Ok(())
+    }
+
+    /// The pass that an earlier process has left unfinished, where it was of this kind.
+    fn resume(&mut self, phase: Phase) -> Option<Part> {
+        self.resumed.take_if(|_| self.state.position.phase == phase).map(|resumed| resumed.part)
     }
 
     fn pixels(&self) -> u64 {
         self.window.pixels()
     }
 
-    fn begin_pass(&mut self) -> Pass {
-        self.sequences_from = Some(self.rendered);
-        self.empty_pass()
+    /// The next pass, of `spp` samples per pixel.
+    fn begin_pass(&mut self, spp: u32) -> Part {
+        self.state.sequences_from = Some(self.state.rendered);
+        Part { pass: self.empty_pass(), spp, start: 0 }
     }
 
     fn empty_pass(&self) -> Pass {
         Pass::new(self.window.width as usize, self.window.height as usize)
     }
 
-    /// Traces `spp` camera paths per pixel into `pass`; returns whether all were made.
+    /// Traces what is left of a pass; returns whether all camera paths were made.
     fn trace(
         &mut self,
-        pass: &mut Pass,
-        spp: u32,
+        part: &mut Part,
         field: Option<&GuideField>,
         learning: Option<&mut Learning>,
         picture: Option<&[f32]>,
@@ -230,6 +244,11 @@ impl<'a> Run<'a> {
             (None, Some(_)) => (0.05 * self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-3)) as u64,
             _ => CHUNK,
         };
+        let Part { pass, spp, start } = part;
+        if *start == 0 {
+            self.state.rendered += *spp;
+            self.state.spent += f64::from(*spp) * (1.0 + learning.as_ref().map_or(0.0, |l| l.photon_share));
+        }
         let tracer = PassTracer {
             scene: self.scene,
             settings: self.settings,
@@ -238,91 +257,131 @@ impl<'a> Run<'a> {
             field,
             target: learning.as_ref().map_or(self.settings.learner.target, |l| l.learner.target()),
             picture,
-            first_sample: self.rendered,
-            sequences_from: self.sequences_from,
-            spp,
+            first_sample: self.state.rendered - *spp,
+            sequences_from: self.state.sequences_from,
+            spp: *spp,
             chunk: chunk.max(LEAST_CHUNK).max(self.pixels().div_ceil(EVERY_ROW)),
         };
-        self.rendered += spp;
-        self.spent += f64::from(spp) * (1.0 + learning.as_ref().map_or(0.0, |l| l.photon_share));
-        let spent = self.spent.ceil() as u32;
-        let (watcher, passes) = (&mut self.watcher, &self.passes);
+        let (watcher, state, evidence) = (&mut self.watcher, &self.state, &self.evidence);
+        let field = field.map(|field| (field, evidence));
         watcher.begin_chunk();
-        let so_far = |pass: &Pass| combine(&[passes.as_slice(), &[pass.finish()]].concat()).ok();
-        let mut go_on = |pass: &Pass, samples| watcher.end_chunk(samples, spent, || so_far(pass));
-        tracer.run(pass, learning, &mut self.statistics, &mut go_on)
+        let so_far = |pass: &Pass| combine(&[state.passes.as_slice(), &[pass.finish()]].concat()).ok();
+        let mut go_on = |chunk: &Chunk| {
+            let Chunk { pass, samples, end: start, learning, statistics } = *chunk;
+            let keep = |checkpoint: &Checkpointing, elapsed: f64, errors: &[ErrorPoint]| {
+                let Some((path, _)) = &checkpoint.write else { return Ok(()) };
+                let moment = Moment { state, pass, spp: *spp, start, statistics, learning, field, elapsed, errors };
+                moment.write(path, &checkpoint.made_for)
+            };
+            watcher.end_chunk(samples, state.spent.ceil() as u32, || so_far(pass), keep)
+        };
+        let complete = tracer.run(pass, *start, learning, &mut self.statistics, &mut go_on);
+        *start = 0;
+        complete
     }
 
     /// About what each pixel will be, by the passes so far; none while no light was found.
     fn pixel_values(&self) -> Option<Vec<f32>> {
-        expected_values(&combine(if self.passes.is_empty() { &self.early } else { &self.passes }).ok()?)
+        let State { passes, early, .. } = &self.state;
+        expected_values(&combine(if passes.is_empty() { early } else { passes }).ok()?)
     }
 
     /// Iterations of 2^t samples per pixel while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
     fn learn(&mut self, reconstructor: &dyn Reconstructor) -> Result<GuideField> {
-        let mut learning = Learning::new(self.settings, &self.scene.lights.emission);
-        let mut trend = Trend::default();
-        for t in 0..31 {
-            let camera = 1u32 << t;
-            let hopeless = t >= self.patience() && !self.pays(&trend);
-            if hopeless || self.watcher.stopped() || !self.learns_on(camera, learning.photon_share, &trend) {
-                break;
-            }
-            let (begun, traced) = (self.watcher.elapsed(), self.statistics.seconds.trace);
-            let photon_share = learning.photon_share;
+        let emitted = &self.scene.lights.emission;
+        let learned = self.resumed.as_mut().and_then(|resumed| resumed.learning.take());
+        let mut learning = learned.unwrap_or_else(|| Learning::new(self.settings, emitted));
+        let mut resumed = self.resume(Phase::Learning);
+        let first = resumed.as_ref().map_or(0, |_| self.state.position.iteration);
+        for t in first..31 {
+            let mut part = match resumed.take() {
+                Some(part) => part,
+                None if self.goes_on_learning(t, learning.photon_share) => self.begin_iteration(t, &learning),
+                None => break,
+            };
             self.watcher.control.progress.message(&format!("learning, iteration {t}"));
-            let field = learning.field(true);
-            let mut pass = self.begin_pass();
-            let picture = self.pixel_values();
-            if let StopRule::Time(seconds) = self.settings.stop {
-                self.watcher.deadline = Some(self.settings.learning_share * seconds);
-            }
-            let complete = self.trace(&mut pass, camera, Some(&field), Some(&mut learning), picture.as_deref());
-            if t == 0 && !complete {
+            let Some(finished) = self.iterate(&mut part, &mut learning, reconstructor)? else {
                 // Too many pixels for the time: what little there is left is better spent on samples than on trees.
-                self.passes.push(self.finished(&pass));
                 return Ok(GuideField::empty());
-            }
-            let rays = self.reconstruction_rays();
-            let iteration = learning.end_iteration(
-                camera,
-                outliers(self.pixels() as usize),
-                rays,
-                reconstructor,
-                &mut self.statistics.seconds,
-            )?;
-            let seconds = self.watcher.elapsed() - begun;
-            let finished = self.finished(&pass);
-            let variance = pass.variance_relative_to(picture.as_deref());
-            trend.gain = variance.and_then(|v| gain(v, &learning.moments, finished.samples() as f64));
-            trend.variances.extend(finished.sample_variance());
-            trend.useful = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
-            trend.seconds = seconds;
-            if let StopRule::TargetError(_) = self.settings.stop {
-                trend.relative = pass.relative_variance();
-            }
-            self.statistics.iterations.push(Iteration {
-                t,
-                spp: camera,
-                seconds,
-                mean_variance: finished.sample_variance().map_or(f64::NAN, |v| v / f64::from(camera)),
-                gain: trend.gain,
-                photon_share,
-                ..iteration
-            });
+            };
+            let (finished, complete) = finished;
             // The first two passes are not worth their noise, but they are all there is of a render stopped early.
             if t >= 2 || !complete {
-                self.passes.push(finished);
+                self.state.passes.push(finished);
             } else {
-                self.early.push(finished);
+                self.state.early.push(finished);
             }
         }
-        self.gave_up = !self.pays(&trend);
-        self.statistics.decisions = decisions(self.gave_up, &trend, &self.statistics.iterations, learning.photon_share);
-        let field = if self.gave_up { GuideField::empty() } else { learning.field(false) };
-        self.statistics.guide = GuideStatistics::of(&field);
-        self.evidence = learning.learner.evidence();
-        Ok(field)
+        self.state.gave_up = !self.pays();
+        let (trend, iterations) = (&self.state.trend, &self.statistics.iterations);
+        self.statistics.decisions = decisions(self.state.gave_up, trend, iterations, learning.photon_share);
+        // Of a guide that was given up there is nothing to look at.
+        self.evidence = if self.state.gave_up { Evidence::default() } else { learning.learner.evidence() };
+        Ok(if self.state.gave_up { GuideField::empty() } else { learning.field(false) })
+    }
+
+    /// Whether there is to be an iteration `t`.
+    fn goes_on_learning(&self, t: u32, photon_share: f64) -> bool {
+        let hopeless = t >= self.patience() && !self.pays();
+        !hopeless && !self.watcher.stopped() && self.learns_on(1 << t, photon_share)
+    }
+
+    fn begin_iteration(&mut self, t: u32, learning: &Learning) -> Part {
+        self.state.position = Position {
+            phase: Phase::Learning,
+            iteration: t,
+            voxels: learning.learner.voxels(),
+            began: self.watcher.elapsed(),
+            traced: self.statistics.seconds.trace,
+            ..Position::default()
+        };
+        self.begin_pass(1 << t)
+    }
+
+    /// Makes the pass of an iteration and learns from it. Returns the pass and whether all of its samples were made; none where
+    /// there was not even time for the first iteration.
+    fn iterate(
+        &mut self,
+        part: &mut Part,
+        learning: &mut Learning,
+        reconstructor: &dyn Reconstructor,
+    ) -> Result<Option<(FinishedPass, bool)>> {
+        let Position { iteration: t, voxels, began, traced, .. } = self.state.position;
+        let photon_share = learning.photon_share;
+        let field = learning.field_of(voxels);
+        let picture = self.pixel_values();
+        if let StopRule::Time(seconds) = self.settings.stop {
+            self.watcher.deadline = Some(self.settings.learning_share * seconds);
+        }
+        let complete = self.trace(part, Some(&field), Some(learning), picture.as_deref());
+        let finished = self.finished(&part.pass);
+        if t == 0 && !complete {
+            self.state.passes.push(finished);
+            return Ok(None);
+        }
+        let worst = outliers(self.pixels() as usize);
+        let rays = self.reconstruction_rays();
+        let iteration = learning.end_iteration(part.spp, worst, rays, reconstructor, &mut self.statistics.seconds)?;
+        let seconds = self.watcher.elapsed() - began;
+        let variance = part.pass.variance_relative_to(picture.as_deref());
+        let trend = &mut self.state.trend;
+        trend.gain = variance.and_then(|v| gain(v, &learning.moments, finished.samples() as f64));
+        trend.variances.extend(finished.sample_variance());
+        trend.useful = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
+        trend.seconds = seconds;
+        if let StopRule::TargetError(_) = self.settings.stop {
+            trend.relative = part.pass.relative_variance();
+        }
+        self.statistics.iterations.push(Iteration {
+            t,
+            spp: part.spp,
+            seconds,
+            mean_variance: finished.sample_variance().map_or(f64::NAN, |v| v / f64::from(part.spp)),
+            gain: trend.gain,
+            photon_share,
+            ..iteration
+        });
+        Ok(Some((finished, complete)))
     }
 
     /// Iterations before guiding is given up. Learning costs several times what rendering does, so an easy scene should be known
@@ -333,15 +392,15 @@ impl<'a> Run<'a> {
     }
 
     /// Whether the guide at hand is worth its price, or its price does not matter.
-    fn pays(&self, trend: &Trend) -> bool {
-        self.learn_only || !self.settings.gives_up || trend.gain.is_none_or(pays)
+    fn pays(&self) -> bool {
+        self.learn_only || !self.settings.gives_up || self.state.trend.gain.is_none_or(pays)
     }
 
     /// Rays that reconstruction may have cost after this iteration: a share of those of the whole render as far as that can be
     /// foreseen, which is up to the end of the next iteration.
     fn reconstruction_rays(&self) -> f64 {
         let done = match self.settings.stop {
-            StopRule::Spp(spp) => self.spent / f64::from(spp),
+            StopRule::Spp(spp) => self.state.spent / f64::from(spp),
             StopRule::Time(seconds) => self.watcher.elapsed() / seconds,
             StopRule::TargetError(_) => 0.0,
         };
@@ -350,9 +409,10 @@ impl<'a> Run<'a> {
     }
 
     /// Whether another iteration of `camera` paths per pixel is worth its price.
-    fn learns_on(&self, camera: u32, photon_share: f64, trend: &Trend) -> bool {
+    fn learns_on(&self, camera: u32, photon_share: f64) -> bool {
+        let trend = &self.state.trend;
         let kinds = 1.0 + photon_share;
-        let (cost, spent) = (f64::from(camera) * kinds, self.spent);
+        let (cost, spent) = (f64::from(camera) * kinds, self.state.spent);
         let limit = self.settings.learning_share;
         let outlook = match self.settings.stop {
             StopRule::Spp(spp) => {
@@ -383,6 +443,8 @@ impl<'a> Run<'a> {
 
     /// The picture with the field as it is, and the end.
     fn finish(mut self, field: Option<GuideField>) -> Result<Outcome> {
+        let known = field.as_ref();
+        self.statistics.guide = known.map_or(GuideStatistics::default(), GuideStatistics::of);
         self.watcher.control.progress.message("rendering");
         let (image, spread) = match self.settings.stop {
             StopRule::TargetError(error) => self.render_to(error, field.as_ref())?,
@@ -391,18 +453,20 @@ impl<'a> Run<'a> {
         self.watcher.control.progress.finish();
         let mut statistics = self.statistics;
         statistics.seconds.total = self.watcher.elapsed();
-        statistics.describe(self.scene, self.settings, self.spent.ceil() as u32);
+        statistics.errors = self.watcher.errors;
+        statistics.describe(self.scene, self.settings, self.state.spent.ceil() as u32);
         Ok(Outcome {
             image,
             spread,
             statistics,
             field: field.unwrap_or_else(GuideField::empty),
             evidence: self.evidence,
+            unkept: self.watcher.unkept,
         })
     }
 
     /// A first pass with a field that nothing was learned for: about what pixels will be, by which roulette judges the rest.
-    fn look(&mut self, field: &GuideField) {
+    fn look(&mut self, field: &GuideField, resumed: Option<Part>) {
         let spp = match self.settings.stop {
             StopRule::Spp(spp) => (spp / 16).min(LOOK),
             StopRule::Time(seconds) => {
@@ -412,47 +476,60 @@ impl<'a> Run<'a> {
             StopRule::TargetError(_) => LOOK,
         };
         if spp > 0 {
-            let mut pass = self.begin_pass();
-            self.trace(&mut pass, spp, Some(field), None, None);
-            self.passes.push(self.finished(&pass));
+            self.state.position = Position { phase: Phase::Look, ..Position::default() };
+            let mut part = resumed.unwrap_or_else(|| self.begin_pass(spp));
+            self.trace(&mut part, Some(field), None, None);
+            let finished = self.finished(&part.pass);
+            self.state.passes.push(finished);
         }
     }
 
     /// What is left of the budget goes into one pass.
     fn final_pass(&mut self, field: Option<&GuideField>) -> Result<Rendered> {
-        let mut pass = self.begin_pass();
+        let mut resumed = self.resume(Phase::Final);
+        let batches = if resumed.is_some() { self.state.position.batches } else { 0 };
+        self.state.position = Position { phase: Phase::Final, batches, ..Position::default() };
+        let mut goes_on = resumed.is_some();
+        let mut part = resumed.take().unwrap_or_else(|| self.begin_pass(0));
         let picture = field.and_then(|_| self.pixel_values());
-        let mut rendered = 0;
         loop {
-            let spp = match self.settings.stop {
-                StopRule::Spp(spp) => (f64::from(spp) - self.spent).max(0.0) as u32,
-                _ => self.batch(rendered),
-            };
-            if spp == 0 || self.watcher.stopped() {
-                break;
+            if !goes_on {
+                part.spp = match self.settings.stop {
+                    StopRule::Spp(spp) => (f64::from(spp) - self.state.spent).max(0.0) as u32,
+                    _ => self.batch(self.state.position.batches),
+                };
+                if part.spp == 0 || self.watcher.stopped() {
+                    break;
+                }
+                self.state.position.batches += part.spp;
             }
+            goes_on = false;
             self.watcher.deadline = match self.settings.stop {
                 StopRule::Time(seconds) => Some(seconds),
                 _ => None,
             };
-            rendered += spp;
-            if !self.trace(&mut pass, spp, field, None, picture.as_deref()) {
+            if !self.trace(&mut part, field, None, picture.as_deref()) {
                 break;
             }
         }
-        if rendered > 0 {
-            let finished = self.finished(&pass);
+        if self.state.position.batches > 0 {
+            let finished = self.finished(&part.pass);
+            let State { passes, gave_up, .. } = &mut self.state;
             // What a guide that does not pay has found by chance is a few bright pixels that the others would have to outweigh.
-            let guided: u64 = self.passes.iter().map(FinishedPass::samples).sum();
-            if self.gave_up && finished.samples() > guided {
-                self.passes.clear();
+            let guided: u64 = passes.iter().map(FinishedPass::samples).sum();
+            if *gave_up && finished.samples() > guided {
+                passes.clear();
             }
-            self.passes.push(finished);
+            passes.push(finished);
         }
-        let image = combine(&self.passes).map_err(|_| {
+        if self.state.passes.is_empty() {
+            // Stopped early: they are all there is.
+            self.state.passes = std::mem::take(&mut self.state.early);
+        }
+        let image = combine(&self.state.passes).map_err(|_| {
             Error::Options("no sample was rendered: the render was stopped before its first pass".into())
         })?;
-        Ok((image, self.spread(&self.passes, None)?))
+        Ok((image, self.spread(&self.state.passes, None)?))
     }
 
     /// Ends a pass whose samples may enter the picture.
@@ -470,10 +547,10 @@ impl<'a> Run<'a> {
         let StopRule::Time(seconds) = self.settings.stop else { return 0 };
         let left = seconds - self.watcher.elapsed();
         let traced = self.statistics.seconds.trace;
-        if rendered == 0 && (self.passes.is_empty() || left > 0.0) {
+        if rendered == 0 && (self.state.passes.is_empty() || left > 0.0) {
             return 1;
         }
-        let per_sample = traced / f64::from(self.rendered);
+        let per_sample = traced / f64::from(self.state.rendered);
         if left <= 0.0 { 0 } else { ((left / per_sample.max(1e-9) * 0.1) as u32).clamp(1, 1 << 16) }
     }
 }

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::learning::Learning;
 use super::settings::RenderSettings;
-use super::statistics::Statistics;
+use super::statistics::{Dropped, Statistics};
 use crate::base::random::Random;
 use crate::film::{Pass, PixelFilter, Window};
 use crate::geometry::Ray;
@@ -20,7 +20,7 @@ use crate::guiding::emission::{EmissionGuide, Start};
 use crate::guiding::field::GuideField;
 use crate::guiding::leaves::Target;
 use crate::guiding::record::{PathRecord, PhotonRecord};
-use crate::integrators::path::{PathScratch, PathTracer, RayCount};
+use crate::integrators::path::{Cause, PathScratch, PathTracer, RayCount};
 use crate::integrators::photon::PhotonTracer;
 use crate::scene::Scene;
 
@@ -71,6 +71,20 @@ pub struct PassTracer<'a> {
     pub chunk: u64,
 }
 
+/// A pass after a chunk.
+pub struct Chunk<'a> {
+    /// The pass so far.
+    pub pass: &'a Pass,
+    /// Camera and light paths of the chunk.
+    pub samples: u64,
+    /// Linear index of the next camera path.
+    pub end: u64,
+    /// What was learned so far.
+    pub learning: Option<&'a Learning>,
+    /// Statistics so far.
+    pub statistics: &'a Statistics,
+}
+
 /// The order in which the rows of a picture are visited: any beginning of it is spread evenly.
 fn row_order(height: u32) -> Vec<u32> {
     let mut rows: Vec<u32> = (0..height).collect();
@@ -85,6 +99,8 @@ struct Block {
     photons: Vec<PhotonRecord>,
     starts: Vec<Option<Start>>,
     rays: RayCount,
+    /// Linear indices of samples that were not finite.
+    dropped: Vec<(u64, Dropped)>,
 }
 
 impl PassTracer<'_> {
@@ -92,19 +108,19 @@ impl PassTracer<'_> {
         self.window.pixels()
     }
 
-    /// Adds the pass's samples to `pass` and, where there is one, gives its records to `learning`. After every chunk `go_on` is
-    /// called with the pass so far and the number of samples just made; it ends the pass by saying no. Returns whether the
-    /// pass was completed.
+    /// Adds the pass's samples to `pass`, from the linear index `start` on, which is 0 or where an earlier chunk ended, and where
+    /// there is one gives its records to `learning`. After every chunk `go_on` is called; it ends the pass by saying no. Returns
+    /// whether the pass was completed.
     pub fn run(
         &self,
         pass: &mut Pass,
+        mut start: u64,
         mut learning: Option<&mut Learning>,
         statistics: &mut Statistics,
-        go_on: &mut dyn FnMut(&Pass, u64) -> bool,
+        go_on: &mut dyn FnMut(&Chunk) -> bool,
     ) -> bool {
         let total = self.pixels() * u64::from(self.spp);
         let rows = row_order(self.window.height);
-        let mut start = 0;
         while start < total {
             let end = (start + self.chunk.clamp(1, CHUNK)).min(total);
             let mut samples = end - start;
@@ -122,7 +138,8 @@ impl PassTracer<'_> {
                 learning.absorb(&records, kinds, &mut statistics.seconds);
             }
             start = end;
-            if !go_on(pass, samples) {
+            let learning = learning.as_deref();
+            if !go_on(&Chunk { pass, samples, end: start, learning, statistics }) {
                 return start == total;
             }
         }
@@ -142,12 +159,13 @@ impl PassTracer<'_> {
         let keep = records.is_some();
         let blocks = self.blocks(range, |i, scratch, block| {
             let (pixel, sample) = self.place(i, rows);
-            self.camera_path(pixel, sample, keep, scratch, block);
+            self.camera_path((i, pixel, sample), keep, scratch, block);
         });
         let mut index = start;
         // Counted from where the pass began, so that the film's halves are those of the sequences.
         let behind = u64::from(self.first_sample - self.sequences_from.unwrap_or(self.first_sample));
         for block in &blocks {
+            let mut dropped = block.dropped.iter().peekable();
             statistics.rays += block.rays.rays;
             statistics.camera_rays += block.rays.rays;
             for &radiance in &block.radiance {
@@ -156,6 +174,8 @@ impl PassTracer<'_> {
                     pass.add(pixel as usize, behind + sample, radiance);
                 } else {
                     statistics.dropped_samples += 1;
+                    let mine = dropped.next_if(|(at, _)| *at == index);
+                    mine.into_iter().for_each(|(_, sample)| statistics.dropped.add(*sample));
                 }
                 index += 1;
             }
@@ -188,6 +208,7 @@ impl PassTracer<'_> {
         });
         for block in blocks {
             statistics.rays += block.rays.rays;
+            statistics.dropped.photons += block.rays.dropped;
             records.photons.extend(block.photons);
             records.starts.extend(block.starts);
         }
@@ -221,7 +242,14 @@ impl PassTracer<'_> {
         (u64::from(rows[(place / width) as usize]) * width + place % width, sample)
     }
 
-    fn camera_path(&self, pixel: u64, sample: u64, keep: bool, scratch: &mut PathScratch, block: &mut Block) {
+    /// Traces sample `sample` of pixel `pixel`, whose linear index is `index`.
+    fn camera_path(
+        &self,
+        (index, pixel, sample): (u64, u64, u64),
+        keep: bool,
+        scratch: &mut PathScratch,
+        block: &mut Block,
+    ) {
         let number = u64::from(self.first_sample) + sample;
         let sample = CameraSample { place: self.window.place(pixel), number, sequences_from: self.sequences_from };
         let (ray, mut random) = camera_ray(self.scene, self.settings, self.filter, sample);
@@ -233,8 +261,17 @@ impl PassTracer<'_> {
             direct: self.settings.learner.direct,
         };
         let value = self.picture.map(|p| p[pixel as usize]);
+        let before = block.records.len();
         let records = keep.then_some(&mut block.records);
         let radiance = tracer.trace(ray, &mut random, scratch, value, records, &mut block.rays);
+        if !radiance.is_finite() {
+            // Nothing is learned from it either.
+            block.records.truncate(before);
+            let (ray, mut random) = camera_ray(self.scene, self.settings, self.filter, sample);
+            let cause = tracer.explain(ray, &mut random, value).cause.unwrap_or(Cause::Overflow);
+            let CameraSample { place: pixel, number: sample, sequences_from: pass_from } = sample;
+            block.dropped.push((index, Dropped { pixel, sample, pass_from, cause }));
+        }
         block.radiance.push(radiance);
     }
 }

@@ -1,11 +1,15 @@
 //! Where samples and seconds went: the content of `--stats`.
 
-use serde::Serialize;
+use std::collections::BTreeMap;
+
+use serde::ser::SerializeStruct;
+use serde::{Serialize, Serializer};
 
 use super::settings::RenderSettings;
 use crate::base::process;
 use crate::film::Measures;
 use crate::guiding::field::GuideField;
+use crate::integrators::path::Cause;
 use crate::scene::Scene;
 use crate::scene::plan::Effect;
 
@@ -51,6 +55,25 @@ pub struct Iteration {
     pub mean_variance: f64,
     /// About the variance of a sample with the guide that the iteration made over that without it; none where it cannot tell.
     pub gain: Option<f64>,
+}
+
+impl Iteration {
+    /// For checkpoints; a gain is never NaN.
+    pub(super) fn numbers(&self) -> [f64; 9] {
+        let Self { t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain } = *self;
+        let [t, spp] = [t, spp].map(f64::from);
+        let [voxels, nodes] = [voxels, nodes].map(|n| n as f64);
+        let gain = gain.unwrap_or(f64::NAN);
+        [t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain]
+    }
+
+    pub(super) fn from_numbers(numbers: &[f64; 9]) -> Self {
+        let &[t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain] = numbers;
+        let [t, spp] = [t, spp].map(|n| n as u32);
+        let [voxels, nodes] = [voxels, nodes].map(|n| n as usize);
+        let gain = (!gain.is_nan()).then_some(gain);
+        Self { t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain }
+    }
 }
 
 /// The field of the final pass.
@@ -109,8 +132,10 @@ pub struct Statistics {
     pub samples: u64,
     /// Per second of the total.
     pub samples_per_second: f64,
-    /// Samples that were not finite and left out.
+    /// Camera samples that were not finite and left out.
     pub dropped_samples: u64,
+    /// Why.
+    pub dropped: Drops,
     /// Guiding.
     pub guide: GuideStatistics,
     /// Learning.
@@ -127,6 +152,87 @@ pub struct Statistics {
     pub peak_rss_bytes: Option<u64>,
 }
 
+/// A camera sample that was dropped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Dropped {
+    /// Column and row in the whole picture.
+    pub pixel: [u32; 2],
+    /// Its number among all of the pixel's.
+    pub sample: u64,
+    /// The number at which its pass began, where the pass follows sequences of random numbers.
+    pub pass_from: Option<u32>,
+    /// Why.
+    pub cause: Cause,
+}
+
+impl Dropped {
+    /// What `--replay` takes to trace it again under the same seed.
+    pub fn replay(&self) -> String {
+        let [x, y] = self.pixel;
+        let from = self.pass_from.map_or_else(|| "none".to_owned(), |from| from.to_string());
+        format!("{x},{y},{},{from}", self.sample)
+    }
+
+    pub(super) fn numbers(&self) -> [f64; 5] {
+        let [x, y] = self.pixel.map(f64::from);
+        let cause = Cause::ALL.iter().position(|cause| *cause == self.cause).unwrap_or(0);
+        [x, y, self.sample as f64, self.pass_from.map_or(-1.0, f64::from), cause as f64]
+    }
+
+    pub(super) fn from_numbers(&[x, y, sample, from, cause]: &[f64; 5]) -> Option<Self> {
+        let pass_from = (from >= 0.0).then_some(from as u32);
+        let cause = *Cause::ALL.get(cause as usize)?;
+        Some(Self { pixel: [x as u32, y as u32], sample: sample as u64, pass_from, cause })
+    }
+}
+
+/// Samples that were not finite and left out.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Drops {
+    /// Camera samples, by [`Cause::ALL`].
+    pub causes: [u64; Cause::ALL.len()],
+    /// Light paths that ended because their power was not finite.
+    pub photons: u64,
+    /// The first camera samples.
+    pub first: Vec<Dropped>,
+}
+
+/// Dropped samples that are remembered.
+const REMEMBERED: usize = 16;
+
+impl Drops {
+    /// Counts one; the first are remembered.
+    pub fn add(&mut self, dropped: Dropped) {
+        let counts = self.causes.iter_mut().zip(Cause::ALL);
+        counts.filter(|(_, cause)| *cause == dropped.cause).for_each(|(count, _)| *count += 1);
+        if self.first.len() < REMEMBERED {
+            self.first.push(dropped);
+        }
+    }
+
+    /// Causes that occurred, with how often they did.
+    pub fn counted(&self) -> impl Iterator<Item = (&'static str, u64)> + '_ {
+        self.causes.iter().zip(Cause::ALL).filter(|(count, _)| **count > 0).map(|(&count, cause)| (cause.name(), count))
+    }
+}
+
+impl Serialize for Drops {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct First<'a> {
+            #[serde(flatten)]
+            dropped: &'a Dropped,
+            replay: String,
+        }
+        let first: Vec<First> = self.first.iter().map(|d| First { dropped: d, replay: d.replay() }).collect();
+        let mut map = serializer.serialize_struct("Drops", 3)?;
+        map.serialize_field("causes", &self.counted().collect::<BTreeMap<_, _>>())?;
+        map.serialize_field("photons", &self.photons)?;
+        map.serialize_field("first", &first)?;
+        map.end()
+    }
+}
+
 /// Error of a picture against a reference.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct ErrorPoint {
@@ -141,6 +247,14 @@ pub struct ErrorPoint {
 }
 
 impl ErrorPoint {
+    pub(super) fn numbers(&self) -> [f64; 4] {
+        [self.seconds, f64::from(self.spp), self.relmse, self.relmse_trimmed]
+    }
+
+    pub(super) fn from_numbers(&[seconds, spp, relmse, relmse_trimmed]: &[f64; 4]) -> Self {
+        Self { seconds, spp: spp as u32, relmse, relmse_trimmed }
+    }
+
     /// The errors of a picture made in `seconds` with `spp` samples per pixel.
     pub fn new(seconds: f64, spp: u32, measures: &Measures) -> Self {
         Self { seconds, spp, relmse: measures.relmse, relmse_trimmed: measures.relmse_trimmed }
@@ -148,6 +262,26 @@ impl ErrorPoint {
 }
 
 impl Statistics {
+    /// The totals that grow from chunk to chunk, for checkpoints.
+    pub(super) fn numbers(&self) -> Vec<f64> {
+        let Seconds { trace, photons, splat, reconstruct, .. } = self.seconds;
+        let counts = [self.rays, self.camera_rays, self.samples, self.dropped_samples, self.dropped.photons];
+        let counts = counts.into_iter().chain(self.dropped.causes).map(|n| n as f64);
+        [trace, photons, splat, reconstruct].into_iter().chain(counts).collect()
+    }
+
+    /// Statistics with the totals that [`Statistics::numbers`] made; none where there are too few or too many.
+    pub(super) fn from_numbers(numbers: &[f64]) -> Option<Self> {
+        let (&[trace, photons, splat, reconstruct, rays, camera_rays, samples, dropped, lost], causes) =
+            numbers.split_first_chunk()?;
+        let seconds = Seconds { trace, photons, splat, reconstruct, ..Seconds::default() };
+        let mut statistics = Self { seconds, ..Self::default() };
+        [statistics.rays, statistics.camera_rays, statistics.samples] = [rays, camera_rays, samples].map(|n| n as u64);
+        [statistics.dropped_samples, statistics.dropped.photons] = [dropped, lost].map(|n| n as u64);
+        statistics.dropped.causes = causes.iter().map(|&n| n as u64).collect::<Vec<_>>().try_into().ok()?;
+        Some(statistics)
+    }
+
     pub(super) fn describe(&mut self, scene: &Scene, settings: &RenderSettings, spp: u32) {
         self.version = 1;
         self.scene.clone_from(&scene.name);

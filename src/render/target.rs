@@ -5,6 +5,7 @@
 //! number of samples, no half knows anything about its values. The picture is the plain mean of the two; weights that follow the
 //! counts would tie them again. A half that is done goes on being sampled for the estimate until the other is done too.
 
+use super::state::{Half, Part, Phase, Position};
 use super::{Rendered, Run};
 use crate::base::Result;
 use crate::film::{FinishedPass, Pass, combine_weighted};
@@ -20,36 +21,45 @@ const MOST: u32 = 1 << 23;
 /// Weights of the two halves.
 const EQUAL: [f64; 2] = [0.5; 2];
 
-struct Half {
-    pass: Pass,
-    /// The pass when the other half found it good enough.
-    done: Option<FinishedPass>,
-}
-
 impl Run<'_> {
     pub(super) fn render_to(&mut self, target: f64, field: Option<&GuideField>) -> Result<Rendered> {
+        let mut resumed = self.resume(Phase::Target);
+        if resumed.is_none() {
+            // What was learned from decides about the field and so about the number of samples.
+            if !self.state.passes.is_empty() {
+                self.state.early = std::mem::take(&mut self.state.passes);
+            }
+            self.state.halves = [0, 1].map(|_| Half { pass: self.empty_pass(), done: None }).into();
+            self.state.position =
+                Position { phase: Phase::Target, began: self.watcher.elapsed(), ..Position::default() };
+            // Estimates of the error by the spread of samples hold for independent ones.
+            self.state.sequences_from = None;
+        }
         let picture = field.and_then(|_| self.pixel_values());
-        // What was learned from decides about the field and so about the number of samples.
-        self.passes.clear();
-        let mut halves = [0, 1].map(|_| Half { pass: self.empty_pass(), done: None });
-        // Estimates of the error by the spread of samples hold for independent ones.
-        self.sequences_from = None;
-        let mut each = 0;
+        let (mut each, begun) = (self.state.position.each, self.state.position.began);
         let mut estimate = f64::NAN;
-        let begun = self.watcher.elapsed();
-        while halves.iter().any(|h| h.done.is_none()) && each < MOST && !(each > 0 && self.watcher.stopped()) {
+        while self.state.halves.iter().any(|h| h.done.is_none()) && each < MOST && !(each > 0 && self.watcher.stopped())
+        {
             let next = if each == 0 { FIRST } else { ((f64::from(each) * GROWTH).ceil() as u32).min(MOST) };
-            for half in &mut halves {
-                self.trace(&mut half.pass, next - each, field, None, picture.as_deref());
+            let first = resumed.as_ref().map_or(0, |_| self.state.position.half);
+            for half in first..2 {
+                self.state.position.half = half;
+                let mut part = resumed.take().unwrap_or_else(|| {
+                    let pass = std::mem::replace(&mut self.state.halves[half].pass, Pass::new(0, 0));
+                    Part { pass, spp: next - each, start: 0 }
+                });
+                self.trace(&mut part, field, None, picture.as_deref());
+                self.state.halves[half].pass = part.pass;
             }
             each = next;
-            let variances = [0, 1].map(|h| halves[h].pass.relative_variance());
+            self.state.position.each = each;
+            let variances = [0, 1].map(|h| self.state.halves[h].pass.relative_variance());
             // The error of the mean of two halves of as many samples.
             let errors = variances.map(|v| v / (2.0 * f64::from(each)));
             for (half, error) in [(0, errors[1]), (1, errors[0])] {
-                let half = &mut halves[half];
-                if half.done.is_none() && error <= target {
-                    half.done = Some(self.finished(&half.pass));
+                let Half { pass, done } = &self.state.halves[half];
+                if done.is_none() && error <= target {
+                    self.state.halves[half].done = Some(self.finished(pass));
                 }
             }
             estimate = 0.5 * (errors[0] + errors[1]);
@@ -59,7 +69,9 @@ impl Run<'_> {
             self.watcher.control.progress.message(&message);
         }
         self.statistics.estimated_relmse = Some(estimate);
-        let passes = halves.map(|half| half.done.unwrap_or_else(|| self.finished(&half.pass)));
+        let halves = std::mem::take(&mut self.state.halves).into_iter();
+        let passes: Vec<FinishedPass> =
+            halves.map(|half| half.done.unwrap_or_else(|| self.finished(&half.pass))).collect();
         Ok((combine_weighted(&passes, &EQUAL)?, self.spread(&passes, Some(&EQUAL))?))
     }
 }

@@ -132,7 +132,7 @@ impl Experiment<'_> {
         let begun = Instant::now();
         let scene = Scene::build(self.loaded, self.size)?;
         let build_seconds = begun.elapsed().as_secs_f64();
-        let control = Control { progress: &Silent, stop, refresh: None };
+        let control = Control::new(&Silent, stop);
         let total = self.budgets.len() as u64 * self.seeds * self.methods.len() as u64;
         progress.start(total, "runs");
         progress.message("reference");

@@ -113,6 +113,11 @@ impl Scene {
         &self.materials[self.shape_material[surface.shape as usize] as usize]
     }
 
+    /// Number of a shape's material among [`Scene::materials`].
+    pub fn material_of(&self, shape: u32) -> usize {
+        self.shape_material[shape as usize] as usize
+    }
+
     /// The light that a surface is, with its index in [`Scene::lights`].
     pub fn light_of(&self, surface: &Surface) -> Option<(usize, &Light)> {
         let index = self.shape_light[surface.shape as usize]? as usize;

@@ -50,7 +50,7 @@ fn main() {
         let built = Scene::build(&loaded, [loaded.file.film.width, loaded.file.film.height]).expect("names resolve");
         let mut settings = RenderSettings::new(GuideMode::Gaussian, StopRule::Spp(64));
         let stop = AtomicBool::new(false);
-        let control = Control { progress: &Silent, stop: &stop, refresh: None };
+        let control = Control::new(&Silent, &stop);
         let field = learn(&built, &settings, &Gaussian::default(), &control).expect("the settings are sound");
         settings.transport.roulette = Roulette::Off;
         settings.transport.max_depth = 6;

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
-use fanal::generate::build::Builder;
+use fanal::generate::build::{Builder, diffuse};
 use fanal::guiding::leaves::Target;
 use fanal::materials::image::Image;
 use fanal::reconstruct::gaussian::Gaussian;
@@ -82,5 +82,16 @@ pub fn floor(size: [u32; 2], half: f32) -> Builder {
     let grey = b.add_material("grey", one_sided(0.5));
     b.add_quad("floor", Vec3::ZERO, [Vec3::Z * half, Vec3::X * half], &grey, None);
     b.look_at(Vec3::new(0.6, 0.8, 0.0), Vec3::ZERO, Vec3::Z, 0.5);
+    b
+}
+
+/// A block on a floor under a square lamp of radiance `emission`.
+pub fn room(size: [u32; 2], emission: f32) -> Builder {
+    let mut b = Builder::new("room", size);
+    let wall = b.add_material("wall", diffuse([0.6, 0.5, 0.4]));
+    b.add_block("room", Vec3::splat(-1.0), Vec3::ONE, &wall);
+    b.add_block("block", Vec3::new(-0.5, -0.99, -0.5), Vec3::new(0.0, 0.0, 0.0), &wall);
+    b.add_quad("lamp", Vec3::new(0.3, 0.5, 0.3), [Vec3::X * 0.3, Vec3::Z * 0.3], &wall, Some([emission; 3]));
+    b.look_at(Vec3::new(0.5, 0.4, 0.9), Vec3::new(-0.2, -0.5, 0.0), Vec3::Y, 70.0);
     b
 }

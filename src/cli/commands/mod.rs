@@ -6,6 +6,7 @@ pub mod error;
 pub mod inspect;
 pub mod plan;
 pub mod render;
+pub mod replay;
 
 use super::args::Common;
 use super::print;

@@ -1,15 +1,14 @@
 //! `fanal render`.
 
-use std::cell::RefCell;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use super::{in_pool, load_scene};
-use crate::base::files::write_bytes;
+use super::{in_pool, load_scene, replay};
+use crate::base::files::{crc32, read_bytes, write_bytes};
 use crate::base::{Error, Progress, Result};
 use crate::cli::args::{Backend, RenderArgs};
 use crate::cli::resolve::{RenderRequest, resolve};
-use crate::cli::{interrupt, progress};
+use crate::cli::{interrupt, print, progress};
 use crate::film::exr::Attribute;
 use crate::film::{
     Picture, Window, check_folder, check_writable, matched, measure, window_of, write_or_rescue, write_picture,
@@ -19,11 +18,12 @@ use crate::materials::image::Image;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
 use crate::render::{
-    self, Aov, Control, ErrorPoint, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics, StopRule, aov,
+    self, Aov, Checkpointing, Control, ErrorPoint, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics,
+    StopRule, aov, checkpoint,
 };
 use crate::scene::Scene;
 use crate::scene::overrides::decide;
-use crate::scene::plan::{EffectKind, plan};
+use crate::scene::plan::{EffectKind, EffectPlan, plan};
 use crate::scene::readers::{LoadedScene, read_image};
 
 /// Least time between two pictures while rendering.
@@ -34,8 +34,11 @@ const REFRESH: Duration = Duration::from_secs(2);
 /// # Errors
 /// Everything that reading, rendering and writing can say.
 pub fn run(args: &RenderArgs) -> Result<()> {
-    check_writable(&args.output)?;
-    for other in [&args.stats, &args.save_guide].into_iter().flatten() {
+    if let Some(sample) = args.replay {
+        return replay::run(args, sample);
+    }
+    args.output.as_deref().map_or(Ok(()), check_writable)?;
+    for other in [&args.stats, &args.save_guide, &args.checkpoint, &args.resume].into_iter().flatten() {
         check_folder(other)?;
     }
     in_pool(&args.common, || {
@@ -47,7 +50,11 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         let reference = reference(&request)?;
         let stop = interrupt::flag()?;
         let progress = progress::progress(args.common.quiet);
-        let (mut statistics, written) = render(&request, &loaded, begun, reference.as_ref(), &*progress, &stop)?;
+        let made = render(&request, &loaded, begun, reference.as_ref(), &*progress, &stop)?;
+        let Made { mut statistics, written, unkept } = made;
+        let unkept: Vec<String> =
+            unkept.map(|why| format!("no checkpoint could be written: {why}")).into_iter().collect();
+        print::warnings(&unkept, args.common.quiet);
         statistics.seconds.load = load;
         // A picture that had to be saved elsewhere has statistics all the same.
         report(&request, &statistics)?;
@@ -94,6 +101,27 @@ fn stop_rule(stop: StopRule, elapsed: f64, afterwards: f64) -> StopRule {
     }
 }
 
+/// What the scene calls for, and the settings that follow from it and from the command line.
+pub(super) fn settled(request: &RenderRequest, loaded: &LoadedScene) -> (EffectPlan, RenderSettings) {
+    let mut plan = plan(&loaded.file);
+    if let Some(samples) = request.samples {
+        plan.decide(EffectKind::Photons, samples.photons(), "asked for with --samples");
+    }
+    decide(&mut plan, &request.effects);
+    let settings = request.settings().following(&plan);
+    settings.note(&mut plan);
+    (plan, settings)
+}
+
+/// A render that is over.
+struct Made {
+    statistics: Statistics,
+    /// Whether the picture is where it should be.
+    written: Result<()>,
+    /// Why the last checkpoint is not.
+    unkept: Option<String>,
+}
+
 /// Renders and writes the picture; the command began at `started`.
 fn render(
     request: &RenderRequest,
@@ -102,16 +130,11 @@ fn render(
     reference: Option<&Image>,
     progress: &dyn Progress,
     stop: &AtomicBool,
-) -> Result<(Statistics, Result<()>)> {
-    let mut plan = plan(&loaded.file);
-    if let Some(samples) = request.samples {
-        plan.decide(EffectKind::Photons, samples.photons(), "asked for with --samples");
-    }
-    decide(&mut plan, &request.effects);
-    let mut settings = request.settings().following(&plan);
-    settings.note(&mut plan);
+) -> Result<Made> {
+    let (plan, mut settings) = settled(request, loaded);
     let loaded_guide = request.load_guide.as_deref().map(file::load).transpose()?;
-    let reconstructor = reconstructor(request, &settings)?;
+    let (reconstructor, model) = reconstructor(request, &settings)?;
+    let checkpoint = checkpointing(request, &settings, loaded, &model)?;
     let begun = Instant::now();
     let scene = Scene::build(loaded, request.size)?;
     let build = begun.elapsed().as_secs_f64();
@@ -119,24 +142,21 @@ fn render(
     let pixels = settings.window(request.size).pixels() as f64;
     let left = pixels * afterwards(&request.aovs, rayon::current_num_threads());
     settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), left);
-    let errors = RefCell::new(Vec::new());
     let show = |snapshot: Snapshot| {
         // What cannot be written now may be written later; the end says so if not.
         let picture = Picture { window: request.placed(), ..Picture::plain(&snapshot.image, &header) };
         let _ = write_picture(&request.output, &picture, request.exposure);
-        if let Some(Ok(measures)) = reference.map(|reference| measure(&snapshot.image, reference)) {
-            errors.borrow_mut().push(ErrorPoint::new(snapshot.seconds, snapshot.spp, &measures));
-        }
+        let measures = measure(&snapshot.image, reference?).ok()?;
+        Some(ErrorPoint::new(snapshot.seconds, snapshot.spp, &measures))
     };
     let refresh = Some(Refresh { every: REFRESH, show: &show });
-    let control = Control { progress, stop, refresh };
+    let control = Control { progress, stop, refresh, checkpoint: checkpoint.as_ref() };
     let outcome = match loaded_guide {
         Some((field, _)) => render::render_with_field(&scene, &settings, field, &control)?,
         None => render::render_watched(&scene, &settings, reconstructor.as_ref(), &control)?,
     };
     let channels = aov::channels(&scene, &settings, &outcome, &request.aovs)?;
     let mut statistics = outcome.statistics;
-    statistics.errors = errors.take();
     statistics.scene = request.scene.display().to_string();
     statistics.seconds.build = build;
     statistics.effects = plan.effects;
@@ -150,7 +170,7 @@ fn render(
     let written = write_or_rescue(&request.output, &picture, request.exposure);
     let saved = request.save_guide.as_deref().map(|path| file::save(path, &outcome.field, &outcome.evidence));
     statistics.seconds.write = begun.elapsed().as_secs_f64();
-    Ok((statistics, written.and(saved.unwrap_or(Ok(())))))
+    Ok(Made { statistics, written: written.and(saved.unwrap_or(Ok(()))), unkept: outcome.unkept })
 }
 
 /// Writes the statistics where they are wanted.
@@ -161,11 +181,29 @@ fn report(request: &RenderRequest, statistics: &Statistics) -> Result<()> {
     write_bytes(path, &text)
 }
 
-/// What makes distributions in the mode asked for.
-fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<Box<dyn Reconstructor>> {
+/// How the render is kept on disk, where that was asked for. `model` tells apart what makes distributions.
+fn checkpointing(
+    request: &RenderRequest,
+    settings: &RenderSettings,
+    loaded: &LoadedScene,
+    model: &str,
+) -> Result<Option<Checkpointing>> {
+    if request.checkpoint.is_none() {
+        return Ok(None);
+    }
+    let crc =
+        |path: &std::path::Path| Ok(format!("file {:08x}", crc32([read_bytes(path, file::GUIDE_LIMIT)?.as_slice()])));
+    let guide = request.load_guide.as_deref().map(crc).transpose()?.unwrap_or_else(|| model.to_owned());
+    let scene = format!("{:08x}", loaded.crc32());
+    let made_for = checkpoint::made_for(settings, request.size, &scene, &guide);
+    Ok(Some(Checkpointing { made_for, write: request.checkpoint.clone(), resume: request.resume.clone() }))
+}
+
+/// What makes distributions in the mode asked for, and a text that tells it apart from others.
+fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<(Box<dyn Reconstructor>, String)> {
     match settings.reconstruction {
-        Reconstruction::None => return Ok(Box::new(Counted::default())),
-        Reconstruction::Gaussian => return Ok(Box::new(Gaussian::default())),
+        Reconstruction::None => return Ok((Box::new(Counted::default()), "as counted".into())),
+        Reconstruction::Gaussian => return Ok((Box::new(Gaussian::default()), "smoothed".into())),
         Reconstruction::Neural => {}
     }
     let neural = match (&request.model, request.backend) {
@@ -183,7 +221,9 @@ fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<B
         }
     };
     neural.check_mode(&settings.mode())?;
-    Ok(Box::new(neural))
+    let weights = crc32([neural.model.weights.to_bytes()?.as_slice()]);
+    let model = format!("model {weights:08x} {:?}, {:?} backend", neural.model.config, request.backend);
+    Ok((Box::new(neural), model))
 }
 
 /// What the header of an EXR file says about its making, before it is made. No name may be one that EXR reserves for other types,
@@ -210,10 +250,12 @@ fn attributes(request: &RenderRequest, settings: &RenderSettings) -> Vec<Attribu
 }
 
 /// What it says once it is made. Of all attributes only `seconds` and `threads` differ between two makings of the same picture.
-fn results(statistics: &Statistics) -> [Attribute; 4] {
+fn results(statistics: &Statistics) -> [Attribute; 5] {
+    let causes: Vec<String> = statistics.dropped.counted().map(|(cause, count)| format!("{cause} {count}")).collect();
     [
         ("spp", statistics.spp.to_string()),
         ("droppedSamples", statistics.dropped_samples.to_string()),
+        ("droppedCauses", if causes.is_empty() { "none".into() } else { causes.join(", ") }),
         ("seconds", format!("{:.3}", statistics.seconds.total)),
         ("threads", statistics.threads.to_string()),
     ]

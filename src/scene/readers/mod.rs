@@ -24,6 +24,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use crate::base::files::crc32;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 use crate::materials::image::Image;
@@ -55,6 +56,20 @@ pub struct LoadedScene {
     pub warnings: Vec<String>,
     /// Effects that were switched on although nothing in the file calls for them.
     pub needs: Needs,
+}
+
+impl LoadedScene {
+    /// CRC-32 of everything that the picture depends on: the scene file, and what the files hold that it names.
+    pub fn crc32(&self) -> u32 {
+        let file = serde_json::to_vec(&self.file).unwrap_or_default();
+        let needs = format!("{:?}", self.needs);
+        let meshes = self.meshes.values().flat_map(|mesh| {
+            let (positions, normals) = (bytemuck::cast_slice(&mesh.positions), bytemuck::cast_slice(&mesh.normals));
+            [positions, normals, bytemuck::cast_slice(&mesh.uvs), bytemuck::cast_slice(&mesh.triangles)]
+        });
+        let images = self.images.values().map(|image| bytemuck::cast_slice(&image.pixels));
+        crc32([file.as_slice(), needs.as_bytes()].into_iter().chain(meshes).chain(images))
+    }
 }
 
 /// Loads a scene: a `.json` file in our own format, a Mitsuba `.xml` file, or a folder that holds `scene.json` or `scene.xml`.

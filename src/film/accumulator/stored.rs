@@ -1,0 +1,154 @@
+//! Passes as arrays of a file, so that an interrupted render can go on.
+//!
+//! For P pixels and T tiles, each name behind that of the pass and a dot; a half's also behind its number and a dot:
+//!
+//! | name | type | shape | |
+//! |---|---|---|---|
+//! | `pixels` | f64 | [2 P, 6] | a pass that is being made: means and squared deviations, halves one after the other |
+//! | `counts` | u32 | [2 P] | its samples |
+//! | `means`, `counts` | f32, u32 | [P, 3], [P] | of a finished pass's half |
+//! | `tiles` | f64 | [T, 2] | degrees of freedom and squared deviations of its tiles |
+//! | `spread` | f64 | [1, 2] | the same of the whole pass |
+//! | `variance` | f32 | [P, 3] or [0, 3] | of a finished pass |
+
+use glam::Vec3;
+
+use super::{FinishedPass, Half, Pass, Pixel, Spread, TILE};
+use crate::base::Result;
+use crate::base::tensors::{Dtype, Tensor, Tensors, borrowed, doubles, vector};
+
+/// Most samples of a pixel: as many passes as a render makes can be added up without an overflow.
+const MOST_SAMPLES: u32 = 1 << 26;
+
+impl Pass {
+    /// The arrays of a pass `name`.
+    pub fn arrays<'a>(&self, name: &str) -> Vec<Tensor<'a>> {
+        let pixels = || self.halves.iter().flatten();
+        let numbers = |pixel: &Pixel| {
+            let ([a, b, c], [d, e, f]) = (pixel.mean, pixel.spread);
+            [a, b, c, d, e, f]
+        };
+        vec![
+            doubles(format!("{name}.pixels"), pixels().map(numbers)),
+            vector(format!("{name}.counts"), Dtype::U32, pixels().map(|pixel| pixel.count.to_le_bytes())),
+        ]
+    }
+
+    /// The pass of so many columns and rows that [`Pass::arrays`] were made of.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
+    pub fn from_arrays([width, height]: [usize; 2], file: &Tensors, name: &str) -> Result<Self> {
+        let pixels = width * height;
+        let [numbers_name, counts_name] = ["pixels", "counts"].map(|part| format!("{name}.{part}"));
+        let numbers = file.read(&numbers_name, Dtype::F64, Some(2 * pixels), 6, f64::from_le_bytes)?;
+        let counts = read_counts(file, &counts_name, 2 * pixels)?;
+        if !numbers.iter().all(|x| x.is_finite()) {
+            return file.fail(numbers_name, "samples that are not finite");
+        }
+        let pixel =
+            |(&[a, b, c, d, e, f], &count): (&[f64; 6], &u32)| Pixel { mean: [a, b, c], spread: [d, e, f], count };
+        let mut all: Vec<Pixel> = numbers.as_chunks::<6>().0.iter().zip(&counts).map(pixel).collect();
+        let second = all.split_off(pixels);
+        Ok(Self { width, halves: [all, second] })
+    }
+}
+
+impl FinishedPass {
+    /// The arrays of a pass `name`.
+    pub fn arrays<'a>(&'a self, name: &str) -> Vec<Tensor<'a>> {
+        let mut all = vec![
+            doubles(format!("{name}.spread"), std::iter::once(self.spread.numbers())),
+            borrowed::<_, 4>(format!("{name}.variance"), (Dtype::F32, 3), &self.variance),
+        ];
+        for (i, half) in self.halves.iter().enumerate() {
+            all.extend([
+                borrowed::<_, 4>(format!("{name}.{i}.means"), (Dtype::F32, 3), &half.means),
+                borrowed::<_, 4>(format!("{name}.{i}.counts"), (Dtype::U32, 1), &half.counts),
+                doubles(format!("{name}.{i}.tiles"), half.tiles.iter().map(Spread::numbers)),
+            ]);
+        }
+        all
+    }
+
+    /// The pass of so many columns and rows that [`FinishedPass::arrays`] were made of.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
+    pub fn from_arrays([width, height]: [usize; 2], file: &Tensors, name: &str) -> Result<Self> {
+        let pixels = width * height;
+        let vectors = |name: &str, rows: Option<usize>| -> Result<Vec<Vec3>> {
+            let values = file.read(name, Dtype::F32, rows, 3, f32::from_le_bytes)?;
+            Ok(values.as_chunks::<3>().0.iter().map(|&v| Vec3::from_array(v)).collect())
+        };
+        let spreads = |name: &str, rows: usize| -> Result<Vec<Spread>> {
+            let values = file.read(name, Dtype::F64, Some(rows), 2, f64::from_le_bytes)?;
+            Ok(values.as_chunks::<2>().0.iter().map(Spread::from_numbers).collect())
+        };
+        let half = |i: usize| -> Result<Half> {
+            let means = vectors(&format!("{name}.{i}.means"), Some(pixels))?;
+            if !means.iter().all(|mean| mean.is_finite()) {
+                return file.fail(format!("{name}.{i}.means"), "samples that are not finite");
+            }
+            let counts = read_counts(file, &format!("{name}.{i}.counts"), pixels)?;
+            let tiles = spreads(&format!("{name}.{i}.tiles"), width.div_ceil(TILE) * height.div_ceil(TILE))?;
+            Ok(Half { means, counts, tiles })
+        };
+        let variance = vectors(&format!("{name}.variance"), None)?;
+        if !variance.is_empty() && variance.len() != pixels {
+            return file.fail(format!("{name}.variance"), format!("{} variances for {pixels} pixels", variance.len()));
+        }
+        let spread = spreads(&format!("{name}.spread"), 1)?[0];
+        Ok(Self { width, halves: [half(0)?, half(1)?], spread, variance })
+    }
+}
+
+fn read_counts(file: &Tensors, name: &str, pixels: usize) -> Result<Vec<u32>> {
+    let counts = file.read(name, Dtype::U32, Some(pixels), 1, u32::from_le_bytes)?;
+    match counts.iter().find(|&&count| count > MOST_SAMPLES) {
+        Some(count) => file.fail(name, format!("{count} samples of a pixel, the limit is {MOST_SAMPLES}")),
+        None => Ok(counts),
+    }
+}
+
+impl Spread {
+    /// Exact: there are fewer than 2⁵³ samples.
+    fn numbers(&self) -> [f64; 2] {
+        [self.freedom as f64, self.sum]
+    }
+
+    fn from_numbers(&[freedom, sum]: &[f64; 2]) -> Self {
+        Self { freedom: freedom.clamp(0.0, 9e15) as u64, sum }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::Random;
+    use crate::base::tensors;
+
+    #[test]
+    fn passes_are_read_as_they_were_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("passes");
+        let mut random = Random::new(1, 0, 0);
+        let mut pass = Pass::new(20, 3);
+        for sample in 0..5 {
+            (0..60).for_each(|i| pass.add(i, sample, Vec3::new(random.next_f32(), 1e-30, random.next_f32() * 1e20)));
+        }
+        let finished = [pass.finish(), pass.finish_with_variance()];
+        let mut all = pass.arrays("a");
+        all.extend(finished.iter().zip(["b", "c"]).flat_map(|(pass, name)| pass.arrays(name)));
+        tensors::write(&path, 7, &all).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let file = Tensors::open(&path, &bytes, "passes", 7).unwrap();
+        assert_eq!(Pass::from_arrays([20, 3], &file, "a").unwrap(), pass);
+        for (pass, name) in finished.iter().zip(["b", "c"]) {
+            assert_eq!(&FinishedPass::from_arrays([20, 3], &file, name).unwrap(), pass);
+        }
+        assert!(Pass::from_arrays([20, 4], &file, "a").is_err());
+        assert!(FinishedPass::from_arrays([60, 1], &file, "b").is_err(), "other tiles");
+        assert!(FinishedPass::from_arrays([20, 3], &file, "d").is_err());
+    }
+}

@@ -1,0 +1,222 @@
+//! A path told vertex by vertex: for samples that were dropped because their radiance is not finite.
+
+use glam::Vec3;
+use serde::Serialize;
+
+use super::{Beginning, Details, Emission, PathScratch, PathTracer, RayCount, Step, Vertex};
+use crate::base::random::Random;
+use crate::geometry::Ray;
+use crate::scene::effects::{Effects, Everything, With};
+
+/// What became not finite first on a path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Cause {
+    /// The camera's ray.
+    Camera,
+    /// Radiance of a surface that the path ran into.
+    Emission,
+    /// Radiance of the background.
+    Background,
+    /// What a medium lets through.
+    Transmittance,
+    /// Value of a BSDF or of a phase function.
+    Bsdf,
+    /// Density of a direction.
+    Pdf,
+    /// Light sampling: radiance, BSDF or density towards the light.
+    DirectLight,
+    /// Nothing alone: the product along the path overflows.
+    Overflow,
+}
+
+impl Cause {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Camera,
+        Self::Emission,
+        Self::Background,
+        Self::Transmittance,
+        Self::Bsdf,
+        Self::Pdf,
+        Self::DirectLight,
+        Self::Overflow,
+    ];
+
+    /// Its name in statistics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Camera => "camera",
+            Self::Emission => "emission",
+            Self::Background => "background",
+            Self::Transmittance => "transmittance",
+            Self::Bsdf => "bsdf",
+            Self::Pdf => "pdf",
+            Self::DirectLight => "direct_light",
+            Self::Overflow => "overflow",
+        }
+    }
+}
+
+/// Light that a path ran into.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Met {
+    /// Radiance, dimmed by a medium on the way.
+    pub radiance: Vec3,
+    /// Its weight against light sampling at the vertex before.
+    pub weight: f32,
+}
+
+impl Met {
+    fn new(emission: Emission) -> Self {
+        Self { radiance: emission.radiance, weight: emission.weight }
+    }
+
+    /// None where it is finite.
+    fn cause(&self, source: Cause) -> Option<Cause> {
+        if !self.radiance.is_finite() { Some(source) } else { (!self.weight.is_finite()).then_some(Cause::Pdf) }
+    }
+}
+
+/// How a path goes on from a vertex.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Onward {
+    /// Unit direction.
+    pub direction: Vec3,
+    /// f·|cos θ|; zero for a delta lobe.
+    pub value: Vec3,
+    /// Density w.r.t. solid angle; for a delta lobe its probability.
+    pub pdf: f32,
+    /// f·|cos θ| / pdf.
+    pub weight: Vec3,
+    /// Part of the density that is the BSDF's.
+    pub bsdf_share: f32,
+    /// Whether a delta lobe was chosen.
+    pub delta: bool,
+    /// Probability of surviving roulette.
+    pub survival: f32,
+}
+
+/// A vertex of a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExplainedVertex {
+    /// Where.
+    pub point: Vec3,
+    /// From the vertex before.
+    pub distance: f32,
+    /// Shading normal on the side that the path arrived at; zero in a medium.
+    pub normal: Vec3,
+    /// The shape, if it is not in a medium.
+    pub shape: Option<u32>,
+    /// What the path carries of the light that leaves here towards the vertex before.
+    pub throughput: Vec3,
+    /// What a medium on the way lets through, over the density of getting here.
+    pub passed: Vec3,
+    /// Emission of the surface.
+    pub met: Met,
+    /// Light sampling here: f·L·w / p.
+    pub direct: Vec3,
+    /// How the path goes on; none where it ends.
+    pub onward: Option<Onward>,
+    /// What emission and light sampling here bring to the picture.
+    pub contribution: Vec3,
+    /// What is not finite here, if anything.
+    pub cause: Option<Cause>,
+}
+
+/// A whole path.
+#[derive(Debug, Clone)]
+pub struct Explanation {
+    /// The camera's ray.
+    pub ray: Ray,
+    /// The vertices after the camera.
+    pub vertices: Vec<ExplainedVertex>,
+    /// What the last segment found in the background.
+    pub background: Met,
+    /// What the background brings to the picture.
+    pub background_contribution: Vec3,
+    /// Radiance of the sample, as the film gets it.
+    pub radiance: Vec3,
+    /// What became not finite first; none where the radiance is finite.
+    pub cause: Option<Cause>,
+}
+
+impl PathTracer<'_> {
+    /// Traces the same path as [`PathTracer::trace`] and says what it met.
+    pub fn explain(&self, ray: Ray, random: &mut Random, pixel: Option<f32>) -> Explanation {
+        let needs = self.scene.needs();
+        match (needs.media, needs.materials, self.field.is_some()) {
+            (true, ..) => self.explain_with::<Everything>(ray, random, pixel),
+            (_, true, true) => self.explain_with::<With<true, true, false>>(ray, random, pixel),
+            (_, true, false) => self.explain_with::<With<false, true, false>>(ray, random, pixel),
+            (_, _, true) => self.explain_with::<With<true, false, false>>(ray, random, pixel),
+            (_, _, false) => self.explain_with::<With<false, false, false>>(ray, random, pixel),
+        }
+    }
+
+    fn explain_with<E: Effects>(&self, ray: Ray, random: &mut Random, pixel: Option<f32>) -> Explanation {
+        let mut scratch = PathScratch::default();
+        let count = &mut RayCount::default();
+        let found = self.walk::<E, true>(Beginning { ray, random, pixel, scratch: &mut scratch, count });
+        let radiance = self.gather::<E, true>(&scratch, found, |_, _| ());
+        let mut throughput = Vec3::ONE;
+        let mut vertices = Vec::with_capacity(scratch.vertices.len());
+        for (i, (vertex, details)) in scratch.vertices.iter().zip(&scratch.details).enumerate() {
+            let passed = scratch.passed.get(i).copied().unwrap_or(Vec3::ONE);
+            let explained = explained(vertex, passed, details, throughput);
+            throughput *= passed * vertex.weight / vertex.survival;
+            vertices.push(explained);
+        }
+        let background = Met::new(found);
+        let finite_ray = ray.origin.is_finite() && ray.direction.is_finite();
+        let first = || vertices.iter().find_map(|v| v.cause).or_else(|| background.cause(Cause::Background));
+        let cause = match radiance.is_finite() {
+            true => None,
+            false if !finite_ray => Some(Cause::Camera),
+            false => Some(first().unwrap_or(Cause::Overflow)),
+        };
+        let background_contribution = throughput * background.radiance * background.weight;
+        Explanation { ray, vertices, background, background_contribution, radiance, cause }
+    }
+}
+
+fn explained(vertex: &Vertex, passed: Vec3, details: &Details, throughput: Vec3) -> ExplainedVertex {
+    let onward = |step: &Step| Onward {
+        direction: step.sample.direction,
+        value: step.sample.value,
+        pdf: step.sample.pdf,
+        weight: step.sample.weight,
+        bsdf_share: step.sample.bsdf_share,
+        delta: step.sample.delta,
+        survival: step.survival,
+    };
+    let onward = details.step.as_ref().map(onward);
+    let met = Met::new(details.emission);
+    let scattering = onward.as_ref().and_then(|onward| {
+        let density = onward.pdf > 0.0 && onward.pdf.is_finite();
+        match (vertex.weight.is_finite(), onward.value.is_finite()) {
+            (true, _) => None,
+            (false, true) if !density => Some(Cause::Pdf),
+            (false, _) => Some(Cause::Bsdf),
+        }
+    });
+    let cause = (!passed.is_finite())
+        .then_some(Cause::Transmittance)
+        .or_else(|| met.cause(Cause::Emission))
+        .or_else(|| (!vertex.direct.is_finite()).then_some(Cause::DirectLight))
+        .or(scattering)
+        .or_else(|| (!vertex.weight.is_finite()).then_some(Cause::Bsdf));
+    ExplainedVertex {
+        point: details.point,
+        distance: details.distance,
+        normal: details.normal,
+        shape: (details.normal != Vec3::ZERO).then_some(details.shape),
+        throughput,
+        passed,
+        met,
+        direct: vertex.direct,
+        onward,
+        contribution: throughput * (vertex.emitted + passed * vertex.direct),
+        cause,
+    }
+}

@@ -1,0 +1,327 @@
+//! Checkpoints: an interrupted render on disk, from which another process goes on as if nothing had happened.
+//!
+//! A safetensors file (see [`crate::base::tensors`]), written between two chunks of a pass. It holds the passes so far (see
+//! [`FinishedPass::arrays`]), named `pass0`, `early0` and so on; the pass that is being made, `now`; while learning the learner (see
+//! [`Learner::arrays`](crate::guiding::learner::Learner::arrays)) and where photons start (see [`emission::arrays`]), afterwards the
+//! field as in a guide file; `half0`, `half1`, `done0`, `done1` of a render to a target error; and
+//!
+//! | name | type | |
+//! |---|---|---|
+//! | `made_for` | u8 | what the picture depends on, a line of text for each setting |
+//! | `state` | f64 | numbers in the order of [`state_numbers`] |
+//! | `variances` | f64 | of one sample in each iteration |
+//! | `totals` | f64 | of the statistics, in the order of [`Statistics::numbers`] |
+//! | `iterations`, `errors`, `dropped` | f64 | rows of the statistics |
+//! | `decisions` | u8 | JSON |
+//! | `learning` | f64 | see [`Learning::numbers`] |
+//!
+//! All numbers are stored in double precision, which holds each of them exactly.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use super::learning::Learning;
+use super::settings::{RenderSettings, StopRule};
+use super::state::{Half, Part, Phase, Position, State, Trend};
+use super::statistics::{Dropped, ErrorPoint, Iteration, Statistics};
+use crate::base::files::read_bytes;
+use crate::base::tensors::{self, Dtype, Tensor, Tensors, doubles, vector};
+use crate::base::{Error, Place, Result};
+use crate::film::{FinishedPass, Pass};
+use crate::guiding::field::{Evidence, GuideField};
+use crate::guiding::{emission, file};
+use crate::sampling::discrete::Discrete;
+
+/// The version of checkpoints that this program reads and writes.
+pub const VERSION: u32 = 1;
+
+/// Largest accepted checkpoint in bytes, and what each pixel adds to it.
+const LIMIT: u64 = 1 << 32;
+const PIXEL_LIMIT: u64 = 1 << 12;
+/// Most samples of a pixel.
+const MOST_SAMPLES: u32 = 1 << 26;
+/// Most passes that a render can have made.
+const MOST_PASSES: usize = 64;
+
+/// How a render is kept on disk.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checkpointing {
+    /// What the picture depends on, one line of text for each setting: a checkpoint is only good for the same. See
+    /// [`made_for`].
+    pub made_for: String,
+    /// Where checkpoints go, and the least time between two; more where writing one takes more than a twentieth of it.
+    pub write: Option<(PathBuf, Duration)>,
+    /// The checkpoint to go on from.
+    pub resume: Option<PathBuf>,
+}
+
+/// What a picture depends on, as text: `scene` and `guide` stand for the contents of files, `stop` for the rule as it was asked
+/// for, before what loading took is taken off.
+pub fn made_for(settings: &RenderSettings, size: [u32; 2], scene: &str, guide: &str) -> String {
+    let program = env!("CARGO_PKG_VERSION");
+    format!("program: {program}\nscene: {scene}\nguide: {guide}\nsize: {size:?}\n{settings:#?}")
+}
+
+/// All that a checkpoint is made of.
+pub(super) struct Moment<'a> {
+    pub state: &'a State,
+    pub pass: &'a Pass,
+    pub spp: u32,
+    pub start: u64,
+    pub statistics: &'a Statistics,
+    pub learning: Option<&'a Learning>,
+    pub field: Option<(&'a GuideField, &'a Evidence)>,
+    /// Seconds of rendering so far.
+    pub elapsed: f64,
+    pub errors: &'a [ErrorPoint],
+}
+
+/// A render read from a checkpoint.
+pub(super) struct Resumed {
+    pub state: State,
+    pub part: Part,
+    pub statistics: Statistics,
+    pub learning: Option<Learning>,
+    pub field: Option<(GuideField, Evidence)>,
+    pub elapsed: f64,
+    pub errors: Vec<ErrorPoint>,
+}
+
+impl Moment<'_> {
+    /// Writes the checkpoint atomically.
+    ///
+    /// # Errors
+    /// [`Error::Io`] naming `path`.
+    pub fn write(&self, path: &Path, made_for: &str) -> Result<()> {
+        tensors::write(path, VERSION, &self.arrays(made_for))
+    }
+
+    fn arrays<'b>(&'b self, made_for: &'b str) -> Vec<Tensor<'b>> {
+        let state = self.state;
+        let numbers = |name: &'static str, numbers: &[f64]| {
+            vector(name, Dtype::F64, numbers.iter().map(|x| x.to_le_bytes()).collect::<Vec<_>>().into_iter())
+        };
+        let decisions = serde_json::to_vec(&self.statistics.decisions).unwrap_or_default();
+        let mut all = vec![
+            ("made_for".into(), Dtype::U8, vec![made_for.len()], made_for.as_bytes().into()),
+            ("decisions".into(), Dtype::U8, vec![decisions.len()], decisions.into()),
+            numbers("state", &self.state_numbers()),
+            numbers("variances", &state.trend.variances),
+            numbers("totals", &self.statistics.numbers()),
+            doubles("iterations", self.statistics.iterations.iter().map(Iteration::numbers)),
+            doubles("errors", self.errors.iter().map(ErrorPoint::numbers)),
+            doubles("dropped", self.statistics.dropped.first.iter().map(Dropped::numbers)),
+        ];
+        all.extend(self.pass.arrays("now"));
+        let finished = |kind: &'static str, passes: &'b [FinishedPass]| {
+            passes.iter().enumerate().flat_map(move |(i, pass)| pass.arrays(&format!("{kind}{i}")))
+        };
+        all.extend(finished("pass", &state.passes));
+        all.extend(finished("early", &state.early));
+        for (i, half) in state.halves.iter().enumerate() {
+            all.extend(half.done.iter().flat_map(|pass| pass.arrays(&format!("done{i}"))));
+            if i != state.position.half {
+                all.extend(half.pass.arrays(&format!("half{i}")));
+            }
+        }
+        if let Some(learning) = self.learning {
+            all.push(numbers("learning", &learning.numbers()));
+            all.extend(learning.learner.arrays());
+            all.extend(emission::arrays(&learning.emission, &learning.emission_learner));
+        } else if let Some((field, evidence)) = self.field {
+            all.extend(file::arrays(field, evidence));
+        }
+        all
+    }
+
+    fn state_numbers(&self) -> [f64; STATE] {
+        let State { passes, early, gave_up, spent, rendered, sequences_from, trend, position, halves } = self.state;
+        let Trend { seconds, useful, gain, relative, .. } = *trend;
+        let flag = |flag: bool| f64::from(u8::from(flag));
+        let phase = Phase::ALL.iter().position(|phase| *phase == position.phase).unwrap_or(0);
+        let done = |i: usize| flag(halves.get(i).is_some_and(|half| half.done.is_some()));
+        let kind = if self.learning.is_some() { 1.0 } else { flag(self.field.is_some()) * 2.0 };
+        [
+            passes.len() as f64,
+            early.len() as f64,
+            flag(*gave_up),
+            *spent,
+            f64::from(*rendered),
+            sequences_from.map_or(-1.0, f64::from),
+            seconds,
+            useful,
+            gain.unwrap_or(f64::NAN),
+            relative,
+            phase as f64,
+            f64::from(position.iteration),
+            position.voxels as f64,
+            position.began,
+            position.traced,
+            f64::from(position.batches),
+            f64::from(position.each),
+            position.half as f64,
+            halves.len() as f64,
+            done(0),
+            done(1),
+            kind,
+            f64::from(self.spp),
+            self.start as f64,
+            self.elapsed,
+        ]
+    }
+}
+
+/// Numbers of a state.
+const STATE: usize = 25;
+
+/// A number as a count. Conversion saturates, and NaN is 0.
+fn count(number: f64) -> u32 {
+    number as u32
+}
+
+impl Resumed {
+    /// Reads the checkpoint at `path` for a render of `size` pixels with these settings, in a scene whose lights have the powers
+    /// `emitted`.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Limit`], [`Error::Unsupported`] for another version, [`Error::Options`] for the checkpoint of another
+    /// render, saying what differs, [`Error::Malformed`] for everything else.
+    pub fn read(
+        path: &Path,
+        made_for: &str,
+        settings: &RenderSettings,
+        size: [u32; 2],
+        emitted: &Discrete,
+    ) -> Result<Self> {
+        let pixels = u64::from(size[0]) * u64::from(size[1]);
+        let bytes = read_bytes(path, LIMIT.saturating_add(pixels.saturating_mul(PIXEL_LIMIT)))?;
+        let file = Tensors::open(path, &bytes, "checkpoint", VERSION)?;
+        check_same(path, &text(&file, "made_for")?, made_for)?;
+        let size = size.map(|n| n as usize);
+        let numbers = file.read("state", Dtype::F64, Some(STATE), 1, f64::from_le_bytes)?;
+        let state = read_state(&file, &numbers, size)?;
+        let [.., kind, spp, start, elapsed] = numbers[..] else { return file.fail("state", "numbers are missing") };
+        let part = Part { pass: Pass::from_arrays(size, &file, "now")?, spp: count(spp), start: start as u64 };
+        let most = match settings.stop {
+            StopRule::Spp(spp) => spp,
+            StopRule::Time(_) | StopRule::TargetError(_) => MOST_SAMPLES,
+        };
+        let before = state.rendered.checked_sub(part.spp).filter(|_| state.rendered <= most);
+        let follows = before.is_some_and(|before| state.sequences_from.is_none_or(|from| from <= before));
+        if !follows || part.start == 0 || part.start > pixels * u64::from(part.spp) {
+            return file.fail("state", format!("sample {} of {} per pixel", part.start, part.spp));
+        }
+        let learns = state.position.phase == Phase::Learning;
+        let learning = if kind == 1.0 { Some(Learning::from_arrays(settings, emitted, &file)?) } else { None };
+        let field = if kind == 2.0 { Some(file::from_arrays(&file)?) } else { None };
+        if learns != learning.is_some() {
+            return file.fail("state", "what was learned does not belong to this part of a render");
+        }
+        Ok(Self {
+            statistics: read_statistics(&file)?,
+            errors: rows(&file, "errors")?.iter().map(ErrorPoint::from_numbers).collect(),
+            elapsed: if elapsed.is_finite() { elapsed.max(0.0) } else { 0.0 },
+            state,
+            part,
+            learning,
+            field,
+        })
+    }
+}
+
+/// Says what differs between what a checkpoint was made for and what is wanted.
+fn check_same(path: &Path, found: &str, wanted: &str) -> Result<()> {
+    if found == wanted {
+        return Ok(());
+    }
+    let mut pairs = found.lines().zip(wanted.lines());
+    let (found, wanted) = pairs.find(|(a, b)| a != b).unwrap_or(("fewer settings", "more"));
+    let tidy = |line: &str| line.trim().trim_end_matches(',').to_owned();
+    Err(Error::Options(format!(
+        "{}: the checkpoint is of another render: it was made with \"{}\", this one has \"{}\"; give the same scene and options, \
+         or leave --resume out",
+        path.display(),
+        tidy(found),
+        tidy(wanted)
+    )))
+}
+
+fn text(file: &Tensors, name: &str) -> Result<String> {
+    let bytes = file.read(name, Dtype::U8, None, 1, |[b]| b)?;
+    String::from_utf8(bytes).or_else(|_| file.fail(name, "this is not text"))
+}
+
+fn rows<const N: usize>(file: &Tensors, name: &str) -> Result<Vec<[f64; N]>> {
+    Ok(file.read(name, Dtype::F64, None, N, f64::from_le_bytes)?.as_chunks::<N>().0.to_vec())
+}
+
+fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State> {
+    let &[passes, early, gave_up, spent, rendered, sequences, seconds, useful, gain, relative, ..] = numbers else {
+        return file.fail("state", "numbers are missing");
+    };
+    let &[_, _, _, _, _, _, _, _, _, _, phase, iteration, voxels, began, traced, batches, each, half, ..] = numbers
+    else {
+        return file.fail("state", "numbers are missing");
+    };
+    let (halves, done) = (numbers[18], [numbers[19], numbers[20]]);
+    let Some(&phase) = Phase::ALL.get(phase as usize) else { return file.fail("state", "an unknown part of a render") };
+    let position = Position {
+        phase,
+        iteration: count(iteration).min(31),
+        voxels: voxels as usize,
+        began,
+        traced,
+        batches: count(batches),
+        each: count(each),
+        half: usize::from(half == 1.0),
+    };
+    let finished = |kind: &str, number: f64| -> Result<Vec<FinishedPass>> {
+        if number > MOST_PASSES as f64 {
+            return file.fail("state", format!("{number} passes"));
+        }
+        (0..count(number)).map(|i| FinishedPass::from_arrays(size, file, &format!("{kind}{i}"))).collect()
+    };
+    let read_half = |i: usize| -> Result<Half> {
+        let done =
+            if done[i] == 1.0 { Some(FinishedPass::from_arrays(size, file, &format!("done{i}"))?) } else { None };
+        let traced = i == position.half;
+        let pass = if traced { Pass::new(0, 0) } else { Pass::from_arrays(size, file, &format!("half{i}"))? };
+        Ok(Half { pass, done })
+    };
+    let both = phase == Phase::Target;
+    if both != (halves == 2.0) || !(spent >= 0.0 && spent.is_finite() && rendered >= 0.0) {
+        return file.fail("state", "numbers that no render has");
+    }
+    let trend = Trend {
+        variances: file.read("variances", Dtype::F64, None, 1, f64::from_le_bytes)?,
+        seconds,
+        useful,
+        gain: (!gain.is_nan()).then_some(gain),
+        relative,
+    };
+    let rendered = count(rendered);
+    Ok(State {
+        passes: finished("pass", passes)?,
+        early: finished("early", early)?,
+        gave_up: gave_up == 1.0,
+        spent,
+        rendered,
+        sequences_from: (sequences >= 0.0).then(|| count(sequences).min(rendered)),
+        trend,
+        position,
+        halves: if both { vec![read_half(0)?, read_half(1)?] } else { Vec::new() },
+    })
+}
+
+fn read_statistics(file: &Tensors) -> Result<Statistics> {
+    let totals = file.read("totals", Dtype::F64, None, 1, f64::from_le_bytes)?;
+    let Some(mut statistics) = Statistics::from_numbers(&totals) else {
+        return file.fail("totals", format!("{} numbers", totals.len()));
+    };
+    statistics.iterations = rows(file, "iterations")?.iter().map(Iteration::from_numbers).collect();
+    statistics.dropped.first = rows(file, "dropped")?.iter().filter_map(Dropped::from_numbers).collect();
+    let decisions = text(file, "decisions")?;
+    statistics.decisions = serde_json::from_str(&decisions)
+        .map_err(|e| Error::malformed(Place::part(file.path(), "decisions"), e.to_string()))?;
+    Ok(statistics)
+}

@@ -1,0 +1,61 @@
+//! One camera sample traced again, to see what it met.
+
+use super::pass::{CameraSample, camera_ray};
+use super::settings::RenderSettings;
+use super::{Control, Run};
+use crate::base::{Error, Result};
+use crate::film::{PixelFilter, Window};
+use crate::guiding::field::GuideField;
+use crate::integrators::path::{Explanation, PathTracer};
+use crate::scene::Scene;
+
+/// A camera sample, as [`Dropped`](super::Dropped) names it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sample {
+    /// Column and row in the whole picture.
+    pub pixel: [u32; 2],
+    /// Its number among all of the pixel's.
+    pub number: u64,
+    /// The number at which its pass began; none where its random numbers are independent.
+    pub pass_from: Option<u32>,
+}
+
+/// Traces one sample of a render again, which is plain or guided by a `field` that was there before: then what pixels will about be
+/// is found out as that render did it, since roulette goes by it. In the first look at the picture that such a render takes, it
+/// does not know that yet.
+///
+/// # Errors
+/// [`Error::Options`] for a pixel outside of the picture, or a sample before its pass; errors of rendering.
+pub fn replay(
+    scene: &Scene,
+    settings: &RenderSettings,
+    field: Option<GuideField>,
+    sample: Sample,
+    control: &Control,
+) -> Result<Explanation> {
+    let [x, y] = sample.pixel;
+    Window { x, y, width: 1, height: 1 }.check_inside(scene.size)?;
+    if sample.pass_from.is_some_and(|from| u64::from(from) > sample.number) || sample.number >= 1 << 32 {
+        return Err(Error::Options(format!("sample {} comes before the pass that it is said to be of", sample.number)));
+    }
+    let mut run = Run::begin(scene, settings, control)?;
+    let mut picture = None;
+    if let Some(field) = &field {
+        run.look(field, None);
+        picture = run.pixel_values().filter(|_| sample.number >= u64::from(run.state.rendered));
+    }
+    let window = settings.window(scene.size);
+    let inside = (x.wrapping_sub(window.x) < window.width) && (y.wrapping_sub(window.y) < window.height);
+    let index = (y.wrapping_sub(window.y) as usize).wrapping_mul(window.width as usize);
+    let value = picture.filter(|_| inside).map(|picture| picture[index + (x - window.x) as usize]);
+    let camera = CameraSample { place: sample.pixel, number: sample.number, sequences_from: sample.pass_from };
+    let (ray, mut random) = camera_ray(scene, settings, &PixelFilter::new(settings.filter)?, camera);
+    let tracer = PathTracer {
+        scene,
+        settings: settings.transport,
+        field: field.as_ref(),
+        target: settings.learner.target,
+        direct: settings.learner.direct,
+    };
+    Ok(tracer.explain(ray, &mut random, value))
+}

@@ -1,0 +1,206 @@
+//! Samples that are not finite: left out, counted by cause, named so that they can be traced again, and never learned from.
+
+#[path = "support/scenes.rs"]
+#[allow(dead_code, reason = "shared with other tests of light transport")]
+mod scenes;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::Command;
+use std::sync::atomic::AtomicBool;
+
+use fanal::base::progress::Silent;
+use fanal::film::Window;
+use fanal::generate::build::matrix;
+use fanal::guiding::field::GuideField;
+use fanal::integrators::path::Cause;
+use fanal::render::{Control, Outcome, RenderSettings, Sample, render, render_with_field, replay};
+use fanal::scene::Scene;
+use fanal::scene::file::{Filter, LightFile, MaterialFile, SceneFile, TextureFile, Wrap, identity3};
+use fanal::scene::readers::{resolve, save};
+use glam::Vec3;
+use scenes::{GUIDES, built, reconstructor, room, settings};
+
+/// A picture file of the largest numbers there are, which its users multiply by 4: infinite, but not in the file.
+fn blazing(folder: &Path) -> String {
+    exr::prelude::write_rgb_file(folder.join("blazing.exr"), 4, 4, |_, _| (3e38f32, 3e38f32, 3e38f32)).unwrap();
+    "blazing.exr".into()
+}
+
+/// The room with a screen in it whose texture is broken; the screen covers a part of the picture.
+fn broken_screen(folder: &Path) -> SceneFile {
+    let mut b = room([24, 18], 10.0);
+    let reflectance = TextureFile::Bitmap {
+        file: blazing(folder),
+        to_uv: identity3(),
+        raw: true,
+        scale: 4.0,
+        wrap: Wrap::Repeat,
+        filter: Filter::Nearest,
+    };
+    let broken = b.add_material("broken", MaterialFile::Diffuse { reflectance });
+    b.add_quad("screen", Vec3::new(0.3, -0.5, -0.3), [Vec3::X * 0.25, Vec3::Y * 0.25], &broken, None);
+    b.render(6, 32);
+    b.finish()
+}
+
+fn scene_in(folder: &Path, file: SceneFile) -> Scene {
+    let size = [file.film.width, file.film.height];
+    Scene::build(&resolve(file, folder, Path::new("broken")).expect("finite numbers are sound"), size).unwrap()
+}
+
+fn rendered(scene: &Scene, settings: &RenderSettings) -> Outcome {
+    let reconstructor = reconstructor(settings.guide);
+    render(scene, settings, reconstructor.as_ref(), &Silent, &AtomicBool::new(false)).unwrap()
+}
+
+/// Whatever is sampled from the field is finite and positive.
+fn sound(field: &GuideField) -> bool {
+    field.voxels().iter().all(|voxel| {
+        let tree = voxel.tree.as_ref();
+        let map = tree.map_or(Vec::new(), |tree| tree.map(8));
+        let effort = [voxel.effort.light, voxel.effort.onward].iter().all(|e| *e >= 0.0);
+        let sphere = voxel.parallax.centre.is_finite() && voxel.parallax.curvature.is_finite();
+        map.iter().all(|d| d.is_finite() && *d > 0.0) && voxel.bsdf_fraction > 0.0 && effort && sphere
+    })
+}
+
+/// In every mode: the picture is finite, all that is dropped is counted and named, what is learned stays sound, and half of the
+/// picture, which never sees the screen directly, has values.
+#[test]
+fn a09_broken_textures_reach_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene_in(folder.path(), broken_screen(folder.path()));
+    for guide in GUIDES {
+        let mut settings = settings(guide, 64, 1);
+        settings.transport.max_depth = 6;
+        settings.learner.keeps_evidence = true;
+        let outcome = rendered(&scene, &settings);
+        let statistics = &outcome.statistics;
+        assert!(outcome.image.pixels.iter().all(|p| p.is_finite()), "{guide:?}");
+        let lit = outcome.image.pixels.iter().filter(|p| p.min_element() > 0.0).count();
+        assert!(2 * lit > outcome.image.pixels.len(), "{guide:?}: {lit} pixels have a value");
+        let drops = &statistics.dropped;
+        assert!(statistics.dropped_samples > 100, "{guide:?}: {}", statistics.dropped_samples);
+        assert_eq!(drops.causes.iter().sum::<u64>(), statistics.dropped_samples, "{guide:?}");
+        assert!(drops.first.len() == 16 && drops.first.iter().all(|d| d.pixel[0] < 24 && d.pixel[1] < 18), "{guide:?}");
+        assert!(sound(&outcome.field), "{guide:?}");
+        let counted = outcome.evidence.counted.iter().flatten().flat_map(|tree| tree.map(8));
+        assert!(counted.into_iter().all(|d| d.is_finite()), "{guide:?}");
+        assert!(statistics.iterations.iter().all(|i| i.mean_variance.is_finite() || i.spp < 2), "{guide:?}");
+    }
+}
+
+/// What is dropped, and what is told of it, does not depend on the number of threads.
+#[test]
+fn a09_drops_do_not_depend_on_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene_in(folder.path(), broken_screen(folder.path()));
+    let drops = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| rendered(&scene, &settings(GUIDES[1], 64, 1))).statistics.dropped
+    };
+    assert_eq!(drops(1), drops(3));
+}
+
+/// The scene's first dropped sample is traced again and says why it was dropped; so is what only some paths meet.
+fn traced(scene: &Scene, settings: &RenderSettings, cause: Cause) {
+    let outcome = rendered(scene, settings);
+    assert!(!outcome.statistics.dropped.first.is_empty(), "{cause:?}: nothing was dropped");
+    for dropped in &outcome.statistics.dropped.first {
+        let sample = Sample { pixel: dropped.pixel, number: dropped.sample, pass_from: dropped.pass_from };
+        let stop = AtomicBool::new(false);
+        let found = replay(scene, settings, None, sample, &Control::new(&Silent, &stop)).unwrap();
+        assert!(!found.radiance.is_finite(), "{dropped:?}: the sample is finite");
+        assert_eq!((found.cause, dropped.cause), (Some(cause), cause));
+    }
+}
+
+#[test]
+fn a09_causes_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = |nee: bool| {
+        let mut settings = settings(GUIDES[0], 16, 1);
+        settings.transport.nee = nee;
+        settings
+    };
+    let screen = scene_in(folder.path(), broken_screen(folder.path()));
+    traced(&screen, &settings(false), Cause::Bsdf);
+    traced(&screen, &settings(true), Cause::DirectLight);
+    let mut b = fanal::generate::build::Builder::new("sky", [8, 6]);
+    b.add_light(LightFile::Envmap { file: blazing(folder.path()), scale: 4.0, to_world: matrix(glam::Mat4::IDENTITY) });
+    traced(&scene_in(folder.path(), b.finish()), &settings(false), Cause::Background);
+}
+
+/// Samples that are traced again are those of the picture: their mean is the pixel's value, up to the rounding of single
+/// precision. Plain, in a window, with independent numbers, and guided by a field that was there before.
+#[test]
+fn a09_replayed_samples_are_those_of_the_picture() {
+    let scene = built(room([24, 18], 10.0).finish());
+    let stop = AtomicBool::new(false);
+    let control = Control::new(&Silent, &stop);
+    let mean = |settings: &RenderSettings, field: Option<&GuideField>, pixel: [u32; 2], samples: &[(u64, u32)]| {
+        let one = |&(number, from): &(u64, u32)| {
+            let sample = Sample { pixel, number, pass_from: Some(from) };
+            replay(&scene, settings, field.cloned(), sample, &control).unwrap().radiance.as_dvec3()
+        };
+        samples.iter().map(one).sum::<glam::DVec3>() / samples.len() as f64
+    };
+    let close = |found: glam::DVec3, expected: Vec3| (found.as_vec3() - expected).length() < 1e-5 * expected.length();
+    let plain = settings(GUIDES[0], 8, 3);
+    let samples: Vec<_> = (0..8).map(|number| (number, 0)).collect();
+    let image = rendered(&scene, &plain).image;
+    for pixel in [[0, 0], [12, 9], [23, 17]] {
+        let expected = image.pixels[(pixel[1] * 24 + pixel[0]) as usize];
+        assert!(expected.max_element() > 0.0 && close(mean(&plain, None, pixel, &samples), expected), "{pixel:?}");
+    }
+    let window = RenderSettings { crop: Some(Window { x: 12, y: 9, width: 2, height: 2 }), ..plain };
+    let image = rendered(&scene, &window).image;
+    assert!(close(mean(&window, None, [13, 9], &samples), image.pixels[1]));
+
+    // Of 16 samples one is a first look, by which the others' roulette goes; it is of the first half. The second half has samples of
+    // the last pass alone, the first mixes its two passes by weights that are not known here.
+    let learned = rendered(&scene, &settings(GUIDES[1], 64, 1)).field;
+    assert!(learned.voxels().iter().any(|v| v.tree.is_some()));
+    let guided = settings(GUIDES[1], 16, 5);
+    let image = render_with_field(&scene, &guided, learned.clone(), &control).unwrap().image;
+    for pixel in [[12, 9], [3, 4]] {
+        let found = image.pixels[(pixel[1] * 24 + pixel[0]) as usize].as_dvec3();
+        let half = |first: u64| (first..16).step_by(2).map(|number| (number, 1)).collect::<Vec<_>>();
+        let [look, first, second] =
+            [vec![(0, 0)], half(1), half(2)].map(|samples| mean(&guided, Some(&learned), pixel, &samples));
+        let mixed = (found * 16.0 - second * 7.0) / 9.0;
+        let along = (mixed - first).dot(look - first) / (look - first).length_squared();
+        let off = (mixed - first - along * (look - first)).length();
+        assert!((-1e-3..=1.001).contains(&along) && off < 1e-4 * found.length(), "{look} {first} {second} {found}");
+    }
+}
+
+#[test]
+fn a09_the_program_tells_and_replays() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene.json");
+    save(&broken_screen(folder.path()), &scene).unwrap();
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    let (scene, out, stats) = (scene.display().to_string(), file("out.exr"), file("stats.json"));
+    let run = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_fanal")).args(arguments).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    run(&["render", &scene, "-o", &out, "--guide", "none", "--spp", "16", "--seed", "9", "--stats", &stats, "--quiet"]);
+    let json: serde_json::Value = serde_json::from_slice(&std::fs::read(&stats).unwrap()).unwrap();
+    let causes: BTreeMap<String, u64> = serde_json::from_value(json["dropped"]["causes"].clone()).unwrap();
+    assert_eq!(Some(causes.values().sum::<u64>()), json["dropped_samples"].as_u64());
+    let first = json["dropped"]["first"][0]["replay"].as_str().unwrap();
+    let told = run(&["render", &scene, "--guide", "none", "--seed", "9", "--replay", first, "--quiet"]);
+    for words in ["vertex 1: at (", "material \"broken\"", "NOT FINITE: direct_light", "not finite: direct_light"] {
+        assert!(told.contains(words), "{words:?} is missing in:\n{told}");
+    }
+    let header = exr::meta::MetaData::read_from_file(&out, false).unwrap().headers.remove(0);
+    let text = format!("{:?}", header.own_attributes.other);
+    assert!(text.contains("droppedCauses") && text.contains("direct_light"), "{text}");
+    let learned = ["render", &scene, "--guide", "hybrid", "--replay", "1,1,0"];
+    let output = Command::new(env!("CARGO_BIN_EXE_fanal")).args(learned).output().unwrap();
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--load-guide"));
+}

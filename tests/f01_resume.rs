@@ -1,0 +1,295 @@
+//! A render that is interrupted at any moment and gone on with is the render that was never interrupted, bit for bit.
+//!
+//! The number of kills of the real program can be raised: `FANAL_KILLS=50 cargo test --release --test f01_resume -- --nocapture`.
+
+#[path = "support/scenes.rs"]
+#[allow(dead_code, reason = "shared with other tests of light transport")]
+mod scenes;
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::time::{Duration, Instant};
+
+use fanal::base::progress::{Progress, Silent};
+use fanal::base::random::Random;
+use fanal::base::{Error, Result};
+use fanal::film::Window;
+use fanal::guiding::field::GuideField;
+use fanal::materials::image::Image;
+use fanal::render::checkpoint::made_for;
+use fanal::render::{
+    Checkpointing, Control, GuideMode, Outcome, RenderSettings, StopRule, learn, render_watched, render_with_field,
+};
+use fanal::scene::Scene;
+use fanal::scene::readers::read_image;
+use scenes::{GUIDES, committed, reconstructor, settings};
+
+/// Wishes to stop after so many chunks.
+struct StopAfter<'a> {
+    chunks: AtomicI64,
+    stop: &'a AtomicBool,
+}
+
+impl Progress for StopAfter<'_> {
+    fn start(&self, _: u64, _: &str) {}
+    fn advance(&self, _: u64) {
+        if self.chunks.fetch_sub(1, Ordering::Relaxed) == 1 {
+            self.stop.store(true, Ordering::Relaxed);
+        }
+    }
+    fn message(&self, _: &str) {}
+    fn finish(&self) {}
+}
+
+/// Renders, guided by `field` if there is one, and stops after `chunks` chunks; says whether it was stopped by that.
+fn part(
+    scene: &Scene,
+    settings: &RenderSettings,
+    field: Option<&GuideField>,
+    checkpoint: &Checkpointing,
+    chunks: i64,
+) -> Result<(Outcome, bool)> {
+    let stop = AtomicBool::new(false);
+    let watcher = StopAfter { chunks: AtomicI64::new(chunks), stop: &stop };
+    let control = Control { checkpoint: Some(checkpoint), ..Control::new(&watcher, &stop) };
+    let outcome = match field {
+        Some(field) => render_with_field(scene, settings, field.clone(), &control)?,
+        None => render_watched(scene, settings, reconstructor(settings.guide).as_ref(), &control)?,
+    };
+    Ok((outcome, stop.load(Ordering::Relaxed)))
+}
+
+fn bits(image: &Image) -> Vec<[u32; 3]> {
+    image.pixels.iter().map(|p| p.to_array().map(f32::to_bits)).collect()
+}
+
+fn keeping(path: &Path, settings: &RenderSettings, scene: &Scene, resume: bool) -> Checkpointing {
+    let made_for = made_for(settings, scene.size, "a scene", "a guide");
+    let write = Some((path.to_owned(), Duration::from_secs(3600)));
+    Checkpointing { made_for, write, resume: resume.then(|| path.to_owned()) }
+}
+
+/// Interrupts a render after every `step` chunks, each time in a new run, and holds picture and counts against those of one run.
+/// Returns the number of interruptions.
+fn interrupted(scene: &Scene, settings: &RenderSettings, field: Option<&GuideField>, step: i64) -> u32 {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.part");
+    let none = Checkpointing { write: None, ..keeping(&path, settings, scene, false) };
+    let (whole, _) = part(scene, settings, field, &none, i64::MAX).unwrap();
+    let mut interruptions = 0;
+    let outcome = loop {
+        let checkpoint = keeping(&path, settings, scene, interruptions > 0);
+        // The advance that tells of what was done before counts too.
+        let chunks = step + i64::from(interruptions > 0);
+        let (outcome, stopped) = part(scene, settings, field, &checkpoint, chunks).unwrap();
+        assert_eq!(outcome.unkept, None);
+        if !stopped {
+            break outcome;
+        }
+        interruptions += 1;
+        assert!(interruptions < 500, "{:?}: it never ends", settings.guide);
+    };
+    let what = (settings.guide, settings.stop, step);
+    assert!(bits(&outcome.image) == bits(&whole.image), "{what:?}: another picture");
+    assert_eq!(outcome.spread, whole.spread, "{what:?}");
+    let counts = |o: &Outcome| {
+        let s = &o.statistics;
+        let iterations: Vec<_> = s.iterations.iter().map(|i| (i.t, i.spp, i.voxels, i.nodes)).collect();
+        (s.rays, s.camera_rays, s.samples, s.spp, s.guide.bytes, iterations, s.decisions.clone())
+    };
+    assert_eq!(counts(&outcome), counts(&whole), "{what:?}");
+    let gains = |o: &Outcome| o.evidence.gain.iter().map(|gain| gain.to_bits()).collect::<Vec<_>>();
+    assert!(gains(&outcome) == gains(&whole) && outcome.evidence.counted == whole.evidence.counted, "{what:?}");
+    interruptions
+}
+
+/// Every chunk of a render is the last of some process: within iterations, between them, at their end, in the final pass.
+#[test]
+fn f01_every_chunk_may_be_the_last() {
+    let scene = committed("door-ajar", [64, 48]);
+    for guide in GUIDES {
+        let interruptions = interrupted(&scene, &settings(guide, 192, 3), None, 1);
+        assert!(interruptions >= 3, "{guide:?}: only {interruptions}");
+    }
+}
+
+/// The same with several chunks in a pass, voxels that appear between them, a guide that is given up, layers and evidence.
+#[test]
+fn f01_passes_of_several_chunks() {
+    let scene = committed("cornell", [160, 120]);
+    let mut settings = RenderSettings { gives_up: true, keeps_spread: true, ..settings(GUIDES[5], 64, 1) };
+    settings.learner.keeps_evidence = true;
+    settings.learner.filtered = true;
+    assert!(interrupted(&scene, &settings, None, 2) >= 3);
+}
+
+#[test]
+fn f01_windows_target_errors_and_loaded_guides() {
+    let scene = committed("door-ajar", [64, 48]);
+    let window = Some(Window { x: 10, y: 5, width: 50, height: 40 });
+    let windowed = RenderSettings { crop: window, ..settings(GUIDES[6], 128, 2) };
+    assert!(interrupted(&scene, &windowed, None, 1) >= 2);
+    let easy = committed("cornell", [48, 36]);
+    for guide in [GUIDES[0], GUIDES[1]] {
+        let target = RenderSettings { stop: StopRule::TargetError(0.002), ..settings(guide, 1, 2) };
+        assert!(interrupted(&easy, &target, None, 1) >= 4, "{guide:?}");
+    }
+    let stop = AtomicBool::new(false);
+    let learning = settings(GUIDES[1], 64, 1);
+    let field = learn(&scene, &learning, reconstructor(learning.guide).as_ref(), &Control::new(&Silent, &stop));
+    assert!(interrupted(&scene, &settings(GUIDES[1], 256, 4), Some(&field.unwrap()), 1) >= 2);
+}
+
+/// A checkpoint is for one scene, one set of options and one program; the message says what differs.
+#[test]
+fn f01_other_renders_are_refused() {
+    let scene = committed("cornell", [16, 12]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.part");
+    let made = settings(GUIDES[0], 4096, 1);
+    part(&scene, &made, None, &keeping(&path, &made, &scene, false), 1).unwrap();
+    let other = RenderSettings { seed: 2, ..made.clone() };
+    let refused = |checkpoint: &Checkpointing| {
+        let Err(error) = part(&scene, &other, None, checkpoint, 1) else { panic!("it went on") };
+        assert!(matches!(error, Error::Options(_)), "{error}");
+        error.to_string()
+    };
+    let message = refused(&keeping(&path, &other, &scene, true));
+    assert!(message.contains("seed: 1") && message.contains("seed: 2") && message.contains("a.part"), "{message}");
+    let mut checkpoint = keeping(&path, &made, &scene, true);
+    checkpoint.made_for = made_for(&made, scene.size, "another scene", "a guide");
+    assert!(refused(&checkpoint).contains("another scene"));
+}
+
+/// The time that an earlier process spent counts against the budget.
+#[test]
+fn f01_time_goes_on() {
+    let scene = committed("cornell", [32, 24]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.part");
+    let made = RenderSettings { stop: StopRule::Time(3.0), ..settings(GUIDES[0], 1, 1) };
+    let begun = Instant::now();
+    part(&scene, &made, None, &keeping(&path, &made, &scene, false), 20).unwrap();
+    let first = begun.elapsed().as_secs_f64();
+    let begun = Instant::now();
+    let (outcome, _) = part(&scene, &made, None, &keeping(&path, &made, &scene, true), i64::MAX).unwrap();
+    let (second, total) = (begun.elapsed().as_secs_f64(), outcome.statistics.seconds.total);
+    assert!(first > 0.2 && second < 3.0 - 0.5 * first, "{first} s, then {second} s");
+    assert!((total - first - second).abs() < 0.5, "{total} s of {first} and {second}");
+}
+
+/// Kills of the real program in each test.
+fn kills() -> u32 {
+    std::env::var("FANAL_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(3)
+}
+
+fn fanal(arguments: &[&str]) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_fanal"));
+    command.args(arguments).stdout(Stdio::null()).stderr(Stdio::inherit());
+    command.spawn().expect("the program was built for this test")
+}
+
+/// Runs the program to its end; returns the seconds that took.
+fn completed(arguments: &[&str]) -> f64 {
+    let begun = Instant::now();
+    assert!(fanal(arguments).wait().unwrap().success(), "{arguments:?}");
+    begun.elapsed().as_secs_f64()
+}
+
+/// Kills the program after some time; returns whether it was still running.
+fn killed(arguments: &[&str], after: f64) -> bool {
+    let mut child = fanal(arguments);
+    std::thread::sleep(Duration::from_secs_f64(after));
+    let running = child.try_wait().unwrap().is_none();
+    // SIGKILL: nothing can be tidied up.
+    child.kill().unwrap();
+    child.wait().unwrap();
+    running
+}
+
+/// Kills a render at random moments again and again; `resumed` counts those that had a checkpoint to go on from. An output file of
+/// before, or a picture of an earlier moment, is there and whole after every kill.
+fn kill_renders(guide: &str, seed: u64) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/door-ajar").display().to_string();
+    let (whole, broken, checkpoint) = (file("whole.exr"), file("broken.exr"), file("a.part"));
+    let base = ["render", &scene, "--size", "96x72", "--spp", "256", "--guide", guide, "--quiet", "--seed", "5", "-o"];
+    let with = |more: &[&'static str], output: &str| -> Vec<String> {
+        let words = base.iter().copied().chain([output]).chain(more.iter().copied());
+        words.map(str::to_owned).collect()
+    };
+    let seconds = completed(&with(&["--threads", "2"], &whole).iter().map(String::as_str).collect::<Vec<_>>());
+    std::fs::copy(&whole, &broken).unwrap();
+    let mut random = Random::new(seed, 0, 0);
+    let (mut interruptions, mut resumed) = (0, 0);
+    while interruptions < kills() {
+        let exists = Path::new(&checkpoint).exists();
+        let threads = ["1", "2", "3"][random.below(3) as usize];
+        let mut arguments = with(&["--every", "0.01", "--threads", threads], &broken);
+        arguments.extend([if exists { "--resume" } else { "--checkpoint" }.to_owned(), checkpoint.clone()]);
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        let after = f64::from(random.range(0.1, 0.8)) * seconds;
+        if killed(&arguments, after) {
+            interruptions += 1;
+        } else {
+            // It came to its end: the next one begins anew.
+            assert!(
+                bits(&read_image(Path::new(&broken), false).unwrap())
+                    == bits(&read_image(Path::new(&whole), false).unwrap())
+            );
+            std::fs::remove_file(&checkpoint).unwrap();
+        }
+        resumed += u32::from(exists);
+        let picture = read_image(Path::new(&broken), false).expect("an old picture or a new one, never half of one");
+        assert_eq!((picture.width, picture.height), (96, 72));
+    }
+    assert!(Path::new(&checkpoint).exists(), "{guide}: no kill left a checkpoint");
+    let mut arguments = with(&["--threads", "2"], &broken);
+    arguments.extend(["--resume".to_owned(), checkpoint.clone()]);
+    completed(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let [a, b] = [&whole, &broken].map(|path| bits(&read_image(&PathBuf::from(path), false).unwrap()));
+    assert!(a == b, "{guide}: another picture");
+    println!("{guide}: {interruptions} kills, {resumed} resumed");
+}
+
+#[test]
+fn f01_killed_renders_go_on() {
+    for (guide, seed) in [(GuideMode::None, 1), (GuideMode::Gaussian, 2), (GuideMode::Neural, 3)] {
+        kill_renders(guide.name(), seed);
+    }
+}
+
+/// Data generation that is killed makes the same shards and the same index.
+#[test]
+fn f01_killed_data_generation_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = folder.path().join("recipe.toml");
+    let text = "name = \"tiny\"\nseed = 3\nheld_out = 0.25\nresolution = [32, 32]\niterations = [1]\ngrids = [12]\n\
+                target_spp = 64\nmax_trees_per_scene = 8\n[[family]]\nname = \"rooms\"\nscenes = 4\n\
+                [[family]]\nname = \"primitives\"\nscenes = 4\n";
+    std::fs::write(&recipe, text).unwrap();
+    let recipe = recipe.display().to_string();
+    let [whole, broken] = ["whole", "broken"].map(|name| folder.path().join(name));
+    let command =
+        |to: &Path| ["dataset".to_owned(), recipe.clone(), "--quiet".into(), "-o".into(), to.display().to_string()];
+    let [first, second] = [command(&whole), command(&broken)];
+    let [first, second] = [first.each_ref().map(String::as_str), second.each_ref().map(String::as_str)];
+    let seconds = completed(&first);
+    let mut random = Random::new(7, 0, 0);
+    for _ in 0..kills() {
+        killed(&second, f64::from(random.range(0.1, 0.5)) * seconds);
+    }
+    completed(&second);
+    let content = |folder: &Path| {
+        let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+        let finished = files.filter(|path| path.extension().is_none_or(|e| e != "part"));
+        let mut all: Vec<_> =
+            finished.map(|path| (path.file_name().unwrap().to_owned(), std::fs::read(path).unwrap())).collect();
+        all.sort();
+        all
+    };
+    assert_eq!(content(&whole).len(), 9);
+    assert!(content(&whole) == content(&broken), "other data");
+}
