@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
 use burn::tensor::Device;
@@ -108,6 +109,9 @@ struct TrainArgs {
     /// Peak learning rate.
     #[arg(long, default_value_t = 4e-3)]
     rate: f64,
+    /// Seconds between checkpoints.
+    #[arg(long, default_value_t = 60.0)]
+    every: f64,
     /// Interrupt after this step, as Ctrl-C would.
     #[arg(long, hide = true)]
     stop_after: Option<u64>,
@@ -168,6 +172,7 @@ fn run_train(args: TrainArgs) -> Result<()> {
         batch: args.batch,
         parts: args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
         rate: args.rate,
+        every: Duration::try_from_secs_f64(args.every).context("--every must be a time in seconds")?,
         stop_after: args.stop_after,
         quiet: args.quiet,
     };

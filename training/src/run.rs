@@ -23,8 +23,6 @@ use crate::train::Settings;
 
 /// Steps between lines of the log.
 const LOG_EVERY: u64 = 10;
-/// Time between checkpoints, and between validations.
-const CHECKPOINT_EVERY: Duration = Duration::from_secs(60);
 /// Least time between validations relative to what one takes.
 const VALIDATION_SHARE: u32 = 20;
 
@@ -138,7 +136,7 @@ impl<'a> Run<'a> {
         if self.state.step.is_multiple_of(LOG_EVERY) || progress >= 1.0 {
             self.log(plan, rate, beta);
         }
-        if self.saved.elapsed() > CHECKPOINT_EVERY {
+        if self.saved.elapsed() > self.settings.every {
             if self.validated.elapsed() > VALIDATION_SHARE * self.validation_time {
                 self.validate()?;
             }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use burn::tensor::Device;
@@ -47,6 +48,8 @@ pub struct Settings {
     pub parts: usize,
     /// Peak learning rate.
     pub rate: f64,
+    /// Time between checkpoints, and least time between validations.
+    pub every: Duration,
     /// Interrupt after this step, as Ctrl-C would.
     pub stop_after: Option<u64>,
     /// No progress bar.

@@ -188,6 +188,7 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
         batch: 8,
         parts: 2,
         rate: 2e-3,
+        every: std::time::Duration::from_secs(60),
         stop_after: None,
         quiet: true,
     };
@@ -208,11 +209,51 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
         for (x, y) in
             layer.weight.iter().chain(&layer.bias).zip(parts.layers[name].weight.iter().chain(&parts.layers[name].bias))
         {
-            assert!((x - y).abs() < 1e-6, "{name}: {x} {y}");
+            assert_eq!(x.to_bits(), y.to_bits(), "{name}: {x} {y}");
         }
     }
     let other = train::Settings { resume: true, seed: 10, ..base("parts") };
     assert!(train(&other, &never).is_err(), "another seed is another run");
+}
+
+/// The program is killed at random moments, again and again, and makes the checkpoint that it makes in one go: the same weights and
+/// the same moments of the optimiser, bit for bit.
+#[test]
+fn f01_killed_training_goes_on() {
+    use std::time::{Duration, Instant};
+    let data = data_folder(64);
+    let folder = |name: &str| data.path().join(name);
+    let start = |name: &str, resume: bool| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_fanal-training"));
+        command.arg("train").arg("--data").arg(data.path()).arg("-o").arg(folder(name));
+        command.args(["--epochs", "8", "--width", "8", "--batch", "4", "--threads", "2", "--every", "0.05", "--quiet"]);
+        command.args(resume.then_some("--resume")).stdout(std::process::Stdio::null()).spawn().unwrap()
+    };
+    let checkpoint = |name: &str| folder(name).join(fanal_training::checkpoint::CHECKPOINT_FILE);
+    let begun = Instant::now();
+    assert!(start("whole", false).wait().unwrap().success());
+    let seconds = begun.elapsed().as_secs_f32();
+    let kills = std::env::var("FANAL_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(3);
+    let (mut random, mut resumed) = (Random::new(1, 0, 0), 0);
+    for _ in 0..kills {
+        let exists = checkpoint("parts").exists();
+        let mut child = start("parts", exists);
+        std::thread::sleep(Duration::from_secs_f32(random.range(0.2, 0.7) * seconds));
+        resumed += u32::from(exists && child.try_wait().unwrap().is_none());
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+    println!("{kills} kills, {resumed} of a resumed run");
+    assert!(start("parts", checkpoint("parts").exists()).wait().unwrap().success());
+    let tensors = |name: &str| {
+        let bytes = std::fs::read(checkpoint(name)).unwrap();
+        let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+        let mut all: Vec<_> = file.tensors().into_iter().map(|(name, t)| (name, t.data().to_vec())).collect();
+        all.sort();
+        all
+    };
+    assert!(tensors("whole").len() > 10);
+    assert!(tensors("whole") == tensors("parts"), "other weights or moments");
 }
 
 #[test]
