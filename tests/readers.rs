@@ -1,12 +1,19 @@
 //! Scene readers: one scene in both formats, hostile input, and the shared scenes where they are at hand.
 
+#[path = "support/scenes.rs"]
+#[allow(dead_code, reason = "shared with the tests of light transport")]
+mod scenes;
+
 use std::path::Path;
 
 use fanal::base::Error;
+use fanal::generate::build::{Builder, diffuse};
+use fanal::scene::Scene;
 use fanal::scene::file::{
     Distribution, FilterFile, GeometryFile, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile,
 };
-use fanal::scene::readers::{load, read_exr_channels, read_image, resolve, save};
+use fanal::scene::readers::{LoadedScene, load, read_exr_channels, read_image, resolve, save};
+use glam::{Mat4, Vec3};
 
 #[path = "support/files.rs"]
 #[allow(dead_code, reason = "shared with tests of damaged files")]
@@ -48,6 +55,61 @@ fn s09_both_formats_mean_the_same() {
     let copy = folder.path().join("copy.json");
     save(&from_json.file, &copy).unwrap();
     assert_eq!(load(&copy).unwrap().file, from_json.file);
+}
+
+/// The scene through Mitsuba's format, through ours written by hand, and through ours as saved from the other: pictures of the same
+/// bits.
+#[test]
+fn s09_both_formats_give_the_same_picture() {
+    let folder = folder();
+    let put = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    put("materials.xml", MATERIALS);
+    put("scene.xml", XML);
+    put("scene.json", JSON);
+    let picture = |loaded: &LoadedScene| {
+        let scene = Scene::build(loaded, [24, 16]).unwrap();
+        scenes::picture(&scene, &scenes::settings(scenes::GUIDES[1], 4, 1))
+    };
+    let [from_xml, from_json] = ["scene.xml", "scene.json"].map(|name| load(&folder.path().join(name)).unwrap());
+    save(&from_xml.file, &folder.path().join("saved.json")).unwrap();
+    let saved = load(&folder.path().join("saved.json")).unwrap();
+    let exact = picture(&from_xml);
+    assert!(scenes::mean(&exact) > 0.01 && exact == picture(&saved), "saved and loaded again");
+    let [from_xml, from_json] =
+        [from_xml, from_json].map(|loaded| picture(&LoadedScene { file: tidy(loaded.file.clone()), ..loaded }));
+    assert!(from_xml == from_json);
+}
+
+/// One mesh from every kind of file that holds meshes: pictures of the same bits.
+#[test]
+fn s09_every_mesh_format_gives_the_same_picture() {
+    let folder = folder();
+    let corners = [[0f32, 0., 1.], [1., 0., 0.], [0., 1., 0.]];
+    let put = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    put("one.obj", "v 0 0 1\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    put(
+        "one.ply",
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+         element face 1\nproperty list uchar uint vertex_indices\nend_header\n0 0 1\n1 0 0\n0 1 0\n3 0 1 2\n",
+    );
+    let meshes = [
+        MeshFile::Inline { positions: corners.to_vec(), normals: vec![], uvs: vec![], triangles: vec![[0, 1, 2]] },
+        MeshFile::Obj { file: "one.obj".into(), face_normals: true, flip_v: false },
+        MeshFile::Ply { file: "one.ply".into(), face_normals: true, flip_v: false },
+        MeshFile::Serialized { file: "two.serialized".into(), index: 1, face_normals: true },
+    ];
+    let pictures = meshes.map(|mesh| {
+        let mut b = Builder::new("one triangle", [24, 16]);
+        let grey = b.add_material("grey", diffuse([0.5; 3]));
+        b.add_mesh("triangle", mesh, Mat4::from_rotation_y(0.3), (Vec3::ZERO, 2.0), &grey);
+        b.add_light(LightFile::Constant { radiance: [1.0; 3] });
+        b.look_at(Vec3::new(1.0, 1.0, 3.0), Vec3::new(0.3, 0.3, 0.3), Vec3::Y, 30.0);
+        let loaded = resolve(b.finish(), folder.path(), Path::new("made up")).unwrap();
+        scenes::picture(&Scene::build(&loaded, [24, 16]).unwrap(), &scenes::settings(scenes::GUIDES[1], 4, 1))
+    });
+    // Some of it is the triangle, which is darker than the sky.
+    assert!(scenes::mean(&pictures[0]) < 0.97, "{}", scenes::mean(&pictures[0]));
+    assert!(pictures.iter().all(|picture| *picture == pictures[0]));
 }
 
 /// Filters of Mitsuba films by their defaults; where nothing is said, Mitsuba's own is a Gaussian. Those with negative lobes cannot

@@ -24,6 +24,7 @@ use fanal::materials::rough_dielectric::RoughDielectric;
 use fanal::materials::texture::Texture;
 use fanal::materials::{Kind, Material, Transport};
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 const SHAPES: [Shape; 2] = [Shape::Beckmann, Shape::Ggx];
 const ALPHAS: [f32; 3] = [0.05, 0.3, 0.8];
@@ -117,7 +118,7 @@ fn check(name: &str, material: &Material, wo: Vec3, alpha: f32) -> f64 {
 
 #[test]
 fn s01_phase_function_follows_its_density() {
-    for (g, power) in [(-0.9, 4.0), (-0.3, 1.0), (0.0, 1.0), (0.6, 1.0), (0.99, 6.0)] {
+    for (g, power) in [(-0.9, 4.0), (-0.3, 1.0), (0.0, 1.0), (1e-6, 1.0), (0.6, 1.0), (0.99, 6.0), (1.0, 8.0)] {
         let phase = HenyeyGreenstein::new(g);
         let peak = if g < 0.0 { Vec3::Z } else { Vec3::NEG_Z };
         Chart::around(peak, power).check(
@@ -126,6 +127,26 @@ fn s01_phase_function_follows_its_density() {
             |wi| f64::from(phase.pdf(wi)),
             |random| Some(phase.sample(random.next_2d())),
         );
+        let mass = Chart::around(peak, power).mass(|wi| f64::from(phase.pdf(wi)));
+        assert!((mass - 1.0).abs() < 1e-3, "phase function {g}: {mass}");
+    }
+}
+
+/// Facets cover the surface once, ∫ D cos θ dω = 1, and those that are visible fill the field of view, ∫ D_w dω = 1: for every
+/// roughness and direction, by quadrature to 1e-3. Catches a normalisation that only a χ² at one roughness would let pass.
+#[test]
+fn s02_microfacets_cover_the_surface() {
+    for (shape, alpha) in SHAPES.into_iter().flat_map(|shape| [1e-3, 0.05, 0.3, 0.8, 1.0].map(|alpha| (shape, alpha))) {
+        let facets = Microfacets { shape, alpha };
+        let power = if alpha < 0.01 { 12.0 } else { 4.0 };
+        let chart = Chart::around(Vec3::Z, power);
+        let cover = chart.mass(|h| f64::from(facets.density(h) * h.z.max(0.0)));
+        assert!((cover - 1.0).abs() < 1e-3, "{shape:?} {alpha}: {cover}");
+        for cos in COSINES {
+            let w = direction(cos, 0.7);
+            let mass = chart.mass(|h| if h.z > 0.0 { f64::from(facets.visible_density(w, h)) } else { 0.0 });
+            assert!((mass - 1.0).abs() < 1e-3, "{shape:?} {alpha} from {cos}: {mass}");
+        }
     }
 }
 
@@ -370,19 +391,23 @@ fn s06_rough_glass_is_reciprocal() {
             });
             let there = material.eval(Vec2::ZERO, a, b).x / b.z.abs() / index(a).powi(2);
             let back = material.eval(Vec2::ZERO, b, a).x / a.z.abs() / index(b).powi(2);
-            assert!((there - back).abs() <= 1e-3 * there + 1e-6, "{a} {b}: {there} {back}");
+            assert!((there - back).abs() <= 1e-4 * there + 1e-30, "{a} {b}: {there} {back}");
             compared += u32::from(there > 1e-3 && a.z * b.z < 0.0);
         }
     }
     assert!(compared > 1000, "{compared} refractions");
 }
 
-/// Mean weight of 1e5 samples.
+/// Mean weight of 1.6e6 samples.
 fn albedo(material: &Material, wo: Vec3, transport: Transport) -> f64 {
-    let mut random = Random::new(19, 0, 0);
-    let n = 100_000;
-    let sample = |_| material.sample(Vec2::ZERO, wo, &mut random, transport).map_or(0.0, |s| f64::from(s.weight.x));
-    (0..n).map(sample).sum::<f64>() / f64::from(n)
+    let (parts, n) = (16, 100_000);
+    let part = |part: u64| {
+        let mut random = Random::new(19, part, 0);
+        let sample = |_| material.sample(Vec2::ZERO, wo, &mut random, transport).map_or(0.0, |s| f64::from(s.weight.x));
+        (0..n).map(sample).sum::<f64>() / f64::from(n)
+    };
+    let means: Vec<f64> = (0..parts).into_par_iter().map(part).collect();
+    means.iter().sum::<f64>() / parts as f64
 }
 
 /// A base that absorbs nothing under a smooth coat sends everything back, in any direction: what enters, 1 − F, comes out again
@@ -421,8 +446,8 @@ fn s06_glass_keeps_power() {
     assert!((mirrored.count() as f64 / 1e5 - 0.08 / 1.04).abs() < 0.004);
 }
 
-/// However white the base and whatever lobes are added, no more leaves than arrives. Weights stay below about 3, so 1e5 samples leave
-/// three standard errors of 0.015; tables between 24 cosines are off by less. Catches a bound that is missing or too low.
+/// However white the base and whatever lobes are added, no more leaves than arrives. Weights stay below about 3, so three standard
+/// errors are 0.004; tables between 24 cosines are off by less than 0.6 %. Catches a bound that is missing or too low.
 #[test]
 fn s06_principled_gains_no_energy() {
     for (name, parameters) in principled([1.0; 3]) {
@@ -433,29 +458,19 @@ fn s06_principled_gains_no_energy() {
                 let albedo = albedo(&material, direction(cos, 0.3), Transport::Importance);
                 // From behind only the part that lets light through scatters.
                 let least = if cos > 0.0 { 0.4 } else { 0.1 };
-                assert!(albedo < 1.02 && albedo > least, "{name} {cos}: {albedo}");
+                assert!(albedo < 1.01 && albedo > least, "{name} {cos}: {albedo}");
             }
         }
     }
 }
 
-/// No direction reflects more than it gets (1.01), with a metal that absorbs nothing: the mean weight is the albedo. Its
-/// standard error below 0.003 (weights ≤ about 1, 1e5 samples) leaves 3σ. A nearly smooth one loses next to nothing.
-/// Catches a missing or doubled factor in f.
+/// No direction reflects more than it gets (1.01), with a metal that absorbs nothing: the mean weight is the albedo. Three standard
+/// errors are below 0.003. A nearly smooth one loses next to nothing. Catches a missing or doubled factor in f.
 #[test]
 fn s06_no_metal_gains_energy() {
-    let mut random = Random::new(9, 0, 0);
     for shape in SHAPES {
         for (alpha, cos) in ALPHAS.into_iter().flat_map(|a| COSINES.map(|c| (a, c))) {
-            let material = rough(shape, alpha, false, true);
-            let wo = direction(cos, 0.3);
-            let n = 100_000;
-            let mut sum = 0.0;
-            for _ in 0..n {
-                let sample = material.sample(Vec2::ZERO, wo, &mut random, Transport::Radiance);
-                sum += sample.map_or(0.0, |s| f64::from(s.weight.x));
-            }
-            let albedo = sum / f64::from(n);
+            let albedo = albedo(&rough(shape, alpha, false, true), direction(cos, 0.3), Transport::Radiance);
             let least = if alpha < 0.1 && cos > 0.5 { 0.98 } else { 0.2 };
             assert!(albedo > least && albedo < 1.01, "{shape:?} {alpha} {cos}: {albedo}");
         }

@@ -3,6 +3,9 @@
 #[path = "support/chart.rs"]
 #[allow(dead_code, reason = "shared with the tests of other samplers")]
 mod chart;
+#[path = "support/records.rs"]
+#[allow(dead_code, reason = "shared with other tests of learning")]
+mod records;
 #[path = "support/statistics.rs"]
 #[allow(dead_code, reason = "shared with the tests of other samplers")]
 mod statistics;
@@ -16,6 +19,8 @@ use fanal::guiding::cache::SpatialCache;
 use fanal::guiding::distribution::Distribution;
 use fanal::guiding::effort::Effort;
 use fanal::guiding::field::{GuideField, VoxelGuide};
+use fanal::guiding::learner::{Learner, LearnerSettings};
+use fanal::guiding::leaves::Layout;
 use fanal::guiding::parallax::Parallax;
 use fanal::guiding::sampler::SamplingTree;
 use fanal::guiding::topology::{MAX_LEVEL, Topology};
@@ -27,8 +32,11 @@ use fanal::materials::rough_conductor::RoughConductor;
 use fanal::materials::texture::Texture;
 use fanal::materials::{Kind, Material, Transport};
 use fanal::math::{Frame, cylindrical};
+use fanal::reconstruct::gaussian::Gaussian;
+use fanal::reconstruct::{Neural, Reconstructor};
 use fanal::scene::effects::Everything;
 use glam::{Vec2, Vec3};
+use records::{path_at, photon_at};
 use statistics::assert_chi2;
 
 /// A tree of at most `levels` levels below the root, each node split with probability `p`, a fifth of the leaves without energy, the
@@ -145,6 +153,32 @@ fn s01_quadtrees_follow_their_density() {
     // At the pole it has some 30 values per cell, and rounding carries 1 % of a cell's samples over its border; four levels up
     // that is below the noise. The density of each sample is still that of the cell it fell into.
     check("chain at the pole", &chain(Vec3::new(0.001, -0.001, 1.0).normalize()), 0.1, MAX_LEVEL - 4);
+}
+
+/// What the network and smoothing make of counted trees is sampled with its density: shapes that no counting would give.
+#[test]
+fn s01_reconstructed_quadtrees_follow_their_density() {
+    let network = Neural::built_in().expect("the model fits the program");
+    let reconstructors: [&dyn Reconstructor; 2] = [&network, &Gaussian::default()];
+    for seed in 0..2 {
+        let mut random = Random::new(90 + seed, 0, 0);
+        let settings = LearnerSettings { layout: Layout::Network, ..LearnerSettings::default() };
+        for reconstructor in reconstructors {
+            let mut learner = Learner::new(settings.clone());
+            let (mut paths, mut photons) = (vec![], vec![]);
+            for i in 0..3000 {
+                let lobe = cylindrical::to_direction([random.next_f64(), random.next_f64()]);
+                let at = if i % 3 == 0 { lobe } else { (lobe + 4.0 * Vec3::new(0.3, 0.8, -0.5)).normalize() };
+                paths.push(path_at(Vec3::splat(0.5), at, random.next_f32().powi(4)));
+                photons.push(photon_at(Vec3::splat(0.5), lobe, random.next_f32()));
+            }
+            learner.absorb(&paths, &photons, true);
+            let trees: Vec<_> = learner.counted().into_iter().flatten().collect();
+            let distributions = reconstructor.reconstruct(trees).expect("it runs");
+            assert!(distributions[0].topology().len() > 20);
+            check(&format!("{} {seed}", reconstructor.name()), &distributions[0], reconstructor.uniform(), MAX_LEVEL);
+        }
+    }
 }
 
 /// Σ pdf · solid angle over all leaves is 1 to 1e-5, with the density looked up at each leaf's centre.

@@ -14,14 +14,17 @@ use chart::Chart;
 use fanal::base::random::Random;
 use fanal::geometry::mesh::Mesh;
 use fanal::geometry::{Accel, Ray, Shape, Surface};
-use fanal::lights::Light;
+use fanal::guiding::emission::EmissionLearner;
 use fanal::lights::area::AreaLight;
-use fanal::lights::distant::Constant;
+use fanal::lights::distant::{Constant, Directional};
 use fanal::lights::envmap::Envmap;
+use fanal::lights::point::{Point, Spot};
+use fanal::lights::{BoundingSphere, Light, LightSet};
 use fanal::materials::image::Image;
 use fanal::math::Frame;
+use fanal::sampling::discrete::Discrete;
 use glam::{Affine3A, Mat3, Quat, Vec3};
-use statistics::assert_chi2;
+use statistics::{assert_chi2, chi2_quantile};
 
 /// Density of a shape's light as the tracer looks it up: by hitting the surface.
 fn shape_pdf(light: &AreaLight, shape: &Shape, accel: &Accel, point: Vec3, direction: Vec3) -> f32 {
@@ -155,4 +158,124 @@ fn s01_environment_follows_its_density() {
         );
         assert!((mass - 1.0).abs() < 1e-3, "{mass}");
     }
+}
+
+/// Lamps of several sizes and sides, a point, a sky and a sun.
+fn many_lights() -> LightSet {
+    let mut random = Random::new(21, 0, 0);
+    let mut vector = || Vec3::new(random.range(-3.0, 3.0), random.range(-3.0, 3.0), random.range(-3.0, 3.0));
+    let mut lights: Vec<Light> = (0..20)
+        .map(|i| {
+            let radiance = Vec3::splat(1.0 + (i % 5) as f32);
+            let shape = if i % 2 == 0 { Shape::sphere(vector(), 0.1 + 0.02 * i as f32, false) } else { triangles() };
+            Light::Area(AreaLight::new(shape, radiance))
+        })
+        .collect();
+    lights.push(Light::Point(Point { position: vector(), intensity: Vec3::splat(3.0) }));
+    lights.push(Light::Constant(Constant { radiance: Vec3::splat(0.3) }));
+    lights.push(Light::Directional(Directional { direction: Vec3::NEG_Y, irradiance: Vec3::ONE }));
+    LightSet::new(lights, &BoundingSphere { center: Vec3::ZERO, radius: 6.0 })
+}
+
+/// Which of many lights is sampled, near them, among them and far away. Catches turns in the tree that are taken with another
+/// probability than is said, and a share that lights at infinity do not get. Where the tree promises nothing, no light is drawn.
+#[test]
+fn s01_lights_are_chosen_by_their_probability() {
+    let set = many_lights();
+    for point in [Vec3::ZERO, Vec3::new(2.0, -1.0, 0.5), Vec3::splat(50.0)] {
+        let n = 1_000_000;
+        let mut counts = vec![0.0; set.lights.len() + 1];
+        let mut random = Random::new(22, 0, 0);
+        for _ in 0..n {
+            let chosen = set.choose(point, random.next_f64());
+            if let Some((index, probability)) = chosen {
+                let again = set.probability(point, index);
+                assert!((probability - again).abs() <= 1e-5 * again, "{index}: {probability} {again}");
+            }
+            counts[chosen.map_or(set.lights.len(), |(index, _)| index)] += 1.0;
+        }
+        let mut expected: Vec<f64> =
+            (0..set.lights.len()).map(|i| f64::from(n) * f64::from(set.probability(point, i))).collect();
+        expected.push((f64::from(n) - expected.iter().sum::<f64>()).max(0.0));
+        assert_chi2(&format!("choice at {point}"), &counts, &expected, chart::level());
+    }
+}
+
+/// Directions of photons: cosine-distributed about the normals of a surface, uniform from a point and within a spot's cone, by
+/// radiance from the sky. Catches photons that leave a lamp as from a point, and skies turned inside out.
+#[test]
+fn s01_photons_leave_in_the_directions_of_their_light() {
+    let bounds = BoundingSphere { center: Vec3::ZERO, radius: 2.0 };
+    let down = Shape::mesh(
+        Arc::new(Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Z], triangles: vec![[0, 1, 2]], ..Mesh::default() }),
+        Affine3A::IDENTITY,
+        false,
+    );
+    let pixels: Vec<Vec3> = (0..16 * 9).map(|i| Vec3::splat(0.2 + (i % 7) as f32)).collect();
+    let sky = Envmap::new(Arc::new(Image { width: 16, height: 9, pixels }), 0.5, Mat3::from_rotation_x(0.6));
+    let looked_up = Light::Envmap(sky.clone());
+    let cosine = |wi: Vec3| f64::from(wi.y.min(0.0).abs()) / std::f64::consts::PI;
+    let uniform = |_: Vec3| 0.25 / std::f64::consts::PI;
+    let cutoff = 0.9f32;
+    let cone = move |wi: Vec3| {
+        if wi.z >= cutoff.cos() { 0.5 / std::f64::consts::PI / (1.0 - f64::from(cutoff).cos()) } else { 0.0 }
+    };
+    type Density<'a> = Box<dyn Fn(Vec3) -> f64 + Sync + 'a>;
+    let cases: [(&str, Light, Density); 6] = [
+        ("triangle", Light::Area(AreaLight::new(down, Vec3::ONE)), Box::new(cosine)),
+        ("ball", Light::Area(AreaLight::new(Shape::sphere(Vec3::ONE, 0.5, false), Vec3::ONE)), Box::new(uniform)),
+        ("point", Light::Point(Point { position: Vec3::ONE, intensity: Vec3::ONE }), Box::new(uniform)),
+        ("spot", Light::Spot(Spot::new(Affine3A::IDENTITY, Vec3::ONE, cutoff, 0.4)), Box::new(cone)),
+        ("constant", Light::Constant(Constant { radiance: Vec3::ONE }), Box::new(uniform)),
+        ("sky", Light::Envmap(sky), Box::new(|wi: Vec3| f64::from(looked_up.background_pdf(-wi)))),
+    ];
+    for (name, light, density) in &cases {
+        let axis = if *name == "sky" { Mat3::from_rotation_x(0.6) * Vec3::Y } else { Vec3::Z };
+        let mass = Chart::around(axis, 1.0).check(&format!("photons of {name}"), [96, 32], density, |random| {
+            light.emit(&bounds, random.next_2d(), random.next_2d()).map(|emission| emission.ray.direction)
+        });
+        assert!((mass - 1.0).abs() < 2e-3, "{name}: {mass}");
+    }
+}
+
+/// Starts of photons that were learned: every start's probability is stated, so the mean of its inverse over any part of the
+/// squares is the size of that part, for each light. Squared deviations over their variances are χ². Catches a light or a square
+/// whose density is left out.
+#[test]
+fn s01_photon_starts_follow_their_density() {
+    let powers = Discrete::new([1.0, 5.0, 2.0]);
+    let mut learner = EmissionLearner::new(&powers);
+    let mut random = Random::new(23, 0, 0);
+    for _ in 0..3 {
+        let guide = learner.publish();
+        let useful: Vec<_> = (0..20_000)
+            .filter_map(|_| guide.sample(&mut random))
+            .map(|start| {
+                let near = start.squares[0][0] < 0.3 && start.squares[1][1] > 0.6;
+                (start, if near { 1.0 } else { 1e-3 } / start.probability)
+            })
+            .collect();
+        learner.absorb(&useful);
+    }
+    let guide = learner.publish();
+    let (n, side) = (1_000_000u32, 2usize);
+    let cells = 3 * side.pow(4);
+    let mut sums = vec![[0.0f64; 2]; cells];
+    for _ in 0..n {
+        let start = guide.sample(&mut random).expect("there are lights");
+        let [a, b] = start.squares.map(|square| square.map(|x| (x * side as f64) as usize));
+        let cell = (((start.light * side + a[0]) * side + a[1]) * side + b[0]) * side + b[1];
+        let weight = 1.0 / start.probability;
+        sums[cell] = [sums[cell][0] + weight, sums[cell][1] + weight * weight];
+    }
+    let size = 1.0 / side.pow(4) as f64;
+    let (n, mut chi2) = (f64::from(n), 0.0);
+    for (cell, [sum, squares]) in sums.iter().enumerate() {
+        let (mean, square) = (sum / n, squares / n);
+        let variance = (square - mean * mean) / n;
+        assert!(mean > 0.0, "cell {cell} is never drawn");
+        chi2 += (mean - size).powi(2) / variance;
+    }
+    let limit = chi2_quantile(chart::level(), cells as f64);
+    assert!(chi2 < limit, "χ² {chi2:.1} over {cells} cells, limit {limit:.1}");
 }

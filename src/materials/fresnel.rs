@@ -61,6 +61,13 @@ pub fn dielectric(cos: f32, eta: f32) -> (f32, f32) {
     (0.5 * (s * s + p * p), cos_t)
 }
 
+/// 1 − R of [`dielectric`], which keeps its digits where hardly anything passes: at grazing angles.
+pub fn transmitted(cos: f32, eta: f32) -> f32 {
+    let cos_t = dielectric(cos, eta).1;
+    let (s, p) = (cos + eta * cos_t, eta * cos + cos_t);
+    if cos_t > 0.0 { 2.0 * eta * cos * cos_t * (1.0 / (s * s) + 1.0 / (p * p)) } else { 0.0 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -33,12 +33,17 @@ impl Microfacets {
         if h.z <= 0.0 {
             return 0.0;
         }
-        let cos2 = h.z * h.z;
-        let e = (h.x * h.x + h.y * h.y) / (cos2 * self.alpha * self.alpha);
-        let normalisation = FRAC_1_PI / (self.alpha * self.alpha * cos2 * cos2);
+        let (cos2, sin2, alpha2) = (h.z * h.z, h.x * h.x + h.y * h.y, self.alpha * self.alpha);
         match self.shape {
-            Shape::Beckmann => normalisation * (-e).exp(),
-            Shape::Ggx => normalisation / ((1.0 + e) * (1.0 + e)),
+            Shape::Beckmann => {
+                let falloff = (-sin2 / (cos2 * alpha2)).exp();
+                // At grazing angles cos⁴ vanishes too, but later.
+                if falloff > 0.0 { FRAC_1_PI * falloff / (alpha2 * cos2 * cos2) } else { 0.0 }
+            }
+            Shape::Ggx => {
+                let spread = sin2 + alpha2 * cos2;
+                FRAC_1_PI * alpha2 / (spread * spread)
+            }
         }
     }
 
@@ -46,28 +51,35 @@ impl Microfacets {
     /// Walter's fit (Walter et al. 2007, eq. 27), off by up to 0.35 % from the integral: other renderers use it, so pictures
     /// of the same scene would differ by half a percent in places without it.
     pub fn shadowing(&self, w: Vec3, h: Vec3) -> f32 {
-        let Some(a) = self.slope_ratio(w, h) else { return f32::from(u8::from(w.dot(h) * w.z > 0.0)) };
-        match self.shape {
-            Shape::Beckmann if a >= 1.6 => 1.0,
-            Shape::Beckmann => (3.535 + 2.181 * a) * a / (1.0 + (2.276 + 2.577 * a) * a),
-            Shape::Ggx => self.visible_share(w, h),
+        if self.shape == Shape::Ggx || w.dot(h) * w.z <= 0.0 {
+            return self.visible_share(w, h);
+        }
+        match w.z.abs() / self.stretched_sine(w) {
+            a if a >= 1.6 => 1.0,
+            a => (3.535 + 2.181 * a) * a / (1.0 + (2.276 + 2.577 * a) * a),
         }
     }
 
     /// The same without approximation (Heitz 2014, eq. 72 and 83): sampling visible normals inverts this form, so its density
     /// must be this one.
     fn visible_share(&self, w: Vec3, h: Vec3) -> f32 {
-        let Some(a) = self.slope_ratio(w, h) else { return f32::from(u8::from(w.dot(h) * w.z > 0.0)) };
+        if w.dot(h) * w.z <= 0.0 {
+            return 0.0;
+        }
+        // 1 / (α·tan θ) is cos/sine; the sine of a direction along the normal is 0, and nothing hides a facet from there.
+        let (cos, sine) = (w.z.abs(), self.stretched_sine(w));
         match self.shape {
-            Shape::Beckmann => 1.0 / (1.0 + 0.5 * ((-a * a).exp() / (a * PI.sqrt()) - (1.0 - erf(a))).max(0.0)),
-            Shape::Ggx => 2.0 / (1.0 + (1.0 + 1.0 / (a * a)).sqrt()),
+            Shape::Beckmann => {
+                let a = cos / sine;
+                1.0 / (1.0 + 0.5 * ((-a * a).exp() / (a * PI.sqrt()) - (1.0 - erf(a))).max(0.0))
+            }
+            Shape::Ggx => 2.0 * cos / (cos + (cos * cos + sine * sine).sqrt()),
         }
     }
 
-    /// 1 / (α·tan θ) of a direction that sees the facet; none where it does not, or nothing can hide the facet.
-    fn slope_ratio(&self, w: Vec3, h: Vec3) -> Option<f32> {
-        let tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z);
-        (w.dot(h) * w.z > 0.0 && tan2 > 0.0).then(|| 1.0 / (self.alpha * tan2.sqrt()))
+    /// α·sin θ.
+    fn stretched_sine(&self, w: Vec3) -> f32 {
+        self.alpha * (w.x * w.x + w.y * w.y).sqrt()
     }
 
     /// Density of [`Microfacets::sample_visible`] w.r.t. the solid angle of the facet normal (Heitz and d'Eon 2014, eq. 2).

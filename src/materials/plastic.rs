@@ -58,7 +58,7 @@ impl Plastic {
     /// Part of the light under the angle with cosine `cos` ≥ 0 that the coat lets through.
     fn transmitted(&self, cos: f32) -> f32 {
         if self.facets.is_none() {
-            return 1.0 - fresnel::dielectric(cos, self.eta).0;
+            return fresnel::transmitted(cos, self.eta);
         }
         let position = cos.clamp(0.0, 1.0) * (COSINES - 1) as f32;
         let below = (position as usize).min(COSINES - 2);
@@ -99,20 +99,20 @@ impl Plastic {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return 0.0;
         }
-        let coat = self.coat_probability(wo);
-        let base = (1.0 - coat) * warp::square_to_cosine_hemisphere_pdf(wi);
-        base + self.facets.map_or(0.0, |facets| {
-            let Some(h) = (wo + wi).try_normalize() else { return 0.0 };
-            let cos = wo.dot(h);
-            if cos > 0.0 { coat * facets.visible_density(wo, h) / (4.0 * cos) } else { 0.0 }
-        })
+        let [coat, base] = self.probabilities(wo);
+        base * warp::square_to_cosine_hemisphere_pdf(wi)
+            + self.facets.map_or(0.0, |facets| {
+                let Some(h) = (wo + wi).try_normalize() else { return 0.0 };
+                let cos = wo.dot(h);
+                if cos > 0.0 { coat * facets.visible_density(wo, h) / (4.0 * cos) } else { 0.0 }
+            })
     }
 
-    /// How often the coat is sampled rather than the base.
-    fn coat_probability(&self, wo: Vec3) -> f32 {
+    /// How often the coat is sampled, and the base.
+    fn probabilities(&self, wo: Vec3) -> [f32; 2] {
         let passed = self.transmitted(wo.z);
         let (coat, base) = ((1.0 - passed) * self.coat_share, passed * (1.0 - self.coat_share));
-        if coat + base > 0.0 { coat / (coat + base) } else { 1.0 }
+        if coat + base > 0.0 { [coat, base].map(|part| part / (coat + base)) } else { [1.0, 0.0] }
     }
 
     /// Reflects at the coat or scatters from the base.
@@ -120,7 +120,7 @@ impl Plastic {
         if wo.z <= 0.0 {
             return None;
         }
-        let coat = self.coat_probability(wo);
+        let [coat, _] = self.probabilities(wo);
         let wi = if choice < coat {
             let Some(facets) = self.facets else {
                 let wi = Vec3::new(-wo.x, -wo.y, wo.z);

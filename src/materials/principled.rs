@@ -11,6 +11,7 @@ use glam::{Vec2, Vec3};
 
 use super::fresnel;
 use super::microfacet::{Microfacets, Shape};
+use super::rough_dielectric::Geometry;
 use super::texture::{Texture, luminance};
 use super::{BsdfSample, Transport};
 use crate::math::channel_mean;
@@ -173,11 +174,10 @@ impl Principled {
 
     /// The facets' refraction (Walter et al. 2007, eq. 21).
     fn refracted(&self, p: &Point, wo: Vec3, wi: Vec3) -> Vec3 {
-        let Some(r) = Refraction::new(wo, wi, self.given.eta) else { return Vec3::ZERO };
-        let g = p.facets.shadowing(r.wo, r.h) * p.facets.shadowing(r.wi, r.h);
-        let facets = p.facets.density(r.h) * g / r.wo.z;
-        let cosines = r.wo.dot(r.h) * r.wi.dot(r.h).abs();
-        self.facet(p, r.wo.dot(r.h), wo.z > 0.0)[1] * (facets * cosines / r.half_length().powi(2))
+        let Some(g) = Geometry::new(wo, wi, self.given.eta) else { return Vec3::ZERO };
+        let shadowing = p.facets.shadowing(g.wo, g.h) * p.facets.shadowing(g.wi, g.h);
+        let facets = p.facets.density(g.h) * shadowing / g.wo.z;
+        self.facet(p, g.cos_o, wo.z > 0.0)[1] * (facets * g.cos_o * g.jacobian() / (g.eta * g.eta))
     }
 
     fn sheen(&self, p: &Point, wi: Vec3, h: Vec3) -> Vec3 {
@@ -229,11 +229,9 @@ impl Principled {
     fn density(&self, p: &Point, wo: Vec3, wi: Vec3) -> f32 {
         let (lobes, front) = (self.lobes(p, wo), wo.z > 0.0);
         if wo.z * wi.z < 0.0 {
-            let Some(r) = Refraction::new(wo, wi, self.given.eta) else { return 0.0 };
-            let cos = r.wo.dot(r.h);
-            let jacobian = r.eta * r.eta * r.wi.dot(r.h).abs() / r.half_length().powi(2);
-            let part = 1.0 - self.reflects(p, cos, front);
-            return lobes.facets * part * p.facets.visible_density(r.wo, r.h) * jacobian;
+            let Some(g) = Geometry::new(wo, wi, self.given.eta) else { return 0.0 };
+            let part = 1.0 - self.reflects(p, g.cos_o, front);
+            return lobes.facets * part * p.facets.visible_density(g.wo, g.h) * g.jacobian();
         }
         let Some(h) = (wo + wi).try_normalize() else { return 0.0 };
         let cos = wo.dot(h);
@@ -294,29 +292,6 @@ impl Principled {
     pub fn albedo(&self, uv: Vec2) -> Vec3 {
         let p = self.at(uv);
         (p.base * p.opaque + self.reflection(&p, 1.0) + Vec3::splat(p.clear)).min(Vec3::ONE)
-    }
-}
-
-/// A refraction seen from the side of `wo`.
-struct Refraction {
-    wo: Vec3,
-    wi: Vec3,
-    h: Vec3,
-    eta: f32,
-}
-
-impl Refraction {
-    /// None where no facet takes one direction to the other. `eta` is the index behind the surface over that in front.
-    fn new(wo: Vec3, wi: Vec3, eta: f32) -> Option<Self> {
-        let (side, eta) = if wo.z > 0.0 { (1.0, eta) } else { (-1.0, 1.0 / eta) };
-        let (wo, wi) = (wo * side, wi * side);
-        let h = (wo + wi * eta).try_normalize()?;
-        let h = if h.z < 0.0 { -h } else { h };
-        (wo.dot(h) > 0.0 && wi.dot(h) < 0.0).then_some(Self { wo, wi, h, eta })
-    }
-
-    fn half_length(&self) -> f32 {
-        self.wo.dot(self.h) + self.eta * self.wi.dot(self.h)
     }
 }
 

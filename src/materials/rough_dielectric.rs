@@ -15,25 +15,66 @@ pub struct RoughDielectric {
     pub facets: Microfacets,
 }
 
+/// Indices closer to 1 than this are no interface: refraction would turn light by less than single precision resolves, into a
+/// lobe of infinite density, and next to nothing would be reflected (2.5e-7).
+pub const LEAST_STEP: f32 = 1e-3;
+
 /// A pair of directions seen from the side of the first, and the facet normal that takes one to the other.
-struct Geometry {
-    wo: Vec3,
-    wi: Vec3,
-    h: Vec3,
+pub(super) struct Geometry {
+    pub wo: Vec3,
+    pub wi: Vec3,
+    pub h: Vec3,
+    /// wo·h > 0.
+    pub cos_o: f32,
+    /// |wi·h|.
+    pub cos_i: f32,
     /// Index on the other side over that on the side of `wo`.
-    eta: f32,
-    /// Reflected part at the facet.
-    reflected: f32,
+    pub eta: f32,
+    /// Squared length of wo + η·wi where light is refracted, else 0.
+    half_squared: f32,
 }
 
 impl Geometry {
-    fn reflects(&self) -> bool {
+    /// None where no facet takes `wi` to `wo`. `eta` is the index behind the surface over the one in front.
+    ///
+    /// The half vector of refraction is a small difference of long vectors, which decides how far from the centre of a narrow
+    /// lobe a direction lies: it takes double precision.
+    pub fn new(wo: Vec3, wi: Vec3, eta: f32) -> Option<Self> {
+        if wo.z == 0.0 || wi.z == 0.0 {
+            return None;
+        }
+        let side = 1.0f32.copysign(wo.z);
+        let (wo, wi) = (wo * side, wi * side);
+        // Indices on the sides of wo and wi.
+        let [outer, inner] = if side > 0.0 { [1.0, f64::from(eta)] } else { [f64::from(eta), 1.0] };
+        let (long_o, long_i) = (wo.as_dvec3(), wi.as_dvec3());
+        let refracts = wi.z < 0.0;
+        let half = if refracts { long_o * outer + long_i * inner } else { long_o + long_i };
+        let squared = half.length_squared();
+        let h = half / (squared.sqrt().copysign(half.z));
+        let (cos_o, cos_i) = (long_o.dot(h), long_i.dot(h) * if refracts { -1.0 } else { 1.0 });
+        // A facet is seen from the same side as the surface, by both.
+        if !(h.is_finite() && cos_o > 0.0 && cos_i > 0.0) {
+            return None;
+        }
+        let half_squared = if refracts { (squared / (outer * outer)) as f32 } else { 0.0 };
+        let eta = (inner / outer) as f32;
+        Some(Self { wo, wi, h: h.as_vec3(), cos_o: cos_o as f32, cos_i: cos_i as f32, eta, half_squared })
+    }
+
+    pub fn reflects(&self) -> bool {
         self.wi.z > 0.0
     }
 
-    /// wo·h + η·wi·h, the length of the half vector of refraction.
-    fn half_length(&self) -> f32 {
-        self.wo.dot(self.h) + self.eta * self.wi.dot(self.h)
+    /// Part of the light that a facet reflects, and that it lets through.
+    pub fn fresnel(&self) -> [f32; 2] {
+        let cos = self.cos_o.min(1.0);
+        [fresnel::dielectric(cos, self.eta).0, fresnel::transmitted(cos, self.eta)]
+    }
+
+    /// dω_h/dω_i of refraction (Walter et al. 2007, eq. 17).
+    pub fn jacobian(&self) -> f32 {
+        self.eta * self.eta * self.cos_i / self.half_squared
     }
 }
 
@@ -43,44 +84,26 @@ impl RoughDielectric {
         if wo.z >= 0.0 { (wo, 1.0, self.eta) } else { (-wo, -1.0, 1.0 / self.eta) }
     }
 
-    /// None where no facet takes `wi` to `wo`.
-    fn geometry(&self, wo: Vec3, wi: Vec3) -> Option<Geometry> {
-        let (wo, side, eta) = self.seen_from(wo);
-        let wi = wi * side;
-        if wo.z == 0.0 || wi.z == 0.0 {
-            return None;
-        }
-        let h = if wi.z > 0.0 { wo + wi } else { wo + wi * eta }.try_normalize()?;
-        let h = if h.z < 0.0 { -h } else { h };
-        // A facet is seen from the same side as the surface, by both.
-        if wo.dot(h) <= 0.0 || wi.dot(h) * wi.z <= 0.0 {
-            return None;
-        }
-        Some(Geometry { wo, wi, h, eta, reflected: fresnel::dielectric(wo.dot(h).min(1.0), eta).0 })
-    }
-
     /// f·|cos θᵢ| for radiance: Walter et al. 2007, eq. 20 and 21.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let Some(g) = self.geometry(wo, wi) else { return 0.0 };
+        let Some(g) = Geometry::new(wo, wi, self.eta) else { return 0.0 };
         let shadowing = self.facets.shadowing(g.wo, g.h) * self.facets.shadowing(g.wi, g.h);
         let facets = self.facets.density(g.h) * shadowing / g.wo.z;
+        let [reflected, passed] = g.fresnel();
         if g.reflects() {
-            return 0.25 * g.reflected * facets;
+            return 0.25 * reflected * facets;
         }
-        let cosines = g.wo.dot(g.h) * g.wi.dot(g.h).abs();
-        (1.0 - g.reflected) * facets * cosines / g.half_length().powi(2)
+        // Radiance is squeezed by η², which the Jacobian has once.
+        passed * facets * g.cos_o * g.jacobian() / (g.eta * g.eta)
     }
 
     /// Density of [`RoughDielectric::sample`] w.r.t. solid angle: that of visible facets, times the Jacobians of Walter et al.
     /// 2007, eq. 14 and 17.
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let Some(g) = self.geometry(wo, wi) else { return 0.0 };
+        let Some(g) = Geometry::new(wo, wi, self.eta) else { return 0.0 };
         let facets = self.facets.visible_density(g.wo, g.h);
-        if g.reflects() {
-            return g.reflected * facets / (4.0 * g.wo.dot(g.h));
-        }
-        let jacobian = g.eta * g.eta * g.wi.dot(g.h).abs() / g.half_length().powi(2);
-        (1.0 - g.reflected) * facets * jacobian
+        let [reflected, passed] = g.fresnel();
+        if g.reflects() { reflected * facets / (4.0 * g.cos_o) } else { passed * facets * g.jacobian() }
     }
 
     /// Reflects or refracts at a visible facet, as `choice` says.

@@ -32,7 +32,7 @@ use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::plastic::Plastic;
 use crate::materials::principled::{Parameters, Principled};
 use crate::materials::rough_conductor::RoughConductor;
-use crate::materials::rough_dielectric::RoughDielectric;
+use crate::materials::rough_dielectric::{LEAST_STEP, RoughDielectric};
 use crate::materials::texture::Texture;
 use crate::materials::{Kind, Material, Tint};
 
@@ -223,7 +223,9 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
             let facets = facets(*alpha, distribution);
             Kind::RoughConductor(RoughConductor { metal: metal(eta, k, specular_reflectance)?, facets })
         }
-        MaterialFile::RoughDielectric { alpha, distribution, int_ior, ext_ior } if *alpha >= SMOOTH => {
+        MaterialFile::RoughDielectric { alpha, distribution, int_ior, ext_ior }
+            if *alpha >= SMOOTH && (int_ior / ext_ior - 1.0).abs() >= LEAST_STEP =>
+        {
             Kind::RoughDielectric(RoughDielectric { eta: int_ior / ext_ior, facets: facets(*alpha, distribution) })
         }
         MaterialFile::Dielectric { int_ior, ext_ior } | MaterialFile::RoughDielectric { int_ior, ext_ior, .. } => {

@@ -1,0 +1,527 @@
+//! Hard cases that show best in a picture or along a ray: sizes and places, rays that leave a surface, broken shapes, suns,
+//! materials and media at their limits, roulette. What the names mean is said in hard_trees.rs.
+
+#[path = "support/scenes.rs"]
+#[allow(dead_code, reason = "shared with other tests of light transport")]
+mod scenes;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use fanal::base::progress::Silent;
+use fanal::base::random::Random;
+use fanal::base::{Error, Result};
+use fanal::generate::build::{Builder, diffuse};
+use fanal::geometry::mesh::Mesh;
+use fanal::geometry::{Accel, Ray, Shape, Surface};
+use fanal::guiding::cache::SpatialCache;
+use fanal::guiding::distribution::Distribution as Directions;
+use fanal::guiding::effort::{Effort, Roulette};
+use fanal::guiding::field::{GuideField, VoxelGuide};
+use fanal::guiding::learner::CountedTree;
+use fanal::guiding::leaves::{DirectLight, Target};
+use fanal::guiding::parallax::Parallax;
+use fanal::guiding::sampler::SamplingTree;
+use fanal::guiding::topology::Topology;
+use fanal::integrators::TransportSettings;
+use fanal::integrators::path::{PathScratch, PathTracer, RayCount};
+use fanal::materials::{Kind, Material, Transport};
+use fanal::reconstruct::{Counted, Reconstructor};
+use fanal::render::render;
+use fanal::sampling::warp;
+use fanal::scene::Scene;
+use fanal::scene::file::{Distribution, LightFile, MaterialFile, MediumFile, MeshFile, SceneFile, TextureFile};
+use fanal::scene::readers::resolve;
+use glam::{Affine3A, Mat4, Quat, Vec2, Vec3};
+use scenes::{GUIDES, built, committed, floor, mean, one_sided, picture, settings};
+
+/// One, two and three samples per pixel, in every mode: voxels with a sample or none, passes with an empty half, a picture that is
+/// all that was learned from. Nothing may be divided by a count that is zero.
+#[test]
+fn a04_few_samples_give_a_picture() {
+    let scene = committed("door-ajar", [5, 3]);
+    for (guide, spp) in GUIDES.into_iter().flat_map(|guide| [1, 2, 3].map(|spp| (guide, spp))) {
+        let image = picture(&scene, &settings(guide, spp, 1));
+        assert!(image.pixels.iter().all(|p| p.is_finite() && p.min_element() >= 0.0), "{guide:?}, {spp} spp");
+    }
+}
+
+/// A sun 1e8 units away, as a ball with the sun's angle, lights a floor of two units as parallel light does. Shadow rays of such a
+/// length must neither stop short of it nor pass it, voxels must not become as large as the way to it.
+#[test]
+fn a06_a_sun_far_away_is_parallel_light() {
+    let (distance, radius, elevation) = (1e8f32, 4.65e5f32, 0.6f32);
+    let to_sun = Vec3::new(elevation.cos(), elevation.sin(), 0.0);
+    let solid_angle = std::f32::consts::PI * (radius / distance).powi(2);
+    for guide in GUIDES {
+        let mut b = floor([8, 8], 1.0);
+        let black = b.add_material("black", one_sided(0.0));
+        b.add_sphere("sun", to_sun * distance, radius, &black, Some([2.0 / solid_angle; 3]));
+        let mut settings = settings(guide, 64, 1);
+        settings.transport.max_depth = 3;
+        let image = picture(&built(b.finish()), &settings);
+        assert!(image.pixels.iter().all(|p| p.is_finite()));
+        let expected = 0.5 / std::f64::consts::PI * 2.0 * f64::from(elevation).sin();
+        assert!((mean(&image) / expected - 1.0).abs() < 0.01, "{guide:?}: {} {expected}", mean(&image));
+    }
+}
+
+/// Directions that all but touch the surface, from triangles of all sizes, far from the origin and near it: no ray that leaves a
+/// triangle or a ball may hit it again. Too small an offset darkens lit floors by their own shadows.
+#[test]
+fn a07_rays_do_not_hit_what_they_leave() {
+    let mut random = Random::new(1, 0, 0);
+    let mut tested = 0;
+    for size in [1e-4f32, 1.0, 1e4, 1e6] {
+        for place in [0.0f32, 1.0, 1e3, 1e6] {
+            // Below its own resolution a triangle has no shape.
+            if size < 1e-3 * place {
+                continue;
+            }
+            for _ in 0..40 {
+                let corner = |random: &mut Random| place * Vec3::ONE + size * warp::square_to_sphere(random.next_2d());
+                let positions = [(); 3].map(|()| corner(&mut random)).to_vec();
+                let [a, b] = [1, 2].map(|i: usize| positions[i] - positions[0]);
+                // What the normal of a sliver is, singles do not know.
+                if a.cross(b).length() < 0.1 * a.length_squared().max(b.length_squared()) {
+                    continue;
+                }
+                let mesh = Mesh { positions, triangles: vec![[0, 1, 2]], ..Mesh::default() };
+                let ball = Shape::sphere(place * Vec3::ONE, size, false);
+                for shape in [Shape::mesh(Arc::new(mesh), Affine3A::IDENTITY, false), ball] {
+                    tested += leave_everywhere(&shape, &mut random);
+                }
+            }
+        }
+    }
+    assert!(tested > 50_000, "{tested} rays");
+}
+
+/// Sends grazing rays from points of a shape; returns their number.
+fn leave_everywhere(shape: &Shape, random: &mut Random) -> usize {
+    let accel = Accel::new(std::slice::from_ref(shape));
+    let [low, high] = accel.bounds();
+    let mut rays = 0;
+    for _ in 0..100 {
+        let target = low + (high - low) * Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
+        let direction = warp::square_to_sphere(random.next_2d());
+        let arriving = Ray { origin: target - (high - low).length() * direction, direction };
+        let Some(hit) = accel.intersect(&arriving) else { continue };
+        let surface = Surface::new(&arriving, &hit, shape);
+        let tangent = surface.frame.s;
+        for cos in [1.0, 1e-2, 1e-4, 1e-6, 1e-8] {
+            let side = if direction.dot(surface.normal) < 0.0 { 1.0 } else { -1.0 };
+            let leaving = (tangent + side * cos * surface.normal).normalize();
+            // A ball is hit again from inside.
+            if leaving.dot(surface.normal) * side <= 0.0 || (side < 0.0 && is_ball(shape)) {
+                continue;
+            }
+            let again = accel.intersect(&surface.leave(leaving));
+            assert!(again.is_none(), "{:?}: {surface:?} left along {leaving} at {cos}, hit {again:?}", shape.geometry);
+            rays += 1;
+        }
+    }
+    rays
+}
+
+fn is_ball(shape: &Shape) -> bool {
+    matches!(shape.geometry, fanal::geometry::shape::Geometry::Sphere(_))
+}
+
+/// A floor of 1e4 units, turned and moved so that its coordinates round, in light 0.2° above it: albedo/π · E · sin θ to 1e-3. Its own
+/// shadow would take most of that away.
+#[test]
+fn a07_grazing_light_on_a_large_triangle() {
+    let elevation = 0.2f32.to_radians();
+    for (turn, shift) in [(Quat::IDENTITY, 0.0), (Quat::from_euler(glam::EulerRot::XYZ, 0.4, 1.0, -0.7), 3e3)] {
+        let mut b = floor([8, 8], 1e4);
+        b.add_light(LightFile::Directional {
+            direction: [elevation.cos(), -elevation.sin(), 0.0],
+            irradiance: [2.0; 3],
+        });
+        b.transform(1.0, turn, Vec3::splat(shift));
+        let mut settings = settings(GUIDES[0], 16, 1);
+        settings.transport.max_depth = 2;
+        let found = mean(&picture(&built(b.finish()), &settings));
+        let expected = 0.5 / std::f64::consts::PI * 2.0 * f64::from(elevation).sin();
+        assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
+    }
+}
+
+fn load(file: SceneFile) -> Result<fanal::scene::readers::LoadedScene> {
+    resolve(file, Path::new(""), Path::new("made up"))
+}
+
+/// A tetrahedron, some of its corners overwritten, under a sky.
+fn tetrahedron(to_world: Mat4, overwrite: &[(usize, [f32; 3])], triangles: Vec<[u32; 3]>) -> SceneFile {
+    let mut positions = vec![[0.0, 0.8, 0.0], [-0.7, -0.5, 0.5], [0.7, -0.5, 0.5], [0.0, -0.5, -0.7]];
+    overwrite.iter().for_each(|&(at, position)| positions[at] = position);
+    let mut b = Builder::new("tetrahedron", [16, 12]);
+    let grey = b.add_material("grey", diffuse([0.5; 3]));
+    let mesh = MeshFile::Inline { positions, normals: vec![], uvs: vec![], triangles };
+    b.add_mesh("tetrahedron", mesh, to_world, (Vec3::ZERO, 1.0), &grey);
+    b.add_light(LightFile::Directional { direction: [0.3, -1.0, -0.4], irradiance: [2.0; 3] });
+    b.add_light(LightFile::Constant { radiance: [0.2; 3] });
+    b.look_at(Vec3::Z * 3.0, Vec3::ZERO, Vec3::Y, 40.0);
+    b.finish()
+}
+
+const FACES: [[u32; 3]; 4] = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]];
+
+/// Triangles without area are left out and counted, and change no pixel; what cannot be placed is an error that names the place, never
+/// a picture with NaN in it.
+#[test]
+fn a08_broken_shapes_are_skipped_or_refused() {
+    let sound = load(tetrahedron(Mat4::IDENTITY, &[], FACES.to_vec())).expect("sound");
+    let more = FACES.into_iter().chain([[0, 0, 1], [2, 2, 2], [1, 3, 3]]).collect();
+    let with_more = load(tetrahedron(Mat4::IDENTITY, &[], more)).expect("degenerate triangles are skipped");
+    assert_eq!((sound.skipped_triangles, with_more.skipped_triangles), (0, 3));
+    let pictures = [sound, with_more].map(|loaded| {
+        let scene = Scene::build(&loaded, [16, 12]).expect("names resolve");
+        picture(&scene, &settings(GUIDES[0], 4, 1))
+    });
+    assert!(pictures[0] == pictures[1] && mean(&pictures[0]) > 0.01);
+
+    let flat = [Vec3::new(1.0, 0.0, 1.0), Vec3::ZERO, Vec3::new(1.0, f32::NAN, 1.0), Vec3::INFINITY];
+    for scale in flat {
+        let file = tetrahedron(Mat4::from_scale(scale), &[], FACES.to_vec());
+        assert!(matches!(load(file), Err(Error::Malformed { .. })), "scale {scale}");
+    }
+    for (corner, triangles) in [
+        ([f32::NAN, 0.0, 0.0], FACES.to_vec()),
+        ([0.0, f32::INFINITY, 0.0], FACES.to_vec()),
+        ([0.0, 0.8, 0.0], vec![]),
+        ([0.0, 0.8, 0.0], vec![[0, 1, 4]]),
+        ([0.0, 0.8, 0.0], vec![[0, 0, 1]]),
+    ] {
+        let refused = load(tetrahedron(Mat4::IDENTITY, &[(0, corner)], triangles));
+        assert!(matches!(refused, Err(Error::Malformed { .. })));
+    }
+}
+
+/// A placement that mirrors turns the winding around; the front must stay the front. A mirrored room under a mirrored sun looks
+/// mirrored: same mean. A lamp mirrored to face away by mistake would be black.
+#[test]
+fn a08_mirrored_placements_keep_their_front() {
+    let with = |mirrored: bool| {
+        let mut b = floor([16, 12], 2.0);
+        let black = b.add_material("black", one_sided(0.0));
+        b.add_quad("lamp", Vec3::Y, [Vec3::X * 0.4, Vec3::Z * 0.3], &black, Some([3.0; 3]));
+        b.look_at(Vec3::new(0.9, 0.3, 0.0), Vec3::ZERO, Vec3::Z, 0.5);
+        let mut file = b.finish();
+        if mirrored {
+            // The rectangle looks the same mirrored in its own plane.
+            for shape in &mut file.shapes {
+                let to_world = Mat4::from_cols_array(&shape.to_world).transpose();
+                let mirror = Mat4::from_scale(Vec3::new(-1.0, 1.0, 1.0));
+                shape.to_world = (to_world * mirror).transpose().to_cols_array();
+            }
+        }
+        mean(&picture(&built(file), &settings(GUIDES[0], 64, 1)))
+    };
+    let (straight, mirrored) = (with(false), with(true));
+    assert!(straight > 0.1 && (mirrored / straight - 1.0).abs() < 0.02, "{straight} {mirrored}");
+}
+
+/// A sun 1e6 times as bright as the sky, through a window: every mode gives a finite picture of the same mean as without guiding,
+/// within 5 standard errors of 8 seeds. Features or weights that saturate at the sun would lose the sky, or its light.
+#[test]
+fn a10_a_sun_a_million_times_brighter_than_the_sky() {
+    let mut b = Builder::new("sun", [12, 8]);
+    let wall = b.add_material("wall", diffuse([0.5; 3]));
+    b.add_quad("floor", Vec3::ZERO, [Vec3::Z * 2.0, Vec3::X * 2.0], &wall, None);
+    b.add_block("block", Vec3::new(-1.0, 0.01, -1.0), Vec3::new(-0.2, 1.0, 0.5), &wall);
+    b.add_light(LightFile::Constant { radiance: [0.5; 3] });
+    let black = b.add_material("black", one_sided(0.0));
+    b.add_sphere("sun", Vec3::new(600.0, 800.0, 100.0), 2.0, &black, Some([5e5; 3]));
+    b.look_at(Vec3::new(2.5, 1.5, 2.0), Vec3::ZERO, Vec3::Y, 50.0);
+    let scene = built(b.finish());
+    let seeds = 8;
+    let runs = |guide| {
+        let means: Vec<f64> = (0..seeds)
+            .map(|seed| {
+                let image = picture(&scene, &settings(guide, 32, seed));
+                assert!(image.pixels.iter().all(|p| p.is_finite()), "{guide:?}");
+                mean(&image)
+            })
+            .collect();
+        let mean = means.iter().sum::<f64>() / seeds as f64;
+        let spread: f64 = means.iter().map(|m| (m - mean).powi(2)).sum();
+        (mean, spread / (seeds * (seeds - 1)) as f64)
+    };
+    let (none, variance) = runs(GUIDES[0]);
+    for guide in &GUIDES[1..] {
+        let (guided, other) = runs(*guide);
+        let error = (variance + other).sqrt();
+        assert!(error < 0.02 * none && (guided - none).abs() < 5.0 * error, "{guide:?}: {guided} {none} ± {error}");
+    }
+}
+
+/// A ball of `material` and its picture under a sky of radiance 1 that it nearly fills.
+fn ball_under_sky(material: MaterialFile, medium: Option<MediumFile>) -> Scene {
+    let mut b = Builder::new("ball", [8, 8]);
+    let material = b.add_material("tested", material);
+    b.add_sphere("ball", Vec3::ZERO, 1.0, &material, None);
+    b.add_light(LightFile::Constant { radiance: [1.0; 3] });
+    b.look_at(Vec3::Z * 4.0, Vec3::ZERO, Vec3::Y, 20.0);
+    let mut file = b.finish();
+    if let Some(medium) = medium {
+        file.media.insert("inside".into(), medium);
+        file.shapes[0].interior = Some("inside".into());
+    }
+    built(file)
+}
+
+/// The ball's material.
+fn tested(scene: &Scene) -> &Material {
+    let surface = scene.intersect(&Ray { origin: Vec3::Z * 4.0, direction: Vec3::NEG_Z }).expect("the ball is there");
+    scene.material(&surface)
+}
+
+fn rough_glass(alpha: f32, int_ior: f32) -> MaterialFile {
+    MaterialFile::RoughDielectric { alpha, distribution: Distribution::Ggx, int_ior, ext_ior: 1.0 }
+}
+
+fn rough_metal(alpha: f32) -> MaterialFile {
+    MaterialFile::RoughConductor {
+        alpha,
+        distribution: Distribution::Ggx,
+        eta: [0.0; 3],
+        k: [1.0; 3],
+        specular_reflectance: TextureFile::rgb([1.0; 3]),
+    }
+}
+
+/// Glass with the index of what is around it is not there, smooth, thin or rough: the ball cannot be told from the sky. A half vector
+/// of length 0 makes 0/0 of a rough one.
+#[test]
+fn a11_index_one_is_nothing() {
+    let smooth = MaterialFile::Dielectric { int_ior: 1.3, ext_ior: 1.3 };
+    let thin = MaterialFile::ThinDielectric { int_ior: 1.0, ext_ior: 1.0 };
+    for material in [smooth, thin, rough_glass(0.3, 1.0), rough_glass(0.3, 1.000_000_1), rough_glass(1.0, 1.0001)] {
+        let name = format!("{material:?}");
+        for guide in [GUIDES[0], GUIDES[1]] {
+            let mut settings = settings(guide, 16, 1);
+            settings.transport.max_depth = 50;
+            let image = picture(&ball_under_sky(material.clone(), None), &settings);
+            assert!(image.pixels.iter().all(|p| (p.x - 1.0).abs() < 1e-4), "{name} {guide:?}: {}", mean(&image));
+        }
+    }
+}
+
+/// Roughness down to the threshold below which a surface counts as smooth, and across it: densities stay finite, and the picture
+/// goes over into that of the smooth surface. A lobe narrower than singles resolve would lose its light.
+#[test]
+fn a11_vanishing_roughness_becomes_smooth() {
+    let smooth_glass = MaterialFile::Dielectric { int_ior: 1.5, ext_ior: 1.0 };
+    let cases: [(fn(f32) -> MaterialFile, MaterialFile); 2] =
+        [(rough_metal, rough_metal(0.0)), (|alpha| rough_glass(alpha, 1.5), smooth_glass)];
+    for (rough, smooth) in cases {
+        let mean_of = |material: MaterialFile| {
+            let mut settings = settings(GUIDES[0], 256, 1);
+            settings.transport.max_depth = 100;
+            mean(&picture(&ball_under_sky(material, None), &settings))
+        };
+        let expected = mean_of(smooth);
+        assert!((expected - 1.0).abs() < 0.01, "{expected}");
+        for alpha in [0.0, 1e-6, 0.99e-4, 1e-4, 2e-4, 1e-3, 1e-2] {
+            let found = mean_of(rough(alpha));
+            assert!((found / expected - 1.0).abs() < 0.01, "α {alpha}: {found} {expected}");
+        }
+    }
+}
+
+/// What is called smooth has delta lobes alone, what is not has none: only then may guides and light sampling leave it out.
+#[test]
+fn a11_smooth_means_delta() {
+    for (alpha, delta) in [(0.0, true), (0.99e-4, true), (1.01e-4, false), (0.5, false)] {
+        for material in [rough_metal(alpha), rough_glass(alpha, 1.5)] {
+            let scene = ball_under_sky(material, None);
+            assert_eq!(scene.materials()[0].is_delta(), delta, "{alpha}");
+            let mut random = Random::new(2, 0, 0);
+            let sample = tested(&scene).sample(Vec2::ZERO, Vec3::Z, &mut random, Transport::Radiance);
+            assert!(sample.is_none_or(|sample| sample.delta == delta));
+        }
+    }
+    let pane = ball_under_sky(MaterialFile::ThinDielectric { int_ior: 1.5, ext_ior: 1.0 }, None);
+    assert!(tested(&pane).is_delta() && matches!(tested(&pane).kind, Kind::ThinDielectric(_)));
+}
+
+/// From inside glass, beyond the critical angle, all light is reflected: none of the samples may pass, and none may be lost.
+#[test]
+fn a11_total_reflection_is_total() {
+    // The critical angle of 1.5 has the cosine 0.745.
+    let cos = 0.3f32;
+    let wo = Vec3::new((1.0 - cos * cos).sqrt(), 0.0, -cos);
+    let scene = ball_under_sky(MaterialFile::Dielectric { int_ior: 1.5, ext_ior: 1.0 }, None);
+    let mut random = Random::new(3, 0, 0);
+    for _ in 0..10_000 {
+        let sample = tested(&scene).sample(Vec2::ZERO, wo, &mut random, Transport::Radiance).expect("reflected");
+        assert!(sample.wi == Vec3::new(-wo.x, 0.0, wo.z) && sample.weight == Vec3::ONE && sample.pdf == 1.0);
+    }
+    let scene = ball_under_sky(rough_glass(0.05, 1.5), None);
+    let samples = (0..10_000).filter_map(|_| tested(&scene).sample(Vec2::ZERO, wo, &mut random, Transport::Radiance));
+    let (mut weight, mut passed) = (0.0, 0);
+    for sample in samples {
+        weight += f64::from(sample.weight.x) / 1e4;
+        passed += usize::from(sample.wi.z > 0.0);
+    }
+    assert!(passed == 0 && (0.97..1.003).contains(&weight), "{passed} passed, {weight} in all");
+}
+
+/// Media at their limits: none at all, so dense that nothing gets in, so sharp that light hardly turns. Absorbing, they are black
+/// or not there; scattering without loss, they cannot be told from the sky. Divisions by g or by an extinction of 0 give NaN.
+#[test]
+fn a12_media_at_their_limits() {
+    let medium =
+        |sigma: f32, albedo: f32, g: f32| MediumFile::Homogeneous { sigma_t: [sigma; 3], albedo: [albedo; 3], g };
+    for (sigma, albedo, g, inside) in [
+        (0.0, 0.5, 0.5, 1.0),
+        (1e-30, 0.0, 0.0, 1.0),
+        (1e30, 0.0, 0.0, 0.0),
+        (2.0, 1.0, 1.0, 1.0),
+        (2.0, 1.0, 0.9999, 1.0),
+        (2.0, 1.0, -1.0, 1.0),
+        (2.0, 1.0, 1e-7, 1.0),
+        (50.0, 1.0, 0.0, 1.0),
+    ] {
+        // Beside a guide, weights multiply along the dozens of bounces of a dense medium.
+        for guide in &GUIDES[..if sigma == 50.0 { 1 } else { 2 }] {
+            let mut settings = settings(*guide, 64, 1);
+            settings.transport.max_depth = 5000;
+            // Without light sampling and roulette the weight of every path is 1.
+            (settings.transport.nee, settings.transport.roulette) = (false, Roulette::Off);
+            let image = picture(&ball_under_sky(MaterialFile::Null, Some(medium(sigma, albedo, g))), &settings);
+            assert!(image.pixels.iter().all(|p| p.is_finite() && p.min_element() >= 0.0), "{sigma} {albedo} {g}");
+            let middle = [27, 28, 35, 36].map(|i| f64::from(image.pixels[i].x)).iter().sum::<f64>() / 4.0;
+            // With a guide 256 paths leave some noise.
+            let tolerance = if *guide == GUIDES[0] { 1e-3 } else { 0.5 };
+            assert!((middle - inside).abs() < tolerance, "{sigma} {albedo} {g} {guide:?}: {middle}");
+        }
+    }
+}
+
+/// One voxel for the whole scene, with a narrow peak of directions.
+fn peaked_field(fraction: f32) -> GuideField {
+    let split: Vec<bool> = (0..85).map(|node| node < 21).collect();
+    let topology = Topology::from_split(&split).expect("three full levels");
+    let weights: Vec<f64> = topology.leaves().map(|leaf| if leaf == 40 { 1.0 } else { 0.0 }).collect();
+    let tree = SamplingTree::new(&Directions::from_leaf_weights(topology, &weights), 0.1, usize::MAX);
+    let mut cache = SpatialCache::new(Vec3::splat(-50.0), 100.0).without_facing();
+    cache.find_or_insert(Vec3::ZERO, Vec3::Y);
+    let guide =
+        VoxelGuide { tree: Some(tree), parallax: Parallax::NONE, bsdf_fraction: fraction, effort: Effort::UNKNOWN };
+    GuideField::new(cache, vec![guide])
+}
+
+/// Rays per path inside a closed box whose walls reflect `albedo`.
+fn rays_per_path(albedo: f32, roulette: Roulette, field: Option<&GuideField>) -> f64 {
+    let mut b = Builder::new("box", [4, 4]);
+    let wall = b.add_material("wall", diffuse([albedo; 3]));
+    b.add_block("box", Vec3::splat(-1.0), Vec3::ONE, &wall);
+    b.look_at(Vec3::ZERO, Vec3::X, Vec3::Y, 60.0);
+    let scene = built(b.finish());
+    let settings = TransportSettings { max_depth: 300, nee: false, roulette };
+    let (target, direct) = (Target::Variance, DirectLight::All);
+    let tracer = PathTracer { scene: &scene, settings, field, target, direct };
+    let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
+    let mut random = Random::new(4, 0, 0);
+    let n = 4000;
+    for _ in 0..n {
+        let ray = Ray { origin: Vec3::ZERO, direction: warp::square_to_sphere(random.next_2d()) };
+        let radiance = tracer.trace(ray, &mut random, &mut scratch, None, None, &mut count);
+        assert!(radiance == Vec3::ZERO);
+    }
+    count.rays as f64 / f64::from(n)
+}
+
+/// A path that carries nothing ends, with roulette or without; one that carries next to nothing ends soon, but with a chance of at
+/// least 1 in 20, so that no survivor ever weighs more than 20 times as much.
+#[test]
+fn a15_paths_that_carry_nothing_end() {
+    assert!(rays_per_path(0.0, Roulette::Off, None) < 1.5, "black walls");
+    let faint = rays_per_path(1e-6, Roulette::Throughput, None);
+    // Four rays before roulette starts; of the survivors, one in 20 goes on.
+    assert!((4.0..4.2).contains(&faint), "{faint}");
+    assert!((faint - 4.0 - 0.05 / 0.95).abs() < 0.02, "{faint}: nothing divided by a vanishing probability");
+}
+
+/// Where a guide drew the direction, f·cos/p is small because p is large, as much light is expected there. Roulette by that number
+/// would end the guided paths, and with them what guiding gains: paths must live about as long as without the guide.
+#[test]
+fn a15_roulette_does_not_undo_guiding() {
+    let plain = rays_per_path(0.8, Roulette::Throughput, None);
+    let guided = rays_per_path(0.8, Roulette::Throughput, Some(&peaked_field(0.3)));
+    assert!(guided > 0.9 * plain, "{guided} rays against {plain}");
+}
+
+/// A network that is wrong: everything it says is the opposite of what was counted.
+struct Wrong(Counted);
+
+impl Reconstructor for Wrong {
+    fn name(&self) -> &'static str {
+        "wrong"
+    }
+
+    fn uniform(&self) -> f32 {
+        self.0.uniform()
+    }
+
+    fn rays_per_node(&self) -> f64 {
+        0.0
+    }
+
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Directions>> {
+        let opposite = |tree: CountedTree| {
+            let topology = tree.distribution.topology();
+            let area = (0..topology.levels()).flat_map(|level| {
+                topology.level(level).filter(|&node| topology.is_leaf(node)).map(move |_| 0.25f64.powi(level as i32))
+            });
+            let mass = tree.distribution.leaf_mass();
+            let weights: Vec<f64> = area.zip(mass).map(|(area, mass)| area * area / (mass + 1e-4 * area)).collect();
+            Directions::from_leaf_weights(topology.clone(), &weights)
+        };
+        Ok(trees.into_iter().map(opposite).collect())
+    }
+}
+
+/// With a network that is wrong everywhere the picture is as bright as without guiding, and its variance at most WORST times as
+/// large: the mixture keeps half of the BSDF's samples while learning, and afterwards what was measured decides.
+#[test]
+fn a19_a_wrong_network_costs_little() {
+    const WORST: f64 = 2.5;
+    for name in ["cornell", "lamp-room"] {
+        let scene = committed(name, [24, 18]);
+        let runs = |wrong: bool| -> (f64, f64) {
+            let mut means = vec![];
+            let mut errors = vec![];
+            let mut first: Option<Vec<Vec3>> = None;
+            for seed in 0..12 {
+                let settings = settings(GUIDES[if wrong { 6 } else { 0 }], 64, seed);
+                let plain = Counted::default();
+                let hostile = Wrong(Counted::default());
+                let reconstructor: &dyn Reconstructor = if wrong { &hostile } else { &plain };
+                let outcome = render(&scene, &settings, reconstructor, &Silent, &AtomicBool::new(false));
+                let image = outcome.expect("the settings are sound").image;
+                means.push(mean(&image));
+                if let Some(last) = first.replace(image.pixels.clone()) {
+                    // Half the squared difference of two pictures is their variance; fireflies are cut off alike.
+                    let mut squares: Vec<f64> = last
+                        .iter()
+                        .zip(&image.pixels)
+                        .map(|(a, b)| f64::from((*a - *b).length_squared()) / 2.0)
+                        .collect();
+                    squares.sort_by(f64::total_cmp);
+                    squares.truncate(squares.len() * 99 / 100);
+                    errors.push(squares.iter().sum::<f64>() / squares.len() as f64);
+                }
+            }
+            (means.iter().sum::<f64>() / 12.0, errors.iter().sum::<f64>() / errors.len() as f64)
+        };
+        let ((plain, variance), (wrong, worse)) = (runs(false), runs(true));
+        println!("{name}: variance ratio {}", worse / variance);
+        assert!((wrong / plain - 1.0).abs() < 0.03, "{name}: {wrong} {plain}");
+        assert!(worse < WORST * variance, "{name}: {worse} against {variance}");
+    }
+}

@@ -1,0 +1,396 @@
+//! Hard cases of arithmetic in what guides directions: the map of the sphere, quadtrees, voxels, and the mixture with a BSDF.
+//!
+//! Tests named a01 to a19 and s01 to s09 all over this project stand for the traps that renderers of this kind are known to
+//! fall into: a for arithmetic, s for statistics. `tests/mutants/run` takes the remedy of each a case out of the program and
+//! expects its test to fail. What needs whole scenes is in hard_scenes.rs.
+
+#[path = "support/records.rs"]
+#[allow(dead_code, reason = "shared with other tests of learning")]
+mod records;
+
+use std::f64::consts::PI;
+
+use fanal::base::random::Random;
+use fanal::geometry::Surface;
+use fanal::guiding::cache::SpatialCache;
+use fanal::guiding::distribution::Distribution;
+use fanal::guiding::effort::Effort;
+use fanal::guiding::field::{GuideField, VoxelGuide};
+use fanal::guiding::fraction::Adam;
+use fanal::guiding::learner::{CountedTree, Learner, LearnerSettings};
+use fanal::guiding::leaves::{Layout, Target};
+use fanal::guiding::parallax::Parallax;
+use fanal::guiding::quadtree::{Place, Quadtree};
+use fanal::guiding::record::PathRecord;
+use fanal::guiding::sampler::SamplingTree;
+use fanal::guiding::topology::{MAX_LEVEL, MAX_NODES, Topology};
+use fanal::integrators::mixture::{Mixture, Scattering};
+use fanal::materials::blend::Blend;
+use fanal::materials::conductor::Conductor;
+use fanal::materials::diffuse::Diffuse;
+use fanal::materials::fresnel::Metal;
+use fanal::materials::texture::Texture;
+use fanal::materials::{Kind, Material, Transport};
+use fanal::math::{Frame, cylindrical};
+use fanal::reconstruct::neural::inputs_of;
+use fanal::reconstruct::{Neural, Reconstructor, TreeInput};
+use fanal::scene::effects::Everything;
+use glam::{Vec2, Vec3};
+use records::{path_at, photon_at};
+
+fn direction(random: &mut Random) -> Vec3 {
+    cylindrical::to_direction([random.next_f64(), random.next_f64()])
+}
+
+/// All nodes of `levels` levels below the root.
+fn full(levels: u32) -> Topology {
+    let inner = (4usize.pow(levels) - 1) / 3;
+    let split: Vec<bool> = (0..inner + 4usize.pow(levels)).map(|node| node < inner).collect();
+    Topology::from_split(&split).expect("a full tree")
+}
+
+/// A chain of splits down to level 20, around the cell that contains `towards`.
+fn chain(towards: Vec3) -> Topology {
+    let [x, y] = cylindrical::to_cell(towards);
+    let mut split = vec![true];
+    for level in 1..=MAX_LEVEL {
+        let bit = MAX_LEVEL - level;
+        let chosen = ((x >> bit) & 1) + 2 * ((y >> bit) & 1);
+        split.extend((0..4).map(|k| k == chosen && level < MAX_LEVEL));
+    }
+    Topology::from_split(&split).expect("one split per level")
+}
+
+/// Density integrated over the sphere, leaf by leaf.
+fn mass(tree: &SamplingTree, topology: &Topology) -> f64 {
+    let leaf = |level: usize, node: usize| {
+        let side = 0.5f64.powi(level as i32);
+        let centre = topology.cell[node].map(|c| (f64::from(c) + 0.5) * side);
+        f64::from(tree.pdf_at(cylindrical::cell_of(centre))) * 4.0 * PI * side * side
+    };
+    let leaves = |level: usize| topology.level(level).filter(|&node| topology.is_leaf(node));
+    (0..topology.levels()).flat_map(|level| leaves(level).map(move |node| leaf(level, node))).sum()
+}
+
+/// A sample's density looked up again must be the one that it came with, at the poles and where φ begins anew too: light sampling
+/// and guiding are weighted by it. Rounding to three singles may carry a direction over the edge of its cell, by less than 1e-7
+/// of the square; anywhere else the two must agree to 1e-4.
+#[test]
+fn a01_density_of_a_sample_is_the_one_returned() {
+    let mut random = Random::new(1, 0, 0);
+    let topology = full(6);
+    let weights: Vec<f64> = topology
+        .leaves()
+        .map(|_| 10f64.powf(f64::from(random.range(-3.0, 3.0))) * f64::from(random.below(5)))
+        .collect();
+    let tree = SamplingTree::new(&Distribution::from_leaf_weights(topology, &weights), 0.05, usize::MAX);
+    let n = 1_000_000;
+    let mut over_an_edge = 0;
+    for _ in 0..n {
+        let (direction, pdf) = tree.sample(&mut random);
+        let again = tree.pdf(direction);
+        assert!((direction.length() - 1.0).abs() < 1e-6 && pdf > 0.0 && pdf.is_finite());
+        if (again - pdf).abs() > 1e-4 * pdf {
+            over_an_edge += 1;
+            let from_edge = cylindrical::to_square(direction).map(|c| (64.0 * c - (64.0 * c).round()).abs() / 64.0);
+            assert!(from_edge[0].min(from_edge[1]) < 1e-7, "{direction}: {pdf} {again}, {from_edge:?} from an edge");
+        }
+    }
+    assert!(over_an_edge < n / 20_000, "{over_an_edge} of {n}");
+}
+
+/// The corners of the square: no NaN from the root of a negative number, no cell outside, and the same cell there and back.
+#[test]
+fn a01_poles_and_seam_have_their_cells() {
+    let last = f64::from(cylindrical::CELLS);
+    let ends = [0.0, 0.5 / last, 0.25, 0.5, 1.0 - 0.5 / last, 1.0 - f64::EPSILON / 2.0, 1.0, 1.0 + 1e-15, -1e-15];
+    for (x, y) in ends.into_iter().flat_map(|x| ends.map(|y| (x, y))) {
+        let direction = cylindrical::to_direction([x, y]);
+        assert!((direction.length() - 1.0).abs() < 1e-6, "{x} {y}: {direction}");
+        let cell = cylindrical::to_cell(direction);
+        assert!(cell.iter().all(|&c| c < cylindrical::CELLS), "{x} {y}: {cell:?}");
+    }
+    for z in [1.000_000_1f32, -1.000_000_1] {
+        let [x, _] = cylindrical::to_cell(Vec3::new(1e-20, -1e-20, z));
+        assert_eq!(x, if z > 0.0 { cylindrical::CELLS - 1 } else { 0 });
+    }
+    // A hair below the positive x axis a turn is nearly full, and must not be full.
+    assert_eq!(cylindrical::to_cell(Vec3::new(1.0, -1e-30, 0.0))[1], cylindrical::CELLS - 1);
+    assert_eq!(cylindrical::to_cell(Vec3::new(1.0, 0.0, 0.0))[1], 0);
+}
+
+/// A leaf at level 20 covers 2⁻⁴⁰ of the sphere. With shares that have no rounding its density has a closed form, which must be met
+/// to 1e-5; and places drawn in such cells must lie in them, which coordinates in single precision would not.
+#[test]
+fn a02_deepest_leaves_are_exact() {
+    let mut random = Random::new(2, 0, 0);
+    for share in [13.0f64 / 16.0, 0.25, 1.0 / 16.0] {
+        for _ in 0..20 {
+            let towards = direction(&mut random);
+            let topology = chain(towards);
+            let others = (1.0 - share) / 3.0;
+            // Half and two quarters of the rest: multiples of 2⁻¹⁶, which the tree stores without rounding.
+            let rest = [1.5 * others, 0.75 * others, 0.75 * others];
+            let mut shares = vec![1.0f32; topology.len()];
+            for parent in (0..topology.len()).filter(|&node| !topology.is_leaf(node)) {
+                let first = topology.first_child[parent] as usize;
+                let mut rest = rest.iter();
+                let on = (first..first + 4).find(|&child| !topology.is_leaf(child)).unwrap_or(first);
+                for child in first..first + 4 {
+                    let own = if child == on { share } else { *rest.next().expect("three others") };
+                    shares[child] = own as f32;
+                }
+            }
+            let deepest = topology.level(MAX_LEVEL).start;
+            let cell = topology.cell[deepest];
+            let tree = SamplingTree::new(&Distribution::from_shares(topology.clone(), &shares), 0.1, usize::MAX);
+            let expected = (0.9 * (4.0 * share).powi(20) + 0.1) / (4.0 * PI);
+            let found = f64::from(tree.pdf_at(cell));
+            assert!((found / expected - 1.0).abs() < 1e-5, "{share}: {found} instead of {expected}");
+            assert!((mass(&tree, &topology) - 1.0).abs() < 1e-5);
+            for _ in 0..50_000 {
+                let (place, relative) = tree.sample_square(&mut random);
+                let again = f64::from(tree.pdf_at(cylindrical::cell_of(place))) * 4.0 * PI;
+                assert!((again / relative - 1.0).abs() < 1e-5, "{share}: {place:?} has {again}, not {relative}");
+            }
+        }
+    }
+}
+
+/// A quadtree of 64 leaves with one sample per entry: a direction and a value.
+fn deposited(target: Target, layout: Layout, samples: &[(Vec3, f32)]) -> Quadtree {
+    let place = Place { parallax: Parallax::NONE, filtered: false };
+    let mut tree = Quadtree::new(full(3), layout, target);
+    let records: Vec<PathRecord> =
+        samples.iter().map(|&(direction, value)| path_at(Vec3::splat(0.5), direction, value)).collect();
+    tree.deposit_paths(&place, records.iter());
+    tree
+}
+
+/// Without energy every direction must be as likely as any other, not 0/0.
+#[test]
+fn a03_no_energy_is_uniform() {
+    let mut random = Random::new(3, 0, 0);
+    for samples in [&[][..], &[(Vec3::X, 0.0), (Vec3::Z, 0.0)]] {
+        let tree = deposited(Target::Variance, Layout::Values, samples);
+        assert!(!tree.has_energy());
+        let guide = SamplingTree::new(&tree.leaves().hybrid(0.5), 0.0, usize::MAX);
+        for _ in 0..1000 {
+            let (drawn, pdf) = guide.sample(&mut random);
+            for pdf in [pdf, guide.pdf(drawn)] {
+                assert!((f64::from(pdf) * 4.0 * PI - 1.0).abs() < 1e-6, "{pdf}");
+            }
+        }
+    }
+}
+
+/// Energies of 1e-38 and 1e38, and none at all, in one tree: sums and squares must neither overflow nor vanish, the bright leaf must
+/// get the mass, and no direction may have density 0, or light from there would be lost for good.
+#[test]
+fn a03_energies_of_all_sizes_in_one_tree() {
+    let mut random = Random::new(4, 0, 0);
+    for target in [Target::Radiance, Target::Variance] {
+        for scale in [1e-38f32, 1.0, 1e38] {
+            let samples = [(Vec3::X, scale), (Vec3::X, scale), (Vec3::Z, 1e-38), (Vec3::NEG_Z, 1e-30)];
+            let tree = deposited(target, Layout::Values, &samples);
+            let topology = tree.topology().clone();
+            // Even where no uniform part is asked for.
+            for uniform in [0.0, 0.1] {
+                let guide = SamplingTree::new(&tree.leaves().hybrid(1.0), uniform, usize::MAX);
+                assert!((mass(&guide, &topology) - 1.0).abs() < 1e-5);
+                for _ in 0..1000 {
+                    let pdf = guide.pdf(direction(&mut random));
+                    assert!(pdf > 0.0 && pdf.is_finite(), "{pdf}");
+                }
+                let brightest = if scale > 1e-37 { guide.pdf(Vec3::X) } else { guide.pdf(Vec3::NEG_Z) };
+                let share = f64::from(brightest) * 4.0 * PI / 64.0;
+                assert!(share > 0.85 * f64::from(1.0 - uniform), "{target:?} {scale}: {share}");
+            }
+        }
+    }
+}
+
+fn learner() -> Learner {
+    Learner::new(LearnerSettings { voxel_samples: 100, ..LearnerSettings::default() })
+}
+
+/// The learner's own distributions become the next guides, and voxels are halved.
+fn iterate(learner: &mut Learner) {
+    let distributions: Vec<_> =
+        learner.counted().into_iter().map(|tree| tree.map(|tree| (tree.distribution, 0.1))).collect();
+    learner.publish(&distributions);
+    learner.refine(1);
+}
+
+/// Nothing known must mean BSDF sampling, whoever asks: before the first sample, in a voxel whose only sample found nothing, where
+/// no voxel is. A count of zero is nowhere divided by. An iteration without samples must not forget the guide.
+#[test]
+fn a04_nothing_known_leaves_the_bsdf_alone() {
+    let mut empty = learner();
+    empty.absorb(&[], &[photon_at(Vec3::ONE, Vec3::Z, 1.0)], true);
+    iterate(&mut empty);
+    assert!(empty.field(true).at(Vec3::ONE, Vec3::Y).is_none());
+
+    let here = Vec3::splat(0.5);
+    let mut dark = learner();
+    dark.absorb(&[path_at(here, Vec3::Z, 0.0)], &[], true);
+    assert!(dark.counted()[0].is_none(), "a sample without value says nothing of where light is");
+    iterate(&mut dark);
+    let field = dark.field(true);
+    let voxel = field.at(here, Vec3::Y).expect("the sample made a voxel");
+    assert!(voxel.tree.is_none() && voxel.directions(here).is_none());
+    assert!(field.at(Vec3::splat(1e9), Vec3::Y).is_none() && field.at(here, Vec3::NEG_X).is_none());
+
+    let mut one = learner();
+    one.absorb(&[path_at(here, Vec3::Z, 1.0)], &[], true);
+    iterate(&mut one);
+    for _ in 0..3 {
+        let field = one.field(true);
+        let guide = field.at(here, Vec3::Y).and_then(|voxel| voxel.directions(here)).expect("one sample is something");
+        assert!(guide.pdf(Vec3::Z) > guide.pdf(Vec3::NEG_Z) && guide.pdf(Vec3::NEG_Z) > 0.0);
+        // No samples at all.
+        iterate(&mut one);
+    }
+}
+
+/// Samples that all lie in one point: halving their voxel separates nothing, and must end where its sides have no middle left; the
+/// tree of their one direction ends at its depth limit. What is kept must not grow any more.
+#[test]
+fn a05_one_point_does_not_fill_the_memory() {
+    for (at, towards) in [(Vec3::splat(1e6), Vec3::new(0.3, 0.5, 0.8).normalize()), (Vec3::splat(-3e5), Vec3::Z)] {
+        let mut learner = learner();
+        let (paths, photons) = (vec![path_at(at, towards, 1.0); 5000], vec![photon_at(at, towards, 1.0); 5000]);
+        let mut voxels = vec![];
+        for _ in 0..30 {
+            learner.absorb(&paths, &photons, true);
+            iterate(&mut learner);
+            voxels.push(learner.voxels());
+        }
+        assert!(voxels[20] < 25 && voxels[20..].iter().all(|&v| v == voxels[20]), "{voxels:?}");
+        let nodes = |learner: &Learner| learner.trees().iter().map(|tree| tree.topology().len()).max();
+        let deepest = learner.trees().iter().map(|tree| tree.topology().levels()).max();
+        assert!(nodes(&learner) <= Some(MAX_NODES) && deepest <= Some(MAX_LEVEL + 1));
+        assert!(learner.field(true).bytes() < 1 << 20);
+    }
+}
+
+/// A sample of 1e30 among thousands of usual ones: the network's inputs and the distribution that it makes stay finite, and no
+/// direction is shut out.
+#[test]
+fn a10_a_firefly_in_training_is_survived() {
+    let mut random = Random::new(5, 0, 0);
+    let network = Neural::built_in().expect("the model fits the program");
+    for firefly in [1e10, 1e19, 1e30, f32::MAX] {
+        let mut learner = Learner::new(LearnerSettings { layout: Layout::Network, ..LearnerSettings::default() });
+        let mut paths: Vec<PathRecord> =
+            (0..5000).map(|_| path_at(Vec3::splat(0.5), direction(&mut random), 1.0)).collect();
+        paths.push(path_at(Vec3::splat(0.5), Vec3::X, firefly));
+        learner.absorb(&paths, &[], true);
+        let trees: Vec<_> = learner.counted().into_iter().flatten().collect();
+        let CountedTree { distribution, leaves, traits, .. } = &trees[0];
+        let features = inputs_of(&TreeInput { counted: distribution, own: *leaves, traits }).features;
+        assert!(features.iter().all(|x| x.is_finite() && x.abs() < 100.0), "{firefly}");
+        let counted = trees[0].distribution.clone();
+        let reconstructed = network.reconstruct(trees).expect("the network runs").remove(0);
+        for distribution in [counted, reconstructed] {
+            let tree = SamplingTree::new(&distribution, network.uniform(), usize::MAX);
+            assert!((mass(&tree, distribution.topology()) - 1.0).abs() < 1e-5, "{firefly}");
+            assert!((0..1000).all(|_| tree.pdf(direction(&mut random)) > 0.0));
+        }
+    }
+}
+
+/// However long one strategy alone is rewarded, and by however much: the other must keep a tenth, or its density would count
+/// for nothing where it is the only one that finds light.
+#[test]
+fn a14_no_strategy_is_given_up() {
+    for (share, estimate) in [(0.0, 1.0), (1.0, 1.0), (0.0, 1e30), (1.0, 1e-30), (0.0, f64::MAX), (1.0, 5e-324)] {
+        let mut adam = Adam::default();
+        for _ in 0..100_000 {
+            adam.step(estimate, share, 0.5);
+        }
+        let fraction = adam.fraction();
+        assert!((0.1 - 1e-12..=0.9 + 1e-12).contains(&fraction), "{share} {estimate}: {fraction}");
+    }
+}
+
+fn wall() -> Surface {
+    let n = Vec3::new(0.3, 0.5, -0.8).normalize();
+    let (point, error) = (Vec3::splat(0.5), Vec3::ZERO);
+    Surface { point, error, normal: n, frame: Frame::new(n), smooth: n, uv: Vec2::ZERO, distance: 1.0, shape: 0 }
+}
+
+/// One voxel around the wall with the given guide.
+fn field(surface: &Surface, out: Vec3, tree: Option<SamplingTree>, bsdf_fraction: f32) -> GuideField {
+    let mut cache = SpatialCache::new(Vec3::ZERO, 1.0);
+    cache.find_or_insert(surface.point, surface.normal_towards(out));
+    let guide = VoxelGuide { tree, parallax: Parallax::NONE, bsdf_fraction, effort: Effort::UNKNOWN };
+    GuideField::new(cache, vec![guide])
+}
+
+fn white() -> Texture {
+    Texture::Constant(Vec3::ONE)
+}
+
+/// Half a mirror, half chalk, beside a guide: the mirror's direction is drawn by the BSDF alone, a fraction α of the time, and must
+/// count 1/α times as much. Forgotten, guided mirrors would be too dark by α.
+#[test]
+fn a11_delta_lobes_are_not_guided() {
+    let surface = wall();
+    let out = surface.frame.to_world(Vec3::new(0.6, 0.0, 0.8));
+    let metal = Metal { eta: Vec3::ZERO, k: Vec3::ONE, reflectance: white() };
+    let parts = [Kind::Conductor(Conductor { metal }).into(), Kind::Diffuse(Diffuse { reflectance: white() }).into()];
+    let weight = Texture::Constant(Vec3::splat(0.5));
+    let material: Material = Kind::Blend(Box::new(Blend { weight, parts })).into();
+    let mirrored = surface.frame.to_world(Vec3::new(-0.6, 0.0, 0.8));
+    for alpha in [0.1, 0.5, 0.9] {
+        let tree = SamplingTree::new(&Distribution::from_leaf_weights(full(1), &[1.0, 3.0, 0.0, 2.0]), 0.1, usize::MAX);
+        let field = field(&surface, out, Some(tree), alpha);
+        let guide = field.at(surface.point, surface.normal_towards(out));
+        let mixture = Mixture::<Everything>::new(&surface, Scattering::Material(&material), out, guide);
+        let mut random = Random::new(6, 0, 0);
+        let n = 200_000;
+        let (mut mirror, mut all) = (0.0, 0.0);
+        for _ in 0..n {
+            let Some(sample) = mixture.sample(&mut random, Transport::Radiance) else { continue };
+            all += f64::from(sample.weight.x) / f64::from(n);
+            if sample.delta {
+                assert!(sample.direction.distance(mirrored) < 1e-5 && sample.value == Vec3::ZERO);
+                mirror += f64::from(sample.weight.x) / f64::from(n);
+            }
+        }
+        // Five standard errors at α = 0.1, where a weight of 10 comes once in twenty.
+        assert!((mirror - 0.5).abs() < 0.025 && (all - 1.0).abs() < 0.05, "α {alpha}: {mirror} {all}");
+    }
+}
+
+/// A guide that points into the wall, away from all light, or evenly somewhere wrong, costs at most the part of the samples that it
+/// takes: the second moment of f/p stays below 1/α times that of BSDF sampling, whatever the tree says, and the mean stays.
+#[test]
+fn a19_a_wrong_guide_costs_little() {
+    let surface = wall();
+    let out = surface.frame.to_world(Vec3::new(0.6, 0.0, 0.8));
+    let material: Material = Kind::Diffuse(Diffuse { reflectance: white() }).into();
+    let wrong = [-surface.frame.n, surface.frame.s, surface.frame.n];
+    for (towards, alpha) in wrong.into_iter().flat_map(|towards| [0.1f32, 0.3, 0.5].map(|alpha| (towards, alpha))) {
+        let topology = chain(towards);
+        let weights: Vec<f64> = (0..topology.leaves().count()).map(|leaf| 3f64.powi(leaf as i32 / 3)).collect();
+        let tree = SamplingTree::new(&Distribution::from_leaf_weights(topology, &weights), 1e-3, usize::MAX);
+        let field = field(&surface, out, Some(tree), alpha);
+        let guide = field.at(surface.point, surface.normal_towards(out));
+        let mixture = Mixture::<Everything>::new(&surface, Scattering::Material(&material), out, guide);
+        let mut random = Random::new(7, 0, 0);
+        let n = 200_000;
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for _ in 0..n {
+            // Light that a diffuse wall reflects best: radiance 1 everywhere, for which BSDF sampling has no variance.
+            let weight = mixture.sample(&mut random, Transport::Radiance).map_or(0.0, |s| f64::from(s.weight.x));
+            sum += weight / f64::from(n);
+            squares += weight * weight / f64::from(n);
+        }
+        let limit = 1.0 / f64::from(alpha);
+        assert!(squares < 1.02 * limit, "{towards} α {alpha}: {squares} against {limit}");
+        let error = ((squares - sum * sum) / f64::from(n)).sqrt();
+        assert!((sum - 1.0).abs() < 5.0 * error + 1e-4, "{towards} α {alpha}: {sum} ± {error}");
+    }
+}
