@@ -95,7 +95,7 @@ impl Backend for Reference {
     }
 
     fn decode(&self, level: usize, i: &DecodeInputs) -> Result<DecodeOutput> {
-        let floats = [("parents", i.parents), ("skip", i.skip), ("geometry", i.geometry)];
+        let floats = [("parents", i.parents), ("skip", i.skip), ("geometry", i.geometry), ("base", i.base)];
         let indices = [("parent_index", i.parent_index), ("neighbours", i.neighbours)];
         let outputs = self.run(&decode_program(&self.0.config, level), &floats, &indices);
         let [decoded, share_logit, share, leaf_logit, leaf] = outputs.try_into().expect("five outputs");

@@ -254,9 +254,10 @@ fn s05_guided_pictures_agree_with_none() {
             (0..16).map(|seed| blocks(&picture(&scene, &settings(guide, 24, 100 + seed)))).collect()
         };
         let none = runs(GUIDES[0]);
-        // Photons alone, of 24 samples, find the light behind the door in one seed of ten: over 600 seeds the block by the gap has
-        // 0.128 ± 0.017, `none` has 0.13, but most single means are nearly black, and 16 of them know nothing of their variance.
-        let tells = |guide: &Guide| name != "door-ajar" || guide.1 != SampleKinds::Photon;
+        // Where photons lead, 24 samples find the light behind the door in one seed of ten: over 250 seeds the block by the gap has
+        // 0.127 ± 0.027 with `gaussian` and 0.125 ± 0.006 with `none`, over 600 with photons alone 0.128 ± 0.017; but most single
+        // means are nearly black, and 16 of them know nothing of their variance.
+        let tells = |guide: &Guide| name != "door-ajar" || guide.1 == SampleKinds::Path;
         for guide in GUIDES[1..].iter().copied().filter(tells) {
             let guided = runs(guide);
             for block in 0..none[0].len() {
@@ -273,7 +274,7 @@ fn s05_guided_pictures_agree_with_none() {
             }
         }
     }
-    assert_eq!(compared, ((GUIDES.len() - 1) * names.len() - 1) * 13);
+    assert_eq!(compared, ((GUIDES.len() - 1) * names.len() - 4) * 13);
 }
 
 /// A block a tenth brighter would be seen on the diffuse box. Keeps the test above honest.

@@ -85,7 +85,7 @@ fn a18_models_of_other_versions_and_features_are_refused() {
     let good = config(16, 1, false);
     let weights = model(good.clone(), 4).weights;
     let changes: [(&str, Change<Config>); 6] = [
-        ("version 3", |c| c.version = 3),
+        ("version 2", |c| c.version = 2),
         ("55 features", |c| c.features = 55),
         ("width 17", |c| c.width = 17),
         ("0 convolutions", |c| c.convolutions = 0),
@@ -100,7 +100,7 @@ fn a18_models_of_other_versions_and_features_are_refused() {
             other => panic!("{text}: {:?}", other.map(|model| model.config)),
         }
     }
-    let newer = String::from_utf8(json(&good)).unwrap().replace("\"version\":2", "\"version\":9,\"heads\":4");
+    let newer = String::from_utf8(json(&good)).unwrap().replace("\"version\":3", "\"version\":9,\"heads\":4");
     let error = Model::from_bytes(newer.as_bytes(), &weights.to_bytes().unwrap()).unwrap_err();
     assert!(matches!(&error, Error::Model { message, .. } if message.contains('9')), "{error}");
     assert!(matches!(Model::from_bytes(b"{", &[]), Err(Error::Malformed { .. })));

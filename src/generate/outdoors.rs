@@ -11,7 +11,7 @@ use super::walls::{Opening, Room, Side};
 use crate::scene::file::LightFile;
 
 /// Distance of the farthest buildings.
-const REACH: f32 = 3.0;
+const REACH: f32 = 2.5;
 /// How far solids go into the ground, so that nothing lies in its plane.
 const SUNK: f32 = 0.02;
 
@@ -21,8 +21,8 @@ pub fn build(draw: &mut Draw, builder: &mut Builder) {
     let far = draw.log_range(6.0, 30.0);
     builder.add_quad("ground", Vec3::ZERO, [Vec3::Z * far, Vec3::X * far], &ground, None);
     let house = if draw.chance(0.5) { Some(house(draw, builder)) } else { None };
-    for _ in 0..draw.log_range(1.0, 9.0) as u32 {
-        let away = if house.is_some() { 1.4 } else { 0.3 };
+    for _ in 0..draw.log_range(4.0, 16.0) as u32 {
+        let away = if house.is_some() { 1.2 } else { 0.0 };
         match draw.integer(0, 5) {
             0..=2 => block(draw, builder, away),
             3 => free_wall(draw, builder, away),
@@ -30,7 +30,7 @@ pub fn build(draw: &mut Draw, builder: &mut Builder) {
             _ => pillars(draw, builder, away),
         }
     }
-    plants(draw, builder);
+    plants(draw, builder, if house.is_some() { 1.0 } else { 0.0 });
     sky(draw, builder);
     camera(draw, builder, house);
 }
@@ -38,7 +38,7 @@ pub fn build(draw: &mut Draw, builder: &mut Builder) {
 /// A place on the ground, at least `away` from the origin.
 fn site(draw: &mut Draw, away: f32) -> Vec3 {
     let turn = draw.yaw();
-    turn * Vec3::X * (away + draw.range(0.0, 1.0).sqrt() * (REACH - away))
+    turn * Vec3::X * draw.range(away, REACH)
 }
 
 /// Upright walls with a door and windows under a roof, around the origin.
@@ -130,18 +130,18 @@ fn pillars(draw: &mut Draw, builder: &mut Builder, away: f32) {
 }
 
 /// One or two kinds of trees and bushes, and grass in some scenes.
-fn plants(draw: &mut Draw, builder: &mut Builder) {
-    let kinds = draw.integer(0, 2);
+fn plants(draw: &mut Draw, builder: &mut Builder, away: f32) {
+    let kinds = draw.integer(0, 3);
     for _ in 0..kinds {
         let kind = foliage::kind(draw, builder);
         let tallest = draw.log_range(0.3, 2.5);
-        for _ in 0..draw.log_range(1.0, 13.0) as u32 {
-            let (foot, height) = (site(draw, 1.0 + 0.3 * tallest), tallest * draw.range(0.5, 1.0));
+        for _ in 0..draw.log_range(2.0, 12.0) as u32 {
+            let (foot, height) = (site(draw, away + 0.2 * tallest), tallest * draw.range(0.5, 1.0));
             foliage::plant(draw, builder, &kind, foot, height);
         }
     }
     if draw.chance(0.3) {
-        let center = site(draw, 1.3);
+        let center = site(draw, away + 0.3);
         let half = draw.range(0.3, 0.8);
         foliage::grass(draw, builder, center, half);
     }
@@ -187,7 +187,8 @@ fn dome(draw: &mut Draw, builder: &mut Builder) {
     let count = draw.integer(16, 80);
     // Beyond the ground and the suns.
     let away = 31.0;
-    let half = 0.5 * away * (2.0 * PI / count as f32).sqrt();
+    // Wider than its share of the sky, since squares leave gaps.
+    let half = 0.7 * away * (2.0 * PI / count as f32).sqrt();
     let (base, tint, uneven) = (draw.log_range(0.05, 3.0), draw.tint(), draw.range(0.0, 1.5));
     let [horizon, zenith] = [0, 1].map(|_| draw.log_range(0.3, 3.0));
     let golden = PI * (3.0 - 5f32.sqrt());
@@ -212,7 +213,7 @@ fn camera(draw: &mut Draw, builder: &mut Builder, house: Option<Room>) {
         return draw.camera(builder, [room.low + margin, room.high - margin], around, 0.25);
     }
     let height = Vec3::Y * draw.log_range(0.5, 3.0);
-    let stand = draw.yaw() * Vec3::X * draw.range(1.6, 3.0);
+    let stand = draw.yaw() * Vec3::X * draw.range(1.2, 2.8);
     let (low, high) = (stand - Vec3::new(0.4, 0.0, 0.4), stand + Vec3::new(0.4, 0.0, 0.4) + height);
     draw.camera(builder, [low.with_y(0.15), high], [Vec3::new(-0.8, 0.05, -0.8), Vec3::new(0.8, 0.7, 0.8)], 0.5);
 }

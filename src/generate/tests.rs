@@ -131,17 +131,3 @@ fn scenes_are_varied() {
     assert!(counts.iter().all(|n| (1..=200).contains(n)), "{counts:?}");
     assert!(counts.iter().any(|&n| n < 4) && counts.iter().any(|&n| n > 80), "{counts:?}");
 }
-
-#[test]
-fn tmp_dump() {
-    for family in Family::ALL {
-        let means: Vec<f64> = (0..40).map(|seed| mean_of_picture(family, seed)).collect();
-        println!("{} {:?}", family.name(), means.iter().enumerate().filter(|m| *m.1 == 0.0).collect::<Vec<_>>());
-    }
-    for family in Family::ALL {
-        for seed in 0..8 {
-            let file = scene(family, seed, [160, 160]);
-            std::fs::write(format!("/tmp/wt/fam/{}-{seed}.json", family.name()), text::json(&file).unwrap()).unwrap();
-        }
-    }
-}

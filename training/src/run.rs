@@ -26,6 +26,10 @@ const LOG_EVERY: u64 = 10;
 /// Least time between validations relative to what one takes.
 const VALIDATION_SHARE: u32 = 20;
 
+/// Least uniform part of a trained model. Validation trees are few: where the network gives up a direction by mistake, a render of
+/// millions of paths finds it, and shows a firefly.
+const LEAST_UNIFORM: f32 = 0.02;
+
 /// Sums since the last line of the log.
 #[derive(Default)]
 struct Sums {
@@ -237,7 +241,8 @@ impl<'a> Run<'a> {
     pub fn settle(&self) -> Result<()> {
         let mut model = Model::load(&self.settings.output)?;
         let guides = reconstruct(&model, &Embedded::new(&model)?, &self.validation)?;
-        model.config.uniform = tune_uniform(&common(&self.validation, &guides), mean_log_moment) as f32;
+        let uniform = tune_uniform(&common(&self.validation, &guides), mean_log_moment) as f32;
+        model.config.uniform = uniform.max(LEAST_UNIFORM);
         model.save(&self.settings.output)?;
         Ok(())
     }

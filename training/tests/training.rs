@@ -288,7 +288,7 @@ fn the_command_line_trains_evaluates_and_exports() {
     ]);
     let evaluation: serde_json::Value = serde_json::from_str(&json).unwrap();
     let rows = evaluation["rows"].as_array().unwrap();
-    assert_eq!(rows.len(), 9);
+    assert_eq!(rows.len(), 13);
     assert!(rows.iter().all(|r| r["kl"].as_f64().is_some_and(|kl| kl.is_finite() && kl >= 0.0)));
     assert!(run(&["eval", "--data", data_arg, "--model", model_arg]).contains("Gaussian"));
     run(&["export", "--model", model_arg]);
