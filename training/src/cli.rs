@@ -86,10 +86,10 @@ struct TrainArgs {
     #[arg(long, default_value_t = 16)]
     width: usize,
     /// Convolutions per level.
-    #[arg(long, default_value_t = 2)]
+    #[arg(long, default_value_t = 1)]
     convolutions: usize,
     /// What is minimised.
-    #[arg(long, value_enum, default_value_t = Loss::Kl)]
+    #[arg(long, value_enum, default_value_t = Loss::Variance)]
     loss: Loss,
     /// Separate weights for every level, as in Zhu 2021.
     #[arg(long)]
