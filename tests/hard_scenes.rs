@@ -316,7 +316,8 @@ fn a11_index_one_is_nothing() {
 #[test]
 fn a11_vanishing_roughness_becomes_smooth() {
     let smooth_glass = MaterialFile::Dielectric { int_ior: 1.5, ext_ior: 1.0 };
-    let cases: [(fn(f32) -> MaterialFile, MaterialFile); 2] =
+    type Rough = fn(f32) -> MaterialFile;
+    let cases: [(Rough, MaterialFile); 2] =
         [(rough_metal, rough_metal(0.0)), (|alpha| rough_glass(alpha, 1.5), smooth_glass)];
     for (rough, smooth) in cases {
         let mean_of = |material: MaterialFile| {

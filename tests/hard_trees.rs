@@ -136,9 +136,8 @@ fn a02_deepest_leaves_are_exact() {
                 let first = topology.first_child[parent] as usize;
                 let mut rest = rest.iter();
                 let on = (first..first + 4).find(|&child| !topology.is_leaf(child)).unwrap_or(first);
-                for child in first..first + 4 {
-                    let own = if child == on { share } else { *rest.next().expect("three others") };
-                    shares[child] = own as f32;
+                for (child, own) in (first..).zip(&mut shares[first..first + 4]) {
+                    *own = if child == on { share } else { *rest.next().expect("three others") } as f32;
                 }
             }
             let deepest = topology.level(MAX_LEVEL).start;

@@ -63,7 +63,7 @@ impl Worst {
         }
         self.compared += 1;
         let error = (found - expected).abs() / expected.abs().max(VANISHING) - inherent;
-        if !(error <= self.error) {
+        if error.is_nan() || error > self.error {
             (self.error, self.at) = (error, format!("{}: {found:e}, not {expected:e}", at()));
         }
     }

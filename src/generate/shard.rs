@@ -105,7 +105,8 @@ impl TreeSample {
             }
         }
         let Traits { path_share, normal, nearness, .. } = self.traits;
-        if !(0.0..=1.0).contains(&path_share) || !normal.is_finite() || !(nearness.is_finite() && nearness >= 0.0) {
+        let in_range = (0.0..=1.0).contains(&path_share) && normal.is_finite();
+        if !(in_range && nearness.is_finite() && nearness >= 0.0) {
             return Err("path share, normal or nearness is out of range".into());
         }
         if !(self.floor_kl.is_finite() && self.bounds.iter().all(|b| b.is_finite())) {

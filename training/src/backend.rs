@@ -52,8 +52,7 @@ impl Backend for Burn {
             self.rows(inputs.parents, self.width),
             index(inputs.parent_index, self.net.device()),
             self.rows(inputs.skip, self.width),
-            self.rows(inputs.geometry, GEOMETRY),
-            self.rows(inputs.base, 1),
+            [self.rows(inputs.geometry, GEOMETRY), self.rows(inputs.base, 1)],
             index(inputs.neighbours, self.net.device()),
         );
         Ok(DecodeOutput {

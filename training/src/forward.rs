@@ -150,8 +150,7 @@ impl Walk {
             self.features.clone(),
             index(&level.rows.parent, device),
             skip(encoded.get(level.level), &level, &batch.input, config.width, net),
-            rows(level.geometry(&batch.log_shares), GEOMETRY, device),
-            rows(level.base(&batch.base), 1, device),
+            [rows(level.geometry(&batch.log_shares), GEOMETRY, device), rows(level.base(&batch.base), 1, device)],
             index(&level.rows.neighbours, device),
         );
         let (share, leaf) = (to_vec(decoded.share.inner()), to_vec(decoded.leaf.inner()));

@@ -123,8 +123,7 @@ impl Net {
         parents: Tensor<2>,
         parent_index: Tensor<1, Int>,
         skip: Tensor<2>,
-        geometry: Tensor<2>,
-        base: Tensor<2>,
+        [geometry, base]: [Tensor<2>; 2],
         neighbours: Tensor<1, Int>,
     ) -> Decoded {
         let inputs = [
