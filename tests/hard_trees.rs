@@ -36,7 +36,7 @@ use fanal::reconstruct::neural::inputs_of;
 use fanal::reconstruct::{Neural, Reconstructor, TreeInput};
 use fanal::scene::effects::Everything;
 use glam::{Vec2, Vec3};
-use records::{path_at, photon_at};
+use records::{chain, path_at, photon_at};
 
 fn direction(random: &mut Random) -> Vec3 {
     cylindrical::to_direction([random.next_f64(), random.next_f64()])
@@ -47,18 +47,6 @@ fn full(levels: u32) -> Topology {
     let inner = (4usize.pow(levels) - 1) / 3;
     let split: Vec<bool> = (0..inner + 4usize.pow(levels)).map(|node| node < inner).collect();
     Topology::from_split(&split).expect("a full tree")
-}
-
-/// A chain of splits down to level 20, around the cell that contains `towards`.
-fn chain(towards: Vec3) -> Topology {
-    let [x, y] = cylindrical::to_cell(towards);
-    let mut split = vec![true];
-    for level in 1..=MAX_LEVEL {
-        let bit = MAX_LEVEL - level;
-        let chosen = ((x >> bit) & 1) + 2 * ((y >> bit) & 1);
-        split.extend((0..4).map(|k| k == chosen && level < MAX_LEVEL));
-    }
-    Topology::from_split(&split).expect("one split per level")
 }
 
 /// Density integrated over the sphere, leaf by leaf.

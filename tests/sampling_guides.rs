@@ -57,14 +57,7 @@ fn random_tree(seed: u64, levels: usize, p: f32) -> Distribution {
 
 /// A chain of splits down to level 20 around the cell that contains `towards`, equal energy on every level.
 fn chain(towards: Vec3) -> Distribution {
-    let [x, y] = cylindrical::to_cell(towards);
-    let mut split = vec![true];
-    for level in 1..=MAX_LEVEL {
-        let bit = MAX_LEVEL - level;
-        let chosen = ((x >> bit) & 1) + 2 * ((y >> bit) & 1);
-        split.extend((0..4).map(|k| k == chosen && level < MAX_LEVEL));
-    }
-    let topology = Topology::from_split(&split).expect("the flags are consistent");
+    let topology = records::chain(towards);
     let count = topology.leaves().count();
     Distribution::from_leaf_weights(topology, &vec![1.0; count])
 }

@@ -193,16 +193,10 @@ mod tests {
     use super::*;
     use crate::generate::shard::write_shard;
     use crate::guiding::leaves::NETWORK_CHANNELS;
+    use crate::render::{GuideMode, RenderSettings, StopRule};
 
     fn entry(file: &str, scene: &str, held_out: bool) -> ShardEntry {
-        let mode = Mode {
-            target: "variance".into(),
-            nee: true,
-            roulette: true,
-            split_share: 0.02,
-            direct: "all".into(),
-            context: 1024.0,
-        };
+        let mode = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1)).mode();
         let (file, scene, family) = (file.into(), scene.into(), "rooms".into());
         ShardEntry { version: VERSION, file, scene, family, seed: 1, held_out, samples: 1, mode }
     }

@@ -111,7 +111,7 @@ struct Voxel {
     kinds: Option<Box<[SamplingTree; 2]>>,
     /// Whether the tree got its shape in the current pass.
     shaped: bool,
-    /// Sum of the normals of what was deposited.
+    /// Sum of the normals of what was deposited, where the network wants them.
     normals: Vec3,
     /// See [`Evidence`].
     counted: Option<SamplingTree>,
@@ -527,8 +527,10 @@ impl Voxel {
             self.parallax = self.fit_parallax(bounds, paths.clone(), photons.clone());
         }
         let place = Place { parallax: self.parallax, filtered: settings.filtered };
-        let normals = paths.clone().map(|r| r.normal).chain(photons.clone().map(|r| r.normal));
-        self.normals += normals.sum::<Vec3>();
+        if settings.layout == Layout::Network {
+            let normals = paths.clone().map(|r| r.normal).chain(photons.clone().map(|r| r.normal));
+            self.normals += normals.sum::<Vec3>();
+        }
         let deposit = |tree: &mut Quadtree| {
             tree.deposit_paths(&place, paths.clone());
             tree.deposit_photons(&place, photons.clone());

@@ -7,21 +7,15 @@ use fanal::guiding::leaves::{BSDF, COUNTS, Layout, Leaves, NETWORK_CHANNELS, SQU
 use fanal::guiding::topology::{MAX_LEVEL, MAX_NODES, Topology};
 use fanal::network::backend::{Backend, DecodeInputs, EncodeInputs};
 use fanal::network::batch::{Batch, DecodeLevel, NONE};
-use fanal::network::config::{Config, Mode, VERSION};
+use fanal::network::config::{Config, VERSION};
 use fanal::network::weights::{Model, Weights};
 use fanal::reconstruct::TreeInput;
 use fanal::reconstruct::neural::inputs_of;
+use fanal::render::{GuideMode, RenderSettings, StopRule};
 
 /// A valid configuration.
 pub fn config(width: usize, convolutions: usize, per_level: bool) -> Config {
-    let mode = Mode {
-        target: "variance".into(),
-        nee: true,
-        roulette: true,
-        split_share: 0.02,
-        direct: "all".into(),
-        context: 1024.0,
-    };
+    let mode = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1)).mode();
     Config {
         version: VERSION,
         name: "test".into(),

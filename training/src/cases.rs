@@ -23,8 +23,6 @@ pub struct Case {
     pub own_sums: Vec<f32>,
     /// What is known of the voxel as a whole.
     pub traits: Traits,
-    /// What the input was made from, see [`TreeSample::kinds`].
-    pub kinds: u32,
     /// Q_gt.
     pub target: Distribution,
     /// What BSDF sampling draws, on the same tree.
@@ -48,7 +46,6 @@ impl Case {
             own: tree("own", &sample.own_split)?,
             own_sums: sample.own_sums.clone(),
             traits: sample.traits,
-            kinds: sample.kinds,
             bsdf: on_tree(target.clone(), &wide(&sample.target_bsdf)),
             target: on_tree(target, &wide(&sample.target)),
             floor: f64::from(sample.floor_kl),
