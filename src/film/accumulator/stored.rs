@@ -43,8 +43,13 @@ impl Pass {
         let [numbers_name, counts_name] = ["pixels", "counts"].map(|part| format!("{name}.{part}"));
         let numbers = file.read(&numbers_name, Dtype::F64, Some(2 * pixels), 6, f64::from_le_bytes)?;
         let counts = read_counts(file, &counts_name, 2 * pixels)?;
-        if !numbers.iter().all(|x| x.is_finite()) {
-            return file.fail(numbers_name, "samples that are not finite");
+        // Means of singles, and sums of squares.
+        let in_range = |numbers: &[f64; 6]| {
+            let (means, squares) = numbers.split_at(3);
+            means.iter().all(|x| x.abs() <= f64::from(f32::MAX)) && squares.iter().all(|x| x.is_finite() && *x >= 0.0)
+        };
+        if !numbers.as_chunks::<6>().0.iter().all(in_range) {
+            return file.fail(numbers_name, "numbers that no samples have");
         }
         let pixel =
             |(&[a, b, c, d, e, f], &count): (&[f64; 6], &u32)| Pixel { mean: [a, b, c], spread: [d, e, f], count };

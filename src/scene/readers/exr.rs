@@ -3,7 +3,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use exr::meta::MetaData;
+use exr::meta::{BlockDescription, MetaData};
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
 use glam::Vec3;
 
@@ -15,6 +15,11 @@ use super::image::{LARGEST_FILE, MOST_PIXELS};
 
 /// Most samples of all channels and layers together.
 const MOST_SAMPLES: u64 = 1 << 28;
+
+/// Most pixels of a tile of a picture that has fewer.
+const LARGEST_TILE: u64 = 1 << 22;
+/// The most bytes that a byte of a file becomes: DEFLATE's 1032, of each of which PXR24 leaves out a quarter.
+const MOST_EXPANSION: u64 = 1032 * 4 / 3;
 
 /// Width, height and named channels of a picture, row by row from the top left.
 pub type Channels = (usize, usize, Vec<(String, Vec<f32>)>);
@@ -57,7 +62,7 @@ fn floats(samples: FlatSamples) -> Vec<f32> {
 fn check_sizes(path: &Path, bytes: &[u8]) -> Result<()> {
     let fail = |why: String| Error::malformed(Place::file(path), format!("not a readable EXR file: {why}"));
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|error| fail(error.to_string()))?;
-    let mut samples = 0u64;
+    let (mut samples, mut unpacked) = (0u64, 0u64);
     for header in &meta.headers {
         let limit = |what: &str, value: u64, limit: u64| match value > limit {
             true => Err(Error::Limit { place: Place::file(path), what: what.to_owned(), value, limit }),
@@ -68,10 +73,22 @@ fn check_sizes(path: &Path, bytes: &[u8]) -> Result<()> {
         limit("number of pixels", pixels, MOST_PIXELS)?;
         samples = samples.saturating_add(pixels.saturating_mul(header.channels.list.len() as u64));
         limit("number of samples", samples, MOST_SAMPLES)?;
+        if let BlockDescription::Tiles(tiles) = header.blocks {
+            // Buffers have the size of a tile, also where the picture is smaller.
+            let tile = (tiles.tile_size.width() as u64).saturating_mul(tiles.tile_size.height() as u64);
+            limit("number of pixels of a tile", tile, pixels.max(LARGEST_TILE))?;
+        }
+        for channel in &header.channels.list {
+            let sampling = (channel.sampling.x() as u64).saturating_mul(channel.sampling.y() as u64).max(1);
+            unpacked = unpacked.saturating_add(pixels / sampling * channel.sample_type.bytes_per_sample() as u64);
+        }
         // Each chunk has an entry of eight bytes in a table.
         if header.chunk_count as u64 > bytes.len() as u64 / 8 {
             return Err(fail(format!("{} chunks in {} bytes", header.chunk_count, bytes.len())));
         }
+    }
+    if unpacked / MOST_EXPANSION > bytes.len() as u64 {
+        return Err(fail(format!("{unpacked} bytes of pixels cannot be in {} bytes", bytes.len())));
     }
     Ok(())
 }

@@ -66,6 +66,10 @@ fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Image> {
         return Err(fail(format!("{pixels} pixels cannot be in {} bytes", bytes.len())));
     }
     let mut reader = decoder.read_info().map_err(|error| fail(error.to_string()))?;
+    // The decoder relies on whole colours.
+    if let Some(bytes) = reader.info().palette.as_ref().map(|palette| palette.len()).filter(|bytes| bytes % 3 != 0) {
+        return Err(fail(format!("a palette of {bytes} bytes, expected a multiple of three")));
+    }
     let size = reader.output_buffer_size().ok_or_else(|| fail("it is too large".into()))?;
     let mut samples = vec![0; size];
     let frame = reader.next_frame(&mut samples).map_err(|error| fail(error.to_string()))?;

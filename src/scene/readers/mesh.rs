@@ -8,6 +8,7 @@ use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 use crate::scene::file::MeshFile;
 
+use super::extent::LARGEST;
 use super::{builtin, normals, obj, path, ply, serialized};
 
 /// Meshes may be large, but a scene must not exhaust memory before anything is known about it.
@@ -98,6 +99,9 @@ fn check(mesh: &Mesh, place: &Place) -> Result<()> {
     let fail = |message: String| Err(Error::malformed(place.clone(), message));
     if let Some(i) = mesh.positions.iter().position(|p| !p.is_finite()) {
         return fail(format!("vertex {i} has the position {}, which is not finite", mesh.positions[i]));
+    }
+    if let Some(i) = mesh.positions.iter().position(|p| p.abs().max_element() > LARGEST) {
+        return fail(format!("vertex {i} has the position {}, the limit is {LARGEST:e} units", mesh.positions[i]));
     }
     if let Some(i) = mesh.normals.iter().position(|n| !n.is_finite()) {
         return fail(format!("vertex {i} has the normal {}, which is not finite", mesh.normals[i]));

@@ -5,6 +5,7 @@
 
 mod builtin;
 mod exr;
+mod extent;
 mod image;
 mod json;
 mod mesh;
@@ -137,6 +138,7 @@ fn resolve_at(
         skipped_triangles += skipped;
         meshes.insert(name, Arc::new(mesh));
     }
+    extent::check(&file, &meshes, places)?;
     if skipped_triangles > 0 {
         warnings.push(format!("{skipped_triangles} triangles without area were left out"));
     }

@@ -16,6 +16,8 @@ use super::json::unsupported_version;
 use super::places::Places;
 use number::Checker;
 
+pub use number::linear;
+
 /// Longest side of a picture in pixels.
 const LARGEST_SIDE: u32 = 16384;
 /// Most pixels of a picture.

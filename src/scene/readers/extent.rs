@@ -1,0 +1,66 @@
+//! How far a scene may reach: beyond it, products of lengths would leave single precision.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+
+use crate::base::{Error, Result};
+use crate::geometry::mesh::Mesh;
+use crate::scene::file::{GeometryFile, LightFile, Matrix, SceneFile};
+
+use super::places::Places;
+use super::validate::linear;
+
+/// Largest coordinate in units of the scene: squares of areas still are normal singles.
+pub const LARGEST: f32 = 1e9;
+
+/// Refuses shapes, lights and cameras beyond the limit.
+///
+/// # Errors
+/// [`Error::Malformed`] at the shape's, light's or camera's place.
+pub fn check(file: &SceneFile, meshes: &BTreeMap<String, Arc<Mesh>>, places: &Places) -> Result<()> {
+    let fail = |key: &str, reach: f64| {
+        let message = format!("it reaches {reach:e} units from the origin, the limit is {LARGEST:e}");
+        Err(Error::malformed(places.at(key), message))
+    };
+    let within = |key: &str, reach: f64| if reach <= f64::from(LARGEST) { Ok(()) } else { fail(key, reach) };
+    within("camera.to_world", offset(&file.camera.to_world).abs().max_element())?;
+    let boxes: BTreeMap<&str, [DVec3; 2]> = meshes.iter().map(|(name, mesh)| (name.as_str(), bounds(mesh))).collect();
+    for (index, shape) in file.shapes.iter().enumerate() {
+        let [low, high] = match &shape.geometry {
+            GeometryFile::Mesh { mesh } => boxes.get(mesh.as_str()).copied().unwrap_or_default(),
+            GeometryFile::Sphere { center, radius } => {
+                let (center, radius) = (DVec3::from_array(center.map(f64::from)), f64::from(*radius));
+                [center - radius, center + radius]
+            }
+        };
+        within(&format!("shapes[{index}]"), reach(&shape.to_world, low, high))?;
+    }
+    for (index, light) in file.lights.iter().enumerate() {
+        let place = match light {
+            LightFile::Point { position, .. } => DVec3::from_array(position.map(f64::from)),
+            LightFile::Spot { to_world, .. } => offset(to_world),
+            LightFile::Directional { .. } | LightFile::Constant { .. } | LightFile::Envmap { .. } => DVec3::ZERO,
+        };
+        within(&format!("lights[{index}]"), place.abs().max_element())?;
+    }
+    Ok(())
+}
+
+fn bounds(mesh: &Mesh) -> [DVec3; 2] {
+    let fold = |[low, high]: [DVec3; 2], p: &glam::Vec3| [low.min(p.as_dvec3()), high.max(p.as_dvec3())];
+    mesh.positions.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], fold)
+}
+
+fn offset(matrix: &Matrix) -> DVec3 {
+    DVec3::new(f64::from(matrix[3]), f64::from(matrix[7]), f64::from(matrix[11]))
+}
+
+/// The largest coordinate of a box once it is placed.
+fn reach(matrix: &Matrix, low: DVec3, high: DVec3) -> f64 {
+    let linear = linear(matrix);
+    let size = DMat3::from_cols(linear.x_axis.abs(), linear.y_axis.abs(), linear.z_axis.abs());
+    let (centre, half) = (0.5 * (low + high), 0.5 * (high - low));
+    ((linear * centre + offset(matrix)).abs() + size * half).max_element()
+}

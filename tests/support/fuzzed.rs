@@ -1,0 +1,395 @@
+//! The readers that damaged files are given to: good files of each, words of its format, and what is done with what was read.
+
+use std::io::Cursor;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use fanal::base::progress::Silent;
+use fanal::base::random::Random;
+use fanal::base::{Error, Result};
+use fanal::generate::dataset::DatasetIndex;
+use fanal::generate::recipe::Recipe;
+use fanal::generate::shard::{read_shard, write_shard};
+use fanal::guiding::field::Evidence;
+use fanal::guiding::file;
+use fanal::network::embedded::Embedded;
+use fanal::network::weights::{Model, Weights};
+use fanal::reconstruct::neural::reconstruct_batch;
+use fanal::render::{Control, render, render_watched};
+use fanal::scene::Scene;
+use fanal::scene::readers::{LoadedScene, load, read_exr_channels, read_image, resolve};
+use glam::Vec3;
+use image::{DynamicImage, ImageFormat, RgbImage};
+
+use crate::containers::Container;
+use crate::files::{self, scene_using};
+use crate::mutate::words;
+use crate::network;
+use crate::scenes::{GUIDES, committed, reconstructor, settings};
+use crate::seeds::{kept, tree};
+
+/// Reads a file.
+type Read = Box<dyn Fn(&Path) -> Result<()>>;
+
+/// A reader and what it is given.
+pub struct Reader {
+    pub name: &'static str,
+    /// Where it looks for its file.
+    pub file: &'static str,
+    pub seeds: Vec<Vec<u8>>,
+    pub tokens: Vec<Vec<u8>>,
+    pub container: Container,
+    /// Mutants in a usual run.
+    pub inputs: usize,
+    pub read: Read,
+}
+
+impl Reader {
+    fn new(name: &'static str, file: &'static str, seeds: Vec<Vec<u8>>, inputs: usize, read: Read) -> Self {
+        let mut tokens: Vec<Vec<u8>> = vec![];
+        for seed in seeds.iter().filter(|seed| std::str::from_utf8(seed).is_ok()) {
+            tokens.extend(words(seed).into_iter().map(|(start, end)| seed[start..end].to_vec()));
+        }
+        tokens.sort();
+        tokens.dedup();
+        Self { name, file, seeds, tokens, container: Container::Plain, inputs, read }
+    }
+
+    fn with(mut self, container: Container, tokens: &str) -> Self {
+        self.container = container;
+        self.tokens.extend(tokens.split_whitespace().map(|token| token.as_bytes().to_vec()));
+        self
+    }
+}
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Few pixels of a scene with and without guiding: all finite.
+fn picture(loaded: &LoadedScene) {
+    let Ok(scene) = Scene::build(loaded, [3, 2]) else { return };
+    for guide in [GUIDES[0], GUIDES[1]] {
+        let mut settings = settings(guide, 4, 1);
+        settings.transport.max_depth = 6;
+        let outcome = render(&scene, &settings, reconstructor(guide.0).as_ref(), &Silent, &AtomicBool::new(false));
+        if let Ok(outcome) = outcome {
+            assert!(outcome.image.pixels.iter().all(|pixel| pixel.is_finite()), "{guide:?}: a pixel is not finite");
+        }
+    }
+}
+
+fn scene(path: &Path) -> Result<()> {
+    load(path).map(|loaded| picture(&loaded))
+}
+
+/// A scene of what was read as the good file `name` is.
+fn used(name: &'static str) -> Read {
+    Box::new(move |path| {
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
+        resolve(scene_using(name, &file), path.parent().unwrap_or(path), Path::new("scene"))
+            .map(|loaded| picture(&loaded))
+    })
+}
+
+/// The mesh seen by the camera of the scene.
+fn mesh(name: &'static str) -> Read {
+    Box::new(move |path| {
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
+        let mut scene = scene_using(name, &file);
+        let good: fanal::scene::file::SceneFile = serde_json::from_str(files::JSON).expect("it is a scene");
+        scene.materials.insert("default".into(), good.materials["default"].clone());
+        let mut shape = good.shapes[0].clone();
+        shape.geometry = serde_json::from_str("{\"type\":\"mesh\",\"mesh\":\"m\"}").expect("it is a geometry");
+        shape.material = "default".into();
+        scene.shapes.push(shape);
+        scene.lights.extend(good.lights.into_iter().take(3));
+        resolve(scene, path.parent().unwrap_or(path), Path::new("scene")).map(|loaded| picture(&loaded))
+    })
+}
+
+/// The reader of this name; `folder` gets the good files that it needs.
+pub fn reader(name: &str, folder: &Path) -> Reader {
+    let good = files::folder();
+    for entry in std::fs::read_dir(good.path()).unwrap() {
+        let path = entry.unwrap().path();
+        std::fs::copy(&path, folder.join(path.file_name().unwrap())).unwrap();
+    }
+    std::fs::write(folder.join("materials.xml"), files::MATERIALS).unwrap();
+    let file = |name: &str| std::fs::read(folder.join(name)).unwrap();
+    match name {
+        "scene_json" => json(folder),
+        "scene_xml" => xml(),
+        "mesh_obj" => {
+            let quads = b"mtllib a.mtl\no a\ng b\nusemtl c\ns 1\nv 0 0 0 1\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nvt 0.5 0.5\n\
+                          f 1/1/1 2/1/1 3/1/1 4/1/1\nf -4/-1/-1 -3/-1/-1 -2/-1/-1\n";
+            let seeds = vec![file("tetrahedron.obj"), quads.to_vec()];
+            Reader::new("mesh_obj", "mesh.obj", seeds, 20_000, mesh("tetrahedron.obj"))
+                .with(Container::Plain, "// / 1/1/1 -1 0/0/0 # \\ 1e9 vp curv")
+        }
+        "mesh_ply" => Reader::new("mesh_ply", "mesh.ply", plys(), 30_000, mesh("triangle.ply")).with(
+            Container::Plain,
+            "char uchar short ushort int uint float double int8 uint8 int32 float64 list property element vertex face comment \
+             obj_info nx ny nz u v s t red ascii binary_little_endian binary_big_endian end_header vertex_indices",
+        ),
+        "mesh_serialized" => {
+            let seeds = vec![files::serialized()];
+            Reader::new("mesh_serialized", "mesh.serialized", seeds, 10_000, mesh("two.serialized"))
+                .with(Container::Serialized, "")
+        }
+        "image_exr" => Reader::new("image_exr", "image.exr", exrs(folder), 50_000, Box::new(both_ways))
+            .with(Container::Plain, "R G B A Y compression dataWindow displayWindow chlist box2i tiles chunkCount lineOrder"),
+        "image_png" => {
+            Reader::new("image_png", "image.png", pngs(&file("grey.png")), 20_000, used("grey.png"))
+                .with(Container::Png, "IHDR PLTE IDAT IEND tRNS gAMA acTL fcTL fdAT cHRM iCCP sRGB eXIf")
+        }
+        "image_other" => Reader::new("image_other", "image.tga", pictures(), 15_000, used("grey.png"))
+            .with(Container::Plain, "#?RADIANCE FORMAT=32-bit_rle_rgbe EXPOSURE= -Y +X BM TRUEVISION-XFILE."),
+        "shard" => {
+            let path = folder.join("good");
+            write_shard(&path, &[tree(1), tree(2)]).unwrap();
+            let seeds = vec![file("good")];
+            Reader::new("shard", "a.safetensors", seeds, 60_000, Box::new(|path| read_shard(path).map(drop)))
+                .with(Container::Tensors, TENSORS)
+        }
+        "index" => {
+            let seeds = vec![std::fs::read(root().join("datasets/test/index.jsonl")).unwrap()];
+            let read = |path: &Path| DatasetIndex::read(path.parent().unwrap_or(path)).map(drop);
+            Reader::new("index", "index.jsonl", seeds, 60_000, Box::new(read)).with(Container::Plain, JSON)
+        }
+        "recipe" => {
+            let recipes = ["small", "default", "test"].map(|name| root().join("datasets").join(format!("{name}.toml")));
+            let seeds = recipes.map(|path| std::fs::read(path).unwrap()).to_vec();
+            let read = |path: &Path| Recipe::read(path).map(|recipe| drop(recipe.jobs()));
+            Reader::new("recipe", "recipe.toml", seeds, 60_000, Box::new(read)).with(Container::Plain, "[[ ]] = # \"\"\" ''' { }")
+        }
+        "model_config" | "model_weights" => model(name == "model_weights", folder),
+        "checkpoint" => checkpoint(folder),
+        "guide" => guide(folder),
+        _ => panic!("there is no reader {name}"),
+    }
+}
+
+const TENSORS: &str =
+    "dtype shape data_offsets __metadata__ F32 F64 F16 U8 U32 U64 I64 BOOL crc32 version [0] [] [0,0]";
+const JSON: &str = "{ } [ ] , : \"\" null true false \\u0000 \\ud800 {} [] [[[[[[[[[[[[[[[[[[[[[[[[";
+
+fn json(folder: &Path) -> Reader {
+    let mut seeds = vec![files::JSON.as_bytes().to_vec()];
+    for entry in std::fs::read_dir(root().join("scenes")).unwrap() {
+        let path = entry.unwrap().path();
+        for beside in ["ring.obj", "shade.obj"].iter().filter(|name| path.join(name).is_file()) {
+            std::fs::copy(path.join(beside), folder.join(beside)).unwrap();
+        }
+        if path.is_dir() {
+            seeds.push(std::fs::read(path.join("scene.json")).unwrap());
+        }
+    }
+    seeds.sort();
+    let museum = root().join("tests/support/museum");
+    std::fs::copy(museum.join("bumps.tga"), folder.join("bumps.tga")).unwrap();
+    seeds.push(std::fs::read(museum.join("scene.json")).unwrap());
+    Reader::new("scene_json", "scene.json", seeds, 8_000, Box::new(scene)).with(Container::Plain, JSON)
+}
+
+fn xml() -> Reader {
+    let body = r##"
+        <bsdf type="principled" id="a"><rgb name="base_color" value="0.2 0.5 0.9"/><float name="roughness" value="0.3"/>
+            <float name="metallic" value="0.4"/><float name="spec_tint" value="0.5"/><float name="sheen" value="1"/>
+            <float name="clearcoat" value="0.7"/><float name="spec_trans" value="0.3"/><float name="flatness" value="0.2"/></bsdf>
+        <bsdf type="mask" id="b"><float name="opacity" value="0.5"/><bsdf type="bumpmap">
+            <texture type="bitmap"><string name="filename" value="grey.png"/><boolean name="raw" value="true"/></texture>
+            <float name="scale" value="2"/><bsdf type="roughplastic"><float name="alpha" value="0.2"/></bsdf></bsdf></bsdf>
+        <bsdf type="blendbsdf" id="c"><float name="weight" value="0.25"/><bsdf type="roughdielectric"/>
+            <bsdf type="conductor"><string name="material" value="Cu"/></bsdf></bsdf>
+        <shape type="shapegroup" id="g"><shape type="disk"/><shape type="cylinder"><float name="radius" value="0.5"/>
+            <point name="p0" x="0" y="0" z="0"/><point name="p1" x="0" y="1" z="0"/></shape></shape>
+        <shape type="instance"><ref id="g"/><transform name="to_world"><matrix value="1 0 0 1 0 1 0 0 0 0 1 0 0 0 0 1"/></transform></shape>
+        <shape type="cube"><ref id="a"/><transform name="to_world"><lookat origin="0, 1, 6" target="0, 1, 0" up="0, 1, 0"/></transform></shape>
+        <shape type="rectangle"><ref id="b"/><emitter type="area"><rgb name="radiance" value="#ffee10"/></emitter></shape>
+        <shape type="sphere"><ref id="c"/><medium type="homogeneous" name="interior"><rgb name="sigma_t" value="1 2 3"/>
+            <rgb name="albedo" value="0.9"/><phase type="hg"><float name="g" value="0.8"/></phase></medium></shape>
+        <shape type="cube"><bsdf type="null"/></shape>
+        <emitter type="constant"><spectrum name="radiance" value="400:1, 500:2, 600:3"/></emitter>
+        <emitter type="point"><blackbody name="intensity" temperature="3000"/></emitter>"##;
+    let old = files::xml_with(
+        "<bsdf type='phong' id='p'><float name='exponent' value='50'/></bsdf>\
+         <bsdf type='coating' id='q'><bsdf type='ward'/></bsdf><shape type='sphere'><ref id='p'/>\
+         <transform name='toWorld'><rotate x='1' angle='-90'/></transform></shape>\
+         <emitter type='envmap'><string name='filename' value='sky.exr'/><float name='scale' value='0.1'/></emitter>",
+    )
+    .replace("3.0.0", "0.5.0");
+    let seeds = vec![files::XML.into(), files::xml_with(body).into(), old.into()];
+    let tokens = "<scene> </scene> <!-- --> <![CDATA[ ]]> <!DOCTYPE <!ENTITY &amp; &lt; &#0; &#x10FFFF; $side $ <?xml ?> /> xmlns= \
+        path volpath direct prb thindielectric diffuse roughconductor normalmap checkerboard scale uvscale perspective hdrfilm box \
+        gaussian tent bilinear repeat mirror clamp nearest beckmann ggx wavelength uniform d65 irregular interior exterior isotropic";
+    Reader::new("scene_xml", "scene.xml", seeds, 2_500, Box::new(scene)).with(Container::Plain, tokens)
+}
+
+fn plys() -> Vec<Vec<u8>> {
+    let rich = "ply\nformat ascii 1.0\ncomment a\nelement vertex 4\nproperty double x\nproperty double y\nproperty float z\n\
+        property float nx\nproperty float ny\nproperty float nz\nproperty float u\nproperty float v\nproperty uchar red\n\
+        element other 1\nproperty list uchar int what\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0 0 0 1 0 0 1\n1 0 0 0 0 1 1 0 2\n1 1 0 0 0 1 1 1 3\n0 1 0 0 0 1 0 1 4\n2 5 6\n4 0 1 2 3\n";
+    let mut big =
+        b"ply\nformat binary_big_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property float s\nproperty float t\nelement face 1\nproperty list uint ushort vertex_index\nend_header\n"
+            .to_vec();
+    [0f32, 0., 0., 0., 0., 1., 0., 0., 1., 0., 0., 1., 0., 0., 1.].iter().for_each(|x| big.extend(x.to_be_bytes()));
+    big.extend(3u32.to_be_bytes());
+    [0u16, 1, 2].iter().for_each(|i| big.extend(i.to_be_bytes()));
+    vec![files::ply(), rich.into(), big]
+}
+
+/// Pictures by every compression, one in tiles, one of half precision with layers.
+fn exrs(folder: &Path) -> Vec<Vec<u8>> {
+    use exr::prelude::*;
+    let mut seeds = vec![std::fs::read(folder.join("sky.exr")).unwrap()];
+    let pixel = |at: Vec2<usize>| (at.x() as f32 * 0.1, f16::from_f32(at.y() as f32), 0.5f32);
+    let compressions = [
+        Compression::Uncompressed,
+        Compression::RLE,
+        Compression::ZIP1,
+        Compression::ZIP16,
+        Compression::PIZ,
+        Compression::PXR24,
+        Compression::B44,
+    ];
+    for (i, compression) in compressions.into_iter().enumerate() {
+        let blocks = if i % 2 == 0 { Blocks::ScanLines } else { Blocks::Tiles(Vec2(8, 8)) };
+        let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
+        let channels = SpecificChannels::rgb(pixel);
+        let layer = Layer::new((20, 10), LayerAttributes::named("a"), encoding, channels);
+        let mut bytes = Cursor::new(vec![]);
+        Image::from_layer(layer).write().to_buffered(&mut bytes).unwrap();
+        seeds.push(bytes.into_inner());
+    }
+    seeds
+}
+
+fn both_ways(path: &Path) -> Result<()> {
+    let channels = read_exr_channels(path);
+    read_image(path, false)?;
+    channels.map(drop)
+}
+
+fn pngs(rgb: &[u8]) -> Vec<Vec<u8>> {
+    let encode = |color: png::ColorType, depth: png::BitDepth, bytes: usize| {
+        let mut out = vec![];
+        let mut encoder = png::Encoder::new(&mut out, 8, 8);
+        encoder.set_color(color);
+        encoder.set_depth(depth);
+        if color == png::ColorType::Indexed {
+            encoder.set_palette(vec![0, 64, 128, 255, 0, 9, 8, 7, 6, 5, 4, 3]);
+        }
+        let pixels: Vec<u8> = (0..bytes).map(|i| (i * 37 % 256) as u8).collect();
+        encoder.write_header().unwrap().write_image_data(&pixels).unwrap();
+        out
+    };
+    vec![
+        rgb.to_vec(),
+        encode(png::ColorType::Grayscale, png::BitDepth::Sixteen, 128),
+        encode(png::ColorType::Rgba, png::BitDepth::Sixteen, 512),
+        encode(png::ColorType::Indexed, png::BitDepth::Two, 16),
+        encode(png::ColorType::GrayscaleAlpha, png::BitDepth::Eight, 128),
+    ]
+}
+
+fn pictures() -> Vec<Vec<u8>> {
+    let rgb = RgbImage::from_fn(16, 12, |x, y| image::Rgb([(x * 16) as u8, (y * 16) as u8, 128]));
+    let encode = |picture: DynamicImage, format| {
+        let mut bytes = Cursor::new(vec![]);
+        picture.write_to(&mut bytes, format).unwrap();
+        bytes.into_inner()
+    };
+    let grey = DynamicImage::ImageRgb8(rgb.clone()).to_luma8();
+    let mut seeds: Vec<_> = [ImageFormat::Jpeg, ImageFormat::Bmp, ImageFormat::Tga]
+        .into_iter()
+        .flat_map(|format| [encode(rgb.clone().into(), format), encode(grey.clone().into(), format)])
+        .collect();
+    seeds.push(encode(DynamicImage::ImageRgb8(rgb).to_rgb32f().into(), ImageFormat::Hdr));
+    seeds.push(std::fs::read(root().join("tests/support/museum/bumps.tga")).unwrap());
+    seeds
+}
+
+/// Mutants of the configuration beside good weights, or the other way round; what is read reconstructs a tree.
+fn model(weights: bool, folder: &Path) -> Reader {
+    let models = [network::model(network::config(8, 1, false), 3), network::model(network::config(8, 1, true), 4)];
+    let (name, file) = if weights { ("model_weights", "weights.safetensors") } else { ("model_config", "config.json") };
+    let tree = network::filled(network::random_topology(3, 60, 4, 0.6), 3);
+    let run = move |model: &Model| {
+        let reconstructed = reconstruct_batch(model, &Embedded::new(model)?, &[tree.input()])?;
+        let sound =
+            |shares: &[f32]| shares.iter().all(|&s| s >= 0.0) && (shares.iter().sum::<f32>() - 1.0).abs() < 1e-3;
+        assert!(reconstructed[0].node_share[1..].chunks(4).all(sound), "shares that are no distribution");
+        Ok::<(), Error>(())
+    };
+    models[0].save(folder).unwrap();
+    let config = models[0].config.clone();
+    let seeds = vec![std::fs::read(folder.join(file)).unwrap()];
+    let read: Read = if weights {
+        Box::new(move |path| {
+            let weights = Weights::from_bytes(&config, &std::fs::read(path).unwrap(), path)?;
+            run(&Model { config: config.clone(), weights })
+        })
+    } else {
+        Box::new(move |path| Model::load(path.parent().unwrap_or(path)).and_then(|model| run(&model)))
+    };
+    let container = if weights { Container::Tensors } else { Container::Plain };
+    Reader::new(name, file, seeds, 30_000, read).with(container, if weights { TENSORS } else { JSON })
+}
+
+/// What is read is gone on with to the end.
+fn checkpoint(folder: &Path) -> Reader {
+    let scene = committed("door-ajar", [8, 6]);
+    let path = folder.join("a.part");
+    let mut seeds = vec![];
+    let mut modes = vec![];
+    for guide in [GUIDES[0], GUIDES[1], GUIDES[6]] {
+        let settings = settings(guide, 16, 1);
+        modes.push((kept(&scene, &settings, &path), settings));
+        seeds.push(std::fs::read(&path).unwrap());
+    }
+    let read = move |_: &Path| {
+        let mut errors = vec![];
+        for (checkpoint, settings) in &modes {
+            let stop = AtomicBool::new(false);
+            let control = Control { checkpoint: Some(checkpoint), ..Control::new(&Silent, &stop) };
+            match render_watched(&scene, settings, reconstructor(settings.guide).as_ref(), &control) {
+                Ok(outcome) => {
+                    assert!(outcome.image.pixels.iter().all(|pixel| pixel.is_finite()), "a pixel is not finite");
+                    return Ok(());
+                }
+                Err(error) => errors.push(error.to_string()),
+            }
+        }
+        Err(Error::Options(errors.join("; ")))
+    };
+    Reader::new("checkpoint", "a.part", seeds, 6_000, Box::new(read)).with(Container::Tensors, TENSORS)
+}
+
+/// What is read is sampled everywhere.
+fn guide(folder: &Path) -> Reader {
+    let scene = committed("door-ajar", [8, 6]);
+    let path = folder.join("a.guide");
+    let seeds = [GUIDES[1], GUIDES[3]].map(|guide| {
+        let settings = settings(guide, 16, 1);
+        let outcome = render(&scene, &settings, reconstructor(guide.0).as_ref(), &Silent, &AtomicBool::new(false));
+        file::save(&path, &outcome.unwrap().field, &Evidence::default()).unwrap();
+        std::fs::read(&path).unwrap()
+    });
+    let read = |path: &Path| {
+        let (field, _) = file::load(path)?;
+        let mut random = Random::new(1, 2, 3);
+        for i in 0..64 {
+            let point = Vec3::new(random.range(-5.0, 5.0), random.range(-5.0, 5.0), random.range(-5.0, 5.0));
+            let Some(directions) = field.at(point, Vec3::Y).and_then(|voxel| voxel.directions(point)) else { continue };
+            let (direction, pdf) = directions.sample(&mut random);
+            let again = directions.pdf(direction);
+            let sound = direction.is_finite() && pdf.is_finite() && pdf >= 0.0 && again.is_finite() && again >= 0.0;
+            assert!(sound, "sample {i}: {direction} with density {pdf}, then {again}");
+        }
+        Ok(())
+    };
+    Reader::new("guide", "a.guide", seeds.to_vec(), 40_000, Box::new(read)).with(Container::Tensors, TENSORS)
+}
