@@ -212,10 +212,10 @@ impl Principled {
         Lobes { facets: (reflected + through) / sum, coat: coat / sum }
     }
 
-    /// How often a chosen facet reflects rather than refracts.
-    fn reflects(&self, p: &Point, cos: f32, front: bool) -> f32 {
-        let [reflected, through] = self.facet(p, cos, front).map(channel_mean);
-        if through == 0.0 { 1.0 } else { reflected / (reflected + through) }
+    /// How often a chosen facet reflects, and how often it refracts: each by itself, since either may be next to nothing.
+    fn splits(&self, p: &Point, cos: f32, front: bool) -> [f32; 2] {
+        let parts = self.facet(p, cos, front).map(channel_mean);
+        if parts[1] == 0.0 { [1.0, 0.0] } else { parts.map(|part| part / (parts[0] + parts[1])) }
     }
 
     /// Density of [`Principled::sample`] w.r.t. solid angle.
@@ -230,13 +230,13 @@ impl Principled {
         let (lobes, front) = (self.lobes(p, wo), wo.z > 0.0);
         if wo.z * wi.z < 0.0 {
             let Some(g) = Geometry::new(wo, wi, self.given.eta) else { return 0.0 };
-            let part = 1.0 - self.reflects(p, g.cos_o, front);
-            return lobes.facets * part * p.facets.visible_density(g.wo, g.h) * g.jacobian();
+            let [_, refracts] = self.splits(p, g.cos_o, front);
+            return lobes.facets * refracts * p.facets.visible_density(g.wo, g.h) * g.jacobian();
         }
         let Some(h) = (wo + wi).try_normalize() else { return 0.0 };
         let cos = wo.dot(h);
         let (wo, h) = if front { (wo, h) } else { (-wo, -h) };
-        let mut sum = lobes.facets * self.reflects(p, cos, front) * p.facets.visible_density(wo, h) / (4.0 * cos);
+        let mut sum = lobes.facets * self.splits(p, cos, front)[0] * p.facets.visible_density(wo, h) / (4.0 * cos);
         if front {
             sum += (1.0 - lobes.facets - lobes.coat).max(0.0) * warp::square_to_cosine_hemisphere_pdf(wi);
             if lobes.coat > 0.0 {
@@ -279,7 +279,7 @@ impl Principled {
         let wo = wo * side;
         let h = p.facets.sample_visible(wo, u);
         let cos = wo.dot(h);
-        let reflects = choice < self.reflects(p, cos, side > 0.0);
+        let reflects = choice < self.splits(p, cos, side > 0.0)[0];
         let wi = if reflects {
             h * (2.0 * cos) - wo
         } else {
