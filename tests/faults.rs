@@ -4,33 +4,35 @@
 #[path = "support/files.rs"]
 #[allow(dead_code, reason = "shared with tests of readers")]
 mod files;
+#[path = "support/memory.rs"]
+mod memory;
 #[path = "support/network.rs"]
 #[allow(dead_code, reason = "shared with tests of the network")]
 mod network;
 #[path = "support/scenes.rs"]
 #[allow(dead_code, reason = "shared with other tests of light transport")]
 mod scenes;
+#[path = "support/seeds.rs"]
+mod seeds;
 
-use std::alloc::{GlobalAlloc, Layout, System};
 use std::collections::HashMap;
 use std::path::Path;
 use std::process::{Command, Output};
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 
-use fanal::base::progress::{Progress, Silent};
+use fanal::base::progress::Silent;
 use fanal::base::{Error, Result};
 use fanal::generate::build::Builder;
 use fanal::generate::dataset::DatasetIndex;
 use fanal::generate::recipe::Recipe;
-use fanal::generate::shard::{TreeSample, read_shard, write_shard};
-use fanal::guiding::leaves::NETWORK_CHANNELS;
+use fanal::generate::shard::{read_shard, write_shard};
+use fanal::guiding::distribution::Distribution;
+use fanal::guiding::learner::CountedTree;
 use fanal::guiding::{field::Evidence, file};
 use fanal::network::weights::{Model, Weights};
-use fanal::reconstruct::Counted;
-use fanal::render::checkpoint::made_for;
-use fanal::render::{Checkpointing, Control, GuideMode, RenderSettings, StopRule, render, render_watched};
+use fanal::reconstruct::{Counted, Reconstructor};
+use fanal::render::{Control, GuideMode, RenderSettings, StopRule, render, render_watched};
 use fanal::scene::Scene;
 use fanal::scene::file::LightFile;
 use fanal::scene::readers::{load, read_exr_channels, read_image, resolve};
@@ -39,46 +41,15 @@ use safetensors::SafeTensors;
 use safetensors::tensor::TensorView;
 use scenes::{GUIDES, built, committed, mean, picture, reconstructor, room, settings};
 
+use memory::{held, peak};
+use seeds::{kept, tree};
+
 use files::{FILES, JSON, MATERIALS, XML, folder, load_xml, refused, scene_using, xml_with};
-
-/// Counts what is held and the most that was.
-struct Counting;
-
-static HELD: AtomicUsize = AtomicUsize::new(0);
-static PEAK: AtomicUsize = AtomicUsize::new(0);
-
-// SAFETY: every call is passed on unchanged to the system's allocator, whose contract it therefore keeps; the counters allocate
-// nothing.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        let held = HELD.fetch_add(layout.size(), Ordering::Relaxed) + layout.size();
-        PEAK.fetch_max(held, Ordering::Relaxed);
-        // SAFETY: see above.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
-        // SAFETY: see above.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static COUNTING: Counting = Counting;
 
 /// Tests of this file run one after the other: they count the memory of the whole process.
 fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Bytes that `work` held at most beyond what was held before.
-fn peak<T>(work: impl FnOnce() -> T) -> (T, usize) {
-    let before = HELD.load(Ordering::Relaxed);
-    PEAK.store(before, Ordering::Relaxed);
-    let result = work();
-    (result, PEAK.load(Ordering::Relaxed).saturating_sub(before))
 }
 
 /// What reading a small file may take, however it is damaged: a picture format's tables and buffers, threads' stacks of tasks.
@@ -204,20 +175,6 @@ fn f03_damaged_models() {
     });
 }
 
-fn tree(scene: u32) -> TreeSample {
-    TreeSample {
-        scene,
-        own_split: vec![true, false, false, false, false],
-        own_sums: (0..4 * NETWORK_CHANNELS).map(|i| i as f32).collect(),
-        counted_split: vec![false],
-        counted: vec![1.0],
-        target_split: vec![true, false, true, false, false, false, false, false, false],
-        target: vec![0.25, 0.25, 0.25, 0.1, 0.05, 0.05, 0.05],
-        target_bsdf: vec![0.25, 0.25, 0.25, 0.1, 0.05, 0.05, 0.05],
-        ..TreeSample::default()
-    }
-}
-
 #[test]
 fn f03_damaged_data() {
     let _alone = alone();
@@ -234,32 +191,6 @@ fn f03_damaged_data() {
     let recipe = folder.path().join("recipe.toml");
     let good = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets/small.toml")).unwrap();
     damage(&recipe, &good, false, &|path| Recipe::read(path).map(drop));
-}
-
-/// Wishes to stop after the first chunk.
-struct StopAtOnce<'a>(&'a AtomicBool);
-
-impl Progress for StopAtOnce<'_> {
-    fn start(&self, _: u64, _: &str) {}
-    fn advance(&self, _: u64) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-    fn message(&self, _: &str) {}
-    fn finish(&self) {}
-}
-
-/// A render interrupted after its first chunk, in `path`.
-fn kept(scene: &Scene, settings: &RenderSettings, path: &Path) -> Checkpointing {
-    let checkpoint = Checkpointing {
-        made_for: made_for(settings, scene.size, "scene", "guide"),
-        write: Some((path.to_owned(), Duration::ZERO)),
-        resume: None,
-    };
-    let stop = AtomicBool::new(false);
-    let watcher = StopAtOnce(&stop);
-    let control = Control { checkpoint: Some(&checkpoint), ..Control::new(&watcher, &stop) };
-    render_watched(scene, settings, reconstructor(settings.guide).as_ref(), &control).unwrap();
-    Checkpointing { write: None, resume: Some(path.to_owned()), ..checkpoint }
 }
 
 #[test]
@@ -599,13 +530,83 @@ fn f02_lost_folders_do_not_lose_the_picture() {
     assert_eq!(read_image(&saved[0], false).unwrap().width, 64);
 }
 
+/// A model that cannot be used ends the command with an error that names it, and no picture is made by other means; told to do
+/// without it, the same command succeeds.
+#[test]
+fn a18_nothing_is_made_without_the_model_unless_told() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out.exr");
+    let cornell = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell").display().to_string();
+    let model = network::model(network::config(8, 1, false), 10);
+    let place = |name: &str| folder.path().join(name);
+    let mut broken = model.clone();
+    broken.weights.layers.get_mut("decode.leaf").unwrap().bias[0] = f32::NAN;
+    broken.save(&place("not-numbers")).unwrap();
+    let mut other = model.clone();
+    other.config.mode.split_share *= 2.0;
+    other.save(&place("other-mode")).unwrap();
+    model.save(&place("older")).unwrap();
+    let config = std::fs::read_to_string(place("older/config.json")).unwrap();
+    std::fs::write(place("older/config.json"), config.replace("\"version\": 3", "\"version\": 2")).unwrap();
+    let out_text = out.display().to_string();
+    let base = ["render", &cornell, "-o", &out_text, "--size", "8x6", "--spp", "8", "--quiet"];
+    for (name, says) in
+        [("missing", "missing"), ("not-numbers", "decode.leaf"), ("other-mode", "trained"), ("older", "version 2")]
+    {
+        let model = place(name).display().to_string();
+        let text = told(&fanal(&[&base[..], &["--model", &model]].concat()));
+        assert!(text.contains(says) && !out.exists(), "{text}");
+        for instead in [["--guide", "gaussian"], ["--reconstruct", "gaussian"], ["--guide", "none"]] {
+            let output = fanal(&[&base[..], &["--model", &model], &instead].concat());
+            assert!(output.status.success() && out.exists(), "{}", String::from_utf8_lossy(&output.stderr));
+            std::fs::remove_file(&out).unwrap();
+        }
+    }
+}
+
+/// Fails from its second call on.
+struct Failing(AtomicBool);
+
+impl Reconstructor for Failing {
+    fn name(&self) -> &'static str {
+        "failing"
+    }
+
+    fn uniform(&self) -> f32 {
+        0.1
+    }
+
+    fn rays_per_node(&self) -> f64 {
+        0.0
+    }
+
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
+        if self.0.swap(true, Ordering::Relaxed) {
+            return Err(Error::Backend { backend: "failing", message: "out of order".into() });
+        }
+        Counted::default().reconstruct(trees)
+    }
+}
+
+/// Neither does one that fails in the midst of a render.
+#[test]
+fn a18_a_model_that_fails_later_ends_the_render() {
+    let _alone = alone();
+    let scene = committed("door-ajar", [8, 6]);
+    let failing = Failing(AtomicBool::new(false));
+    let outcome = render(&scene, &settings(GUIDES[6], 64, 1), &failing, &Silent, &AtomicBool::new(false));
+    assert!(failing.0.load(Ordering::Relaxed), "it was never asked");
+    assert!(matches!(outcome, Err(Error::Backend { backend: "failing", .. })));
+}
+
 /// No library, a text, a folder, and a library of something else: a typed error that says what to install; the embedded backend goes
 /// on working in the same process.
 #[cfg(feature = "onnx")]
 #[test]
 fn f05_missing_or_wrong_onnxruntime() {
+    use fanal::reconstruct::Neural;
     use fanal::reconstruct::onnx::OnnxBackend;
-    use fanal::reconstruct::{Neural, Reconstructor};
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let model = network::model(network::config(8, 1, false), 10);
@@ -649,9 +650,9 @@ fn f07_a_thousand_renders() {
         assert!(outcome.unwrap().image.pixels.iter().all(|pixel| pixel.is_finite()));
     };
     (0..104).for_each(once);
-    let (held, had) = (HELD.load(Ordering::Relaxed), resident());
+    let (before, had) = (held(), resident());
     (104..1104).for_each(once);
-    let more = HELD.load(Ordering::Relaxed) as i64 - held as i64;
+    let more = held() as i64 - before as i64;
     assert!(more < 1 << 20, "{more} bytes more are held");
     if let (Some(had), Some(has)) = (had, resident()) {
         let more = has as i64 - had as i64;

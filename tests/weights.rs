@@ -9,6 +9,7 @@ use std::path::Path;
 use fanal::base::Error;
 use fanal::network::config::Config;
 use fanal::network::weights::{Model, WEIGHTS_FILE, Weights};
+use safetensors::SafeTensors;
 use support::{config, model};
 
 type Change<T> = fn(&mut T);
@@ -78,6 +79,25 @@ fn truncated_and_flipped_files_do_not_panic() {
         // A flip inside white space or padding may be harmless.
         let _ = Weights::from_bytes(&config, &flipped, Path::new(WEIGHTS_FILE));
     }
+}
+
+/// The checksum tells every damaged weight; files of other programs have none.
+#[test]
+fn f03_every_damaged_weight_is_found() {
+    let config = config(8, 1, false);
+    let bytes = model(config.clone(), 5).weights.to_bytes().unwrap();
+    let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    for at in (header..bytes.len()).step_by(7) {
+        let mut flipped = bytes.clone();
+        flipped[at] ^= 1 << (at % 8);
+        match Weights::from_bytes(&config, &flipped, Path::new(WEIGHTS_FILE)) {
+            Err(e @ Error::Malformed { .. }) => assert!(e.to_string().contains("crc32"), "{e}"),
+            other => panic!("byte {at}: {other:?}"),
+        }
+    }
+    let other = SafeTensors::deserialize(&bytes).unwrap();
+    let without = safetensors::serialize(other.tensors(), None).unwrap();
+    assert!(Weights::from_bytes(&config, &without, Path::new(WEIGHTS_FILE)).is_ok());
 }
 
 #[test]

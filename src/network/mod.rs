@@ -8,6 +8,7 @@ pub mod embedded;
 pub mod executable;
 pub mod kernels;
 pub mod program;
+pub mod seal;
 pub mod weights;
 
 mod fusion;

@@ -1,8 +1,9 @@
 //! The network's weights: in memory, in safetensors, and together with their configuration as a model folder.
 //!
 //! A layer `<layer>` is two f32 tensors: `<layer>.weight` [rows, columns], row by row, and `<layer>.bias` [columns].
+//! The header's metadata hold `crc32`, over all tensors' bytes in the order of their names.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 use safetensors::tensor::TensorView;
@@ -10,7 +11,7 @@ use safetensors::{Dtype, SafeTensors};
 
 use super::config::Config;
 use super::program::{Layer, all_layers};
-use crate::base::files::{read_bytes, write_bytes};
+use crate::base::files::{crc32, read_bytes, write_bytes};
 use crate::base::random::Random;
 use crate::base::{Error, Place, Result};
 
@@ -86,6 +87,7 @@ impl Weights {
         let fail = |part: &str, message: String| Error::malformed(Place::part(path, part), message);
         let file = SafeTensors::deserialize(bytes)
             .map_err(|e| Error::malformed(Place::file(path), format!("not a safetensors file: {e}")))?;
+        check_crc(&file, bytes, path)?;
         let expected = all_layers(config);
         let known = |name: &str| {
             let layer = name.strip_suffix(".weight").or_else(|| name.strip_suffix(".bias"));
@@ -133,8 +135,34 @@ impl Weights {
         let views = tensors.iter().map(|(name, shape, data)| {
             TensorView::new(Dtype::F32, shape.clone(), data).map(|view| (name, view)).map_err(fail)
         });
-        safetensors::serialize(views.collect::<Result<Vec<_>>>()?, None).map_err(fail)
+        let views = views.collect::<Result<Vec<_>>>()?;
+        let metadata =
+            HashMap::from([(CRC.to_owned(), crc(views.iter().map(|(name, view)| (*name, view))).to_string())]);
+        safetensors::serialize(views, Some(metadata)).map_err(fail)
     }
+}
+
+/// Key of the checksum in the header.
+const CRC: &str = "crc32";
+
+/// The checksum of all tensors' bytes in the order of their names.
+fn crc<'a>(tensors: impl Iterator<Item = (&'a String, &'a TensorView<'a>)>) -> u32 {
+    let mut tensors: Vec<_> = tensors.collect();
+    tensors.sort_by_key(|(name, _)| *name);
+    crc32(tensors.iter().map(|(_, tensor)| tensor.data()))
+}
+
+/// Refuses weights whose checksum is not that of their bytes. Weights without one pass: other programs write none.
+fn check_crc(file: &SafeTensors, bytes: &[u8], path: &Path) -> Result<()> {
+    let header = SafeTensors::read_metadata(bytes).ok().and_then(|(_, header)| header.metadata().clone());
+    let Some(expected) = header.and_then(|mut entries| entries.remove(CRC)) else { return Ok(()) };
+    let tensors = file.tensors();
+    let found = crc(tensors.iter().map(|(name, tensor)| (name, tensor))).to_string();
+    if found == expected {
+        return Ok(());
+    }
+    let message = format!("the content's checksum is {found}, the header says {expected}: the file is damaged");
+    Err(Error::malformed(Place::part(path, CRC), message))
 }
 
 /// A network that can be run: its configuration and its weights, which fit each other.

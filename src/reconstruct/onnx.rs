@@ -16,12 +16,15 @@ use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs}
 use crate::network::batch::SLOTS;
 use crate::network::config::{Config, VERSION};
 use crate::network::program::GEOMETRY;
+use crate::network::seal;
 use crate::network::weights::{CONFIG_FILE, DECODE_FILE, ENCODE_FILE};
 
 /// Name of this backend in messages.
 const NAME: &str = "onnx";
 /// Names the library; takes precedence over the usual places.
 pub const LIBRARY_VARIABLE: &str = "ORT_DYLIB_PATH";
+/// Largest ONNX file, bytes.
+const MODEL_LIMIT: u64 = 1 << 30;
 /// Folders where systems keep shared libraries.
 const FOLDERS: [&str; 6] = [
     "/usr/local/lib",
@@ -49,7 +52,7 @@ impl OnnxBackend {
     ///
     /// # Errors
     /// [`Error::Backend`] if the library is missing, too old or refuses the model; [`Error::Model`] and [`Error::Malformed`]
-    /// for the folder's content; [`Error::Unsupported`] for a model with separate weights per level.
+    /// for the folder's content, also where a checksum is wrong; [`Error::Unsupported`] for a model with separate weights per level.
     pub fn load(folder: &Path) -> Result<Self> {
         let library = match std::env::var_os(LIBRARY_VARIABLE).filter(|path| !path.is_empty()) {
             Some(path) => PathBuf::from(path),
@@ -73,7 +76,10 @@ impl OnnxBackend {
             }
             let fail =
                 |e: ort::Error| Error::Model { path: path.clone(), message: format!("onnxruntime refuses it: {e}") };
-            let session = Session::builder(&environment).and_then(|mut b| b.commit_from_file(&path)).map_err(fail)?;
+            let bytes = read_bytes(&path, MODEL_LIMIT)?;
+            seal::check(&path, &bytes)?;
+            let session =
+                Session::builder(&environment).and_then(|mut b| b.commit_from_memory(&bytes)).map_err(fail)?;
             check_metadata(&session, &config, &path)?;
             Ok(Mutex::new(session))
         };

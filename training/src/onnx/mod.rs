@@ -10,6 +10,7 @@ use fanal::base::files::write_bytes;
 use fanal::base::{Error, Place, Result};
 use fanal::network::config::Config;
 use fanal::network::program::{decode_program, encode_program};
+use fanal::network::seal::sealed;
 use fanal::network::weights::{DECODE_FILE, ENCODE_FILE, Model};
 
 pub use example::example;
@@ -33,8 +34,8 @@ pub fn export(model: &Model, folder: &Path) -> Result<()> {
     let metadata = metadata(&model.config);
     let encode = write_model(&encode_program(&model.config, 1), &model.weights, &metadata, "encode_step")?;
     let decode = write_model(&decode_program(&model.config, 1), &model.weights, &metadata, "decode_step")?;
-    write_bytes(&folder.join(ENCODE_FILE), &encode)?;
-    write_bytes(&folder.join(DECODE_FILE), &decode)?;
+    write_bytes(&folder.join(ENCODE_FILE), &sealed(encode))?;
+    write_bytes(&folder.join(DECODE_FILE), &sealed(decode))?;
     write_bytes(&folder.join(EXAMPLE_FILE), &example(model)?)
 }
 
