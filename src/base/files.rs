@@ -1,8 +1,9 @@
 //! The one place that writes files: to a temporary file in the same folder, then a rename, so that a reader never sees half
 //! a file and an older version survives every failure.
 
+use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::{Error, Place, Result};
 
@@ -11,21 +12,86 @@ use super::{Error, Place, Result};
 /// # Errors
 /// [`Error::Io`] naming `path`; the previous file, if any, is untouched then.
 pub fn write_atomically(path: &Path, content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<()> {
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
     let fail = |source| Error::io(path, source);
-    let mut file = tempfile::Builder::new().prefix(".fanal-").suffix(".part").tempfile_in(folder).map_err(fail)?;
+    let part = Part::new(path).map_err(fail)?;
     {
-        let mut buffered = BufWriter::new(file.as_file_mut());
+        let mut buffered = BufWriter::new(&part.file);
         content(&mut buffered).map_err(fail)?;
         buffered.flush().map_err(fail)?;
     }
-    file.as_file().sync_all().map_err(fail)?;
-    allow_reading(file.path()).map_err(fail)?;
-    file.persist(path).map_err(|e| fail(e.error))?;
-    Ok(())
+    part.file.sync_all().map_err(fail)?;
+    allow_reading(&part.file).map_err(fail)?;
+    part.persist(path).map_err(fail)
+}
+
+/// A temporary file, removed unless it is given its name.
+///
+/// A process that is killed leaves its own behind. So a file always has the same one, which the next process that writes it takes
+/// over; a lock, which ends with its owner, tells whether there is another at work, and a file of any name is taken then.
+struct Part {
+    file: File,
+    name: PathBuf,
+    renamed: bool,
+}
+
+impl Part {
+    fn new(path: &Path) -> std::io::Result<Self> {
+        let folder = match path.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        // Elsewhere nothing tells whether an open file still is what its name stands for.
+        #[cfg(unix)]
+        if let Some(part) = path.file_name().and_then(|name| Self::usual(&folder.join(part_of(name)))) {
+            return Ok(part);
+        }
+        let (file, name) = tempfile::Builder::new().prefix(".fanal-").suffix(".part").tempfile_in(folder)?.keep()?;
+        Ok(Self { file, name, renamed: false })
+    }
+
+    /// The usual file, emptied; none where another process may be writing to it, or where it is not only what it seems: a link, or a
+    /// file that has just got its final name.
+    #[cfg(unix)]
+    fn usual(name: &Path) -> Option<Self> {
+        let file = File::options().write(true).create(true).truncate(false).open(name).ok()?;
+        file.try_lock().ok()?;
+        let same = is_alone_at(&file.metadata().ok()?, &std::fs::symlink_metadata(name).ok()?);
+        if !same || file.set_len(0).is_err() {
+            return None;
+        }
+        Some(Self { file, name: name.to_owned(), renamed: false })
+    }
+
+    /// Gives the file its final name. The lock ends afterwards.
+    fn persist(mut self, path: &Path) -> std::io::Result<()> {
+        std::fs::rename(&self.name, path)?;
+        self.renamed = true;
+        Ok(())
+    }
+}
+
+impl Drop for Part {
+    fn drop(&mut self) {
+        if !self.renamed {
+            // What cannot be removed is taken over by the next write.
+            let _ = std::fs::remove_file(&self.name);
+        }
+    }
+}
+
+#[cfg(unix)]
+fn part_of(name: &std::ffi::OsStr) -> std::ffi::OsString {
+    let mut part = std::ffi::OsString::from(".fanal-");
+    part.push(name);
+    part.push(".part");
+    part
+}
+
+/// Whether an open file is the only one of what its name stands for.
+#[cfg(unix)]
+fn is_alone_at(file: &std::fs::Metadata, named: &std::fs::Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    file.is_file() && file.nlink() == 1 && (file.dev(), file.ino()) == (named.dev(), named.ino())
 }
 
 /// Writes `bytes` to `path` atomically.
@@ -57,13 +123,13 @@ pub fn crc32<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> u32 {
 
 /// Temporary files are private by default; a finished output gets the usual permissions.
 #[cfg(unix)]
-fn allow_reading(path: &Path) -> std::io::Result<()> {
+fn allow_reading(file: &File) -> std::io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
-    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o644))
+    file.set_permissions(std::fs::Permissions::from_mode(0o644))
 }
 
 #[cfg(not(unix))]
-fn allow_reading(_: &Path) -> std::io::Result<()> {
+fn allow_reading(_: &File) -> std::io::Result<()> {
     Ok(())
 }
 
@@ -83,5 +149,59 @@ mod tests {
         assert!(failed.is_err());
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays behind");
+    }
+
+    /// What a process left behind that was killed is gone after the next write, and never gets into the file.
+    #[cfg(unix)]
+    #[test]
+    fn f01_leftovers_are_taken_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("picture");
+        std::fs::write(folder.path().join(".fanal-picture.part"), "half of a long picture").unwrap();
+        write_bytes(&path, b"new").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    /// Links under the temporary name are left alone, and what they lead to as well.
+    #[cfg(unix)]
+    #[test]
+    fn links_are_not_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let [path, victim, part] = ["picture", "victim", ".fanal-picture.part"].map(|name| folder.path().join(name));
+        std::fs::write(&victim, "precious").unwrap();
+        for link in [std::os::unix::fs::symlink::<&Path, &Path>, |from, to| std::fs::hard_link(from, to)] {
+            link(&victim, &part).unwrap();
+            write_bytes(&path, b"new").unwrap();
+            assert_eq!(
+                (std::fs::read(&path).unwrap(), std::fs::read(&victim).unwrap()),
+                (b"new".to_vec(), b"precious".to_vec())
+            );
+            std::fs::remove_file(&part).unwrap();
+        }
+    }
+
+    /// Many that write the same file at once: it is always that of one of them, whole.
+    #[test]
+    fn writers_do_not_mix() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("picture");
+        std::thread::scope(|scope| {
+            for byte in 0..8u8 {
+                let path = &path;
+                scope.spawn(move || {
+                    for round in 1..40 {
+                        write_bytes(path, &vec![byte; 1000 * round]).unwrap();
+                        let found = std::fs::read(path).unwrap();
+                        assert!(
+                            !found.is_empty()
+                                && found.len().is_multiple_of(1000)
+                                && found.iter().all(|b| *b == found[0])
+                        );
+                    }
+                });
+            }
+        });
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }
