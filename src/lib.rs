@@ -3,6 +3,8 @@
 //! Dependencies run one way: base, math, sampling, geometry, then materials, lights and camera, then scene, film, guiding,
 //! network, reconstruct, integrators, render, generate, report, cli. A test holds every `use` against this order.
 
+#![deny(unsafe_code)]
+
 pub mod base;
 pub mod math;
 pub mod sampling;

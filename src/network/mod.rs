@@ -6,6 +6,7 @@ pub mod batch;
 pub mod config;
 pub mod embedded;
 pub mod executable;
+#[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 pub mod kernels;
 pub mod program;
 pub mod seal;

@@ -1,5 +1,7 @@
 //! Training of fanal's reconstruction network: the network in burn, its loss, the loop, evaluation and export.
 
+#![forbid(unsafe_code)]
+
 pub mod ablation;
 pub mod augment;
 pub mod backend;

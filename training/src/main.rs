@@ -1,5 +1,7 @@
 //! The `fanal-training` command.
 
+#![forbid(unsafe_code)]
+
 use clap::Parser;
 use std::process::ExitCode;
 

@@ -15,6 +15,7 @@ mod portable;
 mod query;
 #[cfg(test)]
 mod tests;
+#[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 mod traverse;
 
 use std::sync::Arc;
