@@ -1,0 +1,136 @@
+//! What a process holds at most: while it loads a mesh of a million triangles, while it renders and learns from ten million records,
+//! and for the field that guides. The figures are in STABILITY.md.
+
+#[path = "support/memory.rs"]
+mod memory;
+#[path = "support/scenes.rs"]
+#[allow(dead_code, reason = "shared with other tests of light transport")]
+mod scenes;
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use fanal::base::progress::Silent;
+use fanal::generate::build::{Builder, diffuse};
+use fanal::render::{Outcome, RenderSettings, Statistics, render};
+use fanal::scene::Scene;
+use fanal::scene::file::{MeshFile, SceneFile};
+use fanal::scene::readers::resolve;
+use glam::Vec3;
+use memory::{held, peak};
+use scenes::{GUIDES, built, committed, reconstructor, room, settings};
+
+const MB: usize = 1_000_000;
+
+/// Memory is that of the whole process: one test at a time.
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A wavy surface of 2·(n − 1)² triangles as a PLY file.
+fn waves(n: u32) -> Vec<u8> {
+    let triangles = 2 * (n - 1) * (n - 1);
+    let mut out = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {triangles}\nproperty list uchar uint vertex_indices\nend_header\n",
+        n * n
+    )
+    .into_bytes();
+    for i in 0..n * n {
+        let [x, z] = [i % n, i / n].map(|k| k as f32 / (n - 1) as f32 - 0.5);
+        [x, 0.01 * ((60.0 * x).sin() + (50.0 * z).cos()), z].iter().for_each(|c| out.extend(c.to_le_bytes()));
+    }
+    for i in (0..n * (n - 1)).filter(|i| i % n < n - 1) {
+        for corners in [[i, i + 1, i + n], [i + 1, i + n + 1, i + n]] {
+            out.push(3);
+            corners.iter().for_each(|c| out.extend(c.to_le_bytes()));
+        }
+    }
+    out
+}
+
+/// The room with the mesh in it.
+fn with_mesh(name: &str) -> SceneFile {
+    let mut file = room([8, 6], 10.0).finish();
+    file.meshes.insert("waves".into(), MeshFile::Ply { file: name.into(), face_normals: false, flip_v: false });
+    let mut shape = file.shapes[0].clone();
+    shape.geometry = serde_json::from_str("{\"type\":\"mesh\",\"mesh\":\"waves\"}").unwrap();
+    file.shapes.push(shape);
+    file
+}
+
+/// Most bytes per triangle while a mesh is read and its hierarchy is built, and afterwards. Measured: 310 and 91.
+const LOADING: usize = 400;
+const LOADED: usize = 130;
+
+#[test]
+fn limit_of_a_million_triangles() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let side = 709;
+    std::fs::write(folder.path().join("waves.ply"), waves(side)).unwrap();
+    let triangles = 2 * (side as usize - 1).pow(2);
+    assert!(triangles > 1_000_000);
+    let before = held();
+    let file = with_mesh("waves.ply");
+    let (scene, most) = peak(|| {
+        let loaded = resolve(file, folder.path(), Path::new("scene")).unwrap();
+        Scene::build(&loaded, [8, 6]).unwrap()
+    });
+    let kept = held() - before;
+    println!("{} bytes per triangle while loading, {} afterwards", most / triangles, kept / triangles);
+    assert!(most < LOADING * triangles, "{most} bytes for {triangles} triangles");
+    assert!(kept < LOADED * triangles, "{kept} bytes for {triangles} triangles");
+    drop(scene);
+}
+
+fn run(scene: &Scene, settings: &RenderSettings) -> (Outcome, usize) {
+    let reconstructor = reconstructor(settings.guide);
+    let (outcome, most) =
+        peak(|| render(scene, settings, reconstructor.as_ref(), &Silent, &AtomicBool::new(false)).unwrap());
+    (outcome, most)
+}
+
+/// What a render with a guide holds at most for a small picture: the records of one chunk of 2^18 paths of at most 20 bounces each, and
+/// as much again to sort them. Measured: 515 MB.
+const RENDERING: usize = 800 * MB;
+
+/// A white box, where paths have a dozen vertices, each of which leaves a record: ten million of them and more, of which at most a chunk
+/// is held.
+#[test]
+fn limit_of_ten_million_records() {
+    let _alone = alone();
+    let mut b = Builder::new("white", [256, 192]);
+    let wall = b.add_material("wall", diffuse([0.9; 3]));
+    b.add_block("room", Vec3::splat(-1.0), Vec3::ONE, &wall);
+    b.add_quad("lamp", Vec3::new(0.3, 0.9, 0.3), [Vec3::X * 0.1, Vec3::Z * 0.1], &wall, Some([10.0; 3]));
+    b.look_at(Vec3::new(0.5, 0.4, 0.9), Vec3::new(-0.2, -0.5, 0.0), Vec3::Y, 70.0);
+    let scene = built(b.finish());
+    let mut settings = settings(GUIDES[4], 64, 1);
+    settings.transport.nee = false;
+    let (outcome, most) = run(&scene, &settings);
+    let Statistics { camera_rays, samples, iterations, .. } = &outcome.statistics;
+    // Without shadow rays every ray of a path but the last begins at a record.
+    let per_path = *camera_rays as f64 / *samples as f64 - 1.0;
+    let learned: u32 = iterations.iter().map(|iteration| iteration.spp).sum();
+    let records = per_path * f64::from(learned) * (256.0 * 192.0);
+    println!("{most} bytes at most, {records:e} records, {} bytes of field", outcome.field.bytes());
+    assert!(records > 1e7, "{records} records only");
+    assert!(most < RENDERING, "{most} bytes");
+}
+
+/// The field stays within what `--guide-memory` allows, 24 MB where nothing is said.
+#[test]
+fn limit_of_the_field() {
+    let _alone = alone();
+    let scene = committed("door-ajar", [160, 120]);
+    for memory in [24 * MB, MB] {
+        let mut settings = settings(GUIDES[5], 48, 1);
+        settings.learner.memory = memory;
+        let (outcome, _) = run(&scene, &settings);
+        println!("{} of {memory}", outcome.field.bytes());
+        assert!(outcome.field.bytes() <= memory, "{} bytes of {memory}", outcome.field.bytes());
+    }
+}
