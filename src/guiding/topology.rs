@@ -165,6 +165,51 @@ impl Topology {
     }
 }
 
+/// Where the cells around a child are found: for each of four children k and each of nine slots the slot around the parent, and
+/// which child of what is there.
+pub type ChildSlots = [[(u8, u8); 9]; 4];
+
+/// The cells around the children of `cell` at `level`, given the cells around itself. Slot s is (dx, dy) = (s/3 − 1, s%3 − 1), x along
+/// z and y along φ; φ wraps, and beyond a pole lies the cell of the same row at φ + π. Tables, since this is asked for every
+/// node of every tree.
+pub fn around_children(level: usize, cell: [u32; 2]) -> &'static ChildSlots {
+    static INNER: ChildSlots = child_slots(false, false);
+    static LOW: ChildSlots = child_slots(true, false);
+    static HIGH: ChildSlots = child_slots(false, true);
+    static ROOT: ChildSlots = child_slots(true, true);
+    match cell[0] {
+        _ if level == 0 => &ROOT,
+        0 => &LOW,
+        x if x + 1 == 1 << level => &HIGH,
+        _ => &INNER,
+    }
+}
+
+/// `low` and `high`: whether the parent lies at the pole of z = −1, of z = 1; only the root lies at both.
+const fn child_slots(low: bool, high: bool) -> ChildSlots {
+    let mut slots = [[(0, 0); 9]; 4];
+    let mut i = 0;
+    while i < 36 {
+        let (k, slot) = (i / 9, i % 9);
+        // Before crossing a pole: the parent's own slots cross in the same way.
+        let x = (k % 2) as i32 + (slot / 3) as i32 - 1;
+        let y = (k / 2) as i32 + (slot % 3) as i32 - 1;
+        let (mut parent, mut child) = (3 * ((x >> 1) + 1) + (y >> 1) + 1, (x & 1) + 2 * (y & 1));
+        let beyond = (low && x < 0) || (high && x > 1);
+        if beyond {
+            child ^= 1;
+        }
+        // All around the root is the root; half a turn is one of its children's columns.
+        if low && high {
+            parent = 4;
+            child ^= if beyond { 2 } else { 0 };
+        }
+        slots[k][slot] = (parent as u8, child as u8);
+        i += 1;
+    }
+    slots
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

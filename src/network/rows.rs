@@ -3,6 +3,8 @@
 //! No hashing is needed to find neighbours: the parent of a cell's neighbour is the parent or one of the parent's neighbours,
 //! so each level follows from the one above in constant time per entry.
 
+use crate::guiding::topology::around_children;
+
 /// Cells of a 3×3 neighbourhood; slot k is (dx, dy) = (k/3 − 1, k%3 − 1), x along z and y along φ.
 pub const SLOTS: usize = 9;
 
@@ -66,29 +68,20 @@ impl Rows {
         }
         below.first_child = vec![NONE; below.len()];
         below.neighbours = Vec::with_capacity(below.len() * SLOTS);
-        for row in 0..below.len() {
-            let found = self.neighbours_of_child(level, below.parent[row] as usize, below.cell[row]);
-            below.neighbours.extend(found.map(|child| child.unwrap_or(below.tree.len() as u32)));
+        let absent = below.len() as u32;
+        for row in (0..self.len()).filter(|&row| self.first_child[row] != NONE) {
+            let mut first = [NONE; SLOTS];
+            for (first, &around) in first.iter_mut().zip(&self.neighbours[row * SLOTS..][..SLOTS]) {
+                *first = self.first_child.get(around as usize).copied().unwrap_or(NONE);
+            }
+            for child in around_children(level, self.cell[row]) {
+                let found = child.iter().map(|&(parent, k)| match first[usize::from(parent)] {
+                    NONE => absent,
+                    first => first + u32::from(k),
+                });
+                below.neighbours.extend(found);
+            }
         }
         below
-    }
-
-    /// The rows, in the level below this `level`, around the child `cell` of row `parent`.
-    fn neighbours_of_child(&self, level: usize, parent: usize, cell: [u32; 2]) -> [Option<u32>; SLOTS] {
-        let size = 2i64 << level;
-        let around = &self.neighbours[parent * SLOTS..][..SLOTS];
-        std::array::from_fn(|slot| {
-            let mut x = i64::from(cell[0]) + slot as i64 / 3 - 1;
-            let mut y = i64::from(cell[1]) + slot as i64 % 3 - 1;
-            // Taken before crossing a pole or wrapping: the parent's own slots cross and wrap in the same way.
-            let up = [(x >> 1) - i64::from(cell[0] >> 1), (y >> 1) - i64::from(cell[1] >> 1)];
-            if x < 0 || x >= size {
-                x = x.clamp(0, size - 1);
-                y += size / 2;
-            }
-            let row = if level == 0 { parent as u32 } else { around[((up[0] + 1) * 3 + up[1] + 1) as usize] };
-            let first = *self.first_child.get(row as usize)?;
-            (first != NONE).then(|| first + (x & 1) as u32 + 2 * (y & 1) as u32)
-        })
     }
 }

@@ -14,7 +14,7 @@ use super::Reconstructor;
 use crate::base::Result;
 use crate::guiding::distribution::Distribution;
 use crate::guiding::learner::CountedTree;
-use crate::guiding::topology::{NO_CHILD, Topology};
+use crate::guiding::topology::{NO_CHILD, Topology, around_children};
 
 /// Parameters, tuned by evaluation on training trees.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -109,30 +109,22 @@ impl Reconstructor for Gaussian {
 fn neighbours(topology: &Topology) -> (Vec<[u32; 9]>, Vec<u8>) {
     let mut around = vec![[0u32; 9]; topology.len()];
     let mut level_of = vec![0u8; topology.len()];
-    for level in 1..topology.levels() {
-        let parents = 1i64 << (level - 1);
+    for level in 0..topology.levels() {
         for node in topology.level(level) {
             level_of[node] = level as u8;
-            let parent = topology.parent[node] as usize;
-            let cell = topology.cell[node];
-            around[node] = OFFSETS.map(|[dx, dy]| {
-                let [mut x, mut y] = [i64::from(cell[0]) + i64::from(dx), i64::from(cell[1]) + i64::from(dy)];
-                let side = 2 * parents;
-                // Beyond a pole: mirrored, half a turn away. On level 1 that is the other column of the same row.
-                let beyond = x < 0 || x >= side;
-                if beyond {
-                    x = x.clamp(0, side - 1);
-                    y += parents;
+        }
+        for node in topology.level(level).filter(|&node| !topology.is_leaf(node)) {
+            let beside = around[node];
+            let first_child = topology.first_child[node] as usize;
+            let slots = around_children(level, topology.cell[node]);
+            for (children, slots) in around[first_child..first_child + 4].iter_mut().zip(slots) {
+                for (found, &(parent, k)) in children.iter_mut().zip(slots) {
+                    let row = beside[usize::from(parent)];
+                    let first = topology.first_child[row as usize];
+                    let deeper = first != NO_CHILD && usize::from(level_of[row as usize]) == level;
+                    *found = if deeper { first + u32::from(k) } else { row };
                 }
-                let slot = |from: i64, to: u32| to as i64 - from;
-                // Where the parent's cell is seen from this one: one step at most in each direction.
-                let step_x = if beyond { i64::from(dx) } else { slot((x - i64::from(dx)) >> 1, (x >> 1) as u32) };
-                let step_y = (i64::from(cell[1]) + i64::from(dy)).div_euclid(2) - i64::from(cell[1] >> 1);
-                let row = if level == 1 { 0 } else { around[parent][(3 * (step_x + 1) + step_y + 1) as usize] };
-                let first = topology.first_child[row as usize];
-                let deeper = first != NO_CHILD && (level == 1 || level_of[row as usize] as usize == level - 1);
-                if deeper { first + ((x & 1) as u32) + 2 * (y.rem_euclid(side) & 1) as u32 } else { row }
-            });
+            }
         }
     }
     (around, level_of)
