@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::dataset::{DatasetIndex, INDEX_FILE, ShardEntry};
-use super::recipe::{Job, Recipe};
+use super::recipe::{Job, Recipe, Source};
 use super::shard::{TreeSample, write_shard};
 use crate::base::random::Random;
 use crate::base::{Error, Place, Progress, Result};
@@ -51,7 +51,7 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
         if stop.load(std::sync::atomic::Ordering::Relaxed) {
             break;
         }
-        let file = format!("{number:05}-{}.safetensors", job.family.name());
+        let file = format!("{number:05}-{}.safetensors", job.source.name());
         let known = index.shards.iter().find(|shard| shard.file == file);
         if let Some(other) = known.filter(|shard| (shard.seed, shard.held_out) != (job.seed, job.held_out)) {
             let message = format!("{} was made by another recipe: it has the seed {}", other.file, other.seed);
@@ -64,8 +64,8 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
             index.shards.push(ShardEntry {
                 version: super::shard::VERSION,
                 file,
-                scene: format!("{}-{:016x}", job.family.name(), job.seed),
-                family: job.family.name().into(),
+                scene: format!("{}-{:016x}", job.source.name(), job.seed),
+                family: job.source.family().into(),
                 seed: job.seed,
                 held_out: job.held_out,
                 samples: samples.len() as u64,
@@ -84,14 +84,19 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
 /// # Errors
 /// Whatever building the scene or rendering it says.
 pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<(Vec<TreeSample>, Mode)> {
-    let file = super::scene(job.family, job.seed, recipe.resolution);
+    let loaded = match &job.source {
+        Source::Family(family) => {
+            let file = super::scene(*family, job.seed, recipe.resolution);
+            readers::resolve(file, Path::new("."), Path::new(family.name()))?
+        }
+        Source::File(path) => readers::load(path)?,
+    };
     let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
-    settings.transport.max_depth = file.render.max_depth;
+    settings.transport.max_depth = loaded.file.render.max_depth;
     settings.seed = job.seed;
     settings.learner.resolution = recipe.grids[job.index as usize % recipe.grids.len()] as f32;
     settings.learner.voxel_samples = u32::MAX;
     settings.learner.memory = 1 << 30;
-    let loaded = readers::resolve(file, Path::new("."), Path::new(job.family.name()))?;
     let scene = Scene::build(&loaded, recipe.resolution)?;
     let mode = settings.mode();
     let learning = Learning::new(&settings, &scene.lights.emission);
@@ -204,7 +209,7 @@ impl Run<'_> {
                         let Bounds { low, high, .. } = cache.bounds(voxel);
                         pairs.push(TreeSample {
                             scene: number,
-                            family: job.family.id() as u32,
+                            family: job.source.id() as u32,
                             iteration: t,
                             kinds: KINDS[turn as usize % KINDS.len()].1,
                             bounds: [low.x, low.y, low.z, high.x, high.y, high.z],

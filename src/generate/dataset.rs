@@ -1,7 +1,7 @@
 //! A folder of shards and its index: `index.jsonl`, one JSON object per shard.
 
 use std::collections::BTreeSet;
-use std::path::{Component, Path};
+use std::path::{Component, Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -117,6 +117,27 @@ pub fn read_dataset(folder: &Path) -> Result<Dataset> {
         if entry.held_out { &mut data.held_out } else { &mut data.train }.extend(trees);
     }
     Ok(data)
+}
+
+/// Reads several data folders as one.
+///
+/// # Errors
+/// Those of [`read_dataset`]; [`Error::Malformed`] where their modes differ, [`Error::Options`] without any folder.
+pub fn read_datasets(folders: &[PathBuf]) -> Result<Dataset> {
+    let Some((first, others)) = folders.split_first() else {
+        return Err(Error::Options("give a data folder".into()));
+    };
+    let mut all = read_dataset(first)?;
+    for folder in others {
+        let part = read_dataset(folder)?;
+        if part.mode != all.mode {
+            let message = "the mode differs from the first folder's";
+            return Err(Error::malformed(Place::file(folder.join(INDEX_FILE)), message));
+        }
+        all.train.extend(part.train);
+        all.held_out.extend(part.held_out);
+    }
+    Ok(all)
 }
 
 fn read_entry(folder: &Path, entry: &ShardEntry) -> Result<Vec<TreeSample>> {

@@ -1,7 +1,7 @@
 //! Recipes for training data: which scenes, seen how often, at what resolution. Everything is counted, nothing timed, so the
 //! same recipe gives the same data anywhere.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -43,7 +43,11 @@ pub struct Recipe {
     #[serde(default = "default_runs")]
     pub runs: u32,
     /// The families of scenes.
+    #[serde(default)]
     pub family: Vec<FamilyRecipe>,
+    /// Scenes in files of any format that can be rendered, made after those of families.
+    #[serde(default)]
+    pub scene: Vec<SceneRecipe>,
 }
 
 /// How much of one family there is.
@@ -56,12 +60,62 @@ pub struct FamilyRecipe {
     pub scenes: u32,
 }
 
+/// A scene in a file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneRecipe {
+    /// The file, relative to the recipe's folder.
+    pub file: PathBuf,
+    /// Whether its trees are kept from training.
+    #[serde(default)]
+    pub held_out: bool,
+}
+
+/// Where a scene comes from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Source {
+    /// A random scene of a family.
+    Family(Family),
+    /// A file.
+    File(PathBuf),
+}
+
+impl Source {
+    /// Name of the family, or of the file without its folder and its extension; where that is `scene`, of the folder.
+    pub fn name(&self) -> String {
+        let text = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
+        match self {
+            Self::Family(family) => family.name().into(),
+            Self::File(path) => match text(path.file_stem()) {
+                stem if stem == "scene" => text(path.parent().and_then(Path::file_name)),
+                stem => stem,
+            },
+        }
+    }
+
+    /// Name of the family, `files` for a file.
+    pub fn family(&self) -> &'static str {
+        match self {
+            Self::Family(family) => family.name(),
+            Self::File(_) => "files",
+        }
+    }
+
+    /// Stream of random numbers: the family's, 0 for files.
+    pub fn id(&self) -> u64 {
+        match self {
+            Self::Family(family) => family.id(),
+            Self::File(_) => 0,
+        }
+    }
+}
+
 /// One scene of a recipe.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Job {
-    /// Its family.
-    pub family: Family,
-    /// 0-based number within the family.
+    /// What it shows.
+    pub source: Source,
+    /// 0-based number within the family, or among the files.
     pub index: u32,
     /// Seed of the scene.
     pub seed: u64,
@@ -103,11 +157,13 @@ impl Recipe {
     /// # Errors
     /// [`Error::Malformed`] with the line or the key that is wrong.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
-        let recipe: Self = toml::from_str(text).map_err(|e| {
+        let mut recipe: Self = toml::from_str(text).map_err(|e| {
             let line =
                 e.span().map(|span| At::Line(1 + text[..span.start.min(text.len())].matches('\n').count() as u32));
             Error::malformed(Place { path: path.to_owned(), at: line }, e.message())
         })?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        recipe.scene.iter_mut().for_each(|scene| scene.file = folder.join(&scene.file));
         match recipe.fault() {
             Some((key, message)) => Err(Error::malformed(Place::part(path, key), message)),
             None => Ok(recipe),
@@ -116,7 +172,7 @@ impl Recipe {
 
     /// The first key whose value is out of range, and why.
     fn fault(&self) -> Option<(&'static str, String)> {
-        let scenes: u64 = self.family.iter().map(|f| u64::from(f.scenes)).sum();
+        let scenes = self.family.iter().map(|f| u64::from(f.scenes)).sum::<u64>() + self.scene.len() as u64;
         let checks = [
             ("name", !self.name.is_empty(), "must not be empty"),
             ("held_out", (0.0..1.0).contains(&self.held_out), "must be at least 0 and below 1"),
@@ -134,7 +190,11 @@ impl Recipe {
             ("target_spp", (1..=1 << 24).contains(&self.target_spp), "must be 1 to 16777216"),
             ("runs", (1..=64).contains(&self.runs), "must be 1 to 64"),
             ("max_trees_per_scene", self.max_trees_per_scene > 0, "must not be 0"),
-            ("family", (1..=u64::from(MAX_SCENES)).contains(&scenes), "all families together need 1 to 100000 scenes"),
+            (
+                "family",
+                (1..=u64::from(MAX_SCENES)).contains(&scenes),
+                "families and files together need 1 to 100000 scenes",
+            ),
         ];
         checks.into_iter().find(|(_, good, _)| !good).map(|(key, _, message)| (key, message.to_owned()))
     }
@@ -146,12 +206,20 @@ impl Recipe {
         let most = self.family.iter().map(|part| part.scenes).max().unwrap_or(0);
         for index in 0..most {
             for part in self.family.iter().filter(|part| index < part.scenes) {
-                let seed = Random::new(self.seed, part.name.id(), u64::from(index)).next_u64();
                 let before = |i: u32| (f64::from(i) * self.held_out + 0.5).floor();
-                jobs.push(Job { family: part.name, index, seed, held_out: before(index + 1) > before(index) });
+                let held_out = before(index + 1) > before(index);
+                jobs.push(self.job(Source::Family(part.name), index, held_out));
             }
         }
+        let file =
+            |(index, scene): (u32, &SceneRecipe)| self.job(Source::File(scene.file.clone()), index, scene.held_out);
+        jobs.extend((0..).zip(&self.scene).map(file));
         jobs
+    }
+
+    fn job(&self, source: Source, index: u32, held_out: bool) -> Job {
+        let seed = Random::new(self.seed, source.id(), u64::from(index)).next_u64();
+        Job { source, index, seed, held_out }
     }
 }
 
@@ -172,9 +240,20 @@ mod tests {
         let jobs = parse(GOOD).unwrap().jobs();
         let seeds: std::collections::BTreeSet<u64> = jobs.iter().map(|j| j.seed).collect();
         assert_eq!(seeds.len(), 14);
-        let held_out = |family| jobs.iter().filter(|j| j.family == family && j.held_out).count();
+        let held_out = |family| jobs.iter().filter(|j| j.source == Source::Family(family) && j.held_out).count();
         assert_eq!((held_out(Family::Rooms), held_out(Family::Caustics)), (3, 1));
         assert_eq!(jobs, parse(GOOD).unwrap().jobs());
+    }
+
+    #[test]
+    fn scenes_in_files_follow_those_of_families() {
+        let text =
+            GOOD.to_owned() + "[[scene]]\nfile = \"../a/scene.json\"\nheld_out = true\n[[scene]]\nfile = \"b.xml\"\n";
+        let jobs = Recipe::parse(&text, Path::new("data/r.toml")).unwrap().jobs();
+        let [first, second] = &jobs[14..] else { panic!("{} jobs", jobs.len()) };
+        assert_eq!(first.source, Source::File("data/../a/scene.json".into()));
+        assert_eq!((first.source.name(), first.held_out, first.index), ("a".into(), true, 0));
+        assert_eq!((second.source.name(), second.held_out, second.index), ("b".into(), false, 1));
     }
 
     #[test]

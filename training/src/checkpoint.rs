@@ -41,7 +41,7 @@ pub struct State {
     pub step: u64,
     /// Seconds of training so far.
     pub seconds: f64,
-    /// Best KL on validation trees so far.
+    /// Best mean ln(1 + V) on validation trees so far.
     pub best: Option<f64>,
 }
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use burn::tensor::Device;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use fanal::generate::dataset::{DatasetIndex, ShardEntry, read_dataset};
+use fanal::generate::dataset::{DatasetIndex, ShardEntry, read_datasets};
 use fanal::generate::shard::{VERSION, write_shard};
 use fanal::network::weights::Model;
 use fanal::render::{GuideMode, RenderSettings, StopRule};
@@ -67,9 +67,9 @@ enum DeviceName {
 
 #[derive(Debug, Args)]
 struct TrainArgs {
-    /// The data folder.
-    #[arg(long)]
-    data: PathBuf,
+    /// The data folder; several times for several.
+    #[arg(long, required = true)]
+    data: Vec<PathBuf>,
     /// The model folder.
     #[arg(short)]
     output: PathBuf,
@@ -122,9 +122,9 @@ struct TrainArgs {
 
 #[derive(Debug, Args)]
 struct EvalArgs {
-    /// The data folder.
-    #[arg(long)]
-    data: PathBuf,
+    /// The data folder; several times for several.
+    #[arg(long, required = true)]
+    data: Vec<PathBuf>,
     /// The model folder.
     #[arg(long)]
     model: PathBuf,
@@ -192,7 +192,7 @@ fn device(name: DeviceName) -> Device {
 }
 
 fn run_eval(args: &EvalArgs) -> Result<()> {
-    let data = read_dataset(&args.data)?;
+    let data = read_datasets(&args.data)?;
     let model = Model::load(&args.model)?;
     ensure!(model.config.mode == data.mode, "the model was trained for another mode than the data: {:?}", data.mode);
     let evaluation = evaluate(&data, &model, &args.ablate, args.trees)?;

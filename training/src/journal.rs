@@ -74,11 +74,11 @@ impl Journal {
         Ok(())
     }
 
-    /// Loss and validation KL over epochs.
+    /// Loss, and ln(1 + V) on the validation trees, over epochs.
     fn plot(&self) -> Result<String> {
         let train: Vec<(f64, f64)> = self.entries.iter().map(|e| (e.epoch, e.value)).collect();
         let validation: Vec<(f64, f64)> =
-            self.entries.iter().filter_map(|e| e.validation_kl.map(|kl| (e.epoch, kl))).collect();
+            self.entries.iter().filter_map(|e| e.validation_moment.map(|moment| (e.epoch, moment))).collect();
         let all = || train.iter().chain(&validation).map(|p| p.1).filter(|y| y.is_finite());
         let low = all().fold(0.0, f64::min);
         let high = all().fold(0.1, f64::max);
@@ -94,7 +94,7 @@ impl Journal {
                 .y_label_area_size(52)
                 .build_cartesian_2d(0.0..end, low..high * 1.05)
                 .map_err(|e| fail(&e))?;
-            let mesh = chart.configure_mesh().x_desc("epoch").y_desc("loss (grey), validation KL (blue)").draw();
+            let mesh = chart.configure_mesh().x_desc("epoch").y_desc("loss (grey), validation ln(1 + V) (blue)").draw();
             mesh.map_err(|e| fail(&e))?;
             chart.draw_series(LineSeries::new(train, BLACK.mix(0.4))).map_err(|e| fail(&e))?;
             chart.draw_series(LineSeries::new(validation, BLUE.stroke_width(2))).map_err(|e| fail(&e))?;

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use burn::tensor::Device;
-use fanal::generate::dataset::{Dataset, read_dataset};
+use fanal::generate::dataset::{Dataset, read_datasets};
 use fanal::generate::shard::TreeSample;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -20,8 +20,8 @@ use crate::run::Run;
 /// What to train, on what, for how long.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// The data folder.
-    pub data: PathBuf,
+    /// The data folders.
+    pub data: Vec<PathBuf>,
     /// The model folder.
     pub output: PathBuf,
     /// Stop after so many minutes of training (over all parts of a resumed run).
@@ -63,7 +63,7 @@ const VALIDATION_TREES: usize = 384;
 pub struct Outcome {
     /// Steps done.
     pub step: u64,
-    /// Best KL on the validation trees.
+    /// Best mean ln(1 + V) on the validation trees.
     pub best: f64,
     /// Trees per second of training in this part of the run.
     pub trees_per_second: f64,
@@ -76,7 +76,7 @@ pub struct Outcome {
 pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     ensure!(settings.batch > 0, "a batch needs at least one tree");
     ensure!(settings.minutes.is_some() || settings.epochs.is_some(), "give --minutes or --epochs");
-    let data = read_dataset(&settings.data)?;
+    let data = read_datasets(&settings.data)?;
     let mode = data.mode.clone();
     let (training, validation) = divide(data)?;
     std::fs::create_dir_all(&settings.output).with_context(|| settings.output.display().to_string())?;

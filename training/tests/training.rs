@@ -174,7 +174,7 @@ fn data_folder(trees: u32) -> tempfile::TempDir {
 fn a_resumed_run_equals_an_uninterrupted_one() {
     let data = data_folder(40);
     let base = |name: &str| train::Settings {
-        data: data.path().to_owned(),
+        data: vec![data.path().to_owned()],
         output: data.path().join(name),
         minutes: None,
         epochs: Some(2),
