@@ -94,7 +94,7 @@ impl Reconstructor for Gaussian {
     }
 
     fn rays_per_node(&self) -> f64 {
-        0.4
+        0.1
     }
 
     fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {

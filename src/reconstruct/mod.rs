@@ -48,8 +48,8 @@ pub trait Reconstructor: Sync {
     /// The part of the uniform distribution that has to be mixed into its results, in (0, 1].
     fn uniform(&self) -> f32;
 
-    /// What reconstructing one node of Q_h costs, in rays traced; 0 for nothing. From measurements on two cores: a ray takes about
-    /// 0.5 µs of a core, a tree of 527 nodes 239 µs of both by the network and 50 µs by smoothing (`models/default/card.md`).
+    /// What reconstructing one node of Q_h costs, in rays traced; 0 for nothing. From measurements on two cores: a ray with its
+    /// shading takes 0.5 to 0.7 µs of a core, a tree of 407 nodes 81 to 99 µs of both by the network and 13 µs by smoothing.
     fn rays_per_node(&self) -> f64;
 
     /// One distribution per tree, in the same order.
@@ -199,7 +199,7 @@ impl Reconstructor for Neural {
     }
 
     fn rays_per_node(&self) -> f64 {
-        2.0
+        0.8
     }
 
     fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {

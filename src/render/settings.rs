@@ -181,7 +181,7 @@ impl RenderSettings {
             learner,
             learning_share: 0.5,
             gives_up: guide != GuideMode::Ppg,
-            reconstruction_share: 0.06,
+            reconstruction_share: 0.15,
             filter: FilterFile::default(),
             crop: None,
             keeps_spread: false,
