@@ -108,7 +108,7 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
 }
 
 /// Trees to train on and trees to choose the best weights by: every tenth scene of the training data if there are enough,
-/// otherwise the held-out trees. Those are otherwise left to `eval`.
+/// otherwise the held-out trees. Those are otherwise left to `eval`. Scenes of several folders that have the same number go together.
 fn divide(data: Dataset) -> Result<(Vec<TreeSample>, Vec<TreeSample>)> {
     if data.train.is_empty() {
         bail!("the data folder has no trees to train on");

@@ -1,0 +1,132 @@
+//! What the twins in double precision share: random inputs, most of them extreme, and the largest relative error.
+
+use std::f64::consts::PI;
+
+use fanal::base::random::Random;
+use fanal::materials::microfacet::Shape;
+use glam::{DVec3, Vec3};
+
+/// Inputs of each comparison.
+pub const INPUTS: usize = 100_000;
+/// Densities and values below this are no normal singles any more once they are multiplied by anything.
+pub const VANISHING: f64 = 1e-30;
+
+/// The largest relative error so far, and where it was.
+pub struct Worst {
+    what: String,
+    error: f64,
+    at: String,
+    compared: usize,
+}
+
+impl Worst {
+    pub fn new(what: impl Into<String>) -> Self {
+        Self { what: what.into(), error: 0.0, at: String::new(), compared: 0 }
+    }
+
+    /// An error counts by its excess over what is `inherent`.
+    pub fn compare(&mut self, found: f32, expected: f64, inherent: f64, at: impl FnOnce() -> String) {
+        let found = f64::from(found);
+        if found.max(expected) < VANISHING && found >= 0.0 {
+            return;
+        }
+        self.compared += 1;
+        let error = (found - expected).abs() / expected.abs().max(VANISHING) - inherent;
+        if error.is_nan() || error > self.error {
+            (self.error, self.at) = (error, format!("{}: {found:e}, not {expected:e}", at()));
+        }
+    }
+
+    pub fn check(&self, inputs: usize) {
+        println!("{}: {:.1e} over {} ({})", self.what, self.error, self.compared, self.at);
+        assert!(self.compared >= inputs, "{}: only {} comparisons", self.what, self.compared);
+        assert!(self.error <= 1e-4, "{}: {:.1e} at {}", self.what, self.error, self.at);
+    }
+}
+
+/// Spread evenly over the decades from `low` to `high`.
+pub fn decades(random: &mut Random, low: f32, high: f32) -> f32 {
+    (low.ln() + (high.ln() - low.ln()) * random.next_f32()).exp().clamp(low, high)
+}
+
+/// A direction of this cosine, turned at random.
+pub fn toward(cos: f32, random: &mut Random) -> Vec3 {
+    let phi = std::f32::consts::TAU * random.next_f32();
+    let sin = ((1.0 - cos) * (1.0 + cos)).max(0.0).sqrt();
+    Vec3::new(sin * phi.cos(), sin * phi.sin(), cos)
+}
+
+/// A direction in front, most often at a grazing angle or close to the normal.
+pub fn in_front(random: &mut Random) -> Vec3 {
+    let cos = match random.below(3) {
+        0 => decades(random, 1e-6, 1.0),
+        1 => 1.0 - decades(random, 1e-7, 1.0) * 0.999,
+        _ => random.range(0.001, 1.0),
+    };
+    toward(cos, random)
+}
+
+/// The error function.
+pub fn erf64(x: f64) -> f64 {
+    // The series for small x, the continued fraction (Lentz) for large.
+    if x.abs() < 2.5 {
+        let (mut term, mut sum) = (x, x);
+        for n in 1..80 {
+            term *= -x * x / f64::from(n);
+            sum += term / f64::from(2 * n + 1);
+        }
+        return 2.0 / PI.sqrt() * sum;
+    }
+    let mut fraction = 0.0;
+    for k in (1..60).rev() {
+        fraction = 0.5 * f64::from(k) / (x.abs() + fraction);
+    }
+    (1.0 - (-x * x).exp() / (PI.sqrt() * (x.abs() + fraction))).copysign(x)
+}
+
+/// Microfacets by Walter et al. 2007 (eq. 25, 33) and Heitz 2014 (eq. 72, 83).
+pub struct Facets {
+    pub shape: Shape,
+    pub alpha: f64,
+}
+
+impl Facets {
+    pub fn density(&self, h: DVec3) -> f64 {
+        let (cos2, tan2) = (h.z * h.z, (h.x * h.x + h.y * h.y) / (h.z * h.z));
+        let e = tan2 / (self.alpha * self.alpha);
+        let scale = 1.0 / (PI * self.alpha * self.alpha * cos2 * cos2);
+        match self.shape {
+            Shape::Beckmann => scale * (-e).exp(),
+            Shape::Ggx => scale / (1.0 + e).powi(2),
+        }
+    }
+
+    pub fn visible(&self, w: DVec3, h: DVec3) -> f64 {
+        if w.dot(h) * w.z <= 0.0 {
+            return 0.0;
+        }
+        let tan = w.truncate().length() / w.z.abs();
+        if tan == 0.0 {
+            return 1.0;
+        }
+        let a = 1.0 / (self.alpha * tan);
+        let lambda = match self.shape {
+            Shape::Ggx => 0.5 * ((1.0 + 1.0 / (a * a)).sqrt() - 1.0),
+            Shape::Beckmann => 0.5 * ((-a * a).exp() / (a * PI.sqrt()) - 1.0 + erf64(a)).max(0.0),
+        };
+        1.0 / (1.0 + lambda)
+    }
+
+    /// As light is reflected: for Beckmann Walter's rational fit, eq. 27.
+    pub fn shadowing(&self, w: DVec3, h: DVec3) -> f64 {
+        if self.shape == Shape::Ggx || w.dot(h) * w.z <= 0.0 {
+            return self.visible(w, h);
+        }
+        let a = w.z.abs() / (self.alpha * w.truncate().length());
+        if a < 1.6 { (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a) } else { 1.0 }
+    }
+
+    pub fn visible_density(&self, w: DVec3, h: DVec3) -> f64 {
+        self.density(h) * self.visible(w, h) * w.dot(h).max(0.0) / w.z
+    }
+}
