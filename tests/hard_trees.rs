@@ -161,7 +161,9 @@ fn a03_no_energy_is_uniform() {
     for samples in [&[][..], &[(Vec3::X, 0.0), (Vec3::Z, 0.0)]] {
         let tree = deposited(Target::Variance, Layout::Values, samples);
         assert!(!tree.has_energy());
-        let guide = SamplingTree::new(&tree.leaves().hybrid(0.5), 0.0, usize::MAX);
+        let counted = tree.leaves().hybrid(0.5);
+        assert_eq!(counted, Distribution::uniform());
+        let guide = SamplingTree::new(&counted, 0.0, usize::MAX);
         for _ in 0..1000 {
             let (drawn, pdf) = guide.sample(&mut random);
             for pdf in [pdf, guide.pdf(drawn)] {
