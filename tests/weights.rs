@@ -104,11 +104,12 @@ fn f03_every_damaged_weight_is_found() {
 fn a18_models_of_other_versions_and_features_are_refused() {
     let good = config(16, 1, false);
     let weights = model(good.clone(), 4).weights;
-    let changes: [(&str, Change<Config>); 6] = [
+    let changes: [(&str, Change<Config>); 7] = [
         ("version 2", |c| c.version = 2),
         ("55 features", |c| c.features = 55),
         ("width 17", |c| c.width = 17),
         ("0 convolutions", |c| c.convolutions = 0),
+        ("image must be", |c| c.image = Some(7)),
         ("leaf_threshold", |c| c.leaf_threshold = 1.5),
         ("split_share", |c| c.mode.split_share = -0.1),
     ];

@@ -59,13 +59,15 @@ impl Distribution {
                 continue;
             }
             let first = first as usize;
-            let four = [0, 1, 2, 3].map(|k| {
-                let share = f64::from(shares.get(first + k).copied().unwrap_or(0.0));
-                if share.is_finite() { share.max(0.0) } else { 0.0 }
-            });
+            let mut four = [0.0; 4];
+            for (four, share) in four.iter_mut().zip(shares.get(first..).unwrap_or(&[])) {
+                *four = if share.is_finite() { f64::from(share.max(0.0)) } else { 0.0 };
+            }
             let sum: f64 = four.iter().sum();
-            for (k, share) in four.iter().enumerate() {
-                node_mass[first + k] = node_mass[parent] * if sum > 0.0 { share / sum } else { 0.25 };
+            let (four, scale) =
+                if sum > 0.0 { (four, node_mass[parent] / sum) } else { ([0.25; 4], node_mass[parent]) };
+            for (mass, share) in node_mass[first..first + 4].iter_mut().zip(four) {
+                *mass = share * scale;
             }
         }
         Self { topology, node_mass }
@@ -158,6 +160,13 @@ impl Distribution {
     pub fn refined(&self, share: f64, most: usize) -> Topology {
         let root = Part { of: self, node: Some(0), mass: 1.0 };
         Topology::grown(root, most, |part| part.mass > share, |part| [0, 1, 2, 3].map(|k| part.child(k)))
+    }
+
+    /// The same on the tree that has all cells of `level`, with the means of what is finer.
+    pub fn on_grid(&self, level: usize) -> Self {
+        let topology = Topology::complete(level);
+        let masses = topology.level(level).map(|node| self.cell_mass(level, topology.cell[node])).collect::<Vec<_>>();
+        Self::from_leaf_weights(topology, &masses)
     }
 
     /// The cells of the union of all trees' leaves, without those where `target` has no mass.

@@ -93,6 +93,11 @@ impl Topology {
         Self { first_child: vec![NO_CHILD], parent: vec![0], cell: vec![[0, 0]], level_start: vec![0, 1] }
     }
 
+    /// The tree that has all cells of `level`; levels that would take more than [`MAX_NODES`] are left out.
+    pub fn complete(level: usize) -> Self {
+        Self::grown(0, MAX_NODES, |&here| here < level, |&here| [here + 1; 4])
+    }
+
     /// Number of nodes.
     pub fn len(&self) -> usize {
         self.first_child.len()

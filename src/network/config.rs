@@ -1,11 +1,14 @@
 //! What a model is: architecture, features, and the mode that its training data was made in.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use crate::base::{Error, Result};
+use crate::guiding::distribution::Distribution;
 use crate::guiding::features::FEATURES;
+use crate::guiding::topology::MAX_LEVEL;
 
 /// The version of model folders that this program reads. 3: the network sees counted trees with their context, and corrects
 /// smoothed ones.
@@ -27,6 +30,10 @@ pub struct Config {
     pub features: usize,
     /// Separate weights for every level (Zhu 2021) instead of shared ones with a level channel.
     pub per_level: bool,
+    /// Level of an image network: it reads and writes all cells of that level, an image of 2^level squared pixels (Zhu et al.
+    /// 2020, which is what Zhu 2021 compares with), instead of trees that are as deep as their samples. Absent for trees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub image: Option<usize>,
     /// Probability above which a decoded node becomes a leaf.
     pub leaf_threshold: f32,
     /// A decoded node is split only while it holds more than this share of its tree.
@@ -58,7 +65,26 @@ pub struct Mode {
 /// Widths that the embedded path has kernels for.
 pub const WIDTHS: [usize; 6] = [8, 16, 24, 32, 48, 64];
 
+/// Deepest level of an image network: 64 × 64 pixels.
+pub const IMAGE_LEVELS: usize = 6;
+
 impl Config {
+    /// Whether a decoded node at `level` ≥ 1 is split, given its probability of being a leaf and its share of the tree.
+    pub fn splits(&self, level: usize, leaf: f32, mass: f32) -> bool {
+        match self.image {
+            Some(deepest) => level < deepest,
+            None => leaf < self.leaf_threshold && mass > self.min_split_share && level < MAX_LEVEL,
+        }
+    }
+
+    /// The distribution that is encoded: the counted one, on all cells of its level for an image network.
+    pub fn encoded<'a>(&self, counted: &'a Distribution) -> Cow<'a, Distribution> {
+        match self.image {
+            Some(level) => Cow::Owned(counted.on_grid(level)),
+            None => Cow::Borrowed(counted),
+        }
+    }
+
     /// Checks that this version of the renderer can run the model; `path` is named in the error.
     ///
     /// # Errors
@@ -73,6 +99,8 @@ impl Config {
             format!("width {} is not one of {WIDTHS:?}", self.width)
         } else if !(1..=4).contains(&self.convolutions) {
             format!("{} convolutions per level, supported are 1 to 4", self.convolutions)
+        } else if self.image.is_some_and(|level| !(1..=IMAGE_LEVELS).contains(&level)) {
+            format!("image must be a level from 1 to {IMAGE_LEVELS}")
         } else if !unit(self.leaf_threshold) || !unit(self.min_split_share) || !unit(self.uniform) {
             "leaf_threshold, min_split_share and uniform must be between 0 and 1".into()
         } else if !unit(self.mode.split_share) {

@@ -12,6 +12,16 @@ use crate::guiding::topology::MAX_LEVEL;
 /// Name of this backend in messages.
 const NAME: &str = "embedded";
 
+/// What the network computes in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Precision {
+    /// f32.
+    #[default]
+    Single,
+    /// Weights and inputs of layers in bfloat16, sums in f32, see [`bfloat`](super::bfloat).
+    Bfloat,
+}
+
 pub(super) fn fail<T>(message: impl Into<String>) -> Result<T> {
     Err(Error::Backend { backend: NAME, message: message.into() })
 }
@@ -22,24 +32,34 @@ pub struct Embedded {
     encode: Vec<Executable>,
     decode: Vec<Executable>,
     per_level: bool,
+    precision: Precision,
 }
 
 impl Embedded {
-    /// Prepares `model`.
+    /// Prepares `model` in single precision.
     ///
     /// # Errors
     /// As [`Executable::new`].
     pub fn new(model: &Model) -> Result<Self> {
+        Self::with_precision(model, Precision::Single)
+    }
+
+    /// Prepares `model`.
+    ///
+    /// # Errors
+    /// As [`Executable::new`].
+    pub fn with_precision(model: &Model, precision: Precision) -> Result<Self> {
         let Model { config, weights } = model;
         let levels = if config.per_level { 0..=MAX_LEVEL } else { 1..=1 };
         let compile = |program: &dyn Fn(usize) -> Program| -> Result<Vec<_>> {
-            levels.clone().map(|level| Executable::new(&program(level), weights)).collect()
+            levels.clone().map(|level| Executable::new(&program(level), weights, precision)).collect()
         };
         Ok(Self {
             encode: compile(&|level| encode_program(config, level))?,
             // The decoder has no level 0: that entry is never used.
             decode: compile(&|level| decode_program(config, level.max(1)))?,
             per_level: config.per_level,
+            precision,
         })
     }
 
@@ -53,7 +73,10 @@ impl Embedded {
 
 impl Backend for Embedded {
     fn name(&self) -> &'static str {
-        NAME
+        match self.precision {
+            Precision::Single => NAME,
+            Precision::Bfloat => "embedded-bf16",
+        }
     }
 
     fn encode(&self, level: usize, inputs: &EncodeInputs) -> Result<Vec<f32>> {

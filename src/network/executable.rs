@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 
 use super::batch::SLOTS;
-use super::embedded::fail;
-use super::fusion::{Step, fuse};
+use super::bfloat::pairs;
+use super::embedded::{Precision, fail};
+use super::fusion::{Matrix, Source, Step, fuse};
 use super::kernels::{Epilogue, Index, Part, apply};
 use super::program::{Op, Program, Value};
 use super::weights::Weights;
@@ -46,13 +47,13 @@ impl Executable {
     /// [`Error::Model`](crate::base::Error::Model) for a layer that is missing or misshapen,
     /// [`Error::Backend`](crate::base::Error::Backend) for a program that is not of the form that this backend fuses
     /// (selections of selections, inputs wider than [`MAX_CHANNELS`](super::kernels::MAX_CHANNELS)).
-    pub fn new(program: &Program, weights: &Weights) -> Result<Self> {
+    pub fn new(program: &Program, weights: &Weights, precision: Precision) -> Result<Self> {
         let input = |(value, op): (Value, &Op)| match op {
             Op::Input(name) => Some((*name, value)),
             _ => None,
         };
         Ok(Self {
-            steps: fuse(program, weights)?,
+            steps: fuse(program, weights, precision)?,
             inputs: program.ops.iter().enumerate().filter_map(input).collect(),
             columns: program.columns.clone(),
             outputs: program.outputs.iter().map(|&(_, value)| value).collect(),
@@ -80,22 +81,23 @@ impl Executable {
     fn step(&self, step: &Step, inputs: &Inputs, computed: &HashMap<Value, Vec<f32>>) -> Result<(Value, Vec<f32>)> {
         let get = |value: Value| self.value(value, inputs, computed);
         Ok(match step {
-            Step::Layer { sources, gather, layer, residual, relu, to } => {
-                let residual = residual.map(get).transpose()?;
-                let mut parts = Vec::with_capacity(SLOTS);
-                for source in sources {
-                    let (x, channels) = (get(source.value)?, self.columns[source.value]);
-                    let part = |index| Part { x, channels, index };
-                    if *gather {
-                        let index = inputs.index("neighbours")?;
-                        parts.extend((0..SLOTS).map(|offset| part(Index::Gather { index, stride: SLOTS, offset })));
-                    } else if let Some(name) = source.index {
-                        parts.push(part(Index::Gather { index: inputs.index(name)?, stride: 1, offset: 0 }));
-                    } else {
-                        parts.push(part(Index::Same));
+            Step::Layer { sources, gather, matrix, residual, relu, to } => {
+                let epilogue = Epilogue { residual: residual.map(get).transpose()?, relu: *relu };
+                let channels = |source: &Source| self.columns[source.value];
+                let layer = match matrix {
+                    Matrix::Single(packed) => {
+                        let read =
+                            sources.iter().map(|s| Ok((get(s.value)?, channels(s)))).collect::<Result<Vec<_>>>()?;
+                        apply(packed, &parts(sources, &read, *gather, inputs)?, epilogue, inputs.rows)
                     }
-                }
-                (*to, apply(layer, &parts, Epilogue { residual, relu: *relu }, inputs.rows))
+                    Matrix::Pairs(packed) => {
+                        let rounded = |s: &Source| Ok((pairs(get(s.value)?, channels(s)), channels(s).div_ceil(2)));
+                        let rounded = sources.iter().map(rounded).collect::<Result<Vec<_>>>()?;
+                        let read: Vec<_> = rounded.iter().map(|(x, channels)| (x.as_slice(), *channels)).collect();
+                        apply(packed, &parts(sources, &read, *gather, inputs)?, epilogue, inputs.rows)
+                    }
+                };
+                (*to, layer)
             }
             Step::Add { values: [a, b], to } => (*to, get(*a)?.iter().zip(get(*b)?).map(|(a, b)| a + b).collect()),
             Step::Relu { value, to } => (*to, get(*value)?.iter().map(|x| x.max(0.0)).collect()),
@@ -141,6 +143,28 @@ impl Executable {
         }
         Ok(())
     }
+}
+
+/// What a layer reads: the rows of each source, `read` with their columns, under its index; of a convolution nine times.
+fn parts<'a, T>(
+    sources: &[Source],
+    read: &[(&'a [T], usize)],
+    gather: bool,
+    inputs: &'a Inputs,
+) -> Result<Vec<Part<'a, T>>> {
+    let mut parts = Vec::with_capacity(SLOTS);
+    for (source, &(x, channels)) in sources.iter().zip(read) {
+        let part = |index| Part { x, channels, index };
+        if gather {
+            let index = inputs.index("neighbours")?;
+            parts.extend((0..SLOTS).map(|offset| part(Index::Gather { index, stride: SLOTS, offset })));
+        } else if let Some(name) = source.index {
+            parts.push(part(Index::Gather { index: inputs.index(name)?, stride: 1, offset: 0 }));
+        } else {
+            parts.push(part(Index::Same));
+        }
+    }
+    Ok(parts)
 }
 
 fn selects(step: &Step, v: Value) -> bool {

@@ -3,13 +3,16 @@
 //! A convolution over nine neighbours is nine inputs of the same rows under nine indices; a linear layer of concatenated
 //! inputs is one input each. So neither the gathered nor the concatenated matrix is ever written to memory. Four rows are
 //! computed at once, which are four siblings below the root and mostly lack the same neighbours.
+//!
+//! Numbers are single precision, or [`Pair`]s of bfloat16 that are multiplied exactly and summed in single precision.
 
 use rayon::prelude::*;
 
+use super::bfloat::Pair;
 use super::weights::LayerWeights;
 
 /// Rows computed together: with up to 24 columns their sums fill the 16 vector registers of AVX2.
-const BLOCK: usize = 4;
+pub(super) const BLOCK: usize = 4;
 /// Blocks per parallel task.
 const TASK: usize = 256;
 
@@ -31,19 +34,19 @@ pub enum Index<'a> {
 
 /// One block of a layer's input channels.
 #[derive(Debug, Clone, Copy)]
-pub struct Part<'a> {
+pub struct Part<'a, T = f32> {
     /// [rows, channels].
-    pub x: &'a [f32],
+    pub x: &'a [T],
     /// Columns of `x`, not 0.
     pub channels: usize,
     /// Which row goes where.
     pub index: Index<'a>,
 }
 
-impl<'a> Part<'a> {
+impl<'a, T> Part<'a, T> {
     /// The row that output row `row` reads; empty where it is missing.
     #[inline(always)]
-    fn row(&self, row: usize) -> &'a [f32] {
+    fn row(&self, row: usize) -> &'a [T] {
         let source = match self.index {
             Index::Same => row,
             Index::Gather { index, stride, offset } => index[row * stride + offset] as usize,
@@ -64,11 +67,11 @@ pub struct Epilogue<'a> {
 
 /// A layer's weights in panels of columns that fit the registers: [columns / panel][rows][panel].
 #[derive(Debug, Clone)]
-pub struct Packed {
+pub struct Packed<T = f32> {
     panel: usize,
     columns: usize,
     rows: usize,
-    weight: Vec<f32>,
+    weight: Vec<T>,
     bias: Vec<f32>,
 }
 
@@ -77,15 +80,50 @@ impl Packed {
     pub fn new(layer: &LayerWeights) -> Self {
         let LayerWeights { rows, columns, .. } = *layer;
         let panel = [24, 16, 8].into_iter().find(|panel| columns % panel == 0).unwrap_or(1);
-        let mut weight = Vec::with_capacity(rows * columns);
-        for first in (0..columns).step_by(panel) {
-            for row in layer.weight.chunks_exact(columns) {
-                weight.extend_from_slice(&row[first..first + panel]);
-            }
-        }
-        Self { panel, columns, rows, weight, bias: layer.bias.clone() }
+        let row = |row: usize, column: usize| layer.weight[row * columns + column];
+        Self { panel, columns, rows, weight: in_panels(panel, rows, columns, row), bias: layer.bias.clone() }
     }
+}
 
+impl Packed<Pair> {
+    /// Packs a layer whose inputs have these numbers of `channels`, in bfloat16; an odd number gets a channel of zeros.
+    pub fn pairs(layer: &LayerWeights, channels: &[usize]) -> Self {
+        let columns = layer.columns;
+        let panel = [16usize, 8].into_iter().find(|&panel| columns.is_multiple_of(panel)).unwrap_or(1);
+        // First and, if there is one, second row of the matrix for each pair of channels.
+        let mut start = 0;
+        let mut rows: Vec<(usize, Option<usize>)> = vec![];
+        for &channels in channels {
+            rows.extend((0..channels).step_by(2).map(|c| (start + c, (c + 1 < channels).then_some(start + c + 1))));
+            start += channels;
+        }
+        let at = |row: usize, column: usize| layer.weight[row * columns + column];
+        let pair = |row: usize, column: usize| {
+            let (low, high) = rows[row];
+            Pair::new(at(low, column), high.map_or(0.0, |high| at(high, column)))
+        };
+        Self {
+            panel,
+            columns,
+            rows: rows.len(),
+            weight: in_panels(panel, rows.len(), columns, pair),
+            bias: layer.bias.clone(),
+        }
+    }
+}
+
+/// A matrix [rows, columns] as [columns / panel][rows][panel].
+fn in_panels<T>(panel: usize, rows: usize, columns: usize, at: impl Fn(usize, usize) -> T) -> Vec<T> {
+    let mut packed = Vec::with_capacity(rows * columns);
+    for first in (0..columns).step_by(panel) {
+        packed.extend(
+            (0..rows).flat_map(|row| (first..first + panel).map(move |column| (row, column))).map(|(r, c)| at(r, c)),
+        );
+    }
+    packed
+}
+
+impl<T> Packed<T> {
     /// Output columns.
     pub fn columns(&self) -> usize {
         self.columns
@@ -100,15 +138,15 @@ impl Packed {
 /// The layer on `rows` rows: [rows, columns]. The parts' channels together are [`Packed::rows`].
 ///
 /// Every output depends on its own row's inputs only and is summed in a fixed order, so threads do not change a bit.
-pub fn apply(packed: &Packed, parts: &[Part], epilogue: Epilogue, rows: usize) -> Vec<f32> {
+pub fn apply<T: Number>(packed: &Packed<T>, parts: &[Part<T>], epilogue: Epilogue, rows: usize) -> Vec<f32> {
     apply_with(Instructions::best(), packed, parts, epilogue, rows)
 }
 
 /// As [`apply`] with the given instructions, or the best that this processor has below them.
-pub fn apply_with(
+pub fn apply_with<T: Number>(
     instructions: Instructions,
-    packed: &Packed,
-    parts: &[Part],
+    packed: &Packed<T>,
+    parts: &[Part<T>],
     epilogue: Epilogue,
     rows: usize,
 ) -> Vec<f32> {
@@ -119,10 +157,10 @@ pub fn apply_with(
         let first = task * TASK * BLOCK;
         let task = Task { packed, parts, epilogue, first };
         match packed.panel {
-            8 => task.run::<8>(instructions, out),
-            16 => task.run::<16>(instructions, out),
-            24 => task.run::<24>(instructions, out),
-            _ => task.run::<1>(instructions, out),
+            8 => T::run::<8>(&task, instructions, out),
+            16 => T::run::<16>(&task, instructions, out),
+            24 => T::run::<24>(&task, instructions, out),
+            _ => T::run::<1>(&task, instructions, out),
         }
     });
     out
@@ -155,46 +193,61 @@ impl Instructions {
     }
 }
 
+/// What rows and weights hold.
+pub trait Number: Copy + Default + Send + Sync {
+    /// Computes a task's rows with these instructions, which this processor has.
+    fn run<const PANEL: usize>(task: &Task<Self>, instructions: Instructions, out: &mut [f32]);
+}
+
+/// How numbers are multiplied and added.
+pub trait Arithmetic<T> {
+    /// Adds `rows` times `weight` [channels, PANEL] to `sums`.
+    fn multiply<const PANEL: usize>(sums: &mut [[f32; PANEL]; BLOCK], rows: [&[T]; BLOCK], weight: &[T]);
+}
+
 /// Consecutive output rows from `first` on.
-struct Task<'a> {
-    packed: &'a Packed,
-    parts: &'a [Part<'a>],
+pub struct Task<'a, T> {
+    packed: &'a Packed<T>,
+    parts: &'a [Part<'a, T>],
     epilogue: Epilogue<'a>,
     first: usize,
 }
 
-impl Task<'_> {
-    fn run<const PANEL: usize>(&self, instructions: Instructions, out: &mut [f32]) {
+impl Number for f32 {
+    fn run<const PANEL: usize>(task: &Task<Self>, instructions: Instructions, out: &mut [f32]) {
         match instructions {
             // SAFETY: `apply_with` lets these pass only after their features were detected on this processor.
             #[cfg(target_arch = "x86_64")]
-            Instructions::Avx512 => unsafe { self.rows_avx512::<PANEL>(out) },
+            Instructions::Avx512 => unsafe { rows_avx512::<PANEL>(task, out) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2 => unsafe { self.rows_avx2::<PANEL>(out) },
-            _ => self.rows::<PANEL, false>(out),
+            Instructions::Avx2 => unsafe { rows_avx2::<PANEL>(task, out) },
+            _ => task.rows::<PANEL, Separate>(out),
         }
     }
+}
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,fma")]
-    fn rows_avx512<const PANEL: usize>(&self, out: &mut [f32]) {
-        self.rows::<PANEL, true>(out);
-    }
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,fma")]
+fn rows_avx512<const PANEL: usize>(task: &Task<f32>, out: &mut [f32]) {
+    task.rows::<PANEL, Fused>(out);
+}
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma")]
-    fn rows_avx2<const PANEL: usize>(&self, out: &mut [f32]) {
-        self.rows::<PANEL, true>(out);
-    }
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn rows_avx2<const PANEL: usize>(task: &Task<f32>, out: &mut [f32]) {
+    task.rows::<PANEL, Fused>(out);
+}
 
+impl<T: Number> Task<'_, T> {
+    /// Computes the rows.
     #[inline(always)]
-    fn rows<const PANEL: usize, const FMA: bool>(&self, out: &mut [f32]) {
+    pub fn rows<const PANEL: usize, A: Arithmetic<T>>(&self, out: &mut [f32]) {
         let columns = self.packed.columns;
         for (block, out) in out.chunks_mut(BLOCK * columns).enumerate() {
             let first = self.first + block * BLOCK;
             for panel in 0..columns / PANEL {
-                let sums = self.block::<PANEL, FMA>(first, out.len() / columns, panel);
+                let sums = self.block::<PANEL, A>(first, out.len() / columns, panel);
                 for (row, (out, sums)) in out.chunks_exact_mut(columns).zip(&sums).enumerate() {
                     self.finish(&mut out[panel * PANEL..][..PANEL], sums, (first + row) * columns + panel * PANEL);
                 }
@@ -204,7 +257,7 @@ impl Task<'_> {
 
     /// x · W + b of one panel for the `count` ≤ [`BLOCK`] rows from `first` on.
     #[inline(always)]
-    fn block<const PANEL: usize, const FMA: bool>(
+    fn block<const PANEL: usize, A: Arithmetic<T>>(
         &self,
         first: usize,
         count: usize,
@@ -214,16 +267,16 @@ impl Task<'_> {
         let mut sums = [[0.0; PANEL]; BLOCK];
         sums.iter_mut().for_each(|row| row.copy_from_slice(&packed.bias[panel * PANEL..][..PANEL]));
         let mut weight = &packed.weight[panel * packed.rows * PANEL..][..packed.rows * PANEL];
-        let zeros = [0.0f32; MAX_CHANNELS];
+        let zeros = [T::default(); MAX_CHANNELS];
         for part in self.parts {
             let (of_part, rest) = weight.split_at(part.channels * PANEL);
             weight = rest;
-            let rows: [&[f32]; BLOCK] = std::array::from_fn(|r| if r < count { part.row(first + r) } else { &[] });
+            let rows: [&[T]; BLOCK] = std::array::from_fn(|r| if r < count { part.row(first + r) } else { &[] });
             if rows.iter().all(|row| row.is_empty()) {
                 continue;
             }
             let rows = rows.map(|row| if row.is_empty() { &zeros[..part.channels] } else { row });
-            multiply::<PANEL, FMA>(&mut sums, rows, of_part);
+            A::multiply::<PANEL>(&mut sums, rows, of_part);
         }
         sums
     }
@@ -243,12 +296,33 @@ impl Task<'_> {
 /// Most channels of one part.
 pub const MAX_CHANNELS: usize = 128;
 
-/// Adds `rows` times `weight` [channels, PANEL] to `sums`.
+/// Multiplication and addition in one instruction, rounded once.
+struct Fused;
+
+/// Multiplication, then addition: without the instruction, `mul_add` is a slow library call.
+struct Separate;
+
+impl Arithmetic<f32> for Fused {
+    #[inline(always)]
+    fn multiply<const PANEL: usize>(sums: &mut [[f32; PANEL]; BLOCK], rows: [&[f32]; BLOCK], weight: &[f32]) {
+        multiply(sums, rows, weight, |sum, x, w| x.mul_add(w, sum));
+    }
+}
+
+impl Arithmetic<f32> for Separate {
+    #[inline(always)]
+    fn multiply<const PANEL: usize>(sums: &mut [[f32; PANEL]; BLOCK], rows: [&[f32]; BLOCK], weight: &[f32]) {
+        multiply(sums, rows, weight, |sum, x, w| x * w + sum);
+    }
+}
+
+/// Adds `rows` times `weight` [channels, PANEL] to `sums`, where `add` adds a product to a sum.
 #[inline(always)]
-fn multiply<const PANEL: usize, const FMA: bool>(
+pub(super) fn multiply<T: Copy, const PANEL: usize>(
     sums: &mut [[f32; PANEL]; BLOCK],
-    rows: [&[f32]; BLOCK],
-    weight: &[f32],
+    rows: [&[T]; BLOCK],
+    weight: &[T],
+    add: impl Fn(f32, T, T) -> f32,
 ) {
     // A local copy stays in registers; `sums` itself would be written back in every turn.
     let mut local = *sums;
@@ -257,8 +331,7 @@ fn multiply<const PANEL: usize, const FMA: bool>(
     for ((((w, &a), &b), &c), &d) in weight.iter().zip(a).zip(b).zip(c).zip(d) {
         for (sums, x) in local.iter_mut().zip([a, b, c, d]) {
             for (sum, &w) in sums.iter_mut().zip(w) {
-                // Without the instruction, `mul_add` is a slow library call.
-                *sum = if FMA { x.mul_add(w, *sum) } else { x * w + *sum };
+                *sum = add(*sum, x, w);
             }
         }
     }

@@ -3,6 +3,8 @@
 
 pub mod backend;
 pub mod batch;
+#[allow(unsafe_code, reason = "instructions that were found on this processor")]
+pub mod bfloat;
 pub mod config;
 pub mod embedded;
 pub mod executable;

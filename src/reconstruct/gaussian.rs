@@ -49,7 +49,7 @@ impl Gaussian {
         let topology = noisy.topology();
         let (neighbours, level_of) = neighbours(topology);
         let density: Vec<f64> =
-            noisy.node_mass().iter().zip(&level_of).map(|(m, &l)| m * 4f64.powi(i32::from(l))).collect();
+            noisy.node_mass().iter().zip(&level_of).map(|(m, &l)| m * (1u64 << (2 * l)) as f64).collect();
         let weights = OFFSETS.map(|[x, y]| (-0.5 * f64::from(x * x + y * y) / self.sigma.powi(2)).exp());
         let total: f64 = weights.iter().sum();
         let weights = weights.map(|w| w / total);
@@ -68,20 +68,32 @@ impl Gaussian {
             let first = first as usize;
             let mass = noisy.node_mass()[node];
             let counted = samples * mass;
-            let [own, near, far] = [noisy.node_mass(), &near, &far].map(|of| shares_of(&of[first..first + 4]));
-            for k in 0..4 {
-                let evidence = counted * own[k] + self.near * near[k] + self.far * far[k] + self.flat * 0.25;
-                shares[first + k] = (evidence / (counted + self.near + self.far + self.flat)) as f32;
+            let siblings = |of: &[f64]| [of[first], of[first + 1], of[first + 2], of[first + 3]];
+            let all = 1.0 / (counted + self.near + self.far + self.flat);
+            let mut evidence = [0.25 * self.flat; 4];
+            add_shares(&mut evidence, siblings(noisy.node_mass()), counted);
+            add_shares(&mut evidence, siblings(&near), self.near);
+            add_shares(&mut evidence, siblings(&far), self.far);
+            for (share, evidence) in shares[first..first + 4].iter_mut().zip(evidence) {
+                *share = (evidence * all) as f32;
             }
         }
         Distribution::from_shares(topology.clone(), &shares)
     }
 }
 
-/// Four siblings' parts of their sum; equal where that is nothing.
-fn shares_of(siblings: &[f64]) -> [f64; 4] {
+/// A mass whose inverse would overflow.
+const NOTHING: f64 = 1e-290;
+
+/// Adds `weight` times the four siblings' parts of their sum, equal ones where that is nothing. One division for all four: this is
+/// done three times for every node of every tree.
+#[inline]
+fn add_shares(evidence: &mut [f64; 4], siblings: [f64; 4], weight: f64) {
     let total: f64 = siblings.iter().sum();
-    [0, 1, 2, 3].map(|k| if total > 0.0 { siblings[k] / total } else { 0.25 })
+    let (siblings, scale) = if total > NOTHING { (siblings, weight / total) } else { ([1.0; 4], 0.25 * weight) };
+    for (evidence, sibling) in evidence.iter_mut().zip(siblings) {
+        *evidence += sibling * scale;
+    }
 }
 
 impl Reconstructor for Gaussian {

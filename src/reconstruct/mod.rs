@@ -17,7 +17,7 @@ use crate::guiding::leaves::{Layout, Leaves};
 use crate::guiding::topology::Topology;
 use crate::network::backend::Backend;
 use crate::network::config::Mode;
-use crate::network::embedded::Embedded;
+use crate::network::embedded::{Embedded, Precision};
 use crate::network::weights::Model;
 
 /// A tree to reconstruct.
@@ -154,6 +154,15 @@ impl Neural {
     /// As [`Model::load`].
     pub fn embedded(folder: &Path) -> Result<Self> {
         Self::with_embedded(Model::load(folder)?)
+    }
+
+    /// The same model, run by the embedded backend in this precision.
+    ///
+    /// # Errors
+    /// As [`Embedded::with_precision`].
+    pub fn in_precision(self, precision: Precision) -> Result<Self> {
+        let backend = Box::new(Embedded::with_precision(&self.model, precision)?);
+        Ok(Self { backend, ..self })
     }
 
     /// The model in `folder`, run by onnxruntime.

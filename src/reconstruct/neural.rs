@@ -7,7 +7,7 @@ use super::growth::Growth;
 use super::{Reconstructed, TreeInput};
 use crate::base::{Error, Result};
 use crate::guiding::features::{FEATURES, NodeInputs, node_inputs};
-use crate::guiding::topology::{MAX_LEVEL, Topology};
+use crate::guiding::topology::Topology;
 use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use crate::network::batch::{Batch, DecodeLevel};
 use crate::network::config::Config;
@@ -48,9 +48,11 @@ fn partition<'a, 'b>(inputs: &'b [TreeInput<'a>]) -> Vec<&'b [TreeInput<'a>]> {
 
 fn reconstruct(config: &Config, backend: &dyn Backend, inputs: &[TreeInput]) -> Result<Vec<Reconstructed>> {
     let fail = |message| Error::Backend { backend: backend.name(), message };
+    let encoded: Vec<_> = inputs.iter().map(|input| config.encoded(input.counted)).collect();
+    let inputs: Vec<_> = inputs.iter().zip(&encoded).map(|(input, counted)| TreeInput { counted, ..*input }).collect();
     let topologies: Vec<&Topology> = inputs.iter().map(|input| input.counted.topology()).collect();
     let batch = Batch::new(&topologies);
-    let nodes = all_inputs(inputs);
+    let nodes = all_inputs(&inputs);
     let encoded = encode(config, backend, &batch, &nodes.features)?;
 
     let mut growth = Growth::roots(inputs.len());
@@ -63,7 +65,7 @@ fn reconstruct(config: &Config, backend: &dyn Backend, inputs: &[TreeInput]) -> 
         }
         let output = decode(config, backend, &level, &parents, encoded.get(level.level), &nodes)?;
         growth.add(&level.rows.tree, &level.rows.parent, &output.share, |row, mass| {
-            output.leaf[row] < config.leaf_threshold && mass > config.min_split_share && level.level < MAX_LEVEL
+            config.splits(level.level, output.leaf[row], mass)
         });
         parents = output.decoded;
         std::mem::swap(&mut above, &mut level);

@@ -52,7 +52,7 @@ impl OnnxBackend {
     ///
     /// # Errors
     /// [`Error::Backend`] if the library is missing, too old or refuses the model; [`Error::Model`] and [`Error::Malformed`]
-    /// for the folder's content, also where a checksum is wrong; [`Error::Unsupported`] for a model with separate weights per level.
+    /// for the folder's content, also where a checksum is wrong.
     pub fn load(folder: &Path) -> Result<Self> {
         let library = match std::env::var_os(LIBRARY_VARIABLE).filter(|path| !path.is_empty()) {
             Some(path) => PathBuf::from(path),
@@ -125,23 +125,22 @@ fn read_config(folder: &Path) -> Result<Config> {
     let config: Config = serde_json::from_slice(&read_bytes(&path, 1 << 20)?)
         .map_err(|e| Error::malformed(Place::line(&path, e.line() as u32), e.to_string()))?;
     config.validate(&path)?;
-    if config.per_level {
-        return Err(Error::Unsupported {
-            place: Place::part(&path, "per_level"),
-            what: "a model with separate weights per level in the onnx backend".into(),
-            supported: "shared weights here; any model in the embedded backend".into(),
-        });
-    }
     Ok(config)
 }
 
 /// The exported file must belong to the configuration beside it.
 fn check_metadata(session: &Session, config: &Config, path: &Path) -> Result<()> {
     let metadata = session.metadata().map_err(|e| fail(e.to_string()))?;
-    let expected = [("version", VERSION as usize), ("width", config.width), ("features", config.features)];
+    let expected = [
+        ("version", VERSION.to_string()),
+        ("width", config.width.to_string()),
+        ("convolutions", config.convolutions.to_string()),
+        ("features", config.features.to_string()),
+        ("per_level", config.per_level.to_string()),
+    ];
     for (key, value) in expected {
         let found = metadata.custom(key).unwrap_or_default();
-        if found != value.to_string() {
+        if found != value {
             let message = format!("its {key} is '{found}', {CONFIG_FILE} says {value}; export the model again");
             return Err(Error::Model { path: path.to_owned(), message });
         }
@@ -189,27 +188,31 @@ impl Backend for OnnxBackend {
         NAME
     }
 
-    fn encode(&self, _level: usize, inputs: &EncodeInputs) -> Result<Vec<f32>> {
+    fn encode(&self, level: usize, inputs: &EncodeInputs) -> Result<Vec<f32>> {
         let (n, width) = (inputs.rows, self.config.width);
         if n == 0 {
             return Ok(vec![]);
         }
-        let neighbours = indices(inputs.neighbours);
-        let values = vec![
+        let (neighbours, level) = (indices(inputs.neighbours), [level as i64]);
+        let mut values = vec![
             ("features", floats(n, inputs.features, self.config.features)?),
             ("pooled", floats(n, inputs.pooled, width)?),
             ("neighbours", integers(&[n, SLOTS], &neighbours)?),
         ];
+        if self.config.per_level {
+            values.push(("level", integers(&[], &level)?));
+        }
         Ok(run(&self.encode, values, n, &[("encoded", width)])?.swap_remove(0))
     }
 
-    fn decode(&self, _level: usize, inputs: &DecodeInputs) -> Result<DecodeOutput> {
+    fn decode(&self, level: usize, inputs: &DecodeInputs) -> Result<DecodeOutput> {
         let (n, width) = (inputs.rows, self.config.width);
         if n == 0 {
             return Ok(DecodeOutput::default());
         }
         let (parent_index, neighbours) = (indices(inputs.parent_index), indices(inputs.neighbours));
-        let values = vec![
+        let level = [level as i64];
+        let mut values = vec![
             ("parents", floats(inputs.parents.len() / width, inputs.parents, width)?),
             ("parent_index", integers(&[n], &parent_index)?),
             ("skip", floats(n, inputs.skip, width)?),
@@ -217,6 +220,9 @@ impl Backend for OnnxBackend {
             ("base", floats(n, inputs.base, 1)?),
             ("neighbours", integers(&[n, SLOTS], &neighbours)?),
         ];
+        if self.config.per_level {
+            values.push(("level", integers(&[], &level)?));
+        }
         let names = [("decoded", width), ("share_logit", 1), ("share", 1), ("leaf_logit", 1), ("leaf", 1)];
         let outputs = run(&self.decode, values, n, &names)?;
         match <[_; 5]>::try_from(outputs) {

@@ -23,6 +23,7 @@ pub fn config(width: usize, convolutions: usize, per_level: bool) -> Config {
         convolutions,
         features: FEATURES,
         per_level,
+        image: None,
         leaf_threshold: 0.5,
         min_split_share: 1e-3,
         uniform: 0.1,

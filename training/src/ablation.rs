@@ -8,6 +8,7 @@ use fanal::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs}
 use fanal::network::batch::{CENTRE, SLOTS};
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::Model;
+use fanal::reconstruct::gaussian::Gaussian;
 
 use crate::cases::{Case, reconstruct};
 
@@ -18,6 +19,8 @@ pub enum Ablation {
     Neighbours,
     /// Nothing of the voxel's own samples but what the counted distribution has of them.
     Own,
+    /// Nothing taken away, but mixed with as much of the smoothed tree.
+    Half,
     /// The input of another tree.
     Shuffle,
     /// The weights of the decoder's first convolution in another order.
@@ -30,6 +33,7 @@ impl Ablation {
         match self {
             Self::Neighbours => "network, no neighbours",
             Self::Own => "network, no own samples",
+            Self::Half => "network and Gaussian, halves",
             Self::Shuffle => "network, other tree's input",
             Self::Layer => "network, one layer shuffled",
         }
@@ -43,6 +47,15 @@ impl Ablation {
         match self {
             Self::Neighbours => reconstruct(model, &Alone(backend), cases),
             Self::Own => reconstruct(model, backend, &without_own(cases)),
+            Self::Half => {
+                let smooth = |c: &Case| Gaussian::default().smooth(&c.counted, c.samples());
+                let network = reconstruct(model, backend, cases)?;
+                Ok(network
+                    .iter()
+                    .zip(cases)
+                    .map(|(network, c)| Distribution::blend(network, &smooth(c), 0.5))
+                    .collect())
+            }
             Self::Shuffle => reconstruct(model, backend, &shuffled(cases)),
             Self::Layer => {
                 let model = with_shuffled_layer(model);

@@ -5,6 +5,7 @@ use fanal::guiding::distribution::Distribution;
 use fanal::guiding::features::{FEATURES, LOG_SHARES, NodeInputs};
 use fanal::guiding::topology::NO_CHILD;
 use fanal::network::batch::{Batch, NONE};
+use fanal::network::config::Config;
 use fanal::reconstruct::neural::inputs_of;
 use rayon::prelude::*;
 
@@ -44,18 +45,20 @@ struct Prepared {
     inputs: NodeInputs,
 }
 
-fn prepare(sample: &TreeSample) -> Result<Prepared, String> {
+fn prepare(sample: &TreeSample, config: &Config) -> Result<Prepared, String> {
     let case = Case::new(sample).map_err(|e| e.to_string())?;
+    let case = Case { counted: config.encoded(&case.counted).into_owned(), ..case };
     Ok(Prepared { inputs: inputs_of(&case.input()), case })
 }
 
 impl HostBatch {
-    /// Lays out `samples`, in parallel.
+    /// Lays out `samples` for a network of this configuration, in parallel.
     ///
     /// # Errors
     /// A sentence if a sample is not valid.
-    pub fn new(samples: &[TreeSample]) -> Result<Self, String> {
-        let prepared: Vec<Prepared> = samples.par_iter().map(prepare).collect::<Result<_, _>>()?;
+    pub fn new(samples: &[TreeSample], config: &Config) -> Result<Self, String> {
+        let prepared: Vec<Prepared> =
+            samples.par_iter().map(|sample| prepare(sample, config)).collect::<Result<_, _>>()?;
         let input = Batch::new(&prepared.iter().map(|p| p.case.counted.topology()).collect::<Vec<_>>());
         let per_node: Vec<f32> = prepared.iter().flat_map(|p| &p.inputs.features).copied().collect();
         let features = (0..input.levels.len()).map(|level| input.gather(level, &per_node, FEATURES)).collect();

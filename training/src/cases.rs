@@ -82,8 +82,13 @@ fn on_tree(topology: Topology, masses: &[f64]) -> Distribution {
 /// # Errors
 /// As [`Case::new`].
 pub fn spread(samples: &[TreeSample], limit: usize) -> Result<Vec<Case>> {
+    every(samples, limit).map(Case::new).collect()
+}
+
+/// At most `limit` of the samples, evenly spread.
+pub fn every(samples: &[TreeSample], limit: usize) -> impl Iterator<Item = &TreeSample> {
     let stride = samples.len().div_ceil(limit.max(1)).max(1);
-    samples.iter().step_by(stride).map(Case::new).collect()
+    samples.iter().step_by(stride)
 }
 
 /// What the network makes of the cases.

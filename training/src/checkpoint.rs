@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::loss::Loss;
 use crate::model::{Net, rows, to_vec};
 use crate::optimise::{Moments, Optimiser};
+use crate::view::View;
 
 /// Name of the checkpoint in a model folder.
 pub const CHECKPOINT_FILE: &str = "checkpoint.safetensors";
@@ -29,6 +30,9 @@ pub struct State {
     pub config: Config,
     /// What is minimised.
     pub loss: Loss,
+    /// What the network is shown.
+    #[serde(default)]
+    pub view: View,
     /// Seed of weights, order and augmentation.
     pub seed: u64,
     /// Pairs per step.

@@ -1,22 +1,27 @@
 //! The `fanal-training` command line.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use burn::tensor::Device;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use fanal::generate::dataset::{DatasetIndex, ShardEntry, read_datasets};
+use fanal::generate::dataset::{DatasetIndex, ShardEntry, read_dataset, read_datasets};
 use fanal::generate::shard::{VERSION, write_shard};
 use fanal::network::weights::Model;
 use fanal::render::{GuideMode, RenderSettings, StopRule};
+use serde::Serialize;
 
 use crate::ablation::Ablation;
 use crate::evaluate::evaluate;
 use crate::loss::Loss;
+use crate::pareto::pareto;
+use crate::statistics::Statistics;
 use crate::synthetic;
 use crate::train::{Settings, train};
+use crate::view::{Inputs, Samples, View};
 
 /// Trains, evaluates and exports fanal's reconstruction network.
 #[derive(Debug, Parser)]
@@ -36,6 +41,17 @@ enum Command {
     ///
     /// Example: fanal-training eval --data data/rooms --model models/rooms --ablate neighbours --ablate photons
     Eval(EvalArgs),
+    /// Say what data folders hold, and draw it.
+    ///
+    /// Example: fanal-training statistics --data data/rooms -o data/rooms
+    Statistics {
+        /// The data folder; several times for several.
+        #[arg(long, required = true)]
+        data: Vec<PathBuf>,
+        /// The folder for `statistics.svg` and `statistics.json`.
+        #[arg(short)]
+        output: PathBuf,
+    },
     /// Write a model's ONNX files beside its weights.
     Export {
         /// The model folder.
@@ -63,6 +79,12 @@ enum DeviceName {
     Flex,
     /// burn-ndarray.
     Ndarray,
+    /// The first NVIDIA card.
+    #[cfg(feature = "cuda")]
+    Cuda,
+    /// What wgpu finds best: Vulkan, Metal, DirectX; the variable `CUBECL_WGPU_DEFAULT_DEVICE` picks another.
+    #[cfg(feature = "wgpu")]
+    Wgpu,
 }
 
 #[derive(Debug, Args)]
@@ -94,6 +116,11 @@ struct TrainArgs {
     /// Separate weights for every level, as in Zhu 2021.
     #[arg(long)]
     per_level: bool,
+    /// An image network of 2^LEVEL squared pixels instead of one on sparse quadtrees.
+    #[arg(long, value_name = "LEVEL")]
+    image: Option<usize>,
+    #[command(flatten)]
+    view: ViewArgs,
     /// Where burn computes.
     #[arg(long, value_enum, default_value_t = DeviceName::Flex)]
     device: DeviceName,
@@ -121,13 +148,35 @@ struct TrainArgs {
 }
 
 #[derive(Debug, Args)]
+struct ViewArgs {
+    /// What inputs are made from; everything but `all` is for finding out what the rest is worth.
+    #[arg(long, value_enum, default_value_t = Inputs::All)]
+    inputs: Inputs,
+    /// Only pairs with a number of path samples in this range, such as 16..64.
+    #[arg(long, default_value = "0..")]
+    samples: Samples,
+    /// Only pairs whose targets are converged: KL between two halves of it at most this, in nats.
+    #[arg(long, value_name = "NATS")]
+    floor: Option<f64>,
+}
+
+impl ViewArgs {
+    fn view(&self) -> View {
+        View { inputs: self.inputs, samples: self.samples, floor: self.floor }
+    }
+}
+
+#[derive(Debug, Args)]
 struct EvalArgs {
     /// The data folder; several times for several.
     #[arg(long, required = true)]
     data: Vec<PathBuf>,
-    /// The model folder.
-    #[arg(long)]
-    model: PathBuf,
+    /// The model folder; several with --pareto.
+    #[arg(long, required = true)]
+    model: Vec<PathBuf>,
+    /// Accuracy against time instead: every model in every backend, as a table and as a plot in this folder.
+    #[arg(long, value_name = "FOLDER", conflicts_with = "ablate")]
+    pareto: Option<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -137,6 +186,8 @@ struct EvalArgs {
     /// Held-out trees at most.
     #[arg(long, default_value_t = 2000)]
     trees: usize,
+    #[command(flatten)]
+    view: ViewArgs,
 }
 
 /// Runs a parsed command line.
@@ -147,6 +198,12 @@ pub fn run(cli: Cli) -> Result<()> {
     match cli.command {
         Command::Train(args) => run_train(args),
         Command::Eval(args) => run_eval(&args),
+        Command::Statistics { data, output } => {
+            let folders = data.iter().map(|folder| read_dataset(folder)).collect::<fanal::base::Result<Vec<_>>>()?;
+            let statistics = Statistics::new(&folders)?;
+            statistics.write(&output)?;
+            print(&statistics, false)
+        }
         Command::Export { model } => export(&model),
         Command::Synthetic { output, trees, seed } => write_synthetic(&output, trees, seed),
     }
@@ -167,6 +224,8 @@ fn run_train(args: TrainArgs) -> Result<()> {
         convolutions: args.convolutions,
         loss: args.loss,
         per_level: args.per_level,
+        image: args.image,
+        view: args.view.view(),
         device: device(args.device),
         seed: args.seed,
         batch: args.batch,
@@ -188,18 +247,32 @@ fn device(name: DeviceName) -> Device {
         // Deprecated by burn in favour of flex, but still what this project names; both are tested against each other.
         #[allow(deprecated)]
         DeviceName::Ndarray => Device::ndarray(),
+        #[cfg(feature = "cuda")]
+        DeviceName::Cuda => Device::cuda(0),
+        #[cfg(feature = "wgpu")]
+        DeviceName::Wgpu => Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
     }
 }
 
 fn run_eval(args: &EvalArgs) -> Result<()> {
-    let data = read_datasets(&args.data)?;
-    let model = Model::load(&args.model)?;
+    let data = args.view.view().apply(read_datasets(&args.data)?)?;
+    if let Some(folder) = &args.pareto {
+        let pareto = pareto(&data, &args.model, args.trees)?;
+        pareto.write(folder)?;
+        return print(&pareto, args.json);
+    }
+    let [model] = args.model.as_slice() else { bail!("several models can be compared with --pareto only") };
+    let model = Model::load(model)?;
     ensure!(model.config.mode == data.mode, "the model was trained for another mode than the data: {:?}", data.mode);
     let evaluation = evaluate(&data, &model, &args.ablate, args.trees)?;
-    if args.json {
-        println!("{}", serde_json::to_string_pretty(&evaluation)?);
+    print(&evaluation, args.json)
+}
+
+fn print(result: &(impl Serialize + Display), json: bool) -> Result<()> {
+    if json {
+        println!("{}", serde_json::to_string_pretty(result)?);
     } else {
-        print!("{evaluation}");
+        print!("{result}");
     }
     Ok(())
 }

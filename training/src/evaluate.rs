@@ -19,7 +19,7 @@ use crate::tuning::tune_gaussian;
 pub const BUCKETS: [u32; 5] = [0, 16, 64, 256, 1000];
 
 /// Training trees that parameters are tuned on.
-const TUNING_TREES: usize = 400;
+pub const TUNING_TREES: usize = 400;
 /// Training trees in the mean tree, and its deepest level.
 const MEAN_TREES: usize = 1000;
 const MEAN_LEVEL: usize = 5;
@@ -90,7 +90,7 @@ pub fn evaluate(data: &Dataset, model: &Model, ablations: &[Ablation], limit: us
     let gaussian = tune_gaussian(&tuning);
     let mean = mean_tree(&spread(&data.train, MEAN_TREES)?);
     let backend = Embedded::new(model)?;
-    let bench = Bench { tuning: &tuning, cases: &cases };
+    let bench = Bench::new(&tuning, &cases);
     let each = |f: &(dyn Fn(&Case) -> Distribution + Sync), cases: &[Case]| -> Result<Vec<Distribution>> {
         Ok(cases.par_iter().map(f).collect())
     };
@@ -132,13 +132,23 @@ fn bucket(case: &Case) -> usize {
     BUCKETS.iter().rposition(|&low| case.traits.samples[0] >= low).unwrap_or(0)
 }
 
-struct Bench<'a> {
+/// Trees to tune on and trees to measure on.
+pub struct Bench<'a> {
     tuning: &'a [Case],
     cases: &'a [Case],
 }
 
-impl Bench<'_> {
-    fn row(&self, name: &str, method: impl Fn(&[Case]) -> Result<Vec<Distribution>>) -> Result<Row> {
+impl<'a> Bench<'a> {
+    /// For methods that are tuned on `tuning` and measured on `cases`.
+    pub fn new(tuning: &'a [Case], cases: &'a [Case]) -> Self {
+        Self { tuning, cases }
+    }
+
+    /// Measures one method.
+    ///
+    /// # Errors
+    /// Those of the method.
+    pub fn row(&self, name: &str, method: impl Fn(&[Case]) -> Result<Vec<Distribution>>) -> Result<Row> {
         let tuning = common(self.tuning, &method(self.tuning)?);
         let uniform = tune_uniform(&tuning, mean_log_moment);
         let kl_uniform = tune_uniform(&tuning, mean_kl);

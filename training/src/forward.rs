@@ -9,6 +9,7 @@ use fanal::network::config::Config;
 use fanal::network::program::GEOMETRY;
 
 use crate::batch::{Aligned, HostBatch};
+use crate::loss::NEVER;
 use crate::model::{Net, index, rows, to_vec, with_zero_row};
 
 /// All decoded rows of a batch, levels 1, 2, … one after the other, with what the loss compares them to.
@@ -160,7 +161,10 @@ impl Walk {
         let split: Vec<bool> = (0..level.rows.len())
             .map(|row| {
                 let extra = random.next_f32() < EXTRA_LEVEL;
-                let by_network = leaf[row] < config.leaf_threshold && predicted[row] > config.min_split_share;
+                if config.image.is_some() {
+                    return config.splits(level.level, leaf[row], predicted[row]);
+                }
+                let by_network = config.splits(level.level, leaf[row], predicted[row]);
                 let by_chance = extra && aligned.mass[row] > config.min_split_share && aligned.below[row] == 0;
                 let known = aligned.below[row] < MAX_BELOW;
                 aligned.has_children(&batch.target, row) || known && (by_network || by_chance)
@@ -169,7 +173,9 @@ impl Walk {
             .collect();
         self.record(&level, &aligned, batch, &split);
         self.share_logits.push(decoded.share_logit);
-        self.leaf_logits.push(decoded.leaf_logit);
+        // An image has no leaves above its last level: its cells' classes are not used.
+        let never = |_| Tensor::full([level.rows.len(), 1], NEVER, device);
+        self.leaf_logits.push(config.image.map_or(decoded.leaf_logit, never));
         self.features = decoded.features;
         (self.level, self.split, self.aligned, self.predicted) = (level, split, aligned, predicted);
     }

@@ -5,6 +5,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 
 use fanal::base::random::Random;
 use fanal::generate::shard::TreeSample;
+use fanal::network::config::Config;
 
 use crate::augment::augment;
 use crate::batch::HostBatch;
@@ -13,7 +14,7 @@ use crate::batch::HostBatch;
 const AHEAD: usize = 3;
 
 /// The order of training: a pure function of the step, so that a resumed run goes on as if it had not stopped.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Plan {
     /// Seed of order and augmentation.
     pub seed: u64,
@@ -23,6 +24,8 @@ pub struct Plan {
     pub samples: usize,
     /// Parts of a step that are computed side by side.
     pub parts: usize,
+    /// The network that they are laid out for.
+    pub config: Config,
 }
 
 impl Plan {
@@ -66,5 +69,8 @@ fn prepare(data: &[TreeSample], chosen: &[u32], plan: &Plan, epoch: u64) -> Resu
     use rayon::prelude::*;
     let one = |&i: &u32| augment(&data[i as usize], &mut Random::new(plan.seed, 2 + epoch, u64::from(i)));
     let samples: Vec<TreeSample> = chosen.par_iter().map(one).collect::<Result<_, _>>()?;
-    samples.chunks(samples.len().div_ceil(plan.parts.max(1)).max(1)).map(HostBatch::new).collect()
+    samples
+        .chunks(samples.len().div_ceil(plan.parts.max(1)).max(1))
+        .map(|part| HostBatch::new(part, &plan.config))
+        .collect()
 }

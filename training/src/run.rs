@@ -68,6 +68,7 @@ impl<'a> Run<'a> {
         let fresh = State {
             config: config(settings, mode),
             loss: settings.loss,
+            view: settings.view,
             seed: settings.seed,
             batch: settings.batch,
             parts: settings.parts.max(1),
@@ -234,17 +235,17 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// After the last step: the uniform part of the best weights, tuned once more on all validation trees.
+    /// After the last step: the best weights, their uniform part tuned once more on all validation trees.
     ///
     /// # Errors
     /// When the model cannot be read, run or written.
-    pub fn settle(&self) -> Result<()> {
+    pub fn settle(&self) -> Result<Model> {
         let mut model = Model::load(&self.settings.output)?;
         let guides = reconstruct(&model, &Embedded::new(&model)?, &self.validation)?;
         let uniform = tune_uniform(&common(&self.validation, &guides), mean_log_moment) as f32;
         model.config.uniform = uniform.max(LEAST_UNIFORM);
         model.save(&self.settings.output)?;
-        Ok(())
+        Ok(model)
     }
 }
 
@@ -257,6 +258,7 @@ fn config(settings: &Settings, mode: Mode) -> Config {
         convolutions: settings.convolutions,
         features: FEATURES,
         per_level: settings.per_level,
+        image: settings.image,
         leaf_threshold: 0.5,
         // A quarter of what the voxels' own trees were split by, and about half of what the targets were.
         min_split_share: 0.25 * mode.split_share,

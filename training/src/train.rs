@@ -12,10 +12,12 @@ use fanal::generate::shard::TreeSample;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::batch::HostBatch;
-use crate::cases::spread;
+use crate::cases::{every, spread};
 use crate::loader::{self, Plan};
 use crate::loss::Loss;
+use crate::report::Report;
 use crate::run::Run;
+use crate::view::View;
 
 /// What to train, on what, for how long.
 #[derive(Debug, Clone)]
@@ -38,6 +40,10 @@ pub struct Settings {
     pub loss: Loss,
     /// Separate weights for every level.
     pub per_level: bool,
+    /// Level of an image network, see [`Config::image`](fanal::network::config::Config::image).
+    pub image: Option<usize>,
+    /// What the network is shown.
+    pub view: View,
     /// Where burn computes, without autodiff.
     pub device: Device,
     /// Seed of weights, order and augmentation.
@@ -76,13 +82,19 @@ pub struct Outcome {
 pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     ensure!(settings.batch > 0, "a batch needs at least one tree");
     ensure!(settings.minutes.is_some() || settings.epochs.is_some(), "give --minutes or --epochs");
-    let data = read_datasets(&settings.data)?;
+    let data = settings.view.apply(read_datasets(&settings.data)?)?;
     let mode = data.mode.clone();
     let (training, validation) = divide(data)?;
     std::fs::create_dir_all(&settings.output).with_context(|| settings.output.display().to_string())?;
     let mut run = Run::start(settings, mode, training.len(), spread(&validation, VALIDATION_TREES)?)?;
-    let plan = Plan { seed: settings.seed, batch: settings.batch, samples: training.len(), parts: run.state.parts };
-    let batches = loader::start(Arc::new(training), plan, run.state.step);
+    let plan = Plan {
+        seed: settings.seed,
+        batch: settings.batch,
+        samples: training.len(),
+        parts: run.state.parts,
+        config: run.state.config.clone(),
+    };
+    let batches = loader::start(Arc::new(training), plan.clone(), run.state.step);
     let bar = progress_bar(settings.quiet);
     let mut trees = 0;
     while run.progress(&plan) < 1.0 {
@@ -100,7 +112,8 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     run.validate()?;
     run.save()?;
     if finished {
-        run.settle()?;
+        let model = run.settle()?;
+        Report::new(&model, &every(&validation, VALIDATION_TREES).collect::<Vec<_>>())?.write(&settings.output)?;
     }
     let best = run.state.best.unwrap_or(f64::NAN);
     let seconds = run.state.seconds - run.seconds_before;

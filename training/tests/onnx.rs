@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 
 use fanal::base::Error;
 use fanal::network::backend::{Backend, EncodeInputs};
+use fanal::network::config::Config;
 use fanal::network::embedded::Embedded;
-use fanal::network::weights::{CONFIG_FILE, ENCODE_FILE};
+use fanal::network::weights::{CONFIG_FILE, ENCODE_FILE, Model};
 use fanal::reconstruct::neural::reconstruct_batch;
 use fanal::reconstruct::onnx::OnnxBackend;
 use fanal_training::onnx::{EXAMPLE_FILE, export};
@@ -24,8 +25,12 @@ fn library() -> Option<PathBuf> {
     path
 }
 
-fn exported(folder: &Path, width: usize, convolutions: usize) -> fanal::network::weights::Model {
-    let model = model(config(width, convolutions, false), 11);
+fn exported(folder: &Path, width: usize, convolutions: usize) -> Model {
+    exported_of(folder, config(width, convolutions, false))
+}
+
+fn exported_of(folder: &Path, config: Config) -> Model {
+    let model = model(config, 11);
     model.save(folder).unwrap();
     export(&model, folder).unwrap();
     model
@@ -35,8 +40,8 @@ fn exported(folder: &Path, width: usize, convolutions: usize) -> fanal::network:
 fn onnx_agrees_with_embedded() {
     let Some(library) = library() else { return };
     let folder = tempfile::tempdir().unwrap();
-    for (width, convolutions) in [(16, 2), (8, 1), (24, 3)] {
-        let model = exported(folder.path(), width, convolutions);
+    for (width, convolutions, per_level) in [(16, 2, false), (8, 1, true), (24, 3, false)] {
+        let model = exported_of(folder.path(), config(width, convolutions, per_level));
         let onnx = OnnxBackend::load_with(folder.path(), &library).unwrap();
         let embedded = Embedded::new(&model).unwrap();
         let trees = trees();
@@ -87,16 +92,6 @@ fn damaged_and_stale_exports_are_refused() {
     std::fs::write(folder.path().join(CONFIG_FILE), other).unwrap();
     let error = OnnxBackend::load_with(folder.path(), &library).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(error.contains("width"), "{error}");
-}
-
-#[test]
-fn separate_weights_per_level_are_not_exported() {
-    let folder = tempfile::tempdir().unwrap();
-    let model = model(config(8, 1, true), 12);
-    assert!(matches!(export(&model, folder.path()), Err(Error::Unsupported { .. })));
-    model.save(folder.path()).unwrap();
-    let error = OnnxBackend::load_with(folder.path(), Path::new("any")).err();
-    assert!(matches!(error, Some(Error::Unsupported { .. })), "{error:?}");
 }
 
 /// The example has a step's call each, with finite outputs; `tests/check-onnx.py` runs it elsewhere.

@@ -7,6 +7,7 @@ use fanal::base::random::Random;
 use fanal::generate::dataset::{DatasetIndex, ShardEntry};
 use fanal::generate::shard::{TreeSample, VERSION, write_shard};
 use fanal::guiding::features::FEATURES;
+use fanal::guiding::topology::Topology;
 use fanal::network::backend::Backend;
 use fanal::network::config::{Config, Mode};
 use fanal::network::embedded::Embedded;
@@ -22,6 +23,7 @@ use fanal_training::optimise::{Optimiser, collect};
 use fanal_training::synthetic::{self, tree_samples};
 use fanal_training::train::{self, train};
 use fanal_training::tuning::tune_gaussian;
+use fanal_training::view::View;
 
 fn mode() -> Mode {
     RenderSettings::new(GuideMode::Neural, StopRule::Spp(1)).mode()
@@ -35,6 +37,7 @@ fn config() -> Config {
         convolutions: 2,
         features: FEATURES,
         per_level: false,
+        image: None,
         leaf_threshold: 0.5,
         min_split_share: 1e-3,
         uniform: 0.05,
@@ -53,11 +56,15 @@ fn ndarray() -> Device {
 
 /// Some steps on one batch; returns the value losses.
 fn steps(net: &mut Net, batch: &HostBatch, count: usize, rate: f64, beta: f64) -> Vec<f32> {
-    let (config, mut optimiser) = (config(), Optimiser::default());
+    steps_of(&config(), net, batch, count, rate, beta)
+}
+
+fn steps_of(config: &Config, net: &mut Net, batch: &HostBatch, count: usize, rate: f64, beta: f64) -> Vec<f32> {
+    let mut optimiser = Optimiser::default();
     (0..count)
         .map(|step| {
-            let encoded = encode(net, &config, batch);
-            let decoded = decode(net, &config, batch, &encoded, &mut Random::new(1, 0, step as u64));
+            let encoded = encode(net, config, batch);
+            let decoded = decode(net, config, batch, &encoded, &mut Random::new(1, 0, step as u64));
             let losses = losses(Loss::Kl, &decoded, beta);
             let gradients = collect(net, &losses.total.backward(), 1.0);
             let norm = optimiser.step(net, gradients, rate);
@@ -70,7 +77,7 @@ fn steps(net: &mut Net, batch: &HostBatch, count: usize, rate: f64, beta: f64) -
 #[test]
 fn overfits_a_few_trees() {
     let samples = tree_samples(&quick(), 11, 0, 32);
-    let batch = HostBatch::new(&samples).unwrap();
+    let batch = HostBatch::new(&samples, &config()).unwrap();
     let device = Device::flex().autodiff();
     let mut net = Net::new(&config(), &initial_weights(&config(), 1), &device).unwrap();
     let course = steps(&mut net, &batch, 300, 5e-3, 0.2);
@@ -88,8 +95,23 @@ fn overfits_a_few_trees() {
 }
 
 #[test]
+fn an_image_network_learns_and_fills_its_image() {
+    let config = Config { image: Some(4), ..config() };
+    let samples = tree_samples(&quick(), 11, 0, 16);
+    let batch = HostBatch::new(&samples, &config).unwrap();
+    let mut net = Net::new(&config, &initial_weights(&config, 1), &Device::flex().autodiff()).unwrap();
+    let course = steps_of(&config, &mut net, &batch, 100, 5e-3, 0.2);
+    assert!(course[99] < 0.6 * course[0], "{} {}", course[0], course[99]);
+    let model = Model { config, weights: net.weights() };
+    let cases: Vec<Case> = samples.iter().map(|s| Case::new(s).unwrap()).collect();
+    for found in reconstruct(&model, &Embedded::new(&model).unwrap(), &cases).unwrap() {
+        assert_eq!(*found.topology(), Topology::complete(4));
+    }
+}
+
+#[test]
 fn both_devices_agree_over_steps() {
-    let batch = HostBatch::new(&tree_samples(&quick(), 12, 0, 8)).unwrap();
+    let batch = HostBatch::new(&tree_samples(&quick(), 12, 0, 8), &config()).unwrap();
     let [flex, other] = [Device::flex(), ndarray()].map(|device| {
         let mut net = Net::new(&config(), &initial_weights(&config(), 2), &device.autodiff()).unwrap();
         (steps(&mut net, &batch, 4, 1e-3, 1.0), net.weights())
@@ -106,8 +128,8 @@ fn both_devices_agree_over_steps() {
 
 #[test]
 fn burn_agrees_with_the_renderer() {
-    for per_level in [false, true] {
-        let config = Config { per_level, ..config() };
+    for (per_level, image) in [(false, None), (true, None), (false, Some(4))] {
+        let config = Config { per_level, image, ..config() };
         let model = Model { weights: initial_weights(&config, 3), config };
         let cases: Vec<Case> = tree_samples(&quick(), 13, 0, 6).iter().map(|s| Case::new(s).unwrap()).collect();
         let embedded = Embedded::new(&model).unwrap();
@@ -141,7 +163,7 @@ fn roots_without_samples_train() {
     mixed.push(empty.clone());
     for (samples, device) in [(vec![empty.clone()], Device::flex()), (vec![empty], ndarray()), (mixed, ndarray())] {
         let mut net = Net::new(&config(), &initial_weights(&config(), 4), &device.autodiff()).unwrap();
-        let course = steps(&mut net, &HostBatch::new(&samples).unwrap(), 3, 1e-3, 1.0);
+        let course = steps(&mut net, &HostBatch::new(&samples, &config()).unwrap(), 3, 1e-3, 1.0);
         assert!(course.iter().all(|l| l.is_finite()));
     }
 }
@@ -183,6 +205,8 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
         convolutions: 1,
         loss: Loss::Kl,
         per_level: false,
+        image: None,
+        view: View::default(),
         device: Device::flex(),
         seed: 9,
         batch: 8,

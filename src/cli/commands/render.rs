@@ -15,6 +15,7 @@ use crate::film::{
 };
 use crate::guiding::file;
 use crate::materials::image::Image;
+use crate::network::embedded::Precision;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{Counted, Neural, Reconstructor};
 use crate::render::{
@@ -208,7 +209,9 @@ fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<(
     }
     let neural = match (&request.model, request.backend) {
         (None, Backend::Embedded) => Neural::built_in()?,
+        (None, Backend::EmbeddedBf16) => Neural::built_in()?.in_precision(Precision::Bfloat)?,
         (Some(folder), Backend::Embedded) => Neural::embedded(folder)?,
+        (Some(folder), Backend::EmbeddedBf16) => Neural::embedded(folder)?.in_precision(Precision::Bfloat)?,
         #[cfg(feature = "onnx")]
         (Some(folder), Backend::Onnx) => Neural::onnx(folder)?,
         #[cfg(feature = "onnx")]

@@ -51,6 +51,7 @@ fn encode(model: &Model, backend: &Embedded, batch: &Batch, tensors: &mut Tensor
     floats(tensors, "encode.features", &[n, FEATURES], &features);
     floats(tensors, "encode.pooled", &[n, width], &pooled);
     integers(tensors, "encode.neighbours", &[n, SLOTS], neighbours);
+    picked_level(model, "encode.level", level, tensors);
     floats(tensors, "encode.encoded", &[n, width], &encoded);
     Ok(())
 }
@@ -79,6 +80,7 @@ fn decode(model: &Model, backend: &Embedded, batch: &Batch, tensors: &mut Tensor
     floats(tensors, "decode.geometry", &[n, GEOMETRY], &geometry);
     floats(tensors, "decode.base", &[n, 1], &base);
     integers(tensors, "decode.neighbours", &[n, SLOTS], &level.rows.neighbours);
+    picked_level(model, "decode.level", level.level, tensors);
     floats(tensors, "decode.decoded", &[n, width], &output.decoded);
     let columns = [
         ("decode.share_logit", &output.share_logit),
@@ -88,6 +90,13 @@ fn decode(model: &Model, backend: &Embedded, batch: &Batch, tensors: &mut Tensor
     ];
     columns.into_iter().for_each(|(name, values)| floats(tensors, name, &[n, 1], values));
     Ok(())
+}
+
+/// The input that only networks with separate weights for every level have.
+fn picked_level(model: &Model, name: &str, level: usize, tensors: &mut Tensors) {
+    if model.config.per_level {
+        integers(tensors, name, &[], &[level as u32]);
+    }
 }
 
 fn floats(tensors: &mut Tensors, name: &str, shape: &[usize], values: &[f32]) {

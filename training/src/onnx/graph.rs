@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use fanal::base::Result;
+use fanal::base::{Error, Result};
 use fanal::network::batch::SLOTS;
 use fanal::network::program::{Op, Program, Value};
-use fanal::network::weights::Weights;
+use fanal::network::weights::{LayerWeights, Weights};
 
 use super::protobuf::Message;
 
@@ -18,21 +18,37 @@ const INT64: i64 = 7;
 /// Name of the neighbours input, [N, 9].
 const NEIGHBOURS: &str = "neighbours";
 
-/// The program with its weights as the bytes of an ONNX model.
+/// Name of the input that picks a level's weights, a scalar.
+const LEVEL: &str = "level";
+
+/// A step with its weights as the bytes of an ONNX model: one program where all levels share their weights; otherwise one for every
+/// level from 0 on, which differ in the names of their layers only. Then the weights of all levels are stacked, and the int64
+/// scalar input `level` picks.
 ///
 /// Float inputs are [N, columns] (the one that is selected from: [P, columns]), `neighbours` is int64 [N, 9], other index
 /// inputs are int64 [N]. Inputs and outputs have the program's names; N and P are symbolic. A row index of N means a
 /// missing neighbour, as everywhere: the graph appends a zero row before it gathers.
 ///
 /// # Errors
-/// [`fanal::base::Error::Model`] for a layer that is missing or misshapen.
-pub fn write_model(program: &Program, weights: &Weights, metadata: &[(String, String)], name: &str) -> Result<Vec<u8>> {
+/// [`fanal::base::Error::Model`] for a layer that is missing or misshapen, or without any program.
+pub fn write_model(
+    programs: &[Program],
+    weights: &Weights,
+    metadata: &[(String, String)],
+    name: &str,
+) -> Result<Vec<u8>> {
+    let Some(program) = programs.last() else {
+        return Err(Error::Model { path: name.into(), message: "a step without operations".into() });
+    };
     let values = (0..program.ops.len()).map(|v| value_name(program, v)).collect();
-    let mut graph = Graph { values, ..Graph::default() };
-    for layer in &program.layers {
-        let w = weights.layer(layer)?;
-        graph.floats(&format!("{}.weight", layer.name), &[layer.rows, layer.columns], &w.weight);
-        graph.floats(&format!("{}.bias", layer.name), &[layer.columns], &w.bias);
+    let mut graph = Graph { values, levels: (programs.len() > 1).then_some(programs.len()), ..Graph::default() };
+    for (i, layer) in program.layers.iter().enumerate() {
+        let levels = programs.iter().map(|program| weights.layer(&program.layers[i])).collect::<Result<Vec<_>>>()?;
+        let shape = |of: &[usize]| graph.levels.into_iter().chain(of.iter().copied()).collect::<Vec<_>>();
+        let (weight_shape, bias_shape) = (shape(&[layer.rows, layer.columns]), shape(&[layer.columns]));
+        let stacked = |of: fn(&LayerWeights) -> &[f32]| levels.iter().flat_map(|w| of(w)).copied().collect::<Vec<_>>();
+        graph.floats(&format!("{}.weight", layer.name), &weight_shape, &stacked(|w| &w.weight));
+        graph.floats(&format!("{}.bias", layer.name), &bias_shape, &stacked(|w| &w.bias));
     }
     for v in 0..program.ops.len() {
         graph.operation(program, v);
@@ -70,6 +86,8 @@ fn value_name(program: &Program, v: Value) -> String {
 #[derive(Default)]
 struct Graph {
     values: Vec<String>,
+    /// How many levels' weights are stacked, if they are.
+    levels: Option<usize>,
     nodes: Vec<Message>,
     constants: BTreeMap<String, Message>,
     inputs: BTreeMap<String, Message>,
@@ -157,8 +175,18 @@ impl Graph {
 
     /// x · W + b.
     fn linear(&mut self, x: &str, layer: &str, out: &str) {
-        let product = self.node("MatMul", &[x, &format!("{layer}.weight")], &format!("{out}_product"), &[]);
-        self.node("Add", &[&product, &format!("{layer}.bias")], out, &[]);
+        let (weight, bias) = (self.of_level(&format!("{layer}.weight")), self.of_level(&format!("{layer}.bias")));
+        let product = self.node("MatMul", &[x, &weight], &format!("{out}_product"), &[]);
+        self.node("Add", &[&product, &bias], out, &[]);
+    }
+
+    /// A constant, or what it has for the level where levels have their own.
+    fn of_level(&mut self, constant: &str) -> String {
+        if self.levels.is_none() {
+            return constant.to_owned();
+        }
+        self.inputs.insert(LEVEL.to_owned(), value_info(LEVEL, INT64, &[], None));
+        self.node("Gather", &[constant, LEVEL], &format!("{constant}_here"), &[("axis", 0)])
     }
 
     /// The nine neighbours' rows side by side: [N, 9 · columns].

@@ -6,8 +6,9 @@ mod protobuf;
 
 use std::path::Path;
 
+use fanal::base::Result;
 use fanal::base::files::write_bytes;
-use fanal::base::{Error, Place, Result};
+use fanal::guiding::topology::MAX_LEVEL;
 use fanal::network::config::Config;
 use fanal::network::program::{decode_program, encode_program};
 use fanal::network::seal::sealed;
@@ -22,18 +23,15 @@ pub const EXAMPLE_FILE: &str = "example.safetensors";
 /// Writes `encode_step.onnx`, `decode_step.onnx` and `example.safetensors` into `folder`, which must exist, each atomically.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::Unsupported`] for separate weights per level, which would be 41 files.
+/// [`Error::Io`](fanal::base::Error::Io); [`Error::Model`](fanal::base::Error::Model) for weights that do not fit the configuration.
 pub fn export(model: &Model, folder: &Path) -> Result<()> {
-    if model.config.per_level {
-        return Err(Error::Unsupported {
-            place: Place::part(folder, "per_level"),
-            what: "ONNX export of a model with separate weights per level".into(),
-            supported: "shared weights".into(),
-        });
-    }
+    let levels = if model.config.per_level { 0..=MAX_LEVEL } else { 1..=1 };
+    let encode: Vec<_> = levels.clone().map(|level| encode_program(&model.config, level)).collect();
+    // The decoder has no level 0: the entry only keeps the others in their places.
+    let decode: Vec<_> = levels.map(|level| decode_program(&model.config, level.max(1))).collect();
     let metadata = metadata(&model.config);
-    let encode = write_model(&encode_program(&model.config, 1), &model.weights, &metadata, "encode_step")?;
-    let decode = write_model(&decode_program(&model.config, 1), &model.weights, &metadata, "decode_step")?;
+    let encode = write_model(&encode, &model.weights, &metadata, "encode_step")?;
+    let decode = write_model(&decode, &model.weights, &metadata, "decode_step")?;
     write_bytes(&folder.join(ENCODE_FILE), &sealed(encode))?;
     write_bytes(&folder.join(DECODE_FILE), &sealed(decode))?;
     write_bytes(&folder.join(EXAMPLE_FILE), &example(model)?)
@@ -47,6 +45,7 @@ fn metadata(config: &Config) -> Vec<(String, String)> {
         ("width", config.width.to_string()),
         ("convolutions", config.convolutions.to_string()),
         ("features", config.features.to_string()),
+        ("per_level", config.per_level.to_string()),
         ("target", config.mode.target.clone()),
         ("nee", config.mode.nee.to_string()),
         ("roulette", config.mode.roulette.to_string()),

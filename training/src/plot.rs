@@ -1,0 +1,86 @@
+//! Small charts as SVG: bars and lines side by side in panels.
+
+use anyhow::{Result, anyhow};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+/// Distinguishable with red-green blindness (Okabe and Ito 2008).
+pub const COLORS: [RGBColor; 4] =
+    [RGBColor(0, 114, 178), RGBColor(230, 159, 0), RGBColor(0, 158, 115), RGBColor(204, 121, 167)];
+
+/// Pixels of one panel.
+const PANEL: (u32, u32) = (460, 320);
+
+/// One panel.
+#[derive(Debug, Clone)]
+pub struct Panel {
+    /// What is drawn.
+    pub title: String,
+    /// Labels below, one for each place.
+    pub labels: Vec<String>,
+    /// Names and values, one value for each label; values that are not numbers are left out.
+    pub series: Vec<(String, Vec<f64>)>,
+    /// Bars beside each other, or else lines.
+    pub bars: bool,
+}
+
+/// All panels in rows of `columns`, as an SVG.
+///
+/// # Errors
+/// When drawing fails.
+pub fn panels(panels: &[Panel], columns: usize) -> Result<String> {
+    let columns = columns.clamp(1, panels.len().max(1));
+    let lines = panels.len().div_ceil(columns).max(1);
+    let mut svg = String::new();
+    {
+        let size = (PANEL.0 * columns as u32, PANEL.1 * lines as u32);
+        let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
+        let draw = || -> Result<(), Box<dyn std::error::Error>> {
+            area.fill(&WHITE)?;
+            for (panel, area) in panels.iter().zip(area.split_evenly((lines, columns))) {
+                draw_panel(panel, &area)?;
+            }
+            Ok(area.present()?)
+        };
+        draw().map_err(|e| anyhow!("drawing: {e}"))?;
+    }
+    Ok(svg)
+}
+
+fn draw_panel(panel: &Panel, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Result<(), Box<dyn std::error::Error>> {
+    let values = panel.series.iter().flat_map(|(_, values)| values).copied().filter(|v| v.is_finite());
+    let high = values.fold(0.0, f64::max).max(1e-9);
+    let places = panel.labels.len() as f64;
+    let mut chart = ChartBuilder::on(area)
+        .margin(10)
+        .caption(&panel.title, ("sans-serif", 14))
+        .x_label_area_size(28)
+        .y_label_area_size(48)
+        .build_cartesian_2d(-0.5..places - 0.5, 0.0..1.1 * high)?;
+    let label = |x: &f64| {
+        let near = (x - x.round()).abs() < 1e-6 && *x >= 0.0;
+        if near { panel.labels.get(*x as usize).cloned().unwrap_or_default() } else { String::new() }
+    };
+    let labels = panel.labels.len().min(24);
+    chart.configure_mesh().disable_x_mesh().x_labels(labels).x_label_formatter(&label).draw()?;
+    let count = panel.series.len().max(1) as f64;
+    for (i, (name, values)) in panel.series.iter().enumerate() {
+        let color = COLORS[i % COLORS.len()];
+        let finite = || values.iter().enumerate().filter(|(_, v)| v.is_finite()).map(|(at, &v)| (at as f64, v));
+        let legend = move |(x, y): (i32, i32)| Rectangle::new([(x, y - 4), (x + 10, y + 4)], color.filled());
+        if panel.bars {
+            let width = 0.8 / count;
+            let bar = |(at, v): (f64, f64)| {
+                let left = at - 0.4 + width * i as f64;
+                Rectangle::new([(left, 0.0), (left + width, v)], color.filled())
+            };
+            chart.draw_series(finite().map(bar))?.label(name).legend(legend);
+        } else {
+            chart.draw_series(LineSeries::new(finite(), color.stroke_width(2)))?.label(name).legend(legend);
+        }
+    }
+    if panel.series.len() > 1 {
+        chart.configure_series_labels().border_style(BLACK.mix(0.2)).background_style(WHITE.mix(0.8)).draw()?;
+    }
+    Ok(())
+}

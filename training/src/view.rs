@@ -1,0 +1,149 @@
+//! What a network is shown of the pairs: to see what the context, the photons or the path samples are worth, and whether networks
+//! for a range of sample counts are better than one for all.
+
+use std::str::FromStr;
+
+use anyhow::{Result, anyhow};
+use fanal::generate::dataset::Dataset;
+use fanal::generate::shard::TreeSample;
+use fanal::guiding::distribution::Distribution;
+use fanal::guiding::features::Traits;
+use fanal::guiding::leaves::{BSDF, COUNTS, NETWORK_CHANNELS, SQUARES, VALUES};
+use serde::{Deserialize, Serialize};
+
+use crate::cases::Case;
+
+/// What inputs are made from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Inputs {
+    /// The voxel's own samples and its surroundings: what the renderer gives.
+    #[default]
+    All,
+    /// The voxel's own path samples and photons.
+    Own,
+    /// The voxel's own path samples.
+    Paths,
+    /// The voxel's own photons.
+    Photons,
+}
+
+/// A range of numbers of own path samples, written `16..64`; either end may be missing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Samples {
+    /// The least.
+    pub least: u32,
+    /// The first that is too many; none if there is no limit.
+    pub end: Option<u32>,
+}
+
+impl FromStr for Samples {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (least, end) = text.split_once("..").ok_or("a range is written 16..64, 1000.. or ..16")?;
+        let number = |text: &str| text.parse::<u32>().map_err(|e| format!("'{text}': {e}"));
+        let least = if least.is_empty() { 0 } else { number(least)? };
+        let end = if end.is_empty() { None } else { Some(number(end)?) };
+        if end.is_some_and(|end| end <= least) {
+            return Err("the range is empty".into());
+        }
+        Ok(Self { least, end })
+    }
+}
+
+/// A choice of inputs and pairs.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct View {
+    /// What inputs are made from.
+    pub inputs: Inputs,
+    /// Which pairs are used.
+    pub samples: Samples,
+    /// Largest KL between two halves of a target, in nats; none if there is no limit.
+    pub floor: Option<f64>,
+}
+
+impl View {
+    /// Leaves out of `data` what is not shown. A network that was not shown the context is of another mode.
+    ///
+    /// # Errors
+    /// When a pair is not valid.
+    pub fn apply(&self, mut data: Dataset) -> Result<Dataset> {
+        for pairs in [&mut data.train, &mut data.held_out] {
+            let Samples { least, end } = self.samples;
+            pairs.retain(|pair| {
+                let paths = pair.traits.samples[0];
+                let converged = self.floor.is_none_or(|most| f64::from(pair.floor_kl) <= most);
+                converged && paths >= least && end.is_none_or(|end| paths < end)
+            });
+            if self.inputs != Inputs::All {
+                pairs.iter_mut().try_for_each(|pair| restrict(pair, self.inputs))?;
+            }
+        }
+        if self.inputs != Inputs::All {
+            data.mode.context = 0.0;
+        }
+        Ok(data)
+    }
+}
+
+/// Makes the pair's input anew from its own samples.
+fn restrict(pair: &mut TreeSample, inputs: Inputs) -> Result<()> {
+    let kept = [inputs != Inputs::Photons, inputs != Inputs::Paths];
+    for row in pair.own_sums.chunks_exact_mut(NETWORK_CHANNELS) {
+        for kind in (0..2).filter(|&kind| !kept[kind]) {
+            [VALUES, COUNTS, SQUARES].iter().for_each(|channels| row[channels[kind]] = 0.0);
+        }
+        if !kept[0] {
+            row[BSDF] = 0.0;
+        }
+    }
+    let Traits { samples, path_share, .. } = &mut pair.traits;
+    for kind in (0..2).filter(|&kind| !kept[kind]) {
+        samples[kind] = 0;
+        *path_share = kind as f32;
+    }
+    let case = Case::new(pair)?;
+    let counted: Distribution = case.leaves().hybrid(f64::from(pair.traits.path_share));
+    pair.counted_split = counted.topology().split_flags();
+    pair.counted = counted.leaf_mass().iter().map(|&mass| mass as f32).collect();
+    pair.validate().map_err(|e| anyhow!("a pair without its context: {e}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{Settings, tree_sample};
+
+    #[test]
+    fn ranges_are_read() {
+        let range = |text: &str| text.parse::<Samples>();
+        assert_eq!(range("16..64"), Ok(Samples { least: 16, end: Some(64) }));
+        assert_eq!(range("..16"), Ok(Samples { least: 0, end: Some(16) }));
+        assert_eq!(range("1000.."), Ok(Samples { least: 1000, end: None }));
+        assert!(range("16").is_err() && range("9..9").is_err() && range("a..b").is_err());
+    }
+
+    #[test]
+    fn what_is_left_out_leaves_no_trace() {
+        let whole = tree_sample(&Settings::default(), 3, 0);
+        for inputs in [Inputs::Own, Inputs::Paths, Inputs::Photons] {
+            let mut pair = whole.clone();
+            restrict(&mut pair, inputs).unwrap();
+            let mut other = whole.clone();
+            // Whatever is not shown may be anything.
+            other.counted_split = vec![false];
+            other.counted = vec![1.0];
+            for row in other.own_sums.chunks_exact_mut(NETWORK_CHANNELS) {
+                match inputs {
+                    Inputs::Paths => [VALUES[1], COUNTS[1], SQUARES[1]].iter().for_each(|&c| row[c] = 7.0),
+                    Inputs::Photons => [VALUES[0], COUNTS[0], SQUARES[0], BSDF].iter().for_each(|&c| row[c] = 7.0),
+                    _ => {}
+                }
+            }
+            restrict(&mut other, inputs).unwrap();
+            assert_eq!(pair, other, "{inputs:?}");
+            assert_eq!(pair.target, whole.target);
+        }
+    }
+}
