@@ -9,6 +9,7 @@ use super::revolve::{bowl, ring};
 use super::text::{json, obj, rounded};
 use super::walls::{Opening, Room, Side};
 use crate::base::Result;
+use crate::base::random::Random;
 use crate::scene::file::{Distribution, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
 
 const GOLD: [[f32; 3]; 2] = [[0.143, 0.375, 1.442], [3.983, 2.386, 1.603]];
@@ -40,6 +41,7 @@ pub fn all() -> Result<Vec<OwnScene>> {
         with("lamp-room", lamp_room(), Some(("shade.obj", obj(&bowl(1.0, 0.04, FRAC_PI_2 * 0.8)))))?,
         with("pinhole", pinhole(), None)?,
         with("spot", spot(), None)?,
+        with("starfield", starfield(), None)?,
         with("white-furnace", white_furnace(), None)?,
     ])
 }
@@ -248,6 +250,30 @@ fn lamp_room() -> Builder {
     b.add_mesh("shade", file("shade.obj"), place, (Vec3::ZERO, 1.0), &shade);
     b.add_sphere("bulb", Vec3::new(3.2, 1.58, 0.5), 0.04, &wall, Some([900.0, 760.0, 520.0]));
     b.look_at(Vec3::new(0.5, 1.45, 3.3), Vec3::new(2.3, 0.85, 0.7), Vec3::Y, 62.0);
+    b
+}
+
+/// Balls and a wall under four hundred points of light from bright to faint, some close to what they shine on: light that no ray
+/// can hit, and unlike any that the shipped network was trained with.
+fn starfield() -> Builder {
+    let mut b = Builder::new("starfield", [192, 144]);
+    b.render(12, SPP);
+    let ground = b.add_material("ground", diffuse([0.45, 0.42, 0.4]));
+    let wall = b.add_material("wall", diffuse([0.6, 0.6, 0.62]));
+    let metal = b.add_material("rough gold", gold(Some(0.2)));
+    b.add_quad("ground", Vec3::ZERO, [Vec3::Z * 8.0, Vec3::X * 8.0], &ground, None);
+    b.add_block("wall", Vec3::new(-3.0, 0.0, -2.2), Vec3::new(3.0, 2.2, -2.0), &wall);
+    b.add_sphere("gold ball", Vec3::new(-1.1, 0.7, -0.3), 0.7, &metal, None);
+    b.add_sphere("grey ball", Vec3::new(0.9, 0.5, 0.2), 0.5, &wall, None);
+    let mut random = Random::new(11, 0, 0);
+    for _ in 0..400 {
+        let position = [random.range(-5.0, 5.0), random.range(0.05, 4.0), random.range(-4.0, 4.0)];
+        // Magnitudes: most are faint, a few outshine hundreds.
+        let intensity = 0.015 / random.range(0.002, 1.0f32);
+        let warmth = random.range(-0.3, 0.3f32);
+        b.add_light(LightFile::Point { position, intensity: [1.0 + warmth, 1.0, 1.0 - warmth].map(|c| c * intensity) });
+    }
+    b.look_at(Vec3::new(0.4, 1.8, 5.6), Vec3::new(0.0, 0.8, 0.0), Vec3::Y, 46.0);
     b
 }
 
