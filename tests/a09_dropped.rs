@@ -91,6 +91,34 @@ fn a09_broken_textures_reach_nothing() {
     }
 }
 
+/// Where every sample is dropped, guides learn nothing: not even that somebody was there.
+#[test]
+fn a09_dropped_samples_are_not_learned_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let texture = |file: String, scale: f32| TextureFile::Bitmap {
+        file,
+        to_uv: identity3(),
+        raw: true,
+        scale,
+        wrap: Wrap::Repeat,
+        filter: Filter::Nearest,
+    };
+    let voxels = |scale: f32| {
+        let mut b = fanal::generate::build::Builder::new("screen", [8, 6]);
+        let reflectance = texture(blazing(folder.path()), scale);
+        let broken = b.add_material("broken", MaterialFile::Diffuse { reflectance });
+        b.add_quad("screen", Vec3::ZERO, [Vec3::X * 10.0, Vec3::Y * 10.0], &broken, None);
+        b.add_light(LightFile::Constant { radiance: [1.0; 3] });
+        b.look_at(Vec3::Z * 2.0, Vec3::ZERO, Vec3::Y, 40.0);
+        let statistics = rendered(&scene_in(folder.path(), b.finish()), &settings(GUIDES[4], 16, 1)).statistics;
+        (statistics.dropped_samples > 0, statistics.iterations.iter().map(|i| i.voxels).max())
+    };
+    assert_eq!(voxels(4.0), (true, Some(0)));
+    // The same screen with a sound texture is learned from.
+    let (dropped, found) = voxels(1e-39);
+    assert!(!dropped && found > Some(0), "{found:?}");
+}
+
 /// What is dropped, and what is told of it, does not depend on the number of threads.
 #[test]
 fn a09_drops_do_not_depend_on_threads() {
