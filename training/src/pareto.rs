@@ -27,6 +27,8 @@ const TIMED_TREES: usize = 600;
 
 /// Name of the backend that has threads of its own.
 const ONNX: &str = "onnx";
+/// Name of the one in reduced precision.
+const BFLOAT: &str = "embedded-bf16";
 
 /// Names of the files that are written.
 const PLOT_FILE: &str = "pareto.svg";
@@ -169,7 +171,8 @@ impl Pareto {
         Ok(())
     }
 
-    /// Two panels over time: KL above the floor, and 1 + V. A line joins the variants that no other beats in both.
+    /// Two panels over time: KL above the floor, and 1 + V. Models have colours, backends shapes: a circle is single precision, a
+    /// triangle bfloat16, a cross onnxruntime. The grey line joins what nothing beats in both.
     fn plot(&self) -> Result<String, Box<dyn std::error::Error>> {
         let mut svg = String::new();
         {
@@ -211,17 +214,55 @@ impl Pareto {
             better
         });
         chart.draw_series(LineSeries::new(front, BLACK.mix(0.3)))?;
-        for (x, y, v) in points {
-            let colour = match v.backend.as_str() {
-                "-" => BLACK,
-                ONNX => RED,
-                "embedded-bf16" => GREEN,
-                _ => BLUE,
-            };
-            chart.draw_series([Circle::new((x, y), 4, colour.filled())])?;
-            let text = if v.backend == "-" { v.model.clone() } else { format!("{} ({})", v.model, v.backend) };
-            chart.draw_series([Text::new(text, (1.06 * x, y), ("sans-serif", 12).into_font())])?;
+        let mut models: Vec<&str> = self.variants.iter().map(|v| v.model.as_str()).collect();
+        models.dedup();
+        for (i, model) in models.iter().enumerate() {
+            let color = Palette99::pick(i).to_rgba();
+            let of_model = || points.iter().filter(|p| p.2.model == *model);
+            let along = LineSeries::new(of_model().map(|p| (p.0, p.1)), color.mix(0.5));
+            let legend = move |(x, y): (i32, i32)| Circle::new((x + 6, y), 4, color.filled());
+            chart.draw_series(along)?.label(*model).legend(legend);
+            for &(x, y, variant) in of_model() {
+                match variant.backend.as_str() {
+                    ONNX => chart.draw_series([Cross::new((x, y), 4, color.stroke_width(2))])?,
+                    BFLOAT => chart.draw_series([TriangleMarker::new((x, y), 5, color.filled())])?,
+                    _ => chart.draw_series([Circle::new((x, y), 4, color.filled())])?,
+                };
+            }
         }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperRight)
+            .border_style(BLACK.mix(0.2))
+            .background_style(WHITE.mix(0.8))
+            .draw()?;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_variant_is_told_and_drawn() {
+        let variant = |model: &str, backend: &str, microseconds: f64, moment: f64| Variant {
+            model: model.into(),
+            backend: backend.into(),
+            weights: 100,
+            microseconds,
+            kl_above_floor: 0.1 * moment,
+            moment,
+            bucket_moments: [Some(moment), None, None, Some(2.0), None],
+        };
+        let variants =
+            vec![variant("Gaussian", "-", 10.0, 9.0), variant("a", BFLOAT, 80.0, 7.0), variant("a", ONNX, 200.0, 7.0)];
+        let pareto = Pareto { trees: 3, threads: 2, variants };
+        let text = pareto.to_string();
+        assert!(text.lines().count() == 5 && text.contains("embedded-bf16"), "{text}");
+        let folder = tempfile::tempdir().unwrap();
+        pareto.write(&folder.path().join("new")).unwrap();
+        let svg = std::fs::read_to_string(folder.path().join("new").join(PLOT_FILE)).unwrap();
+        assert!(svg.contains("Gaussian") && svg.ends_with("</svg>\n"), "{svg}");
     }
 }
