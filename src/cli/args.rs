@@ -200,7 +200,7 @@ impl Layer {
 pub enum Backend {
     /// The forward pass built into this program
     Embedded,
-    /// The same in bfloat16: a little faster on processors that have instructions for it, and a little less exact
+    /// The same in bfloat16: for wide networks a little faster on processors that have instructions for it, and a little less exact
     EmbeddedBf16,
     /// onnxruntime, whose shared library must be installed
     Onnx,
