@@ -3,7 +3,8 @@
 //! Weights and inputs are rounded, products and sums are not: on processors that have the instruction, one takes two products of
 //! sixteen columns at once. What that saves in time and costs in accuracy, `eval --pareto` shows.
 
-use super::kernels::{Arithmetic, BLOCK, Instructions, Number, Task, multiply};
+use super::kernels::{Arithmetic, BLOCK, Instructions, Number, Packed, Task};
+use super::weights::LayerWeights;
 
 /// Two numbers in bfloat16, the first in the lower bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -46,48 +47,48 @@ pub fn pairs(rows: &[f32], channels: usize) -> Vec<Pair> {
     paired
 }
 
+/// A layer whose inputs have these numbers of `channels`; an odd number gets a channel of zeros, as in [`pairs`].
+pub fn packed(layer: &LayerWeights, channels: &[usize]) -> Packed<Pair> {
+    let columns = layer.columns;
+    let mut matrix = Vec::with_capacity(layer.weight.len() / 2);
+    let mut rows = layer.weight.as_slice();
+    for &channels in channels {
+        let (of_input, rest) = rows.split_at(channels * columns);
+        rows = rest;
+        for two in of_input.chunks(2 * columns) {
+            let (low, high) = two.split_at(columns);
+            matrix.extend((0..columns).map(|c| Pair::new(low[c], high.get(c).copied().unwrap_or(0.0))));
+        }
+    }
+    Packed::of(&matrix, columns, &layer.bias)
+}
+
 impl Number for Pair {
+    const PANELS: [usize; 3] = [16, 24, 8];
+
+    #[inline(always)]
+    fn add<const FMA: bool>(sum: f32, x: Self, w: Self) -> f32 {
+        let (x, w) = (x.numbers(), w.numbers());
+        f32::add::<FMA>(f32::add::<FMA>(sum, x[0], w[0]), x[1], w[1])
+    }
+
     fn run<const PANEL: usize>(task: &Task<Self>, instructions: Instructions, out: &mut [f32]) {
         #[cfg(target_arch = "x86_64")]
-        if instructions == Instructions::Avx512 && is_x86_feature_detected!("avx512bf16") && PANEL > 1 {
+        if PANEL == 16 && instructions == Instructions::Avx512 && is_x86_feature_detected!("avx512bf16") {
             // SAFETY: AVX-512 with bfloat16 was detected on this processor.
             return unsafe { rows_dot::<PANEL>(task, out) };
         }
-        #[cfg(target_arch = "x86_64")]
-        if instructions >= Instructions::Avx2 {
-            // SAFETY: `apply_with` lets these pass only after their features were detected on this processor.
-            return unsafe { rows_avx2::<PANEL>(task, out) };
-        }
-        task.rows::<PANEL, Unpacked<false>>(out);
+        task.run::<PANEL>(instructions, out);
     }
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512bf16,fma")]
+#[target_feature(enable = "avx512f,avx512bf16")]
 fn rows_dot<const PANEL: usize>(task: &Task<Pair>, out: &mut [f32]) {
     task.rows::<PANEL, Dot>(out);
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-fn rows_avx2<const PANEL: usize>(task: &Task<Pair>, out: &mut [f32]) {
-    task.rows::<PANEL, Unpacked<true>>(out);
-}
-
-/// Pairs unpacked to single precision, with fused multiplication and addition or without.
-struct Unpacked<const FMA: bool>;
-
-impl<const FMA: bool> Arithmetic<Pair> for Unpacked<FMA> {
-    #[inline(always)]
-    fn multiply<const PANEL: usize>(sums: &mut [[f32; PANEL]; BLOCK], rows: [&[Pair]; BLOCK], weight: &[Pair]) {
-        multiply(sums, rows, weight, |sum, x, w| {
-            let (x, w) = (x.numbers(), w.numbers());
-            if FMA { x[1].mul_add(w[1], x[0].mul_add(w[0], sum)) } else { x[1] * w[1] + (x[0] * w[0] + sum) }
-        });
-    }
-}
-
-/// The processor's own instruction for the scalar product of pairs.
+/// The processor's own instruction for the scalar product of pairs, sixteen columns at once.
 #[cfg(target_arch = "x86_64")]
 struct Dot;
 
@@ -95,38 +96,21 @@ struct Dot;
 impl Arithmetic<Pair> for Dot {
     #[inline(always)]
     fn multiply<const PANEL: usize>(sums: &mut [[f32; PANEL]; BLOCK], rows: [&[Pair]; BLOCK], weight: &[Pair]) {
-        use std::arch::x86_64::{
-            __m256, __m256bh, __m256i, __m512, __m512bh, __m512i, _mm256_dpbf16_ps, _mm256_set1_epi32,
-            _mm512_dpbf16_ps, _mm512_set1_epi32,
-        };
+        use std::arch::x86_64::{__m512, __m512bh, __m512i, _mm512_dpbf16_ps, _mm512_set1_epi32};
+        assert!(PANEL == 16, "sixteen columns are a vector");
         let [a, b, c, d] = rows;
-        let words = weight.as_chunks::<PANEL>().0.iter().zip(a).zip(b).zip(c).zip(d);
-        // SAFETY: only `rows_dot` uses this, whose features have these instructions. Arrays of PANEL floats or pairs have the
-        // size of the vectors that they are read as, all bits of which are valid.
+        // SAFETY: only `rows_dot` uses this, whose features have these instructions, and only for panels of 16: arrays of 16
+        // floats or pairs have the size of the vectors that they are read as, all bits of which are valid.
         unsafe {
-            if PANEL == 16 {
-                let mut local = sums.each_ref().map(|row| std::mem::transmute_copy::<[f32; PANEL], __m512>(row));
-                for ((((w, a), b), c), d) in words {
-                    let w = std::mem::transmute_copy::<[Pair; PANEL], __m512bh>(w);
-                    for (sum, x) in local.iter_mut().zip([a, b, c, d]) {
-                        let x = std::mem::transmute::<__m512i, __m512bh>(_mm512_set1_epi32(x.0.cast_signed()));
-                        *sum = _mm512_dpbf16_ps(*sum, x, w);
-                    }
+            let mut local = sums.each_ref().map(|row| std::mem::transmute_copy::<[f32; PANEL], __m512>(row));
+            for ((((w, a), b), c), d) in weight.as_chunks::<PANEL>().0.iter().zip(a).zip(b).zip(c).zip(d) {
+                let w = std::mem::transmute_copy::<[Pair; PANEL], __m512bh>(w);
+                for (sum, x) in local.iter_mut().zip([a, b, c, d]) {
+                    let x = std::mem::transmute::<__m512i, __m512bh>(_mm512_set1_epi32(x.0.cast_signed()));
+                    *sum = _mm512_dpbf16_ps(*sum, x, w);
                 }
-                *sums = local.map(|row| std::mem::transmute_copy::<__m512, [f32; PANEL]>(&row));
-            } else if PANEL == 8 {
-                let mut local = sums.each_ref().map(|row| std::mem::transmute_copy::<[f32; PANEL], __m256>(row));
-                for ((((w, a), b), c), d) in words {
-                    let w = std::mem::transmute_copy::<[Pair; PANEL], __m256bh>(w);
-                    for (sum, x) in local.iter_mut().zip([a, b, c, d]) {
-                        let x = std::mem::transmute::<__m256i, __m256bh>(_mm256_set1_epi32(x.0.cast_signed()));
-                        *sum = _mm256_dpbf16_ps(*sum, x, w);
-                    }
-                }
-                *sums = local.map(|row| std::mem::transmute_copy::<__m256, [f32; PANEL]>(&row));
-            } else {
-                Unpacked::<true>::multiply(sums, rows, weight);
             }
+            *sums = local.map(|row| std::mem::transmute_copy::<__m512, [f32; PANEL]>(&row));
         }
     }
 }
@@ -135,8 +119,7 @@ impl Arithmetic<Pair> for Dot {
 mod tests {
     use super::*;
     use crate::base::random::Random;
-    use crate::network::kernels::{Epilogue, Index, Packed, Part, apply_with};
-    use crate::network::weights::LayerWeights;
+    use crate::network::kernels::{Epilogue, Index, Part, apply_with};
 
     #[test]
     fn numbers_are_rounded_to_even() {
@@ -155,7 +138,7 @@ mod tests {
             let mut uniform = |n: usize| (0..n).map(|_| random.range(-1.0, 1.0)).collect::<Vec<f32>>();
             let (x, weight, bias) = (uniform(rows * channels), uniform(2 * channels * columns), uniform(columns));
             let layer = LayerWeights { rows: 2 * channels, columns, weight, bias };
-            let packed = Packed::pairs(&layer, &[channels, channels]);
+            let packed = packed(&layer, &[channels, channels]);
             let paired = pairs(&x, channels);
             let index: Vec<u32> =
                 (0..rows as u32).map(|row| if row % 3 == 1 { rows as u32 } else { (row * 7) % rows as u32 }).collect();

@@ -2,7 +2,7 @@
 //! following residual sum and a following rectifier become one step.
 
 use super::batch::SLOTS;
-use super::bfloat::Pair;
+use super::bfloat::{self, Pair};
 use super::embedded::{Precision, fail};
 use super::kernels::{MAX_CHANNELS, Packed};
 use super::program::{GEOMETRY, Layer, Op, Program, Value};
@@ -90,7 +90,7 @@ fn fuse_layer(
     let weights = weights.layer(layer)?;
     let matrix = match precision {
         Precision::Single => Matrix::Single(Packed::new(weights)),
-        Precision::Bfloat => Matrix::Pairs(Packed::pairs(weights, &channels.repeat(if gather { SLOTS } else { 1 }))),
+        Precision::Bfloat => Matrix::Pairs(bfloat::packed(weights, &channels.repeat(if gather { SLOTS } else { 1 }))),
     };
     let (residual, relu, to) = epilogue(program, value);
     Ok((Step::Layer { sources, gather, matrix, residual, relu, to }, to))

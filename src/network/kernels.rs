@@ -4,11 +4,10 @@
 //! inputs is one input each. So neither the gathered nor the concatenated matrix is ever written to memory. Four rows are
 //! computed at once, which are four siblings below the root and mostly lack the same neighbours.
 //!
-//! Numbers are single precision, or [`Pair`]s of bfloat16 that are multiplied exactly and summed in single precision.
+//! Numbers are single precision, or [pairs](super::bfloat) of bfloat16 that are multiplied exactly and summed in single precision.
 
 use rayon::prelude::*;
 
-use super::bfloat::Pair;
 use super::weights::LayerWeights;
 
 /// Rows computed together: with up to 24 columns their sums fill the 16 vector registers of AVX2.
@@ -78,52 +77,23 @@ pub struct Packed<T = f32> {
 impl Packed {
     /// Packs a layer.
     pub fn new(layer: &LayerWeights) -> Self {
-        let LayerWeights { rows, columns, .. } = *layer;
-        let panel = [24, 16, 8].into_iter().find(|panel| columns % panel == 0).unwrap_or(1);
-        let row = |row: usize, column: usize| layer.weight[row * columns + column];
-        Self { panel, columns, rows, weight: in_panels(panel, rows, columns, row), bias: layer.bias.clone() }
+        Self::of(&layer.weight, layer.columns, &layer.bias)
     }
 }
 
-impl Packed<Pair> {
-    /// Packs a layer whose inputs have these numbers of `channels`, in bfloat16; an odd number gets a channel of zeros.
-    pub fn pairs(layer: &LayerWeights, channels: &[usize]) -> Self {
-        let columns = layer.columns;
-        let panel = [16usize, 8].into_iter().find(|&panel| columns.is_multiple_of(panel)).unwrap_or(1);
-        // First and, if there is one, second row of the matrix for each pair of channels.
-        let mut start = 0;
-        let mut rows: Vec<(usize, Option<usize>)> = vec![];
-        for &channels in channels {
-            rows.extend((0..channels).step_by(2).map(|c| (start + c, (c + 1 < channels).then_some(start + c + 1))));
-            start += channels;
+impl<T: Number> Packed<T> {
+    /// Packs a matrix [rows, `columns`] row by row.
+    pub(super) fn of(matrix: &[T], columns: usize, bias: &[f32]) -> Self {
+        let panel = T::PANELS.into_iter().find(|panel| columns.is_multiple_of(*panel)).unwrap_or(1);
+        let mut weight = Vec::with_capacity(matrix.len());
+        for first in (0..columns).step_by(panel) {
+            for row in matrix.chunks_exact(columns) {
+                weight.extend_from_slice(&row[first..first + panel]);
+            }
         }
-        let at = |row: usize, column: usize| layer.weight[row * columns + column];
-        let pair = |row: usize, column: usize| {
-            let (low, high) = rows[row];
-            Pair::new(at(low, column), high.map_or(0.0, |high| at(high, column)))
-        };
-        Self {
-            panel,
-            columns,
-            rows: rows.len(),
-            weight: in_panels(panel, rows.len(), columns, pair),
-            bias: layer.bias.clone(),
-        }
+        Self { panel, columns, rows: matrix.len() / columns, weight, bias: bias.to_vec() }
     }
-}
 
-/// A matrix [rows, columns] as [columns / panel][rows][panel].
-fn in_panels<T>(panel: usize, rows: usize, columns: usize, at: impl Fn(usize, usize) -> T) -> Vec<T> {
-    let mut packed = Vec::with_capacity(rows * columns);
-    for first in (0..columns).step_by(panel) {
-        packed.extend(
-            (0..rows).flat_map(|row| (first..first + panel).map(move |column| (row, column))).map(|(r, c)| at(r, c)),
-        );
-    }
-    packed
-}
-
-impl<T> Packed<T> {
     /// Output columns.
     pub fn columns(&self) -> usize {
         self.columns
@@ -195,14 +165,53 @@ impl Instructions {
 
 /// What rows and weights hold.
 pub trait Number: Copy + Default + Send + Sync {
+    /// Columns that are computed together, first what is fastest.
+    const PANELS: [usize; 3];
+
+    /// `sum` and the product of `x` and `w`, by fused multiplication and addition or without.
+    fn add<const FMA: bool>(sum: f32, x: Self, w: Self) -> f32;
+
     /// Computes a task's rows with these instructions, which this processor has.
-    fn run<const PANEL: usize>(task: &Task<Self>, instructions: Instructions, out: &mut [f32]);
+    fn run<const PANEL: usize>(task: &Task<Self>, instructions: Instructions, out: &mut [f32]) {
+        task.run::<PANEL>(instructions, out);
+    }
 }
 
-/// How numbers are multiplied and added.
-pub trait Arithmetic<T> {
+impl Number for f32 {
+    const PANELS: [usize; 3] = [24, 16, 8];
+
+    #[inline(always)]
+    fn add<const FMA: bool>(sum: f32, x: Self, w: Self) -> f32 {
+        // Without the instruction, `mul_add` is a slow library call.
+        if FMA { x.mul_add(w, sum) } else { x * w + sum }
+    }
+}
+
+/// How rows are multiplied with weights.
+pub(super) trait Arithmetic<T> {
     /// Adds `rows` times `weight` [channels, PANEL] to `sums`.
     fn multiply<const PANEL: usize>(sums: &mut [[f32; PANEL]; BLOCK], rows: [&[T]; BLOCK], weight: &[T]);
+}
+
+/// Number by number, which the compiler makes vectors of.
+struct Each<const FMA: bool>;
+
+impl<T: Number, const FMA: bool> Arithmetic<T> for Each<FMA> {
+    #[inline(always)]
+    fn multiply<const PANEL: usize>(sums: &mut [[f32; PANEL]; BLOCK], rows: [&[T]; BLOCK], weight: &[T]) {
+        // A local copy stays in registers; `sums` itself would be written back in every turn.
+        let mut local = *sums;
+        let [a, b, c, d] = rows;
+        let (weight, _) = weight.as_chunks::<PANEL>();
+        for ((((w, &a), &b), &c), &d) in weight.iter().zip(a).zip(b).zip(c).zip(d) {
+            for (sums, x) in local.iter_mut().zip([a, b, c, d]) {
+                for (sum, &w) in sums.iter_mut().zip(w) {
+                    *sum = T::add::<FMA>(*sum, x, w);
+                }
+            }
+        }
+        *sums = local;
+    }
 }
 
 /// Consecutive output rows from `first` on.
@@ -213,36 +222,34 @@ pub struct Task<'a, T> {
     first: usize,
 }
 
-impl Number for f32 {
-    fn run<const PANEL: usize>(task: &Task<Self>, instructions: Instructions, out: &mut [f32]) {
-        match instructions {
-            // SAFETY: `apply_with` lets these pass only after their features were detected on this processor.
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx512 => unsafe { rows_avx512::<PANEL>(task, out) },
-            // SAFETY: as above.
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2 => unsafe { rows_avx2::<PANEL>(task, out) },
-            _ => task.rows::<PANEL, Separate>(out),
-        }
-    }
-}
-
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,fma")]
-fn rows_avx512<const PANEL: usize>(task: &Task<f32>, out: &mut [f32]) {
-    task.rows::<PANEL, Fused>(out);
+fn rows_avx512<T: Number, const PANEL: usize>(task: &Task<T>, out: &mut [f32]) {
+    task.rows::<PANEL, Each<true>>(out);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn rows_avx2<const PANEL: usize>(task: &Task<f32>, out: &mut [f32]) {
-    task.rows::<PANEL, Fused>(out);
+fn rows_avx2<T: Number, const PANEL: usize>(task: &Task<T>, out: &mut [f32]) {
+    task.rows::<PANEL, Each<true>>(out);
 }
 
 impl<T: Number> Task<'_, T> {
-    /// Computes the rows.
+    /// Computes the rows with these instructions, which this processor has.
+    pub(super) fn run<const PANEL: usize>(&self, instructions: Instructions, out: &mut [f32]) {
+        match instructions {
+            // SAFETY: `apply_with` lets these pass only after their features were detected on this processor.
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx512 => unsafe { rows_avx512::<T, PANEL>(self, out) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx2 => unsafe { rows_avx2::<T, PANEL>(self, out) },
+            _ => self.rows::<PANEL, Each<false>>(out),
+        }
+    }
+
     #[inline(always)]
-    pub fn rows<const PANEL: usize, A: Arithmetic<T>>(&self, out: &mut [f32]) {
+    pub(super) fn rows<const PANEL: usize, A: Arithmetic<T>>(&self, out: &mut [f32]) {
         let columns = self.packed.columns;
         for (block, out) in out.chunks_mut(BLOCK * columns).enumerate() {
             let first = self.first + block * BLOCK;
@@ -295,48 +302,6 @@ impl<T: Number> Task<'_, T> {
 
 /// Most channels of one part.
 pub const MAX_CHANNELS: usize = 128;
-
-/// Multiplication and addition in one instruction, rounded once.
-struct Fused;
-
-/// Multiplication, then addition: without the instruction, `mul_add` is a slow library call.
-struct Separate;
-
-impl Arithmetic<f32> for Fused {
-    #[inline(always)]
-    fn multiply<const PANEL: usize>(sums: &mut [[f32; PANEL]; BLOCK], rows: [&[f32]; BLOCK], weight: &[f32]) {
-        multiply(sums, rows, weight, |sum, x, w| x.mul_add(w, sum));
-    }
-}
-
-impl Arithmetic<f32> for Separate {
-    #[inline(always)]
-    fn multiply<const PANEL: usize>(sums: &mut [[f32; PANEL]; BLOCK], rows: [&[f32]; BLOCK], weight: &[f32]) {
-        multiply(sums, rows, weight, |sum, x, w| x * w + sum);
-    }
-}
-
-/// Adds `rows` times `weight` [channels, PANEL] to `sums`, where `add` adds a product to a sum.
-#[inline(always)]
-pub(super) fn multiply<T: Copy, const PANEL: usize>(
-    sums: &mut [[f32; PANEL]; BLOCK],
-    rows: [&[T]; BLOCK],
-    weight: &[T],
-    add: impl Fn(f32, T, T) -> f32,
-) {
-    // A local copy stays in registers; `sums` itself would be written back in every turn.
-    let mut local = *sums;
-    let [a, b, c, d] = rows;
-    let (weight, _) = weight.as_chunks::<PANEL>();
-    for ((((w, &a), &b), &c), &d) in weight.iter().zip(a).zip(b).zip(c).zip(d) {
-        for (sums, x) in local.iter_mut().zip([a, b, c, d]) {
-            for (sum, &w) in sums.iter_mut().zip(w) {
-                *sum = add(*sum, x, w);
-            }
-        }
-    }
-    *sums = local;
-}
 
 #[cfg(test)]
 mod tests {

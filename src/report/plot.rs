@@ -82,7 +82,7 @@ impl Measure {
 }
 
 /// A method's colour, the same in every plot: distinguishable with red-green blindness (Okabe and Ito 2008).
-fn color(method: usize) -> RGBColor {
+pub fn color(method: usize) -> RGBColor {
     const COLORS: [RGBColor; 6] = [
         RGBColor(80, 80, 80),
         RGBColor(230, 159, 0),
@@ -205,7 +205,7 @@ pub fn times(results: &Results) -> Result<String> {
 }
 
 /// Draws onto white and returns the SVG text.
-fn draw<F>(size: (u32, u32), content: F) -> Result<String>
+pub fn draw<F>(size: (u32, u32), content: F) -> Result<String>
 where
     F: FnOnce(
         &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, anyhow};
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::distribution::{CommonCell, Distribution, kl_of_cells, relative_moment};
+use fanal::guiding::distribution::{CommonCell, Distribution, kl_by_level, kl_of_cells, relative_moment};
 use fanal::guiding::features::Traits;
 use fanal::guiding::leaves::{Layout, Leaves, Target};
 use fanal::guiding::topology::Topology;
@@ -121,4 +121,15 @@ pub fn tune_uniform(cells: &[Vec<CommonCell>], score: impl Fn(&[Vec<CommonCell>]
 /// Mean logarithm of what a picture feels, see [`relative_moment`], at a uniform part.
 pub fn mean_log_moment(cells: &[Vec<CommonCell>], uniform: f64) -> f64 {
     cells.par_iter().map(|c| relative_moment(c, uniform).ln()).sum::<f64>() / cells.len().max(1) as f64
+}
+
+/// Mean KL that each level adds (entry 0 is level 1), in nats, at a uniform part.
+pub fn levels(cases: &[Case], guides: &[Distribution], uniform: f64) -> Vec<f64> {
+    let mut sums: Vec<f64> = vec![];
+    for (case, guide) in cases.iter().zip(guides) {
+        let levels = kl_by_level(&case.target, guide, uniform);
+        sums.resize(sums.len().max(levels.len()), 0.0);
+        sums.iter_mut().zip(&levels).for_each(|(sum, kl)| *sum += kl / cases.len() as f64);
+    }
+    sums
 }

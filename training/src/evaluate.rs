@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use fanal::generate::dataset::Dataset;
-use fanal::guiding::distribution::{Distribution, kl_by_level, kl_of_cells, relative_moment};
+use fanal::guiding::distribution::{Distribution, kl_of_cells, relative_moment};
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::Model;
 use fanal::reconstruct::gaussian::Gaussian;
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::ablation::Ablation;
-use crate::cases::{Case, common, mean_kl, mean_log_moment, reconstruct, spread, tune_uniform};
+use crate::cases::{Case, common, levels, mean_kl, mean_log_moment, reconstruct, spread, tune_uniform};
 use crate::tuning::tune_gaussian;
 
 /// Lower bounds of the buckets by number of path samples.
@@ -180,22 +180,12 @@ impl<'a> Bench<'a> {
             moment: (logs.iter().sum::<f64>() / n).exp(),
             buckets: std::array::from_fn(|b| in_bucket(b, &kl)),
             bucket_moments: std::array::from_fn(|b| in_bucket(b, &logs).map(f64::exp)),
-            levels: self.levels(&guides, kl_uniform),
+            levels: levels(self.cases, &guides, kl_uniform),
             nodes: guides.iter().map(|g| g.topology().len() as f64).sum::<f64>() / n,
             nodes_added: added / n,
             nodes_removed: removed / n,
             microseconds,
         })
-    }
-
-    fn levels(&self, guides: &[Distribution], uniform: f64) -> Vec<f64> {
-        let mut sums: Vec<f64> = vec![];
-        for (case, guide) in self.cases.iter().zip(guides) {
-            let levels = kl_by_level(&case.target, guide, uniform);
-            sums.resize(sums.len().max(levels.len()), 0.0);
-            sums.iter_mut().zip(&levels).for_each(|(sum, kl)| *sum += kl / self.cases.len() as f64);
-        }
-        sums
     }
 }
 

@@ -20,8 +20,6 @@ pub enum Loss {
     /// What a picture feels (see [`relative_moment`](fanal::guiding::distribution::relative_moment)): the logarithm of the second
     /// moment of the estimator that draws half from the BSDF, half from the tree, plus a tenth of KL.
     Variance,
-    /// The same with the root of the second moment instead of its logarithm: what is bad counts for more.
-    Deviation,
 }
 
 /// Weight of nodes without target mass, in eq. 16 and in the classification.
@@ -52,11 +50,7 @@ pub fn losses(loss: Loss, decoded: &DecodedRows, beta: f64) -> Losses {
         Loss::Zhu => l1(decoded, log_expected, &device),
         Loss::Variance => {
             let kl = kl(decoded, log_expected.clone(), &device);
-            log_moment(decoded, log_expected, &device).mean() + kl.mul_scalar(0.1)
-        }
-        Loss::Deviation => {
-            let kl = kl(decoded, log_expected.clone(), &device);
-            log_moment(decoded, log_expected, &device).mul_scalar(0.5).exp().mean() + kl.mul_scalar(0.1)
+            log_moment(decoded, log_expected, &device) + kl.mul_scalar(0.1)
         }
     };
     let class = class(decoded, &device);
@@ -117,8 +111,8 @@ fn per_tree(decoded: &DecodedRows, weights: impl Iterator<Item = f32>) -> Vec<f3
 /// Uniform part of the tree in [`log_moment`]; about what `eval` tunes.
 const UNIFORM: f32 = 0.03;
 
-/// Per tree ln ∫ t² / (½·p_bsdf + ½·q), [trees, 1].
-fn log_moment(decoded: &DecodedRows, log_expected: Tensor<2>, device: &Device) -> Tensor<2> {
+/// Mean over trees of ln ∫ t² / (½·p_bsdf + ½·q).
+fn log_moment(decoded: &DecodedRows, log_expected: Tensor<2>, device: &Device) -> Tensor<1> {
     let log_mass = accumulate(decoded, log_expected, device);
     let ends: Vec<u32> = (0..decoded.split.len() as u32).filter(|&r| !decoded.split[r as usize]).collect();
     let area = |r: usize| 0.25f32.powi(i32::from(decoded.level[r]));
@@ -130,7 +124,7 @@ fn log_moment(decoded: &DecodedRows, log_expected: Tensor<2>, device: &Device) -
     let trees: Vec<u32> = ends.iter().map(|&r| decoded.tree[r as usize]).collect();
     let sums = Tensor::<2>::zeros([decoded.trees, 1], device);
     let sums = sums.select_assign(0, index(&trees, device), terms, burn::tensor::IndexingUpdateOp::Add);
-    sums.log()
+    sums.log().mean()
 }
 
 /// ln of every row's mass: the sum of ln E from level 1 down.
@@ -209,7 +203,7 @@ mod tests {
     #[test]
     fn a17_saturated_logits_have_finite_losses_and_gradients() {
         let device = Device::flex().autodiff();
-        for loss in [Loss::Kl, Loss::Zhu, Loss::Variance, Loss::Deviation] {
+        for loss in [Loss::Kl, Loss::Zhu, Loss::Variance] {
             for (share, leaf) in [(1e4, 1e4), (1e4, -1e4), (-1e4, 1e4), (-1e4, -1e4), (0.0, 0.0)] {
                 let mut shares = [0.0; 8];
                 (shares[1], shares[6]) = (share, share);

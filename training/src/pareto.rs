@@ -4,7 +4,7 @@ use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, ensure};
 use fanal::base::files::write_bytes;
 use fanal::generate::dataset::Dataset;
 use fanal::network::backend::Backend;
@@ -12,6 +12,7 @@ use fanal::network::embedded::{Embedded, Precision};
 use fanal::network::weights::{ENCODE_FILE, Model};
 use fanal::reconstruct::gaussian::Gaussian;
 use fanal::reconstruct::onnx::OnnxBackend;
+use fanal::report::plot::{color, draw};
 use plotters::prelude::*;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -167,23 +168,18 @@ impl Pareto {
     pub fn write(&self, folder: &Path) -> Result<()> {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
         write_bytes(&folder.join(TABLE_FILE), &serde_json::to_vec_pretty(self)?)?;
-        write_bytes(&folder.join(PLOT_FILE), self.plot().map_err(|e| anyhow!("drawing {PLOT_FILE}: {e}"))?.as_bytes())?;
+        write_bytes(&folder.join(PLOT_FILE), self.plot()?.as_bytes())?;
         Ok(())
     }
 
     /// Two panels over time: KL above the floor, and 1 + V. Models have colours, backends shapes: a circle is single precision, a
     /// triangle bfloat16, a cross onnxruntime. The grey line joins what nothing beats in both.
-    fn plot(&self) -> Result<String, Box<dyn std::error::Error>> {
-        let mut svg = String::new();
-        {
-            let area = SVGBackend::with_string(&mut svg, (1100, 480)).into_drawing_area();
-            area.fill(&WHITE)?;
+    fn plot(&self) -> fanal::base::Result<String> {
+        draw((1100, 480), |area| {
             let panels = area.split_evenly((1, 2));
             self.panel(&panels[0], "KL above the floor, nats", |v| v.kl_above_floor)?;
-            self.panel(&panels[1], "1 + V", |v| v.moment)?;
-            area.present()?;
-        }
-        Ok(svg)
+            self.panel(&panels[1], "1 + V", |v| v.moment)
+        })
     }
 
     fn panel(
@@ -217,7 +213,7 @@ impl Pareto {
         let mut models: Vec<&str> = self.variants.iter().map(|v| v.model.as_str()).collect();
         models.dedup();
         for (i, model) in models.iter().enumerate() {
-            let color = Palette99::pick(i).to_rgba();
+            let color = color(i);
             let of_model = || points.iter().filter(|p| p.2.model == *model);
             let along = LineSeries::new(of_model().map(|p| (p.0, p.1)), color.mix(0.5));
             let legend = move |(x, y): (i32, i32)| Circle::new((x + 6, y), 4, color.filled());

@@ -1,12 +1,9 @@
 //! Small charts as SVG: bars and lines side by side in panels.
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
+use fanal::report::plot::{color, draw};
 use plotters::coord::Shift;
 use plotters::prelude::*;
-
-/// Distinguishable with red-green blindness (Okabe and Ito 2008).
-pub const COLORS: [RGBColor; 4] =
-    [RGBColor(0, 114, 178), RGBColor(230, 159, 0), RGBColor(0, 158, 115), RGBColor(204, 121, 167)];
 
 /// Pixels of one panel.
 const PANEL: (u32, u32) = (460, 320);
@@ -31,20 +28,11 @@ pub struct Panel {
 pub fn panels(panels: &[Panel], columns: usize) -> Result<String> {
     let columns = columns.clamp(1, panels.len().max(1));
     let lines = panels.len().div_ceil(columns).max(1);
-    let mut svg = String::new();
-    {
-        let size = (PANEL.0 * columns as u32, PANEL.1 * lines as u32);
-        let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        let draw = || -> Result<(), Box<dyn std::error::Error>> {
-            area.fill(&WHITE)?;
-            for (panel, area) in panels.iter().zip(area.split_evenly((lines, columns))) {
-                draw_panel(panel, &area)?;
-            }
-            Ok(area.present()?)
-        };
-        draw().map_err(|e| anyhow!("drawing: {e}"))?;
-    }
-    Ok(svg)
+    let size = (PANEL.0 * columns as u32, PANEL.1 * lines as u32);
+    Ok(draw(size, |area| {
+        let areas = area.split_evenly((lines, columns));
+        panels.iter().zip(areas).try_for_each(|(panel, area)| draw_panel(panel, &area))
+    })?)
 }
 
 fn draw_panel(panel: &Panel, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Result<(), Box<dyn std::error::Error>> {
@@ -65,7 +53,7 @@ fn draw_panel(panel: &Panel, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Resul
     chart.configure_mesh().disable_x_mesh().x_labels(labels).x_label_formatter(&label).draw()?;
     let count = panel.series.len().max(1) as f64;
     for (i, (name, values)) in panel.series.iter().enumerate() {
-        let color = COLORS[i % COLORS.len()];
+        let color = color(i + 1);
         let finite = || values.iter().enumerate().filter(|(_, v)| v.is_finite()).map(|(at, &v)| (at as f64, v));
         let legend = move |(x, y): (i32, i32)| Rectangle::new([(x, y - 4), (x + 10, y + 4)], color.filled());
         if panel.bars {

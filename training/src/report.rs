@@ -7,14 +7,14 @@ use burn::tensor::Device;
 use fanal::base::files::write_bytes;
 use fanal::base::random::Random;
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::distribution::{Distribution, kl_by_level};
+use fanal::guiding::distribution::Distribution;
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::Model;
 use fanal::reconstruct::gaussian::Gaussian;
 use serde::Serialize;
 
 use crate::batch::HostBatch;
-use crate::cases::{Case, reconstruct};
+use crate::cases::{Case, levels, reconstruct};
 use crate::forward::{decode, encode};
 use crate::model::{Net, to_vec};
 use crate::plot::{Panel, panels};
@@ -68,7 +68,7 @@ impl Report {
         let off = |bin: &Bin| bin.rows as f64 * (bin.predicted - bin.observed).abs();
         Ok(Self {
             trees: cases.len(),
-            levels: guides.map(|guides: Vec<Distribution>| levels(&cases, &guides)),
+            levels: guides.map(|guides: Vec<Distribution>| levels(&cases, &guides, UNIFORM)),
             calibration_error: calibration.iter().map(off).sum::<f64>() / rows.max(1) as f64,
             calibration,
         })
@@ -108,16 +108,6 @@ impl Report {
     }
 }
 
-fn levels(cases: &[Case], guides: &[Distribution]) -> Vec<f64> {
-    let mut sums: Vec<f64> = vec![];
-    for (case, guide) in cases.iter().zip(guides) {
-        let levels = kl_by_level(&case.target, guide, UNIFORM);
-        sums.resize(sums.len().max(levels.len()), 0.0);
-        sums.iter_mut().zip(&levels).for_each(|(sum, kl)| *sum += kl / cases.len() as f64);
-    }
-    sums
-}
-
 /// Over all rows that a training pass decodes.
 fn calibration(model: &Model, samples: &[&TreeSample]) -> Result<[Bin; BINS]> {
     let net = Net::new(&model.config, &model.weights, &Device::flex())?;
@@ -140,44 +130,4 @@ fn calibration(model: &Model, samples: &[&TreeSample]) -> Result<[Bin; BINS]> {
         bin.observed /= bin.rows as f64;
     }
     Ok(bins)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::model::initial_weights;
-    use crate::synthetic::{Settings, tree_samples};
-    use fanal::guiding::features::FEATURES;
-    use fanal::network::config::{Config, VERSION};
-    use fanal::render::{GuideMode, RenderSettings, StopRule};
-
-    /// A network that says the same everywhere is calibrated where that is the part of leaves, and off by the difference elsewhere.
-    #[test]
-    fn calibration_compares_what_is_said_with_what_is() {
-        let config = Config {
-            version: VERSION,
-            name: "test".into(),
-            width: 8,
-            convolutions: 1,
-            features: FEATURES,
-            per_level: false,
-            image: None,
-            leaf_threshold: 0.5,
-            min_split_share: 1e-3,
-            uniform: 0.05,
-            mode: RenderSettings::new(GuideMode::Neural, StopRule::Spp(1)).mode(),
-        };
-        let mut weights = initial_weights(&config, 1);
-        let leaf = weights.layers.get_mut("decode.leaf").unwrap();
-        leaf.weight.fill(0.0);
-        leaf.bias.fill(f32::ln(0.7 / 0.3));
-        let samples = tree_samples(&Settings::default(), 4, 0, 20);
-        let report = Report::new(&Model { config, weights }, &samples.iter().collect::<Vec<_>>()).unwrap();
-        let filled: Vec<&Bin> = report.calibration.iter().filter(|bin| bin.rows > 0).collect();
-        let [bin] = filled.as_slice() else { panic!("{filled:?}") };
-        assert!((bin.predicted - 0.7).abs() < 1e-6 && bin.observed > 0.0 && bin.observed < 1.0);
-        assert!((report.calibration_error - (bin.predicted - bin.observed).abs()).abs() < 1e-9);
-        assert!(report.levels.iter().all(|levels| levels.len() > 2));
-        assert!(panels(&report.panels(), 2).unwrap().contains("</svg>"));
-    }
 }

@@ -6,7 +6,6 @@ use std::str::FromStr;
 use anyhow::{Result, anyhow};
 use fanal::generate::dataset::Dataset;
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::distribution::Distribution;
 use fanal::guiding::features::Traits;
 use fanal::guiding::leaves::{BSDF, COUNTS, NETWORK_CHANNELS, SQUARES, VALUES};
 use serde::{Deserialize, Serialize};
@@ -104,7 +103,7 @@ fn restrict(pair: &mut TreeSample, inputs: Inputs) -> Result<()> {
         *path_share = kind as f32;
     }
     let case = Case::new(pair)?;
-    let counted: Distribution = case.leaves().hybrid(f64::from(pair.traits.path_share));
+    let counted = case.leaves().hybrid(f64::from(pair.traits.path_share));
     pair.counted_split = counted.topology().split_flags();
     pair.counted = counted.leaf_mass().iter().map(|&mass| mass as f32).collect();
     pair.validate().map_err(|e| anyhow!("a pair without its context: {e}"))

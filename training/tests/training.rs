@@ -20,6 +20,7 @@ use fanal_training::forward::{decode, encode};
 use fanal_training::loss::{Loss, losses};
 use fanal_training::model::{Net, initial_weights, to_vec};
 use fanal_training::optimise::{Optimiser, collect};
+use fanal_training::report::{Bin, Report};
 use fanal_training::synthetic::{self, tree_samples};
 use fanal_training::train::{self, train};
 use fanal_training::tuning::tune_gaussian;
@@ -107,6 +108,26 @@ fn an_image_network_learns_and_fills_its_image() {
     for found in reconstruct(&model, &Embedded::new(&model).unwrap(), &cases).unwrap() {
         assert_eq!(*found.topology(), Topology::complete(4));
     }
+}
+
+/// A network that says the same everywhere is calibrated where that is the part of leaves, and off by the difference elsewhere.
+#[test]
+fn calibration_compares_what_is_said_with_what_is() {
+    let config = Config { width: 8, convolutions: 1, ..config() };
+    let mut weights = initial_weights(&config, 1);
+    let leaf = weights.layers.get_mut("decode.leaf").unwrap();
+    leaf.weight.fill(0.0);
+    leaf.bias.fill(f32::ln(0.7 / 0.3));
+    let samples = tree_samples(&synthetic::Settings::default(), 4, 0, 20);
+    let report = Report::new(&Model { config, weights }, &samples.iter().collect::<Vec<_>>()).unwrap();
+    let filled: Vec<&Bin> = report.calibration.iter().filter(|bin| bin.rows > 0).collect();
+    let [bin] = filled.as_slice() else { panic!("{filled:?}") };
+    assert!((bin.predicted - 0.7).abs() < 1e-6 && bin.observed > 0.0 && bin.observed < 1.0);
+    assert!((report.calibration_error - (bin.predicted - bin.observed).abs()).abs() < 1e-9);
+    assert!(report.levels.iter().all(|levels| levels.len() > 2));
+    let folder = tempfile::tempdir().unwrap();
+    report.write(folder.path()).unwrap();
+    assert!(std::fs::read_to_string(folder.path().join("report.svg")).unwrap().contains("</svg>"));
 }
 
 #[test]

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use fanal::base::{Error, Result};
+use fanal::base::Result;
 use fanal::network::batch::SLOTS;
-use fanal::network::program::{Op, Program, Value};
+use fanal::network::program::{Layer, Op, Program, Value};
 use fanal::network::weights::{LayerWeights, Weights};
 
 use super::protobuf::Message;
@@ -21,8 +21,8 @@ const NEIGHBOURS: &str = "neighbours";
 /// Name of the input that picks a level's weights, a scalar.
 const LEVEL: &str = "level";
 
-/// A step with its weights as the bytes of an ONNX model: one program where all levels share their weights; otherwise one for every
-/// level from 0 on, which differ in the names of their layers only. Then the weights of all levels are stacked, and the int64
+/// A step with its weights as the bytes of an ONNX model. `levels` has for each level the layers that are the program's there: one
+/// entry where all levels share their weights, otherwise one for every level from 0 on; then they are stacked, and the int64
 /// scalar input `level` picks.
 ///
 /// Float inputs are [N, columns] (the one that is selected from: [P, columns]), `neighbours` is int64 [N, 9], other index
@@ -30,20 +30,18 @@ const LEVEL: &str = "level";
 /// missing neighbour, as everywhere: the graph appends a zero row before it gathers.
 ///
 /// # Errors
-/// [`fanal::base::Error::Model`] for a layer that is missing or misshapen, or without any program.
+/// [`fanal::base::Error::Model`] for a layer that is missing or misshapen.
 pub fn write_model(
-    programs: &[Program],
+    program: &Program,
+    levels: &[Vec<Layer>],
     weights: &Weights,
     metadata: &[(String, String)],
     name: &str,
 ) -> Result<Vec<u8>> {
-    let Some(program) = programs.last() else {
-        return Err(Error::Model { path: name.into(), message: "a step without operations".into() });
-    };
     let values = (0..program.ops.len()).map(|v| value_name(program, v)).collect();
-    let mut graph = Graph { values, levels: (programs.len() > 1).then_some(programs.len()), ..Graph::default() };
+    let mut graph = Graph { values, levels: (levels.len() > 1).then_some(levels.len()), ..Graph::default() };
     for (i, layer) in program.layers.iter().enumerate() {
-        let levels = programs.iter().map(|program| weights.layer(&program.layers[i])).collect::<Result<Vec<_>>>()?;
+        let levels = levels.iter().map(|layers| weights.layer(&layers[i])).collect::<Result<Vec<_>>>()?;
         let shape = |of: &[usize]| graph.levels.into_iter().chain(of.iter().copied()).collect::<Vec<_>>();
         let (weight_shape, bias_shape) = (shape(&[layer.rows, layer.columns]), shape(&[layer.columns]));
         let stacked = |of: fn(&LayerWeights) -> &[f32]| levels.iter().flat_map(|w| of(w)).copied().collect::<Vec<_>>();

@@ -25,13 +25,15 @@ pub const EXAMPLE_FILE: &str = "example.safetensors";
 /// # Errors
 /// [`Error::Io`](fanal::base::Error::Io); [`Error::Model`](fanal::base::Error::Model) for weights that do not fit the configuration.
 pub fn export(model: &Model, folder: &Path) -> Result<()> {
-    let levels = if model.config.per_level { 0..=MAX_LEVEL } else { 1..=1 };
-    let encode: Vec<_> = levels.clone().map(|level| encode_program(&model.config, level)).collect();
+    let (config, metadata) = (&model.config, metadata(&model.config));
+    // One graph for all levels, which has names without a level.
+    let shared = Config { per_level: false, ..config.clone() };
+    let levels = if config.per_level { 0..=MAX_LEVEL } else { 1..=1 };
+    let encode: Vec<_> = levels.clone().map(|level| encode_program(config, level).layers).collect();
     // The decoder has no level 0: the entry only keeps the others in their places.
-    let decode: Vec<_> = levels.map(|level| decode_program(&model.config, level.max(1))).collect();
-    let metadata = metadata(&model.config);
-    let encode = write_model(&encode, &model.weights, &metadata, "encode_step")?;
-    let decode = write_model(&decode, &model.weights, &metadata, "decode_step")?;
+    let decode: Vec<_> = levels.map(|level| decode_program(config, level.max(1)).layers).collect();
+    let encode = write_model(&encode_program(&shared, 1), &encode, &model.weights, &metadata, "encode_step")?;
+    let decode = write_model(&decode_program(&shared, 1), &decode, &model.weights, &metadata, "decode_step")?;
     write_bytes(&folder.join(ENCODE_FILE), &sealed(encode))?;
     write_bytes(&folder.join(DECODE_FILE), &sealed(decode))?;
     write_bytes(&folder.join(EXAMPLE_FILE), &example(model)?)
