@@ -1,5 +1,6 @@
 //! Family `lamps`: a closed room with 2 to 200 small lamps: bulbs, panels, lamps in shades, points and spots, on the ceiling, on walls,
-//! on a chandelier, above a cornice or anywhere, and furniture between them.
+//! on a chandelier, above a cornice or anywhere, and furniture between them. Family `beams`: the same room with a few spots so narrow
+//! that it is lit by the small places where they end.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
@@ -73,8 +74,17 @@ struct Group {
     spread: f32,
 }
 
-/// Builds the scene; the room is about 1 unit wide before it is scattered.
+/// Builds a scene of `lamps`; the room is about 1 unit wide before it is scattered.
 pub fn build(draw: &mut Draw, builder: &mut Builder) {
+    furnish(draw, builder, light);
+}
+
+/// Builds a scene of `beams`.
+pub fn build_beams(draw: &mut Draw, builder: &mut Builder) {
+    furnish(draw, builder, light_by_beams);
+}
+
+fn furnish(draw: &mut Draw, builder: &mut Builder, light: fn(&mut Draw, &mut Builder, &Room)) {
     let size = Vec3::new(draw.log_range(0.6, 2.2), draw.log_range(0.45, 0.9), draw.log_range(0.6, 2.2));
     let room = Room { low: Vec3::ZERO, high: size, wall: 0.05 };
     let floor = draw.floor(builder);
@@ -111,6 +121,30 @@ fn light(draw: &mut Draw, builder: &mut Builder, room: &Room) {
                 hang(draw, builder, &group, center, tint.map(|c| c * share));
                 must = false;
             }
+        }
+    }
+}
+
+/// Hangs up to six narrow spots, and sometimes a dim bulb.
+fn light_by_beams(draw: &mut Draw, builder: &mut Builder, room: &Room) {
+    let beams = draw.integer(1, 6);
+    let power = draw.power() / beams as f32;
+    let dark = builder.add_material("lamp", diffuse([0.3; 3]));
+    let lamp =
+        |kind, layout, count, power| Group { kind, layout, count, dark: dark.clone(), size: 0.01, power, spread: 0.0 };
+    for index in 0..beams {
+        let layout = if draw.chance(0.5) { Layout::Ceiling } else { Layout::Free };
+        let beam = lamp(Kind::Spot(draw.log_range(0.5, 8.0)), layout, beams, power);
+        let tint = draw.tint();
+        if let Some(center) = place(draw, builder, room, &beam, index, index == 0) {
+            hang(draw, builder, &beam, center, tint.map(|c| c * power));
+        }
+    }
+    if draw.chance(0.3) {
+        let dim = power * draw.log_range(0.01, 0.3);
+        let bulb = lamp(Kind::Bulb, Layout::Free, 1, dim);
+        if let Some(center) = place(draw, builder, room, &bulb, 0, false) {
+            hang(draw, builder, &bulb, center, [dim; 3]);
         }
     }
 }

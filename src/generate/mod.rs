@@ -49,12 +49,14 @@ pub enum Family {
     Corridors,
     /// Houses, plants and walls under sun and sky.
     Outdoors,
+    /// Closed rooms lit by a few narrow spots.
+    Beams,
 }
 
 impl Family {
     /// All families.
-    pub const ALL: [Self; 6] =
-        [Self::Primitives, Self::Rooms, Self::Caustics, Self::Lamps, Self::Corridors, Self::Outdoors];
+    pub const ALL: [Self; 7] =
+        [Self::Primitives, Self::Rooms, Self::Caustics, Self::Lamps, Self::Corridors, Self::Outdoors, Self::Beams];
 
     /// Its name in recipes.
     pub fn name(self) -> &'static str {
@@ -65,6 +67,7 @@ impl Family {
             Self::Lamps => "lamps",
             Self::Corridors => "corridors",
             Self::Outdoors => "outdoors",
+            Self::Beams => "beams",
         }
     }
 
@@ -77,6 +80,7 @@ impl Family {
             Self::Lamps => 4,
             Self::Corridors => 5,
             Self::Outdoors => 6,
+            Self::Beams => 7,
         }
     }
 
@@ -89,6 +93,7 @@ impl Family {
             Self::Lamps => lamps::build,
             Self::Corridors => corridors::build,
             Self::Outdoors => outdoors::build,
+            Self::Beams => lamps::build_beams,
         }
     }
 }
