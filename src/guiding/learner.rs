@@ -328,7 +328,8 @@ impl Learner {
     /// How far photons lower the second moment of guided samples, as a factor in (0, 1], averaged over voxels by what they
     /// contribute; none before it was measured.
     pub fn photon_gain(&self) -> Option<f64> {
-        let measured = self.voxels.iter().filter(|v| v.shares != Moments::default());
+        // Voxels whose few samples do not tell have to be left out: they are those that photons may be needed for.
+        let measured = self.voxels.iter().filter(|v| v.shares.best().is_some());
         let (sum, weight) =
             measured.fold((0.0, 0.0), |s, v| (s.0 + v.contribution * v.shares.gain(), s.1 + v.contribution));
         (weight > 0.0).then(|| sum / weight)
