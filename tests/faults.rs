@@ -27,9 +27,10 @@ use fanal::generate::build::Builder;
 use fanal::generate::dataset::DatasetIndex;
 use fanal::generate::recipe::Recipe;
 use fanal::generate::shard::{read_shard, write_shard};
-use fanal::guiding::distribution::Distribution;
 use fanal::guiding::learner::CountedTree;
+use fanal::guiding::proposal::Proposal;
 use fanal::guiding::{field::Evidence, file};
+use fanal::network::config::VERSION;
 use fanal::network::weights::{Model, Weights};
 use fanal::reconstruct::{Counted, Reconstructor};
 use fanal::render::{Control, GuideMode, RenderSettings, StopRule, render, render_watched};
@@ -548,7 +549,8 @@ fn a18_nothing_is_made_without_the_model_unless_told() {
     other.save(&place("other-mode")).unwrap();
     model.save(&place("older")).unwrap();
     let config = std::fs::read_to_string(place("older/config.json")).unwrap();
-    std::fs::write(place("older/config.json"), config.replace("\"version\": 3", "\"version\": 2")).unwrap();
+    std::fs::write(place("older/config.json"), config.replace(&format!("\"version\": {VERSION}"), "\"version\": 2"))
+        .unwrap();
     let out_text = out.display().to_string();
     let base = ["render", &cornell, "-o", &out_text, "--size", "8x6", "--spp", "8", "--quiet"];
     for (name, says) in
@@ -573,15 +575,11 @@ impl Reconstructor for Failing {
         "failing"
     }
 
-    fn uniform(&self) -> f32 {
-        0.1
-    }
-
     fn rays_per_node(&self) -> f64 {
         0.0
     }
 
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
         if self.0.swap(true, Ordering::Relaxed) {
             return Err(Error::Backend { backend: "failing", message: "out of order".into() });
         }

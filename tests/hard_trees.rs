@@ -17,7 +17,7 @@ use fanal::guiding::distribution::Distribution;
 use fanal::guiding::effort::Effort;
 use fanal::guiding::field::{GuideField, VoxelGuide};
 use fanal::guiding::fraction::Adam;
-use fanal::guiding::learner::{CountedTree, Learner, LearnerSettings};
+use fanal::guiding::learner::{Learner, LearnerSettings};
 use fanal::guiding::leaves::{Layout, Target};
 use fanal::guiding::parallax::Parallax;
 use fanal::guiding::quadtree::{Place, Quadtree};
@@ -205,9 +205,9 @@ fn learner() -> Learner {
 
 /// The learner's own distributions become the next guides, and voxels are halved.
 fn iterate(learner: &mut Learner) {
-    let distributions: Vec<_> =
-        learner.counted().into_iter().map(|tree| tree.map(|tree| (tree.distribution, 0.1))).collect();
-    learner.publish(&distributions);
+    let proposals =
+        learner.counted().into_iter().map(|tree| tree.map(|tree| (tree.distribution, 0.1).into())).collect();
+    learner.publish(proposals);
     learner.refine(1);
 }
 
@@ -276,13 +276,12 @@ fn a10_a_firefly_in_training_is_survived() {
         paths.push(path_at(Vec3::splat(0.5), Vec3::X, firefly));
         learner.absorb(&paths, &[], true);
         let trees: Vec<_> = learner.counted().into_iter().flatten().collect();
-        let CountedTree { distribution, leaves, traits, .. } = &trees[0];
-        let features = inputs_of(&TreeInput { counted: distribution, own: *leaves, traits }).features;
+        let features = inputs_of(&TreeInput::from(&trees[0])).features;
         assert!(features.iter().all(|x| x.is_finite() && x.abs() < 100.0), "{firefly}");
         let counted = trees[0].distribution.clone();
-        let reconstructed = network.reconstruct(trees).expect("the network runs").remove(0);
+        let (reconstructed, uniform) = network.reconstruct(trees).expect("the network runs").remove(0).first;
         for distribution in [counted, reconstructed] {
-            let tree = SamplingTree::new(&distribution, network.uniform(), usize::MAX);
+            let tree = SamplingTree::new(&distribution, uniform, usize::MAX);
             assert!((mass(&tree, distribution.topology()) - 1.0).abs() < 1e-5, "{firefly}");
             assert!((0..1000).all(|_| tree.pdf(direction(&mut random)) > 0.0));
         }

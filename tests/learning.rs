@@ -3,10 +3,13 @@
 
 use fanal::base::random::Random;
 use fanal::guiding::distribution::{Distribution, kl};
+use fanal::guiding::learner::{Learner, LearnerSettings};
 use fanal::guiding::leaves::{Layout, Target};
 use fanal::guiding::parallax::Parallax;
+use fanal::guiding::proposal::Proposal;
 use fanal::guiding::quadtree::{Place, Quadtree};
 use fanal::guiding::record::{PathRecord, PhotonRecord};
+use fanal::guiding::sampler::SamplingTree;
 use fanal::guiding::topology::Topology;
 use fanal::math::cylindrical;
 use glam::Vec3;
@@ -135,4 +138,81 @@ fn kl_falls_with_the_number_of_samples() {
     assert!((found / expected - 1.0).abs() < 0.12, "{found} instead of {expected}");
     // Where paths are noisy their root mean square is larger than the radiance.
     assert!(mean_kl(&flux, n, [true, false]) > 3.0 * mean_kl(&roots, n, [true, false]));
+}
+
+/// An iteration knows that of the one before as half of its samples, also in a voxel that was divided; without a past it knows
+/// nothing of it.
+#[test]
+fn earlier_iterations_are_remembered() {
+    let light = cylindrical::to_direction([0.9, 0.1]);
+    let samples = |count: u32, direction| {
+        let mut random = Random::new(6, 0, 0);
+        let record = |_| PathRecord { direction, value: 1.0, ..path(&mut random) };
+        (0..count).map(record).collect::<Vec<_>>()
+    };
+    for (past, expected, counts) in [(0.5, 1.0 / 3.0, 50.0), (0.0, 0.0, 0.0)] {
+        let alone = LearnerSettings { context: 0.0, parallax: false, ..LearnerSettings::default() };
+        let settings = LearnerSettings { past, voxel_samples: 150, ..alone };
+        let mut learner = Learner::new(settings);
+        learner.absorb(&samples(200, light), &[], true);
+        assert_eq!(learner.counted()[0].as_ref().map(|tree| tree.traits.past), Some(0.0));
+        learner.refine(1);
+        assert_eq!(learner.voxels(), 2, "200 samples are more than a voxel may have");
+        learner.absorb(&samples(100, -light), &[], true);
+        let counted = learner.counted();
+        let tree = counted.iter().flatten().find(|tree| tree.traits.samples[0] > 0).expect("100 samples");
+        let leaf = tree.distribution.topology().leaf_at(cylindrical::to_cell(light));
+        let mass = tree.distribution.node_mass()[leaf];
+        assert!((mass - expected).abs() < 1e-6, "{mass}, expected {expected}");
+        assert_eq!(tree.traits.past, counts, "half of the voxel's part of the first samples");
+    }
+}
+
+/// Whichever of two proposals was sampled: what the samples bring back decides for the one that is right.
+#[test]
+fn a19_the_better_proposal_is_sampled() {
+    let [light, dark] = [[0.9, 0.1], [0.1, 0.6]].map(cylindrical::to_direction);
+    let bright = |direction: Vec3| if direction.dot(light) > 0.95 { 40.0 } else { 0.1 };
+    let at = |direction: Vec3| {
+        let mut learner = Learner::new(LearnerSettings { parallax: false, ..LearnerSettings::default() });
+        let mut random = Random::new(7, 0, 0);
+        let lobe = (0..3000).map(|_| PathRecord {
+            direction: (direction + 0.3 * path(&mut random).direction).normalize(),
+            value: 1.0,
+            ..path(&mut random)
+        });
+        learner.absorb(&lobe.collect::<Vec<_>>(), &[], true);
+        let mut counted = learner.counted();
+        counted.remove(0).expect("3000 samples").distribution
+    };
+    let [right, wrong] = [light, dark].map(at);
+    let alone = SamplingTree::new(&right, 0.1, usize::MAX).pdf(light);
+    for (first, plain) in [(&wrong, &right), (&right, &wrong)] {
+        let mut learner = Learner::new(LearnerSettings { parallax: false, ..LearnerSettings::default() });
+        let mut random = Random::new(8, 0, 0);
+        let proposal = Proposal { first: (first.clone(), 0.1), plain: Some((plain.clone(), 0.1)) };
+        for iteration in 0..2 {
+            let field = learner.field(true);
+            let point = Vec3::splat(0.5);
+            let mut sample = || {
+                let uniform = path(&mut random);
+                let guide = field.at(point, Vec3::Y).and_then(|voxel| voxel.directions(point));
+                let Some(guide) = guide else { return uniform };
+                let drawn = if random.next_f64() < 0.5 { uniform.direction } else { guide.sample(&mut random).0 };
+                let [bsdf, guided] = [0.25 / std::f32::consts::PI, guide.pdf(drawn)];
+                let estimate = bright(drawn) / (0.5 * (bsdf + guided));
+                PathRecord { direction: drawn, estimate, bsdf_share: bsdf / (bsdf + guided), ..uniform }
+            };
+            let samples: Vec<PathRecord> = (0..4000).map(|_| sample()).collect();
+            learner.absorb(&samples, &[], true);
+            assert_eq!(learner.counted().len(), 1);
+            learner.publish(vec![Some(proposal.clone())]);
+            learner.refine(1);
+            let voxels = learner.field(true);
+            let guide = voxels.at(point, Vec3::Y).and_then(|voxel| voxel.directions(point)).expect("it was published");
+            let right_is_most = iteration > 0 || first == &right;
+            let found = guide.pdf(light);
+            assert_eq!(found > 0.7 * alone, right_is_most, "iteration {iteration}: {found} of {alone}");
+        }
+    }
 }

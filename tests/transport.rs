@@ -104,7 +104,7 @@ fn s03_closed_furnaces() {
 /// What can be chosen besides gives the same radiance: the furnaces above have what is used by default.
 #[test]
 fn s03_options_change_no_mean() {
-    let changes: [fn(&mut RenderSettings); 8] = [
+    let changes: [fn(&mut RenderSettings); 10] = [
         |s| s.transport.roulette = Roulette::Off,
         |s| s.transport.roulette = Roulette::Throughput,
         |s| s.learner.direct = DirectLight::Weighted,
@@ -113,6 +113,8 @@ fn s03_options_change_no_mean() {
         |s| s.learner.filtered = true,
         |s| s.learner.radiance_iterations = 2,
         |s| s.learner.parallax = false,
+        |s| s.learner.past = 0.0,
+        |s| s.learner.past = 1.0,
     ];
     for change in changes {
         furnace_with(&box_furnace(0.5), GUIDES[5], 2.0, change);

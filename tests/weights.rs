@@ -7,7 +7,7 @@ mod support;
 use std::path::Path;
 
 use fanal::base::Error;
-use fanal::network::config::Config;
+use fanal::network::config::{Config, VERSION};
 use fanal::network::weights::{Model, WEIGHTS_FILE, Weights};
 use safetensors::SafeTensors;
 use support::{config, model};
@@ -105,7 +105,7 @@ fn a18_models_of_other_versions_and_features_are_refused() {
     let good = config(16, 1, false);
     let weights = model(good.clone(), 4).weights;
     let changes: [(&str, Change<Config>); 7] = [
-        ("version 2", |c| c.version = 2),
+        ("version 3", |c| c.version = 3),
         ("55 features", |c| c.features = 55),
         ("width 17", |c| c.width = 17),
         ("0 convolutions", |c| c.convolutions = 0),
@@ -121,7 +121,8 @@ fn a18_models_of_other_versions_and_features_are_refused() {
             other => panic!("{text}: {:?}", other.map(|model| model.config)),
         }
     }
-    let newer = String::from_utf8(json(&good)).unwrap().replace("\"version\":3", "\"version\":9,\"heads\":4");
+    let this = format!("\"version\":{VERSION}");
+    let newer = String::from_utf8(json(&good)).unwrap().replace(&this, "\"version\":9,\"heads\":4");
     let error = Model::from_bytes(newer.as_bytes(), &weights.to_bytes().unwrap()).unwrap_err();
     assert!(matches!(&error, Error::Model { message, .. } if message.contains('9')), "{error}");
     assert!(matches!(Model::from_bytes(b"{", &[]), Err(Error::Malformed { .. })));

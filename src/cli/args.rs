@@ -262,6 +262,9 @@ pub struct RenderArgs {
     /// Iterations in which radiance is learned before the target (Nilsson 2022)
     #[arg(long, value_name = "N")]
     pub radiance_iterations: Option<u32>,
+    /// As what part of their number the samples of earlier iterations count in the next [default: 0.5; 0 for --guide ppg]
+    #[arg(long, value_name = "PART", value_parser = part)]
+    pub past: Option<f64>,
     /// What is made of the trees as counted [default: by --guide]
     #[arg(long, value_enum)]
     pub reconstruct: Option<Reconstruction>,
@@ -269,7 +272,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "load_guide")]
     pub save_guide: Option<PathBuf>,
     /// Guide by a field that an earlier render saved; nothing is learned
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["samples", "target", "reconstruct", "model", "direct", "fraction", "filter", "radiance_iterations"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["samples", "target", "reconstruct", "model", "direct", "fraction", "filter", "radiance_iterations", "past"])]
     pub load_guide: Option<PathBuf>,
     /// Ceiling of the sampling field in MB
     #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]
@@ -534,6 +537,13 @@ fn error_target(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(error) if (1e-9..=1e9).contains(&error) => Ok(error),
         _ => Err("expected a relMSE between 1e-9 and 1e9".into()),
+    }
+}
+
+fn part(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(part) if (0.0..=1.0).contains(&part) => Ok(part),
+        _ => Err("expected a number between 0 and 1".into()),
     }
 }
 

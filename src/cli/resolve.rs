@@ -64,6 +64,8 @@ pub struct RenderRequest {
     pub filtered: bool,
     /// Iterations in which radiance is learned.
     pub radiance_iterations: u32,
+    /// As what part of their number samples of earlier iterations count, if not the mode's own.
+    pub past: Option<f64>,
     /// The model's folder; `None` is the model inside the program.
     pub model: Option<PathBuf>,
     /// Who executes the network.
@@ -102,6 +104,7 @@ impl RenderRequest {
         settings.learner.fraction = self.fraction.unwrap_or(settings.learner.fraction);
         settings.learner.filtered = self.filtered;
         settings.learner.radiance_iterations = self.radiance_iterations;
+        settings.learner.past = self.past.unwrap_or(settings.learner.past);
         settings.reconstruction = self.reconstruct.unwrap_or(settings.reconstruction);
         if self.load_guide.is_some() {
             // A field that is loaded is sampled as it is.
@@ -140,12 +143,13 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
             "the scene asks for 0 samples per pixel or depth 0; give --spp and --max-depth".into(),
         ));
     }
-    let how = args.direct.is_some() || args.fraction.is_some() || args.filter || args.radiance_iterations.is_some();
+    let iterations = args.radiance_iterations.is_some() || args.past.is_some();
+    let how = args.direct.is_some() || args.fraction.is_some() || args.filter || iterations;
     let what = args.samples.is_some() || args.target.is_some() || args.reconstruct.is_some();
     if args.guide == GuideMode::None && (what || how) {
         return Err(Error::Options(
-            "--guide none learns nothing; leave --samples, --target, --reconstruct, --direct, --fraction, --filter and \
-             --radiance-iterations out"
+            "--guide none learns nothing; leave --samples, --target, --reconstruct, --direct, --fraction, --filter, \
+             --radiance-iterations and --past out"
                 .into(),
         ));
     }
@@ -175,6 +179,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         fraction: args.fraction,
         filtered: args.filter,
         radiance_iterations: args.radiance_iterations.unwrap_or(0),
+        past: args.past,
         save_guide: args.save_guide.clone(),
         load_guide: args.load_guide.clone(),
         guide_memory: u64::from(args.guide_memory) * 1_000_000,
@@ -240,6 +245,11 @@ mod tests {
         assert_eq!((given.size, given.stop), ([8, 4], StopRule::Time(2.5)));
         assert_eq!(given.max_depth, 3);
         assert_eq!((plain.filter, plain.settings().filter), (FilterFile::default(), FilterFile::default()));
+        assert_eq!(
+            (plain.settings().learner.past, request(&["--past", "1"]).unwrap().settings().learner.past),
+            (0.5, 1.0)
+        );
+        assert_eq!(request(&["--guide", "ppg"]).unwrap().settings().learner.past, 0.0);
         assert_eq!(request(&["--pixel-filter", "tent"]).unwrap().settings().filter, FilterFile::TENT);
     }
 
@@ -250,6 +260,9 @@ mod tests {
         assert!(request(&["--guide", "none", "--samples", "photon"]).is_err());
         assert!(request(&["--guide", "none", "--reconstruct", "neural"]).is_err());
         assert!(request(&["--guide", "none", "--direct", "all"]).is_err());
+        assert!(request(&["--guide", "none", "--past", "0"]).is_err());
+        let refused = |part| Cli::try_parse_from(["fanal", "render", "s.json", "--past", part]).is_err();
+        assert!(["1.5", "-0.5", "nan"].into_iter().all(refused));
         assert!(request(&["--guide", "none", "--save-guide", "a.guide"]).is_err());
         assert!(request(&["--exposure", "1"]).is_err());
     }

@@ -37,6 +37,12 @@ pub struct ShardEntry {
     pub mode: Mode,
 }
 
+/// What a line of any version has.
+#[derive(Deserialize)]
+struct Versioned {
+    version: u32,
+}
+
 /// All lines of the index.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct DatasetIndex {
@@ -59,11 +65,13 @@ impl DatasetIndex {
                 continue;
             }
             let fail = |message: String| Error::malformed(Place::line(&path, line), message);
+            // The version first: lines of another one have other keys.
+            let Versioned { version } = serde_json::from_slice(text).map_err(|e| fail(e.to_string()))?;
+            if version != VERSION {
+                return Err(fail(format!("version {version}, this program reads version {VERSION}")));
+            }
             let entry: ShardEntry = serde_json::from_slice(text).map_err(|e| fail(e.to_string()))?;
             let inside = Path::new(&entry.file).components().all(|c| matches!(c, Component::Normal(_)));
-            if entry.version != VERSION {
-                return Err(fail(format!("version {}, this program reads version {VERSION}", entry.version)));
-            }
             if !inside || entry.file.is_empty() {
                 return Err(fail(format!("file {:?} is not inside the data folder", entry.file)));
             }
@@ -213,7 +221,6 @@ pub fn check(folder: &Path) -> Result<Summary> {
 mod tests {
     use super::*;
     use crate::generate::shard::write_shard;
-    use crate::guiding::leaves::NETWORK_CHANNELS;
     use crate::render::{GuideMode, RenderSettings, StopRule};
 
     fn entry(file: &str, scene: &str, held_out: bool) -> ShardEntry {
@@ -224,16 +231,7 @@ mod tests {
 
     fn folder(entries: Vec<ShardEntry>) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
-        let tree = TreeSample {
-            own_split: vec![false],
-            own_sums: vec![0.0; NETWORK_CHANNELS],
-            counted_split: vec![false],
-            counted: vec![1.0],
-            target_split: vec![false],
-            target: vec![1.0],
-            target_bsdf: vec![1.0],
-            ..TreeSample::default()
-        };
+        let tree = TreeSample::default();
         for file in ["a.safetensors", "b.safetensors"] {
             write_shard(&folder.path().join(file), std::slice::from_ref(&tree)).unwrap();
         }

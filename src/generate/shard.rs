@@ -1,19 +1,21 @@
 //! One file of training pairs: noisy quadtrees and what they converge to, in safetensors.
 //!
-//! Arrays of all trees are concatenated; offsets say where each tree begins. Tensors, for T pairs, whose `own`, `counted` and
-//! `target` trees have together O, C and G nodes, and L, M and K leaves:
+//! Arrays of all trees are concatenated; offsets say where each tree begins. Tensors, for T pairs, whose `own`, `counted`, `block` and
+//! `target` trees have together O, C, B and G nodes, and L, M, N and K leaves:
 //!
 //! | name | type | shape |
 //! |---|---|---|
 //! | `ids` | u32 | [T, 6]: scene, family, iteration, kinds of samples, path samples, photons |
-//! | `traits` | f32 | [T, 5]: path share, mean normal, nearness |
+//! | `traits` | f32 | [T, 6]: path share, mean normal, nearness, samples of earlier iterations |
 //! | `bounds` | f32 | [T, 6] |
 //! | `target_samples` | u64 | [T] |
 //! | `floor_kl` | f32 | [T] |
-//! | `own_offset`, `counted_offset`, `target_offset` | u64 | [T + 1], nodes |
-//! | `own_split`, `counted_split`, `target_split` | u8 | [O], [C], [G] |
+//! | `block_samples` | f32 | [T, 2] |
+//! | `own_offset`, `counted_offset`, `block_offset`, `target_offset` | u64 | [T + 1], nodes |
+//! | `own_split`, `counted_split`, `block_split`, `target_split` | u8 | [O], [C], [B], [G] |
 //! | `own_sums` | f32 | [L, [`NETWORK_CHANNELS`]] |
 //! | `counted` | f32 | [M] |
+//! | `block` | f32 | [N] |
 //! | `target`, `target_bsdf` | f32 | [K] |
 //!
 //! A tree of n nodes has (3n + 1)/4 leaves, so leaf offsets follow. The header's metadata hold `version` and `crc32`, over all
@@ -30,17 +32,17 @@ use crate::guiding::features::Traits;
 use crate::guiding::leaves::NETWORK_CHANNELS;
 use crate::guiding::topology::Topology;
 
-/// The version of shards that this program reads. 3: inputs have their context, targets the BSDF's mass.
-pub const VERSION: u32 = 3;
+/// The version of shards that this program reads. 4: inputs have earlier iterations in them, and the block around them.
+pub const VERSION: u32 = 4;
 
 /// Largest accepted shard in bytes.
 pub const SHARD_LIMIT: u64 = 1 << 30;
 
 const IDS: usize = 6;
-const TRAITS: usize = 5;
+const TRAITS: usize = 6;
 
 /// One voxel at one iteration: what had been collected, and the converged distribution there.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TreeSample {
     /// Number of the scene, so that data can be divided by scene.
     pub scene: u32,
@@ -60,6 +62,12 @@ pub struct TreeSample {
     pub counted_split: Vec<bool>,
     /// Mass per leaf of the counted distribution; the sum is 1.
     pub counted: Vec<f32>,
+    /// Split flags of the distribution of the voxel's [`Block`](crate::guiding::context::Block).
+    pub block_split: Vec<bool>,
+    /// Mass per leaf of that; the sum is 1.
+    pub block: Vec<f32>,
+    /// Samples of the block and of the larger one around it.
+    pub block_samples: [f32; 2],
     /// What is known of the voxel as a whole.
     pub traits: Traits,
     /// Split flags of the converged tree, Q_gt.
@@ -72,6 +80,32 @@ pub struct TreeSample {
     pub target_samples: u64,
     /// KL between two independent halves of Q_gt, in nats: no reconstruction can be measured below it.
     pub floor_kl: f32,
+}
+
+/// Four trees that are roots alone, without samples.
+impl Default for TreeSample {
+    fn default() -> Self {
+        Self {
+            scene: 0,
+            family: 0,
+            iteration: 0,
+            kinds: 0,
+            bounds: [0.0; 6],
+            own_split: vec![false],
+            own_sums: vec![0.0; NETWORK_CHANNELS],
+            counted_split: vec![false],
+            counted: vec![1.0],
+            block_split: vec![false],
+            block: vec![1.0],
+            block_samples: [0.0; 2],
+            traits: Traits::default(),
+            target_split: vec![false],
+            target: vec![1.0],
+            target_bsdf: vec![1.0],
+            target_samples: 0,
+            floor_kl: 0.0,
+        }
+    }
 }
 
 impl TreeSample {
@@ -89,13 +123,14 @@ impl TreeSample {
         };
         expect("own sums", self.own_sums.len(), leaves("own tree", &self.own_split)? * NETWORK_CHANNELS)?;
         expect("counted", self.counted.len(), leaves("counted tree", &self.counted_split)?)?;
+        expect("block", self.block.len(), leaves("block tree", &self.block_split)?)?;
         expect("target", self.target.len(), leaves("target tree", &self.target_split)?)?;
         expect("target BSDF", self.target_bsdf.len(), self.target.len())?;
         if let Some(at) = self.own_sums.iter().position(|x| !(x.is_finite() && *x >= 0.0)) {
             return Err(format!("own sum {at} is {}", self.own_sums[at]));
         }
-        for (what, masses) in [("counted", &self.counted), ("target", &self.target), ("target BSDF", &self.target_bsdf)]
-        {
+        let masses = [&self.counted, &self.block, &self.target, &self.target_bsdf];
+        for (what, masses) in ["counted", "block", "target", "target BSDF"].into_iter().zip(masses) {
             if let Some(mass) = masses.iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
                 return Err(format!("a {what} mass is {mass}"));
             }
@@ -104,10 +139,13 @@ impl TreeSample {
                 return Err(format!("{what} masses sum to {total}, expected 1"));
             }
         }
-        let Traits { path_share, normal, nearness, .. } = self.traits;
+        let Traits { path_share, normal, nearness, past, .. } = self.traits;
         let in_range = (0.0..=1.0).contains(&path_share) && normal.is_finite();
-        if !(in_range && nearness.is_finite() && nearness >= 0.0) {
-            return Err("path share, normal or nearness is out of range".into());
+        if !(in_range && [nearness, past].iter().all(|x| x.is_finite() && *x >= 0.0)) {
+            return Err("path share, normal, nearness or samples of earlier iterations are out of range".into());
+        }
+        if let Some(samples) = self.block_samples.iter().find(|n| !(n.is_finite() && **n >= 0.0)) {
+            return Err(format!("a block has {samples} samples"));
         }
         if !(self.floor_kl.is_finite() && self.bounds.iter().all(|b| b.is_finite())) {
             return Err("bounds or the KL floor are not finite".into());
@@ -145,15 +183,24 @@ fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor<'_>> {
         [s.scene, s.family, s.iteration, s.kinds, paths, photons]
     };
     let traits = |s: &TreeSample| {
-        let Traits { path_share, normal, nearness, .. } = s.traits;
-        [path_share, normal.x, normal.y, normal.z, nearness]
+        let Traits { path_share, normal, nearness, past, .. } = s.traits;
+        [path_share, normal.x, normal.y, normal.z, nearness, past]
     };
     let column = |of: fn(&TreeSample) -> &Vec<f32>| f32s(&mut samples.iter().flat_map(of).copied());
-    let splits = [flags(|s| &s.counted_split), flags(|s| &s.own_split), flags(|s| &s.target_split)];
-    let [counted_split, own_split, target_split] = splits;
-    let values = [column(|s| &s.counted), column(|s| &s.own_sums), column(|s| &s.target), column(|s| &s.target_bsdf)];
-    let [counted, own_sums, target, target_bsdf] = values;
+    let [block_split, counted_split] = [flags(|s| &s.block_split), flags(|s| &s.counted_split)];
+    let [own_split, target_split] = [flags(|s| &s.own_split), flags(|s| &s.target_split)];
+    let [block, counted, own_sums] = [column(|s| &s.block), column(|s| &s.counted), column(|s| &s.own_sums)];
+    let [target, target_bsdf] = [column(|s| &s.target), column(|s| &s.target_bsdf)];
     vec![
+        ("block".into(), Dtype::F32, vec![block.len() / 4], block.into()),
+        ("block_offset".into(), Dtype::U64, vec![trees + 1], offsets(|s| s.block_split.len()).into()),
+        (
+            "block_samples".into(),
+            Dtype::F32,
+            vec![trees, 2],
+            f32s(&mut samples.iter().flat_map(|s| s.block_samples)).into(),
+        ),
+        ("block_split".into(), Dtype::U8, vec![block_split.len()], block_split.into()),
         ("bounds".into(), Dtype::F32, vec![trees, 6], f32s(&mut samples.iter().flat_map(|s| s.bounds)).into()),
         ("counted".into(), Dtype::F32, vec![counted.len() / 4], counted.into()),
         ("counted_offset".into(), Dtype::U64, vec![trees + 1], offsets(|s| s.counted_split.len()).into()),
@@ -213,8 +260,10 @@ impl Reader<'_> {
         let (bounds, traits) = (self.floats("bounds", trees, 6)?, self.floats("traits", trees, TRAITS)?);
         let floor_kl = self.floats("floor_kl", trees, 1)?;
         let target_samples = self.file.read("target_samples", Dtype::U64, Some(trees), 1, u64::from_le_bytes)?;
-        let [own, counted, target] =
-            [self.trees("own", trees)?, self.trees("counted", trees)?, self.trees("target", trees)?];
+        let [own, counted] = [self.trees("own", trees)?, self.trees("counted", trees)?];
+        let [block, target] = [self.trees("block", trees)?, self.trees("target", trees)?];
+        let block_samples = self.floats("block_samples", trees, 2)?;
+        let block_mass = self.floats("block", block.leaves(trees), 1)?;
         let sums = self.floats("own_sums", own.leaves(trees), NETWORK_CHANNELS)?;
         let masses = self.floats("counted", counted.leaves(trees), 1)?;
         let [target_mass, target_bsdf] =
@@ -232,8 +281,12 @@ impl Reader<'_> {
                     own_sums: sums[own.leaves(t) * NETWORK_CHANNELS..own.leaves(t + 1) * NETWORK_CHANNELS].to_vec(),
                     counted_split: counted.split_of(t),
                     counted: masses[counted.leaves(t)..counted.leaves(t + 1)].to_vec(),
+                    block_split: block.split_of(t),
+                    block: block_mass[block.leaves(t)..block.leaves(t + 1)].to_vec(),
+                    block_samples: [block_samples[2 * t], block_samples[2 * t + 1]],
                     traits: Traits {
                         samples: [ids[4], ids[5]],
+                        past: traits[5],
                         path_share: traits[0],
                         normal: Vec3::new(traits[1], traits[2], traits[3]),
                         nearness: traits[4],
@@ -282,16 +335,7 @@ mod tests {
     use super::*;
 
     pub(crate) fn samples() -> Vec<TreeSample> {
-        let root = TreeSample {
-            own_split: vec![false],
-            own_sums: vec![0.5; NETWORK_CHANNELS],
-            counted_split: vec![false],
-            counted: vec![1.0],
-            target_split: vec![false],
-            target: vec![1.0],
-            target_bsdf: vec![1.0],
-            ..TreeSample::default()
-        };
+        let root = TreeSample { own_sums: vec![0.5; NETWORK_CHANNELS], ..TreeSample::default() };
         let split = TreeSample {
             scene: 3,
             family: 2,
@@ -302,7 +346,16 @@ mod tests {
             own_sums: (0..4 * NETWORK_CHANNELS).map(|i| i as f32).collect(),
             counted_split: vec![true, false, false, false, false],
             counted: vec![0.5, 0.25, 0.25, 0.0],
-            traits: Traits { samples: [17, 5], path_share: 0.25, normal: Vec3::new(0.0, 0.6, 0.8), nearness: 0.5 },
+            block_split: vec![true, false, false, true, false, false, false, false, false],
+            block: vec![0.25, 0.25, 0.1, 0.1, 0.1, 0.1, 0.1],
+            block_samples: [170.0, 800.0],
+            traits: Traits {
+                samples: [17, 5],
+                past: 9.5,
+                path_share: 0.25,
+                normal: Vec3::new(0.0, 0.6, 0.8),
+                nearness: 0.5,
+            },
             target_split: vec![true, false, true, false, false, false, false, false, false],
             target: vec![0.25, 0.25, 0.25, 0.1, 0.05, 0.05, 0.05],
             target_bsdf: vec![0.5, 0.0, 0.25, 0.1, 0.05, 0.05, 0.05],
@@ -355,7 +408,7 @@ mod tests {
     fn inconsistent_samples_are_not_written() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.safetensors");
-        let spoil: [fn(&mut TreeSample); 8] = [
+        let spoil: [fn(&mut TreeSample); 12] = [
             |s| s.own_sums[3] = f32::NAN,
             |s| s.own_sums[3] = -1.0,
             |s| s.target[0] = 0.5,
@@ -364,6 +417,10 @@ mod tests {
             |s| s.own_split.truncate(4),
             |s| s.target_bsdf.truncate(2),
             |s| s.traits.path_share = f32::NAN,
+            |s| s.traits.past = -1.0,
+            |s| s.block[0] = 0.5,
+            |s| s.block_split.truncate(8),
+            |s| s.block_samples[1] = f32::NAN,
         ];
         for spoil in spoil {
             let mut all = samples();

@@ -15,34 +15,67 @@ const POOLED_MASS: f64 = 0.003;
 /// The same for the result.
 const MIXED_MASS: f64 = 0.003;
 
-/// A distribution and the number of samples that it was made from.
+/// A distribution and the number of samples that it was made from, those of earlier iterations as many as they count.
 pub type Counted = Option<(Distribution, f64)>;
 
+/// What the block of 2 × 2 × 2 cells that a voxel belongs to has learned, the voxel's own samples among it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Block {
+    /// Of all its samples; uniform where there are none.
+    pub distribution: Distribution,
+    /// How many these are, and how many the block of 4 × 4 × 4 cells around it has; those of earlier iterations as many as they count.
+    pub samples: [f32; 2],
+}
+
+impl Default for Block {
+    fn default() -> Self {
+        Self { distribution: Distribution::uniform(), samples: [0.0; 2] }
+    }
+}
+
 /// Every voxel's distribution mixed with its surroundings', which count as `pseudo` samples; none where there is nothing in
-/// either.
-pub fn with_context(own: Vec<Counted>, ancestry: &Ancestry, pseudo: f64) -> Vec<Option<Distribution>> {
+/// either. Beside it the blocks, in the order of [`Ancestry::block`].
+pub fn with_context(own: Vec<Counted>, ancestry: &Ancestry, pseudo: f64) -> (Vec<Option<Distribution>>, Vec<Block>) {
     let mut levels: Vec<Vec<Counted>> = vec![own];
     for (parents, &groups) in ancestry.parents.iter().zip(&ancestry.sizes) {
         let pooled = pool(levels.last().map_or(&[], Vec::as_slice), parents, groups);
         levels.push(pooled);
     }
+    let blocks = blocks(&levels, ancestry);
     let top = levels.pop().unwrap_or_default();
     let mut above: Vec<Option<Distribution>> = top.into_iter().map(|c| c.map(|(d, _)| d)).collect();
     for (own, parents) in levels.into_iter().zip(&ancestry.parents).rev() {
         above =
             own.into_par_iter().zip(parents).map(|(own, &p)| mix(own, above[p as usize].as_ref(), pseudo)).collect();
     }
-    above
+    (above, blocks)
+}
+
+/// From the pooled distributions of voxels, cells and blocks of two sizes.
+fn blocks(levels: &[Vec<Counted>], ancestry: &Ancestry) -> Vec<Block> {
+    let [_, _, small, large] = levels else { return Vec::new() };
+    let block = |(counted, &around): (&Counted, &u32)| {
+        let Some((distribution, samples)) = counted else { return Block::default() };
+        let around = large[around as usize].as_ref().map_or(0.0, |(_, samples)| *samples);
+        Block { distribution: distribution.clone(), samples: [*samples as f32, around as f32] }
+    };
+    small.iter().zip(&ancestry.parents[2]).map(block).collect()
 }
 
 fn mix(own: Counted, prior: Option<&Distribution>, pseudo: f64) -> Option<Distribution> {
-    match (own, prior) {
-        (Some((own, samples)), Some(prior)) if pseudo > 0.0 => {
-            Some(Distribution::weighted(&[(&own, samples), (prior, pseudo)], MAX_LEVEL, MIXED_MASS))
-        }
-        (Some((own, _)), _) => Some(own),
-        (None, prior) => prior.cloned(),
-    }
+    let mixed = match prior {
+        Some(prior) if pseudo > 0.0 || own.is_none() => joined_with(own, prior, pseudo, MIXED_MASS),
+        _ => own,
+    };
+    mixed.map(|(distribution, _)| distribution)
+}
+
+/// What is counted, together with another distribution that stands for so many samples; nodes of the result are not split
+/// further below `least_mass`.
+pub(super) fn joined_with(own: Counted, other: &Distribution, samples: f64, least_mass: f64) -> Counted {
+    let Some((own, counted)) = own else { return Some((other.clone(), samples)) };
+    let both = [(&own, counted), (other, samples)];
+    Some((Distribution::weighted(&both, MAX_LEVEL, least_mass), counted + samples))
 }
 
 fn pool(below: &[Counted], parents: &[u32], groups: usize) -> Vec<Counted> {
@@ -78,13 +111,26 @@ mod tests {
         let many = quarters([1.0, 0.0, 0.0, 0.0]);
         let few = quarters([0.0, 1.0, 0.0, 0.0]);
         let own = || vec![Some((many.clone(), 990.0)), Some((few.clone(), 10.0)), None];
-        let mixed = with_context(own(), &ancestry, 100.0);
+        let (mixed, _) = with_context(own(), &ancestry, 100.0);
         let mass = |i: usize| mixed[i].as_ref().unwrap().leaf_mass();
         // The pooled one has 0.99 and 0.01.
         assert!((mass(0)[0] - (990.0 + 99.0) / 1090.0).abs() < 1e-9);
         assert!((mass(1)[0] - 99.0 / 110.0).abs() < 1e-9 && (mass(1)[1] - 11.0 / 110.0).abs() < 1e-9);
         assert!(mixed[2].is_none(), "nothing around it either");
-        let alone = with_context(own(), &ancestry, 0.0);
+        let (alone, _) = with_context(own(), &ancestry, 0.0);
         assert_eq!(alone[1].as_ref(), Some(&few));
+    }
+
+    /// Three cells of one voxel each: two in one block, all in one of the larger ones.
+    #[test]
+    fn blocks_pool_their_cells() {
+        let ancestry = Ancestry { parents: vec![vec![0, 1, 2], vec![0, 0, 1], vec![0, 0]], sizes: vec![3, 2, 1] };
+        let voxel = |weights, samples| Some((quarters(weights), samples));
+        let own = vec![voxel([1.0, 0.0, 0.0, 0.0], 30.0), voxel([0.0, 1.0, 0.0, 0.0], 10.0), None];
+        let (mixed, blocks) = with_context(own, &ancestry, 100.0);
+        assert_eq!(blocks[0].distribution.leaf_mass(), [0.75, 0.25, 0.0, 0.0]);
+        assert_eq!(blocks[0].samples, [40.0, 40.0]);
+        assert_eq!(blocks[1], Block::default(), "nothing in it, whatever is around");
+        assert!(mixed.iter().all(Option::is_some));
     }
 }

@@ -1,7 +1,8 @@
 //! What the network reads per node of a counted tree.
 //!
-//! The tree is that of the counted distribution, which has spatial context and parallax in it; the voxel's own samples have a tree
-//! of their own, and inside one of its leaves they count as evenly spread. Input channels, [`FEATURES`] per node:
+//! The tree is that of the counted distribution, which has earlier iterations, spatial context and parallax in it; the voxel's
+//! own samples have a tree of their own, and inside one of its leaves they count as evenly spread. Input channels, [`FEATURES`]
+//! per node:
 //!
 //! | channels | content |
 //! |---|---|
@@ -18,6 +19,9 @@
 //! | 18 | what part of the counted distribution is from path samples, the rest being photons |
 //! | 19 | half of the voxel's diagonal over the distance from which its light is taken to come, see [`Parallax`](super::parallax::Parallax) |
 //! | 20 | 1 where the own tree ends above the node |
+//! | 21, 22 | what the [`Block`] around has learned: log density, share |
+//! | 23, 24 | ln(1 + samples of the block) / 8, and of the larger one around it |
+//! | 25 | ln(1 + samples of earlier iterations, as many as they count) / 8 |
 //!
 //! Zhu 2021 eq. 11 has sums of values, directions, positions, distances, normals and BSDF values, normalised by their largest;
 //! those hide how many samples there were, one firefly flattens them, and without them the network is as good (see the model's
@@ -25,15 +29,16 @@
 
 use glam::Vec3;
 
+use super::context::Block;
 use super::distribution::Distribution;
 use super::leaves::{BSDF, COUNTS, Leaves, NETWORK_CHANNELS, SQUARES, VALUES};
 use super::topology::{MAX_LEVEL, NO_CHILD, Topology};
 use crate::math::cylindrical::cell_centre;
 
 /// Network input channels per node.
-pub const FEATURES: usize = 21;
-/// Logarithms of densities per node that the decoder sees again: counted, smoothed, own path samples, own photons.
-pub const LOG_SHARES: usize = 4;
+pub const FEATURES: usize = 26;
+/// Logarithms of densities per node that the decoder sees again: counted, smoothed, own path samples, own photons, block.
+pub const LOG_SHARES: usize = 5;
 
 /// Logarithms of densities are cut here, then divided by half of it.
 const LOG_LIMIT: f32 = 12.0;
@@ -47,6 +52,8 @@ const LEAST_SHARE: f32 = 1e-4;
 pub struct Traits {
     /// Path samples and photons in its tree.
     pub samples: [u32; 2],
+    /// As how many samples earlier iterations count.
+    pub past: f32,
     /// Part of path samples in the counted distribution.
     pub path_share: f32,
     /// Mean normal of its samples, length in [0, 1]; zero in a medium.
@@ -55,9 +62,16 @@ pub struct Traits {
     pub nearness: f32,
 }
 
+impl Traits {
+    /// Own samples, with those of earlier iterations.
+    pub fn all_samples(&self) -> f64 {
+        self.samples.iter().map(|&n| f64::from(n)).sum::<f64>() + f64::from(self.past)
+    }
+}
+
 impl Default for Traits {
     fn default() -> Self {
-        Self { samples: [0; 2], path_share: 0.5, normal: Vec3::ZERO, nearness: 0.0 }
+        Self { samples: [0; 2], past: 0.0, path_share: 0.5, normal: Vec3::ZERO, nearness: 0.0 }
     }
 }
 
@@ -79,7 +93,7 @@ struct Own {
     sums: [f32; NETWORK_CHANNELS],
 }
 
-/// A node of the own tree that holds a node of the counted tree, and the part of it that this is.
+/// A node of another tree that holds a node of the counted tree, and the part of it that this is.
 #[derive(Clone, Copy)]
 struct Covering {
     node: u32,
@@ -87,31 +101,45 @@ struct Covering {
 }
 
 /// The inputs for a `counted` distribution, whose smoothed one has the node masses `smoothed`, with the `own` samples of the
-/// voxel in the layout [`Network`](super::leaves::Layout::Network); own samples in another layout count as none.
-pub fn node_inputs(counted: &Distribution, smoothed: &[f64], own: &Leaves, traits: &Traits) -> NodeInputs {
+/// voxel in the layout [`Network`](super::leaves::Layout::Network) and the `block` around it; own samples in another layout count as
+/// none.
+pub fn node_inputs(
+    counted: &Distribution,
+    smoothed: &[f64],
+    own: &Leaves,
+    block: &Block,
+    traits: &Traits,
+) -> NodeInputs {
     let topology = counted.topology();
     let own_nodes = own_nodes(own);
     let whole = own_nodes[0];
     let bsdf_whole = whole.sums[BSDF];
-    let mut covering = vec![Covering { node: 0, part: 1.0 }; topology.len()];
+    let block_mass = block.distribution.node_mass();
+    let mut covering = vec![[Covering { node: 0, part: 1.0 }; 2]; topology.len()];
     let mut inputs = NodeInputs {
         features: Vec::with_capacity(topology.len() * FEATURES),
         log_shares: Vec::with_capacity(topology.len()),
         base: Vec::with_capacity(topology.len()),
     };
     let tree_counts = traits.samples.map(|n| (n as f32).ln_1p() / LOG_SCALE);
+    let block_counts = block.samples.map(|n| n.ln_1p() / LOG_SCALE);
     for level in 0..topology.levels() {
         let cells = 4f32.powi(level as i32);
         for node in topology.level(level) {
             let parent = topology.parent[node] as usize;
-            let at = covering[node];
+            let [at, in_block] = covering[node];
             let inside = at.part < 1.0;
             let here = &own_nodes[at.node as usize];
             let above = &own_nodes[own.topology.parent[at.node as usize] as usize];
             let first = topology.first_child[node];
             if first != NO_CHILD {
-                cover_children(&mut covering[first as usize..][..4], own.topology, at);
+                let children = covering[first as usize..][..4].iter_mut();
+                let own = children_of(own.topology, at);
+                let block = children_of(block.distribution.topology(), in_block);
+                children.zip(own).zip(block).for_each(|((child, own), block)| *child = [own, block]);
             }
+            let of_block = |at: Covering| block_mass[at.node as usize] as f32 * at.part;
+            let block_part = of_block(in_block);
             let masses = [counted.node_mass(), smoothed].map(|m| [m[node] as f32, m[parent] as f32]);
             // Inside an own leaf everything is spread evenly.
             let share = |part: f32, whole: f32| match () {
@@ -125,6 +153,7 @@ pub fn node_inputs(counted: &Distribution, smoothed: &[f64], own: &Leaves, trait
                 log_density(masses[1][0] * cells),
                 density(here.weights[0], whole.weights[0]),
                 density(here.weights[1], whole.weights[1]),
+                log_density(block_part * cells),
             ];
             let smooth_share = if level == 0 { 1.0 } else { ratio(masses[1][0], masses[1][1]) };
             inputs.base.push(smooth_share.max(LEAST_SHARE).ln());
@@ -140,19 +169,21 @@ pub fn node_inputs(counted: &Distribution, smoothed: &[f64], own: &Leaves, trait
             inputs.features.push(level as f32 / MAX_LEVEL as f32);
             inputs.features.extend(tree_counts);
             inputs.features.extend([traits.path_share, traits.nearness.min(2.0), f32::from(u8::from(inside))]);
+            let block_above = of_block(covering[parent][1]);
+            let block_share = if level == 0 { 1.0 } else { ratio(block_part, block_above) };
+            inputs.features.extend([log[4], block_share]);
+            inputs.features.extend(block_counts);
+            inputs.features.push(traits.past.ln_1p() / LOG_SCALE);
         }
     }
     inputs
 }
 
-/// Where the four children of a cell that `above` covers lie in the own tree.
-fn cover_children(children: &mut [Covering], own: &Topology, above: Covering) {
-    let first = own.first_child[above.node as usize];
-    for (k, child) in (0u32..).zip(children) {
-        *child = match first {
-            NO_CHILD => Covering { node: above.node, part: 0.25 * above.part },
-            first => Covering { node: first + k, part: 1.0 },
-        };
+/// Where the four children of a cell that `above` covers lie in that other tree.
+fn children_of(other: &Topology, above: Covering) -> [Covering; 4] {
+    match other.first_child[above.node as usize] {
+        NO_CHILD => [Covering { part: 0.25 * above.part, ..above }; 4],
+        first => [0, 1, 2, 3].map(|k| Covering { node: first + k, part: 1.0 }),
     }
 }
 
@@ -222,9 +253,14 @@ mod tests {
         Leaves { topology, sums, layout: Layout::Network, target: Target::Variance }
     }
 
+    /// With a block whose tree is that of [`trees`] as if it were own.
     fn inputs(counted: &Distribution, own: &Leaves) -> NodeInputs {
-        let traits = Traits { samples: [120, 8], normal: Vec3::Y, ..Traits::default() };
-        node_inputs(counted, counted.node_mass(), own, &traits)
+        let traits = Traits { samples: [120, 8], past: 70.0, normal: Vec3::Y, ..Traits::default() };
+        let (_, topology, _) = trees(5);
+        let weights: Vec<f64> = (1..).map(f64::from).take(topology.leaves().count()).collect();
+        let distribution = Distribution::from_leaf_weights(topology, &weights);
+        let block = Block { distribution, samples: [900.0, 5000.0] };
+        node_inputs(counted, counted.node_mass(), own, &block, &traits)
     }
 
     #[test]
@@ -259,7 +295,7 @@ mod tests {
         }
         for node in (0..topology.len()).filter(|&n| !topology.is_leaf(n)) {
             let first = topology.first_child[node] as usize;
-            for share in [1, 3, 5, 7, 13] {
+            for share in [1, 3, 5, 7, 13, 22] {
                 let total: f32 = (first..first + 4).map(|n| made.features[n * FEATURES + share]).sum();
                 assert!((total - 1.0).abs() < 1e-5, "share {share} of node {node}: {total}");
             }
@@ -309,5 +345,7 @@ mod tests {
         // Node 9 is a child of node 4, a leaf of the own tree; its centre is at z = 0.25, φ = 9/8 π.
         let below = &made.features[9 * FEATURES..][..FEATURES];
         assert_eq!([below[15], below[20], below[5]], [0.1, 1.0, 0.25]);
+        assert_eq!(below[22], 0.25, "the block's tree ends there as well");
+        assert_eq!(below[23..26], [900.0f32, 5000.0, 70.0].map(|n| n.ln_1p() / 8.0));
     }
 }

@@ -8,7 +8,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::cache::{Ancestry, Bounds, CELL_BYTES, SpatialCache, VoxelId};
-use super::context::{Counted, with_context};
+use super::context::{Block, Counted, with_context};
 use super::distribution::Distribution;
 use super::effort::{Effort, Returns};
 use super::features::Traits;
@@ -17,6 +17,8 @@ use super::fraction::{Adam, FractionRule};
 use super::leaves::{DirectLight, Layout, Leaves, Target};
 use super::moments::{Estimate, FRACTIONS, Moments, PATH_SHARES, PictureMoments};
 use super::parallax::Parallax;
+use super::past::{Past, joined};
+use super::proposal::{Guess, Judged, LEAST_EFFECTIVE, Proposal, SHARES, ShareMoments, UNTOLD};
 use super::quadtree::{Place, Quadtree};
 use super::record::{PathRecord, PhotonRecord};
 use super::sampler::{NODE_BYTES, SamplingTree};
@@ -53,6 +55,8 @@ pub struct LearnerSettings {
     pub parallax: bool,
     /// As how many samples a voxel's surroundings count; 0 for none.
     pub context: f64,
+    /// As what part of their number the samples of an iteration count in the next, see [`Past`]; 0 for not at all.
+    pub past: f64,
     /// Ceiling of the field in bytes.
     pub memory: usize,
     /// Whether [`Evidence`] is kept, beside the field.
@@ -75,6 +79,7 @@ impl Default for LearnerSettings {
             radiance_iterations: 0,
             parallax: true,
             context: 1024.0,
+            past: 0.5,
             memory: 24 << 20,
             keeps_evidence: false,
         }
@@ -109,6 +114,9 @@ struct Voxel {
     shares: Moments<{ PATH_SHARES.len() }>,
     /// The trees of path samples and of photons in the last iteration, with [`Voxel::guide_parallax`].
     kinds: Option<Box<[SamplingTree; 2]>>,
+    /// What mixing the last proposals in other ways would have cost, and these, with [`Voxel::guide_parallax`].
+    merits: ShareMoments,
+    judged: Option<Box<Judged>>,
     /// Whether the tree got its shape in the current pass.
     shaped: bool,
     /// Sum of the normals of what was deposited, where the network wants them.
@@ -116,6 +124,10 @@ struct Voxel {
     /// See [`Evidence`].
     counted: Option<SamplingTree>,
     gain: f32,
+    /// What earlier iterations left.
+    past: Option<Past>,
+    /// The past of the iteration to come, once this one was counted.
+    next_past: Option<Past>,
 }
 
 impl Voxel {
@@ -136,10 +148,14 @@ impl Voxel {
             adam: Adam::default(),
             shares: Moments::default(),
             kinds: None,
+            merits: ShareMoments::default(),
+            judged: None,
             shaped: false,
             normals: Vec3::ZERO,
             counted: None,
             gain: f32::NAN,
+            past: None,
+            next_past: None,
         }
     }
 }
@@ -149,8 +165,10 @@ impl Voxel {
 pub struct CountedTree<'a> {
     /// What the leaves hold.
     pub leaves: Leaves<'a>,
-    /// The samples' own distribution, with the context that the settings ask for.
+    /// The samples' own distribution, with what the settings ask for of earlier iterations and of the surroundings.
     pub distribution: Distribution,
+    /// What is known around the voxel; nothing without context.
+    pub block: &'a Block,
     /// What is known of the voxel as a whole.
     pub traits: Traits,
     /// What the voxel's path samples contributed to the picture, in any unit.
@@ -164,6 +182,8 @@ pub struct Learner {
     voxels: Vec<Voxel>,
     /// Groups of voxels in the iteration that is being judged.
     ancestry: Ancestry,
+    /// What its blocks have learned.
+    blocks: Vec<Block>,
     iterations: u32,
     /// Chunks so far, for random numbers.
     absorbed: u64,
@@ -197,6 +217,7 @@ impl Learner {
             cache: None,
             voxels: Vec::new(),
             ancestry: Ancestry::default(),
+            blocks: Vec::new(),
             iterations: 0,
             absorbed: 0,
             kept: Kept::default(),
@@ -299,28 +320,32 @@ impl Learner {
         self.ancestry = cache.ancestry();
         let ancestry = &self.ancestry;
         let priors = pooled(&self.voxels, ancestry, |v| &v.shares);
-        self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
+        let part = self.settings.past;
+        let own = |(v, voxel): (usize, &mut Voxel)| -> Counted {
             let mut shares = voxel.shares;
             shares.add_prior(&priors[ancestry.block(v)], PRIOR_SAMPLES);
             voxel.path_share = shares.best().map_or(0.5, |best| PATH_SHARES[best].min(MOST_PATH_SHARE));
-        });
-        let own = |voxel: &Voxel| -> Counted {
             let samples: u32 = voxel.tree.counts().iter().sum();
             let energy = voxel.tree.has_energy();
-            energy.then(|| (voxel.tree.leaves().hybrid(voxel.path_share), f64::from(samples)))
+            let own = energy.then(|| (voxel.tree.leaves().hybrid(voxel.path_share), f64::from(samples)));
+            let own = joined(own, voxel.past.as_ref(), part);
+            voxel.next_past = own.as_ref().filter(|_| part > 0.0).map(|(of, samples)| Past::new(of, *samples));
+            own
         };
-        let own: Vec<Counted> = self.voxels.par_iter().map(own).collect();
-        let distributions = if self.settings.context > 0.0 {
+        let own: Vec<Counted> = self.voxels.par_iter_mut().enumerate().map(own).collect();
+        let distributions: Vec<Option<Distribution>>;
+        (distributions, self.blocks) = if self.settings.context > 0.0 {
             with_context(own, ancestry, self.settings.context)
         } else {
-            own.into_iter().map(|c| c.map(|c| c.0)).collect()
+            (own.into_iter().map(|c| c.map(|c| c.0)).collect(), vec![Block::default(); ancestry.sizes[1]])
         };
+        let blocks = &self.blocks;
         let tree = |(v, (voxel, distribution)): (usize, (_, _))| {
             let voxel: &Voxel = voxel;
-            let distribution: Option<Distribution> = distribution;
+            let (block, distribution): (_, Option<Distribution>) = (&blocks[ancestry.block(v)], distribution);
             let (leaves, contribution) = (voxel.tree.leaves(), voxel.contribution);
-            let traits = voxel.traits(cache.bounds(v as VoxelId));
-            distribution.map(|distribution| CountedTree { leaves, distribution, traits, contribution })
+            let traits = voxel.traits(cache.bounds(v as VoxelId), part);
+            distribution.map(|distribution| CountedTree { leaves, distribution, block, traits, contribution })
         };
         self.voxels.iter().zip(distributions).enumerate().map(tree).collect()
     }
@@ -364,25 +389,34 @@ impl Learner {
         sum
     }
 
-    /// Takes the distributions made from [`Learner::counted`] (same order) as the next guides, each with the part of the
-    /// uniform distribution that is mixed into it. A voxel for which there is none keeps its old guide. Trees are cut to the most
-    /// probable nodes where the field would exceed its ceiling.
-    pub fn publish(&mut self, distributions: &[Option<(Distribution, f32)>]) {
+    /// Takes the proposals made from [`Learner::counted`] (same order) for the next guides: where there are two, mixed as the
+    /// iteration measured it to be best. A voxel for which there is none keeps its old guide. Trees are cut to the most probable
+    /// nodes where the field would exceed its ceiling.
+    pub fn publish(&mut self, proposals: Vec<Option<Proposal>>) {
         if self.cache.is_none() {
             return;
         }
-        let cap = self.inner_nodes_cap(distributions);
         let ancestry = &self.ancestry;
+        let merits = pooled(&self.voxels, ancestry, |v| &v.merits);
+        let mixed = |(v, proposal): (usize, Option<Proposal>)| {
+            let mut own = self.voxels[v].merits;
+            own.add_prior(&merits[ancestry.block(v)], PRIOR_SAMPLES);
+            let share = own.least(LEAST_EFFECTIVE).map_or(UNTOLD, |best| SHARES[best]);
+            proposal.map(|proposal| (proposal.mixed(share), proposal, share))
+        };
+        let guides: Vec<Option<(Guess, Proposal, f64)>> = proposals.into_par_iter().enumerate().map(mixed).collect();
+        let cap = self.inner_nodes_cap(guides.iter().flatten().map(|(guide, ..)| &guide.0));
         let priors = pooled(&self.voxels, ancestry, |v| &v.fractions);
         let returns = pooled(&self.voxels, ancestry, |v| &v.returns);
         let LearnerSettings { fraction: rule, keeps_evidence, .. } = self.settings;
-        self.voxels.par_iter_mut().zip(distributions).enumerate().for_each(|(v, (voxel, distribution))| {
+        self.voxels.par_iter_mut().zip(guides).enumerate().for_each(|(v, (voxel, guide))| {
             voxel.kinds = voxel.kinds();
             voxel.guide_parallax = voxel.parallax;
             voxel.known_returns = voxel.returns;
             voxel.known_returns.add_prior(&returns[ancestry.block(v)], PRIOR_SAMPLES);
-            let Some((distribution, uniform)) = distribution else { return };
-            voxel.guide = Some(SamplingTree::new(distribution, *uniform, cap));
+            let Some(((distribution, uniform), proposal, share)) = guide else { return };
+            voxel.guide = Some(SamplingTree::new(&distribution, uniform, cap));
+            voxel.judged = Judged::new(&proposal, share, cap).map(Box::new);
             let mut fractions = voxel.fractions;
             fractions.add_prior(&priors[ancestry.block(v)], PRIOR_SAMPLES);
             voxel.bsdf_fraction = match rule {
@@ -400,13 +434,13 @@ impl Learner {
     }
 
     /// The largest number of inner nodes per tree with which the whole field stays below its ceiling.
-    fn inner_nodes_cap(&self, distributions: &[Option<(Distribution, f32)>]) -> usize {
-        let inner = |d: &Option<(Distribution, f32)>| d.as_ref().map_or(0, |(d, _)| (d.topology().len() - 1) / 4);
+    fn inner_nodes_cap<'a>(&self, distributions: impl Iterator<Item = &'a Distribution>) -> usize {
+        let inner: Vec<usize> = distributions.map(|d| (d.topology().len() - 1) / 4).collect();
         let fixed = self.cache.as_ref().map_or(0, SpatialCache::bytes)
             + self.voxels.len() * (size_of::<VoxelGuide>() + size_of::<SamplingTree>());
         let available = self.settings.memory.saturating_sub(fixed) / NODE_BYTES;
-        let total = |cap: usize| distributions.iter().map(|d| inner(d).min(cap)).sum::<usize>();
-        let largest = distributions.iter().map(inner).max().unwrap_or(0);
+        let total = |cap: usize| inner.iter().map(|&inner| inner.min(cap)).sum::<usize>();
+        let largest = inner.iter().copied().max().unwrap_or(0);
         if total(largest) <= available {
             return largest;
         }
@@ -419,7 +453,8 @@ impl Learner {
         low
     }
 
-    /// Ends a pass: halves voxels with many samples (both halves inherit the tree and the guide) and forgets values.
+    /// Ends a pass: halves voxels with many samples (both halves inherit the tree and the guide), and forgets values but for what
+    /// becomes the [`Past`].
     /// The pass had `spp` camera paths per pixel.
     pub fn refine(&mut self, spp: u32) {
         let target = self.target();
@@ -437,27 +472,34 @@ impl Learner {
             count += usize::from(wanted);
             wanted
         });
+        self.voxels.iter_mut().for_each(|voxel| voxel.past = voxel.next_past.take());
         self.voxels.resize_with(cache.len(), || Voxel::new(self.settings.layout, target));
         for (old, new) in pairs {
+            let past = self.voxels[old as usize].past.take();
+            self.voxels[old as usize].past = past.map(Past::halved);
             self.voxels[new as usize] = self.voxels[old as usize].clone();
         }
         self.clear();
         self.iterations += 1;
         if self.target() != target {
             let target = self.target();
-            self.voxels.par_iter_mut().for_each(|voxel| voxel.tree = voxel.tree.emptied_for(target));
+            self.voxels.par_iter_mut().for_each(|voxel| {
+                (voxel.tree, voxel.past) = (voxel.tree.emptied_for(target), None);
+            });
         }
     }
 
-    /// Forgets all values, keeps voxels, shapes and guides.
+    /// Forgets the values of this iteration, keeps voxels, shapes, guides and what earlier iterations left.
     pub fn clear(&mut self) {
         self.outliers = Outliers::default();
+        self.blocks.clear();
         self.voxels.par_iter_mut().for_each(|voxel| {
             voxel.tree.clear();
             (voxel.contribution, voxel.squares, voxel.all_squares) = (0.0, Moments::default(), 0.0);
-            (voxel.fractions, voxel.shares) = (Moments::default(), Moments::default());
+            (voxel.fractions, voxel.shares, voxel.merits) =
+                (Moments::default(), Moments::default(), Moments::default());
             voxel.returns = Returns::default();
-            (voxel.shaped, voxel.normals) = (false, Vec3::ZERO);
+            (voxel.shaped, voxel.normals, voxel.next_past) = (false, Vec3::ZERO, None);
         });
     }
 
@@ -502,6 +544,7 @@ impl Voxel {
         if self.tree.target() != Target::Radiance && record.value > 0.0 {
             self.weigh_kinds(record);
         }
+        self.weigh_proposals(record);
         if self.guide.is_some() {
             self.fractions.add_estimates(&record.estimates(), LEARNING_FRACTION);
             if rule == FractionRule::Adam {
@@ -546,12 +589,13 @@ impl Voxel {
         self.shaped = true;
     }
 
-    fn traits(&self, bounds: Bounds) -> Traits {
+    fn traits(&self, bounds: Bounds, past: f64) -> Traits {
         let samples = self.tree.counts();
         let count = samples.iter().sum::<u32>().max(1);
         let half = 0.5 * (bounds.high - bounds.low).length();
         Traits {
             samples,
+            past: self.past.as_ref().map_or(0.0, |of| past * of.samples()) as f32,
             path_share: self.path_share as f32,
             normal: self.normals / count as f32,
             nearness: self.parallax.curvature * half,
@@ -602,6 +646,18 @@ impl Voxel {
         let [path, photon] = [0, 1].map(|kind| f64::from(kinds[kind].pdf_at(cell)));
         let square = f64::from(record.value).powi(2);
         self.shares.add(PATH_SHARES.map(|share| square / (share * path + (1.0 - share) * photon)));
+    }
+
+    /// Judges mixtures of the last proposals by what the path brought back from a direction that one of them was sampled for. Light
+    /// that light sampling finds too says little about guides.
+    fn weigh_proposals(&mut self, record: &PathRecord) {
+        let Some(judged) = &self.judged else { return };
+        let [onward, ..] = record.estimates();
+        if onward.square > 0.0 {
+            let seen = self.guide_parallax.to_centre(record.point, record.direction);
+            let ratios = judged.ratios(cylindrical::to_cell(seen.direction));
+            self.merits.add(ratios.map(|ratio| onward.with_guide(ratio)));
+        }
     }
 }
 

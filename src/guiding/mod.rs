@@ -14,6 +14,8 @@ pub mod leaves;
 pub mod learner;
 pub mod moments;
 pub mod parallax;
+pub mod past;
+pub mod proposal;
 pub mod quadtree;
 pub mod record;
 pub mod sampler;

@@ -113,12 +113,15 @@ impl<const N: usize> Moments<N> {
         (self.samples >= LEAST_SAMPLES).then(|| self.sums.map(|sum| sum / self.samples))
     }
 
-    /// The best candidate; none where too little is known.
-    pub fn best(&self) -> Option<usize> {
+    /// The candidate with the least moment; none where too few samples tell, see [`Moments::effective`].
+    pub fn least(&self, effective: f64) -> Option<usize> {
         let least = (0..N).min_by(|&a, &b| self.sums[a].total_cmp(&self.sums[b]))?;
-        if self.samples < LEAST_SAMPLES || self.effective() < LEAST_EFFECTIVE || self.sums[least] <= 0.0 {
-            return None;
-        }
+        (self.samples >= LEAST_SAMPLES && self.effective() >= effective && self.sums[least] > 0.0).then_some(least)
+    }
+
+    /// The best candidate, the simplest where no other is much better; none where too little is known.
+    pub fn best(&self) -> Option<usize> {
+        let least = self.least(LEAST_EFFECTIVE)?;
         Some(if self.sums[least] > WORTH * self.sums[N - 1] { N - 1 } else { least })
     }
 
@@ -167,11 +170,22 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// What it says of the second moment under a fraction `other`, having been drawn with `alpha`. Both strategies together
-    /// have ∫f²/(p + p_l), p_l being light sampling's density, and sample it with p + p_l together.
+    /// What it says of the second moment under a fraction `other`, having been drawn with `alpha`.
     fn under(&self, other: f64, alpha: f64) -> f64 {
-        let (share, light) = (f64::from(self.bsdf_share), f64::from(self.light_ratio));
-        let mixture = (other * share / alpha + (1.0 - other) * (1.0 - share) / (1.0 - alpha)).max(1e-6);
+        let share = f64::from(self.bsdf_share);
+        self.with_mixture(other * share / alpha + (1.0 - other) * (1.0 - share) / (1.0 - alpha))
+    }
+
+    /// The same under a guide whose density is so many times that of the guide that was sampled.
+    pub fn with_guide(&self, ratio: f64) -> f64 {
+        let share = f64::from(self.bsdf_share);
+        self.with_mixture(share + (1.0 - share) * ratio)
+    }
+
+    /// The same under a mixture whose density is so many times the sampled one's. Both strategies together have ∫f²/(p + p_l), p_l
+    /// being light sampling's density, and sample it with p + p_l together.
+    fn with_mixture(&self, mixture: f64) -> f64 {
+        let (mixture, light) = (mixture.max(1e-6), f64::from(self.light_ratio));
         if light.is_finite() { self.square * ((1.0 + light) / (mixture + light)) } else { self.square }
     }
 }

@@ -174,7 +174,7 @@ mod tests {
         let trees = [random_tree(3, 0.5, 2), Topology::root()];
         let batch = Batch::new(&trees.iter().collect::<Vec<_>>());
         let mut level = DecodeLevel::roots(&batch);
-        let log_shares = vec![[0.5, -0.5, 0.0, 1.0]; *batch.tree_start.last().unwrap()];
+        let log_shares = vec![[0.5, -0.5, 0.0, 1.0, 0.25]; *batch.tree_start.last().unwrap()];
         for _ in 0..5 {
             let split = vec![true; level.rows.len()];
             level = level.grow(&batch, &split);

@@ -10,9 +10,9 @@ use crate::guiding::distribution::Distribution;
 use crate::guiding::features::FEATURES;
 use crate::guiding::topology::MAX_LEVEL;
 
-/// The version of model folders that this program reads. 3: the network sees counted trees with their context, and corrects
-/// smoothed ones.
-pub const VERSION: u32 = 3;
+/// The version of model folders that this program reads. 4: the network sees the block around a voxel, and earlier
+/// iterations in counted trees.
+pub const VERSION: u32 = 4;
 
 /// Content of a model's `config.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -60,6 +60,8 @@ pub struct Mode {
     pub direct: String,
     /// As how many samples a voxel's surroundings count.
     pub context: f32,
+    /// As what part of their number samples of earlier iterations count.
+    pub past: f32,
 }
 
 /// Widths that the embedded path has kernels for.

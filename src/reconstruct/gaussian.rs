@@ -10,10 +10,11 @@
 
 use rayon::prelude::*;
 
-use super::Reconstructor;
+use super::{Reconstructor, TreeInput};
 use crate::base::Result;
 use crate::guiding::distribution::Distribution;
 use crate::guiding::learner::CountedTree;
+use crate::guiding::proposal::Proposal;
 use crate::guiding::topology::{NO_CHILD, Topology, around_children};
 
 /// Parameters, tuned by evaluation on training trees.
@@ -44,6 +45,11 @@ const FAR: usize = 3;
 const OFFSETS: [[i32; 2]; 9] = [[-1, -1], [-1, 0], [-1, 1], [0, -1], [0, 0], [0, 1], [1, -1], [1, 0], [1, 1]];
 
 impl Gaussian {
+    /// Smooths a voxel's counted tree.
+    pub fn smooth_tree(&self, tree: &TreeInput) -> Distribution {
+        self.smooth(tree.counted, tree.traits.all_samples())
+    }
+
     /// Smooths `noisy`, which was made from `samples` samples. φ wraps; beyond a pole lies the cell across (φ + π).
     pub fn smooth(&self, noisy: &Distribution, samples: f64) -> Distribution {
         let topology = noisy.topology();
@@ -101,17 +107,12 @@ impl Reconstructor for Gaussian {
         "gaussian"
     }
 
-    fn uniform(&self) -> f32 {
-        self.uniform
-    }
-
     fn rays_per_node(&self) -> f64 {
         0.1
     }
 
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
-        let samples = |tree: &CountedTree| tree.traits.samples.iter().map(|&n| f64::from(n)).sum::<f64>();
-        Ok(trees.into_par_iter().map(|tree| self.smooth(&tree.distribution, samples(&tree))).collect())
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
+        Ok(trees.par_iter().map(|tree| (self.smooth_tree(&tree.into()), self.uniform).into()).collect())
     }
 }
 

@@ -9,11 +9,15 @@ mod growth;
 
 use std::path::Path;
 
+use rayon::prelude::*;
+
 use crate::base::{Error, Result};
+use crate::guiding::context::Block;
 use crate::guiding::distribution::Distribution;
 use crate::guiding::features::Traits;
 use crate::guiding::learner::CountedTree;
 use crate::guiding::leaves::{Layout, Leaves};
+use crate::guiding::proposal::Proposal;
 use crate::guiding::topology::Topology;
 use crate::network::backend::Backend;
 use crate::network::config::Mode;
@@ -27,8 +31,16 @@ pub struct TreeInput<'a> {
     pub counted: &'a Distribution,
     /// The voxel's own samples, in the layout [`Network`](crate::guiding::leaves::Layout::Network).
     pub own: Leaves<'a>,
+    /// What is known around the voxel.
+    pub block: &'a Block,
     /// What is known of the voxel as a whole.
     pub traits: &'a Traits,
+}
+
+impl<'a> From<&'a CountedTree<'a>> for TreeInput<'a> {
+    fn from(tree: &'a CountedTree<'a>) -> Self {
+        Self { counted: &tree.distribution, own: tree.leaves, block: tree.block, traits: &tree.traits }
+    }
 }
 
 /// A reconstructed distribution.
@@ -45,23 +57,20 @@ pub trait Reconstructor: Sync {
     /// Its name in statistics.
     fn name(&self) -> &'static str;
 
-    /// The part of the uniform distribution that has to be mixed into its results, in (0, 1].
-    fn uniform(&self) -> f32;
-
     /// What reconstructing one node of Q_h costs, in rays traced; 0 for nothing. From measurements on two cores: a ray with its
     /// shading takes 0.5 to 0.7 µs of a core, a tree of 407 nodes 81 to 99 µs of both by the network and 13 µs by smoothing.
     fn rays_per_node(&self) -> f64;
 
-    /// One distribution per tree, in the same order.
+    /// One proposal per tree, in the same order.
     ///
     /// # Errors
     /// Whatever the inference backend reports.
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>>;
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>>;
 }
 
 /// Reconstructs the trees of the voxels that contribute most to the picture, until that has cost as much as tracing `rays`
-/// rays. The others are smoothed where that is much cheaper, else they stay as they were counted. Returns the distributions in
-/// the order of `trees`, each with the uniform part that it needs, and the cost in rays.
+/// rays. The others are smoothed where that is much cheaper, else they stay as they were counted. Returns the proposals in the
+/// order of `trees`, and the cost in rays.
 ///
 /// # Errors
 /// Those of the reconstructor.
@@ -69,7 +78,7 @@ pub fn reconstruct_within(
     rays: f64,
     trees: Vec<CountedTree>,
     reconstructor: &dyn Reconstructor,
-) -> Result<(Vec<(Distribution, f32)>, f64)> {
+) -> Result<(Vec<Proposal>, f64)> {
     let nodes = |tree: &CountedTree| tree.distribution.topology().len().max(LEAST_NODES) as f64;
     let cost = |tree: &CountedTree| reconstructor.rays_per_node() * nodes(tree);
     let mut order: Vec<usize> = (0..trees.len()).collect();
@@ -89,10 +98,10 @@ pub fn reconstruct_within(
     for (tree, &chosen) in trees.into_iter().zip(&chosen) {
         if chosen { worth.push(tree) } else { rest.push(tree) }
     }
-    let mut worth = reconstructor.reconstruct(worth)?.into_iter().map(|d| (d, reconstructor.uniform()));
-    let mut rest = fallback.reconstruct(rest)?.into_iter().map(|d| (d, fallback.uniform()));
-    let distributions = chosen.iter().filter_map(|&chosen| if chosen { worth.next() } else { rest.next() }).collect();
-    Ok((distributions, spent))
+    let mut worth = reconstructor.reconstruct(worth)?.into_iter();
+    let mut rest = fallback.reconstruct(rest)?.into_iter();
+    let proposals = chosen.iter().filter_map(|&chosen| if chosen { worth.next() } else { rest.next() }).collect();
+    Ok((proposals, spent))
 }
 
 /// Even the smallest tree costs as much as this many nodes.
@@ -116,16 +125,12 @@ impl Reconstructor for Counted {
         "none"
     }
 
-    fn uniform(&self) -> f32 {
-        self.uniform
-    }
-
     fn rays_per_node(&self) -> f64 {
         0.0
     }
 
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
-        Ok(trees.into_iter().map(|tree| tree.distribution).collect())
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
+        Ok(trees.into_iter().map(|tree| (tree.distribution, self.uniform).into()).collect())
     }
 }
 
@@ -203,26 +208,24 @@ impl Reconstructor for Neural {
         "neural"
     }
 
-    fn uniform(&self) -> f32 {
-        self.model.config.uniform
-    }
-
     fn rays_per_node(&self) -> f64 {
         0.8
     }
 
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
         if trees.iter().any(|tree| tree.leaves.layout != Layout::Network) {
             let message = "the network needs trees with all their features".into();
             return Err(Error::Backend { backend: self.backend.name(), message });
         }
-        let input = |tree| {
-            let CountedTree { distribution: counted, leaves, traits, .. }: &CountedTree = tree;
-            TreeInput { counted, own: *leaves, traits }
-        };
-        let inputs: Vec<_> = trees.iter().map(input).collect();
+        let inputs: Vec<_> = trees.iter().map(TreeInput::from).collect();
         let reconstructed = neural::reconstruct_batch(&self.model, self.backend.as_ref(), &inputs)?;
-        Ok(reconstructed.into_iter().map(|r| Distribution::from_shares(r.topology, &r.node_share)).collect())
+        let gaussian = gaussian::Gaussian::default();
+        let proposal = |(reconstructed, input): (Reconstructed, &TreeInput)| {
+            let first = Distribution::from_shares(reconstructed.topology, &reconstructed.node_share);
+            let plain = Some((gaussian.smooth_tree(input), gaussian.uniform));
+            Proposal { first: (first, self.model.config.uniform), plain }
+        };
+        Ok(reconstructed.into_par_iter().zip(&inputs).map(proposal).collect())
     }
 }
 
@@ -239,31 +242,29 @@ mod tests {
             "flat"
         }
 
-        fn uniform(&self) -> f32 {
-            0.5
-        }
-
         fn rays_per_node(&self) -> f64 {
             self.0
         }
 
-        fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Distribution>> {
-            Ok(vec![Distribution::uniform(); trees.len()])
+        fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
+            Ok(vec![(Distribution::uniform(), 0.5).into(); trees.len()])
         }
     }
 
     /// Which of three trees, contributing 1, 3 and 2, are reconstructed, with the uniform part of each, and the cost.
     fn within(rays: f64, price: f64) -> ([bool; 3], [f32; 3], f64) {
         let topology = Topology::from_split(&[true, false, false, false, false]).unwrap();
-        let sums = [1.0, 1.0, 0.0, 0.0].repeat(4);
+        let (sums, block) = ([1.0, 1.0, 0.0, 0.0].repeat(4), Block::default());
         let tree = |contribution| CountedTree {
             leaves: Leaves { topology: &topology, sums: &sums, layout: Layout::Values, target: Target::Variance },
             distribution: Distribution::from_leaf_weights(topology.clone(), &[0.7, 0.1, 0.1, 0.1]),
+            block: &block,
             traits: Traits { samples: [4, 0], ..Traits::default() },
             contribution,
         };
         let (made, spent) = reconstruct_within(rays, [1.0, 3.0, 2.0].map(tree).to_vec(), &Flat(price)).unwrap();
-        ([0, 1, 2].map(|i| made[i].0 == Distribution::uniform()), [0, 1, 2].map(|i| made[i].1), spent)
+        let made = [0, 1, 2].map(|i| &made[i].first);
+        (made.map(|of| of.0 == Distribution::uniform()), made.map(|of| of.1), spent)
     }
 
     #[test]

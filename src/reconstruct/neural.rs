@@ -86,9 +86,8 @@ fn all_inputs(inputs: &[TreeInput]) -> NodeInputs {
 
 /// What the network reads of one tree: it is smoothed with the default [`Gaussian`], which is what the network corrects.
 pub fn inputs_of(input: &TreeInput) -> NodeInputs {
-    let samples = input.traits.samples.iter().map(|&n| f64::from(n)).sum();
-    let smoothed = Gaussian::default().smooth(input.counted, samples);
-    node_inputs(input.counted, smoothed.node_mass(), &input.own, input.traits)
+    let smoothed = Gaussian::default().smooth_tree(input);
+    node_inputs(input.counted, smoothed.node_mass(), &input.own, input.block, input.traits)
 }
 
 /// The encoder's output of every level, from the root down.

@@ -109,7 +109,7 @@ impl Learning {
         let mut counted = Vec::new();
         let mut places = Vec::new();
         let trees = self.learner.counted();
-        let mut distributions = vec![None; trees.len()];
+        let mut proposals = vec![None; trees.len()];
         for (place, tree) in trees.into_iter().enumerate() {
             if let Some(tree) = tree {
                 counted.push(tree);
@@ -118,10 +118,10 @@ impl Learning {
         }
         let (reconstructed, spent) = reconstruct_within(rays - self.reconstruction_rays, counted, reconstructor)?;
         self.reconstruction_rays += spent;
-        for (place, distribution) in places.into_iter().zip(reconstructed) {
-            distributions[place] = Some(distribution);
+        for (place, proposal) in places.into_iter().zip(reconstructed) {
+            proposals[place] = Some(proposal);
         }
-        self.learner.publish(&distributions);
+        self.learner.publish(proposals);
         self.moments = self.learner.picture_moments(worst);
         let reconstruct_seconds = begun.elapsed().as_secs_f64();
         seconds.reconstruct += reconstruct_seconds;

@@ -157,6 +157,7 @@ impl RenderSettings {
                 direct: DirectLight::Nothing,
                 split_share: 0.01,
                 context: 0.0,
+                past: 0.0,
                 parallax: false,
                 ..LearnerSettings::default()
             },
@@ -252,6 +253,7 @@ impl RenderSettings {
             split_share: self.learner.split_share as f32,
             direct: self.learner.direct.name().into(),
             context: self.learner.context as f32,
+            past: self.learner.past as f32,
         }
     }
 

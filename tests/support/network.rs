@@ -1,6 +1,7 @@
 //! Models, trees of every shape, and a forward pass over a fixed structure, for tests that compare backends.
 
 use fanal::base::random::Random;
+use fanal::guiding::context::Block;
 use fanal::guiding::distribution::Distribution;
 use fanal::guiding::features::{FEATURES, NodeInputs, Traits};
 use fanal::guiding::leaves::{BSDF, COUNTS, Layout, Leaves, NETWORK_CHANNELS, SQUARES, Target, VALUES};
@@ -47,6 +48,7 @@ pub struct Tree {
     pub counted: Distribution,
     pub own: Topology,
     pub sums: Vec<f32>,
+    pub block: Block,
     pub traits: Traits,
 }
 
@@ -54,7 +56,7 @@ impl Tree {
     /// What a reconstructor is given.
     pub fn input(&self) -> TreeInput<'_> {
         let own = Leaves { topology: &self.own, sums: &self.sums, layout: Layout::Network, target: Target::Variance };
-        TreeInput { counted: &self.counted, own, traits: &self.traits }
+        TreeInput { counted: &self.counted, own, block: &self.block, traits: &self.traits }
     }
 }
 
@@ -66,7 +68,9 @@ fn with_sums(topology: Topology, sums: Vec<f32>) -> Tree {
     } else {
         Distribution::from_shares(topology.clone(), &vec![0.25; topology.len()])
     };
-    Tree { counted, own: topology, sums, traits: Traits { samples: [50, 20], ..Traits::default() } }
+    // Around it are twenty times the samples, of a coarser tree.
+    let block = Block { distribution: counted.on_grid(counted.topology().levels().min(3)), samples: [1400.0, 9000.0] };
+    Tree { counted, own: topology, sums, block, traits: Traits { samples: [50, 20], ..Traits::default() } }
 }
 
 /// Sums as a few random samples per leaf would give, some leaves without photons or without anything.

@@ -1,7 +1,7 @@
 //! Good data and checkpoints, to be damaged.
 
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;
 
 use fanal::base::progress::Progress;
@@ -19,8 +19,9 @@ pub fn tree(scene: u32) -> TreeSample {
         scene,
         own_split: vec![true, false, false, false, false],
         own_sums: (0..4 * NETWORK_CHANNELS).map(|i| i as f32).collect(),
-        counted_split: vec![false],
-        counted: vec![1.0],
+        block_split: vec![true, false, false, false, false],
+        block: vec![0.25; 4],
+        block_samples: [40.0, 90.0],
         target_split: vec![true, false, true, false, false, false, false, false, false],
         target: vec![0.25, 0.25, 0.25, 0.1, 0.05, 0.05, 0.05],
         target_bsdf: vec![0.25, 0.25, 0.25, 0.1, 0.05, 0.05, 0.05],
@@ -28,19 +29,23 @@ pub fn tree(scene: u32) -> TreeSample {
     }
 }
 
-/// Wishes to stop after the first chunk.
-struct StopAtOnce<'a>(&'a AtomicBool);
+/// Wishes to stop after a few chunks, when there is something to remember of earlier iterations.
+struct StopSoon<'a> {
+    chunks: AtomicU32,
+    stop: &'a AtomicBool,
+}
 
-impl Progress for StopAtOnce<'_> {
+impl Progress for StopSoon<'_> {
     fn start(&self, _: u64, _: &str) {}
     fn advance(&self, _: u64) {
-        self.0.store(true, Ordering::Relaxed);
+        let enough = self.chunks.fetch_add(1, Ordering::Relaxed) + 1 >= 3;
+        self.stop.store(enough, Ordering::Relaxed);
     }
     fn message(&self, _: &str) {}
     fn finish(&self) {}
 }
 
-/// A render interrupted after its first chunk, in `path`.
+/// A render interrupted after a few chunks, in `path`.
 pub fn kept(scene: &Scene, settings: &RenderSettings, path: &Path) -> Checkpointing {
     let checkpoint = Checkpointing {
         made_for: made_for(settings, scene.size, "scene", "guide"),
@@ -48,7 +53,7 @@ pub fn kept(scene: &Scene, settings: &RenderSettings, path: &Path) -> Checkpoint
         resume: None,
     };
     let stop = AtomicBool::new(false);
-    let watcher = StopAtOnce(&stop);
+    let watcher = StopSoon { chunks: AtomicU32::new(0), stop: &stop };
     let control = Control { checkpoint: Some(&checkpoint), ..Control::new(&watcher, &stop) };
     render_watched(scene, settings, reconstructor(settings.guide).as_ref(), &control).unwrap();
     Checkpointing { write: None, resume: Some(path.to_owned()), ..checkpoint }

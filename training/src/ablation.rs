@@ -48,7 +48,7 @@ impl Ablation {
             Self::Neighbours => reconstruct(model, &Alone(backend), cases),
             Self::Own => reconstruct(model, backend, &without_own(cases)),
             Self::Half => {
-                let smooth = |c: &Case| Gaussian::default().smooth(&c.counted, c.samples());
+                let smooth = |c: &Case| Gaussian::default().smooth_tree(&c.input());
                 let network = reconstruct(model, backend, cases)?;
                 Ok(network
                     .iter()

@@ -41,6 +41,7 @@ impl Symmetry {
     pub fn apply(self, sample: &TreeSample) -> Result<TreeSample, String> {
         let (own_split, own_leaves) = self.permute(&Topology::from_split(&sample.own_split)?);
         let (counted_split, counted_leaves) = self.permute(&Topology::from_split(&sample.counted_split)?);
+        let (block_split, block_leaves) = self.permute(&Topology::from_split(&sample.block_split)?);
         let (target_split, target_leaves) = self.permute(&Topology::from_split(&sample.target_split)?);
         let own = |leaf: usize| &sample.own_sums[leaf * NETWORK_CHANNELS..][..NETWORK_CHANNELS];
         let pick = |from: &[f32], leaves: &[usize]| leaves.iter().map(|&leaf| from[leaf]).collect();
@@ -56,6 +57,8 @@ impl Symmetry {
             own_split,
             counted: pick(&sample.counted, &counted_leaves),
             counted_split,
+            block: pick(&sample.block, &block_leaves),
+            block_split,
             traits: Traits { normal: sample.traits.normal * signs, ..sample.traits },
             target: pick(&sample.target, &target_leaves),
             target_bsdf: pick(&sample.target_bsdf, &target_leaves),
@@ -103,9 +106,15 @@ mod tests {
     use fanal::guiding::features::FEATURES;
     use fanal::reconstruct::neural::inputs_of;
 
+    /// With a block that is another pair's.
+    fn sample(seed: u64) -> TreeSample {
+        let [sample, other] = [0, 1].map(|index| tree_sample(&Settings::default(), seed, index));
+        TreeSample { block_split: other.counted_split, block: other.counted, block_samples: [300.0, 900.0], ..sample }
+    }
+
     #[test]
     fn twice_is_the_identity() {
-        let sample = tree_sample(&Settings::default(), 5, 0);
+        let sample = sample(5);
         for symmetry in ALL {
             assert_eq!(symmetry.apply(&symmetry.apply(&sample).unwrap()).unwrap(), sample, "{symmetry:?}");
         }
@@ -114,7 +123,7 @@ mod tests {
     /// Every feature of a node is that of the node it came from: the network's input knows no preferred frame but the map's.
     #[test]
     fn features_transform_with_their_cells() {
-        let sample = tree_sample(&Settings::default(), 7, 0);
+        let sample = sample(7);
         let before = Case::new(&sample).unwrap();
         let features = inputs_of(&before.input()).features;
         for symmetry in ALL {

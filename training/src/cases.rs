@@ -2,6 +2,7 @@
 
 use anyhow::{Result, anyhow};
 use fanal::generate::shard::TreeSample;
+use fanal::guiding::context::Block;
 use fanal::guiding::distribution::{CommonCell, Distribution, kl_by_level, kl_of_cells, relative_moment};
 use fanal::guiding::features::Traits;
 use fanal::guiding::leaves::{Layout, Leaves, Target};
@@ -21,6 +22,8 @@ pub struct Case {
     pub own: Topology,
     /// Sums of its leaves.
     pub own_sums: Vec<f32>,
+    /// What is known around the voxel.
+    pub block: Block,
     /// What is known of the voxel as a whole.
     pub traits: Traits,
     /// Q_gt.
@@ -41,10 +44,12 @@ impl Case {
         let wide = |masses: &[f32]| masses.iter().map(|&m| f64::from(m)).collect::<Vec<_>>();
         let target = tree("target", &sample.target_split)?;
         let counted = tree("counted", &sample.counted_split)?;
+        let block = on_tree(tree("block", &sample.block_split)?, &wide(&sample.block));
         Ok(Self {
             counted: on_tree(counted, &wide(&sample.counted)),
             own: tree("own", &sample.own_split)?,
             own_sums: sample.own_sums.clone(),
+            block: Block { distribution: block, samples: sample.block_samples },
             traits: sample.traits,
             bsdf: on_tree(target.clone(), &wide(&sample.target_bsdf)),
             target: on_tree(target, &wide(&sample.target)),
@@ -54,7 +59,7 @@ impl Case {
 
     /// What a reconstructor is given.
     pub fn input(&self) -> TreeInput<'_> {
-        TreeInput { counted: &self.counted, own: self.leaves(), traits: &self.traits }
+        TreeInput { counted: &self.counted, own: self.leaves(), block: &self.block, traits: &self.traits }
     }
 
     /// The voxel's own samples.

@@ -18,12 +18,15 @@ pub enum Loss {
     /// L1 of shares (Zhu 2021 eq. 16), weighted by target mass plus a floor.
     Zhu,
     /// What a picture feels (see [`relative_moment`](fanal::guiding::distribution::relative_moment)): the logarithm of the second
-    /// moment of the estimator that draws half from the BSDF, half from the tree, plus a tenth of KL.
+    /// moment of the estimator that draws half from the BSDF, half from the tree, plus a part of KL.
     Variance,
 }
 
 /// Weight of nodes without target mass, in eq. 16 and in the classification.
 const MASS_FLOOR: f32 = 1e-3;
+
+/// Part of KL in [`Loss::Variance`]: the moment alone hardly says anything about what lies below the BSDF's half of the mixture.
+const KL_PART: f64 = 0.3;
 
 /// A parent that is never a leaf: p = 1e-13.
 pub const NEVER: f32 = -30.0;
@@ -50,7 +53,7 @@ pub fn losses(loss: Loss, decoded: &DecodedRows, beta: f64) -> Losses {
         Loss::Zhu => l1(decoded, log_expected, &device),
         Loss::Variance => {
             let kl = kl(decoded, log_expected.clone(), &device);
-            log_moment(decoded, log_expected, &device) + kl.mul_scalar(0.1)
+            log_moment(decoded, log_expected, &device) + kl.mul_scalar(KL_PART)
         }
     };
     let class = class(decoded, &device);

@@ -61,7 +61,7 @@ impl Report {
     pub fn new(model: &Model, samples: &[&TreeSample]) -> Result<Self> {
         let cases: Vec<Case> = samples.iter().map(|sample| Case::new(sample)).collect::<Result<_>>()?;
         let network = reconstruct(model, &Embedded::new(model)?, &cases)?;
-        let smooth = |c: &Case| Gaussian::default().smooth(&c.counted, c.samples());
+        let smooth = |c: &Case| Gaussian::default().smooth_tree(&c.input());
         let guides = [cases.iter().map(|c| c.counted.clone()).collect(), cases.iter().map(smooth).collect(), network];
         let calibration = calibration(model, samples)?;
         let rows: u64 = calibration.iter().map(|bin| bin.rows).sum();

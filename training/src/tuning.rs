@@ -13,7 +13,7 @@ const SAMPLES: [f64; 8] = [0.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0];
 /// twice.
 pub fn tune_gaussian(cases: &[Case]) -> Gaussian {
     let score = |gaussian: Gaussian| {
-        let smooth: Vec<Distribution> = cases.par_iter().map(|c| gaussian.smooth(&c.counted, c.samples())).collect();
+        let smooth: Vec<Distribution> = cases.par_iter().map(|c| gaussian.smooth_tree(&c.input())).collect();
         let cells = common(cases, &smooth);
         mean_log_moment(&cells, tune_uniform(&cells, mean_log_moment))
     };

@@ -19,6 +19,8 @@ pub enum Inputs {
     /// The voxel's own samples and its surroundings: what the renderer gives.
     #[default]
     All,
+    /// The same, but of the surroundings only what is mixed into the counted tree. For measuring: the renderer always gives all.
+    Mixed,
     /// The voxel's own path samples and photons.
     Own,
     /// The voxel's own path samples.
@@ -79,15 +81,20 @@ impl View {
                 pairs.iter_mut().try_for_each(|pair| restrict(pair, self.inputs))?;
             }
         }
-        if self.inputs != Inputs::All {
-            data.mode.context = 0.0;
+        if !matches!(self.inputs, Inputs::All | Inputs::Mixed) {
+            (data.mode.context, data.mode.past) = (0.0, 0.0);
         }
         Ok(data)
     }
 }
 
-/// Makes the pair's input anew from its own samples.
+/// Makes the pair's input anew from what is shown.
 fn restrict(pair: &mut TreeSample, inputs: Inputs) -> Result<()> {
+    let alone = TreeSample::default();
+    (pair.block_split, pair.block, pair.block_samples) = (alone.block_split, alone.block, alone.block_samples);
+    if inputs == Inputs::Mixed {
+        return Ok(());
+    }
     let kept = [inputs != Inputs::Photons, inputs != Inputs::Paths];
     for row in pair.own_sums.chunks_exact_mut(NETWORK_CHANNELS) {
         for kind in (0..2).filter(|&kind| !kept[kind]) {
@@ -97,7 +104,8 @@ fn restrict(pair: &mut TreeSample, inputs: Inputs) -> Result<()> {
             row[BSDF] = 0.0;
         }
     }
-    let Traits { samples, path_share, .. } = &mut pair.traits;
+    let Traits { samples, past, path_share, .. } = &mut pair.traits;
+    *past = 0.0;
     for kind in (0..2).filter(|&kind| !kept[kind]) {
         samples[kind] = 0;
         *path_share = kind as f32;
@@ -133,6 +141,9 @@ mod tests {
             // Whatever is not shown may be anything.
             other.counted_split = vec![false];
             other.counted = vec![1.0];
+            (other.block_split, other.block) = (vec![true, false, false, false, false], vec![0.25; 4]);
+            other.block_samples = [7.0; 2];
+            other.traits.past = 7.0;
             for row in other.own_sums.chunks_exact_mut(NETWORK_CHANNELS) {
                 match inputs {
                     Inputs::Paths => [VALUES[1], COUNTS[1], SQUARES[1]].iter().for_each(|&c| row[c] = 7.0),

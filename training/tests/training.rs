@@ -84,7 +84,7 @@ fn overfits_a_few_trees() {
     let course = steps(&mut net, &batch, 300, 5e-3, 0.2);
     let cases: Vec<Case> = samples.iter().map(|s| Case::new(s).unwrap()).collect();
     let gaussian = tune_gaussian(&cases);
-    let smooth: Vec<_> = cases.iter().map(|c| gaussian.smooth(&c.counted, c.samples())).collect();
+    let smooth: Vec<_> = cases.iter().map(|c| gaussian.smooth_tree(&c.input())).collect();
     let model = Model { config: config(), weights: net.weights() };
     let found = reconstruct(&model, &Embedded::new(&model).unwrap(), &cases).unwrap();
     let [baseline, network] = [smooth, found].map(|guides| {
@@ -170,16 +170,7 @@ fn burn_agrees_with_the_renderer() {
 /// Degenerate batches: a tree that is only a root, without any sample, alone and beside others.
 #[test]
 fn roots_without_samples_train() {
-    let empty = TreeSample {
-        own_split: vec![false],
-        own_sums: vec![0.0; fanal::guiding::leaves::NETWORK_CHANNELS],
-        counted_split: vec![false],
-        counted: vec![1.0],
-        target_split: vec![false],
-        target: vec![1.0],
-        target_bsdf: vec![1.0],
-        ..TreeSample::default()
-    };
+    let empty = TreeSample::default();
     let mut mixed = tree_samples(&quick(), 14, 0, 2);
     mixed.push(empty.clone());
     for (samples, device) in [(vec![empty.clone()], Device::flex()), (vec![empty], ndarray()), (mixed, ndarray())] {

@@ -1,11 +1,15 @@
 //! A learner between two chunks as arrays of a file, so that an interrupted render can go on.
 //!
-//! For V voxels and O outliers, beside the arrays of the cache and of the trees `guide`, `counted` and `kinds` (two per voxel), which
+//! For V voxels and O outliers, beside the arrays of the cache and of the trees `guide`, `counted`, `kinds` and `judged` (two of these per voxel), which
 //! guide files have too:
 //!
 //! | name | type | shape | |
 //! |---|---|---|---|
 //! | `learner` | u64 | [4] | whether there is a cache, iterations, chunks, whether shapes are frozen |
+//! | `past_offset` | u64 | [V + 1] | where the nodes of each voxel's past begin |
+//! | `past_split` | u8 | [..] | which of those have children |
+//! | `past_mass` | f32 | [..] | of each leaf |
+//! | `past_samples` | f64 | [V] | |
 //! | `outliers` | f64 | [O, 12] | voxel, squares, estimates |
 //! | `outlier_least` | f64 | [1] | |
 //! | `tree_offset` | u64 | [V + 1] | where each voxel's nodes begin |
@@ -20,6 +24,8 @@ use super::super::effort::Returns;
 use super::super::fraction::Adam;
 use super::super::moments::{Estimate, Moments};
 use super::super::parallax::Parallax;
+use super::super::past::Past;
+use super::super::proposal::Judged;
 use super::super::quadtree::Quadtree;
 use super::super::topology::Topology;
 use super::{Kept, Learner, LearnerSettings, Outlier, Outliers, Voxel};
@@ -39,6 +45,12 @@ impl Learner {
             *end += tree.topology().len() as u64;
             Some(*end)
         });
+        let pasts = || voxels.iter().filter_map(|v| v.past.as_ref());
+        let past_offsets = voxels.iter().scan(0, |end, voxel| {
+            *end += voxel.past.as_ref().map_or(0, |past| past.split().len()) as u64;
+            Some(*end)
+        });
+        let past_samples = |v: &Voxel| v.past.as_ref().map_or(0.0, Past::samples).to_le_bytes();
         let flags = trees().flat_map(|tree| tree.topology().split_flags()).map(|split| [u8::from(split)]);
         let sums: Vec<u8> = trees().flat_map(|tree| tree.leaves().sums).flat_map(|x| x.to_le_bytes()).collect();
         let channels = self.settings.layout.channels();
@@ -47,12 +59,19 @@ impl Learner {
         let bytes: Vec<u8> = numbers.into_iter().flat_map(f64::to_le_bytes).collect();
         let kinds: Vec<_> =
             voxels.iter().flat_map(|v| [0, 1].map(|i| v.kinds.as_ref().map(|kinds| &kinds[i]))).collect();
+        let judged: Vec<_> =
+            voxels.iter().flat_map(|v| [0, 1].map(|i| v.judged.as_ref().map(|judged| &judged.trees[i]))).collect();
         let mut all = cache_arrays(self.cache.as_ref().unwrap_or(&empty));
         all.extend(tree_arrays("guide", &voxels.iter().map(|v| v.guide.as_ref()).collect::<Vec<_>>()));
         all.extend(tree_arrays("counted", &voxels.iter().map(|v| v.counted.as_ref()).collect::<Vec<_>>()));
         all.extend(tree_arrays("kinds", &kinds));
+        all.extend(tree_arrays("judged", &judged));
         all.extend([
             vector("learner", Dtype::U64, state.into_iter().map(u64::to_le_bytes)),
+            vector("past_mass", Dtype::F32, pasts().flat_map(Past::mass).map(|x| x.to_le_bytes())),
+            vector("past_offset", Dtype::U64, std::iter::once(0).chain(past_offsets).map(u64::to_le_bytes)),
+            vector("past_samples", Dtype::F64, voxels.iter().map(past_samples)),
+            vector("past_split", Dtype::U8, pasts().flat_map(Past::split).map(|&split| [u8::from(split)])),
             doubles("outliers", self.outliers.found.iter().map(Outlier::numbers)),
             vector("outlier_least", Dtype::F64, std::iter::once(self.outliers.least.to_le_bytes())),
             vector("tree_offset", Dtype::U64, std::iter::once(0).chain(offsets).map(u64::to_le_bytes)),
@@ -89,6 +108,7 @@ impl Learner {
         let mut voxels = Vec::with_capacity(count);
         let [guides, counted] = [read_trees(file, "guide", count)?, read_trees(file, "counted", count)?];
         let mut kinds = read_trees(file, "kinds", 2 * count)?.into_iter();
+        let mut judged = read_trees(file, "judged", 2 * count)?.into_iter();
         let trees = self.read_quadtrees(file, count)?;
         for (v, ((tree, guide), counted)) in trees.into_iter().zip(guides).zip(counted).enumerate() {
             let mut voxel = Voxel { tree, guide, counted, ..empty() };
@@ -96,11 +116,16 @@ impl Learner {
                 (Some(path), Some(photon)) => Some(Box::new([path, photon])),
                 _ => None,
             };
+            voxel.judged = match (judged.next().flatten(), judged.next().flatten()) {
+                (Some(plain), Some(first)) => Some(Box::new(Judged { trees: [plain, first], share: 1.0 })),
+                _ => None,
+            };
             if !voxel.set_numbers(&numbers[v * columns..][..columns]) {
                 return file.fail("voxel", format!("the numbers of voxel {v} are out of range"));
             }
             voxels.push(voxel);
         }
+        read_pasts(file, &mut voxels)?;
         Ok(voxels)
     }
 
@@ -130,6 +155,32 @@ impl Learner {
     }
 }
 
+/// Gives voxels their past.
+fn read_pasts(file: &Tensors, voxels: &mut [Voxel]) -> Result<()> {
+    let offsets = read_offsets(file, "past_offset", voxels.len())?;
+    let flags = file.read("past_split", Dtype::U8, Some(offsets[voxels.len()]), 1, |[b]| b != 0)?;
+    let masses = file.read("past_mass", Dtype::F32, None, 1, f32::from_le_bytes)?;
+    let samples = file.read("past_samples", Dtype::F64, Some(voxels.len()), 1, f64::from_le_bytes)?;
+    let mut rest = masses.as_slice();
+    for (v, voxel) in voxels.iter_mut().enumerate() {
+        let split = &flags[offsets[v]..offsets[v + 1]];
+        let Some((own, others)) = rest.split_at_checked(split.iter().filter(|s| !**s).count()) else {
+            return file.fail("past_mass", format!("no values for the leaves of voxel {v}"));
+        };
+        rest = others;
+        if !split.is_empty() {
+            voxel.past = Past::from_parts(split, own, samples[v]);
+            if voxel.past.is_none() {
+                return file.fail("past_split", format!("the past of voxel {v} is no distribution"));
+            }
+        }
+    }
+    if !rest.is_empty() {
+        return file.fail("past_mass", format!("{} values belong to no leaf", rest.len()));
+    }
+    Ok(())
+}
+
 impl Voxel {
     /// Everything but trees. All are exact in double precision.
     fn numbers(&self) -> Vec<f64> {
@@ -139,12 +190,20 @@ impl Voxel {
         all.extend([self.bsdf_fraction, self.gain].into_iter().chain(scales).map(f64::from));
         all.extend(counts.map(f64::from));
         all.extend(self.normals.to_array().map(f64::from));
-        all.extend([f64::from(u8::from(self.shaped)), self.path_share, self.contribution, self.all_squares]);
+        let share = self.judged.as_ref().map_or(1.0, |judged| judged.share);
+        all.extend([
+            f64::from(u8::from(self.shaped)),
+            f64::from(share),
+            self.path_share,
+            self.contribution,
+            self.all_squares,
+        ]);
         self.squares.push_to(&mut all);
         self.fractions.push_to(&mut all);
         self.returns.push_to(&mut all);
         self.known_returns.push_to(&mut all);
         self.shares.push_to(&mut all);
+        self.merits.push_to(&mut all);
         all.extend(self.adam.numbers());
         all
     }
@@ -163,20 +222,24 @@ impl Voxel {
         let counts = [0; 2].map(|_| (next() as u32).min(1 << 30));
         self.tree.set_samples(scales, counts);
         self.normals = Vec3::from([0; 3].map(|_| next() as f32));
-        [self.path_share, self.contribution, self.all_squares] = {
-            self.shaped = next() != 0.0;
-            [next(), next(), next()]
-        };
+        self.shaped = next() != 0.0;
+        let share = next();
+        if let Some(judged) = &mut self.judged {
+            judged.share = share as f32;
+        }
+        [self.path_share, self.contribution, self.all_squares] = [0; 3].map(|_| next());
         self.squares = Moments::pull_from(&mut next);
         self.fractions = Moments::pull_from(&mut next);
         self.returns = Returns::pull_from(&mut next);
         self.known_returns = Returns::pull_from(&mut next);
         self.shares = Moments::pull_from(&mut next);
+        self.merits = Moments::pull_from(&mut next);
         self.adam = Adam::from_numbers([0; 4].map(|_| next()));
         let spheres = [self.parallax, self.guide_parallax];
         let fractions = [f64::from(self.bsdf_fraction), self.path_share];
         spheres.iter().all(|s| s.to_array().iter().all(|x| x.is_finite()))
             && fractions.iter().all(|f| *f > 0.0 && *f <= 1.0)
+            && (0.0..=1.0).contains(&share)
             && scales.iter().all(|s| *s >= 0.0)
             && self.normals.is_finite()
     }

@@ -62,7 +62,7 @@ fn decode(model: &Model, backend: &Embedded, batch: &Batch, tensors: &mut Tensor
     let level = above.grow(batch, &[true, false, true, true]);
     let (n, p) = (level.rows.len(), above.rows.len());
     let (parents, skip) = (wave(p * width), wave(n * width));
-    let shares = vec![[0.25, -0.5, 0.0, 1.0]; batch.tree_start[1]];
+    let shares = vec![[0.25, -0.5, 0.0, 1.0, 0.5]; batch.tree_start[1]];
     let (geometry, base) = (level.geometry(&shares), wave(n));
     let inputs = DecodeInputs {
         rows: n,

@@ -1,0 +1,118 @@
+//! What a voxel could be sampled from next: a distribution, and a plainer one for where that is wrong.
+//!
+//! A network knows what light usually looks like, and is worth little where a scene has something else. So it never decides alone:
+//! samples drawn from what was proposed last also tell what any mixture of both proposals would have cost, and what measured best
+//! there is sampled next.
+
+use super::distribution::Distribution;
+use super::moments::Moments;
+use super::sampler::SamplingTree;
+
+/// A distribution and the part of the uniform one, in (0, 1], that has to be mixed into it.
+pub type Guess = (Distribution, f32);
+
+/// What reconstruction proposes for a voxel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Proposal {
+    /// Most of what is sampled until samples tell which is better.
+    pub first: Guess,
+    /// A plainer one; none where there is nothing plainer.
+    pub plain: Option<Guess>,
+}
+
+impl From<Guess> for Proposal {
+    fn from(first: Guess) -> Self {
+        Self { first, plain: None }
+    }
+}
+
+impl Proposal {
+    /// `share` of the first proposal, the rest of the plain one.
+    pub fn mixed(&self, share: f64) -> Guess {
+        match &self.plain {
+            Some(plain) if share <= 0.0 => plain.clone(),
+            Some(plain) if share < 1.0 => {
+                let uniform = share * f64::from(self.first.1) + (1.0 - share) * f64::from(plain.1);
+                (Distribution::blend(&self.first.0, &plain.0, share), uniform as f32)
+            }
+            _ => self.first.clone(),
+        }
+    }
+}
+
+/// Shares of the first proposal that are tried.
+pub const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
+
+/// The share where nothing was measured yet: a quarter of the other keeps the worst case at four times its variance.
+pub const UNTOLD: f64 = 0.75;
+/// Samples that tell as much as the largest ones, from which a share is chosen by what they say: few, because a guide that misses a
+/// light shows in few bright samples.
+pub const LEAST_EFFECTIVE: f64 = 2.0;
+
+/// Second moments under each of the [`SHARES`].
+pub type ShareMoments = Moments<{ SHARES.len() }>;
+
+/// The last proposals of a voxel as they are judged, the plain one first, and the share that was sampled.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Judged {
+    /// Plain and first.
+    pub trees: [SamplingTree; 2],
+    /// The share of the first.
+    pub share: f32,
+}
+
+impl Judged {
+    /// Both proposals; none where there is only one.
+    pub fn new(proposal: &Proposal, share: f64, most_inner: usize) -> Option<Self> {
+        let plain = proposal.plain.as_ref()?;
+        let trees = [plain, &proposal.first].map(|(of, uniform)| SamplingTree::new(of, *uniform, most_inner));
+        Some(Self { trees, share: share as f32 })
+    }
+
+    /// By a direction in this cell of level 20: the density of each mixture over that of what was sampled.
+    pub fn ratios(&self, cell: [u32; 2]) -> [f64; SHARES.len()] {
+        let [plain, first] = self.trees.each_ref().map(|tree| f64::from(tree.pdf_at(cell)));
+        let at = |share: f64| share * first + (1.0 - share) * plain;
+        let sampled = at(f64::from(self.share));
+        SHARES.map(|share| at(share) / sampled)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::guiding::topology::Topology;
+
+    fn quarters(weights: [f64; 4]) -> Distribution {
+        Distribution::from_leaf_weights(Topology::from_split(&[true, false, false, false, false]).unwrap(), &weights)
+    }
+
+    fn proposal() -> Proposal {
+        Proposal { first: (quarters([1.0, 0.0, 0.0, 0.0]), 0.1), plain: Some((quarters([0.0, 1.0, 1.0, 2.0]), 0.3)) }
+    }
+
+    #[test]
+    fn shares_mix_both_and_their_uniform_parts() {
+        let proposal = proposal();
+        assert_eq!(proposal.mixed(1.0), proposal.first);
+        assert_eq!(Some(proposal.mixed(0.0)), proposal.plain);
+        let (half, uniform) = proposal.mixed(0.5);
+        assert_eq!(half.leaf_mass(), [0.5, 0.125, 0.125, 0.25]);
+        assert!((uniform - 0.2).abs() < 1e-6);
+        let alone = Proposal::from(proposal.first.clone());
+        assert_eq!(alone.mixed(0.0), proposal.first, "there is nothing else");
+        assert_eq!(Judged::new(&alone, 1.0, 100), None);
+    }
+
+    /// Densities in the first quarter are those of the mixtures, uniform parts and all.
+    #[test]
+    fn a19_ratios_are_those_of_the_mixtures() {
+        let judged = Judged::new(&proposal(), 0.25, 100).unwrap();
+        let (first, plain) = (0.1 + 0.9 * 4.0, 0.3);
+        let sampled = 0.25 * first + 0.75 * plain;
+        for (ratio, share) in judged.ratios([0, 0]).into_iter().zip(SHARES) {
+            let expected = (share * first + (1.0 - share) * plain) / sampled;
+            assert!((ratio / expected - 1.0).abs() < 1e-3, "{share}: {ratio} {expected}");
+        }
+    }
+}
