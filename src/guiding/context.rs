@@ -99,11 +99,7 @@ fn pool(below: &[Counted], parents: &[u32], groups: usize) -> Vec<Counted> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guiding::topology::Topology;
-
-    fn quarters(weights: [f64; 4]) -> Distribution {
-        Distribution::from_leaf_weights(Topology::from_split(&[true, false, false, false, false]).unwrap(), &weights)
-    }
+    use crate::guiding::distribution::quarters;
 
     #[test]
     fn few_samples_yield_to_the_surroundings() {

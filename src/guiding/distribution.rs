@@ -313,6 +313,12 @@ pub fn relative_moment(cells: &[CommonCell], uniform: f64) -> f64 {
     cells.iter().map(term).sum()
 }
 
+/// A root whose four children are leaves of these weights, for tests of this module.
+#[cfg(test)]
+pub(super) fn quarters(weights: [f64; 4]) -> Distribution {
+    Distribution::from_leaf_weights(Topology::complete(1), &weights)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

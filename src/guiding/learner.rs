@@ -541,10 +541,12 @@ impl Voxel {
         self.squares.add([onward]);
         self.all_squares += all;
         self.returns.add([record.direct, record.estimate].map(f64::from));
-        if self.tree.target() != Target::Radiance && record.value > 0.0 {
-            self.weigh_kinds(record);
+        if self.kinds.is_some() || self.judged.is_some() {
+            let seen = self.guide_parallax.to_centre(record.point, record.direction);
+            let cell = cylindrical::to_cell(seen.direction);
+            self.weigh_kinds(record, cell);
+            self.weigh_proposals(record, cell);
         }
-        self.weigh_proposals(record);
         if self.guide.is_some() {
             self.fractions.add_estimates(&record.estimates(), LEARNING_FRACTION);
             if rule == FractionRule::Adam {
@@ -638,11 +640,12 @@ impl Voxel {
     }
 
     /// Judges the last iteration's trees of path samples and photons, and mixtures of them, by a path sample of this iteration:
-    /// its V over the density q estimates ∫f²/q.
-    fn weigh_kinds(&mut self, record: &PathRecord) {
+    /// its V over the density q in its cell of level 20 estimates ∫f²/q.
+    fn weigh_kinds(&mut self, record: &PathRecord, cell: [u32; 2]) {
         let Some(kinds) = &self.kinds else { return };
-        let seen = self.guide_parallax.to_centre(record.point, record.direction);
-        let cell = cylindrical::to_cell(seen.direction);
+        if self.tree.target() == Target::Radiance || record.value <= 0.0 {
+            return;
+        }
         let [path, photon] = [0, 1].map(|kind| f64::from(kinds[kind].pdf_at(cell)));
         let square = f64::from(record.value).powi(2);
         self.shares.add(PATH_SHARES.map(|share| square / (share * path + (1.0 - share) * photon)));
@@ -650,13 +653,11 @@ impl Voxel {
 
     /// Judges mixtures of the last proposals by what the path brought back from a direction that one of them was sampled for. Light
     /// that light sampling finds too says little about guides.
-    fn weigh_proposals(&mut self, record: &PathRecord) {
+    fn weigh_proposals(&mut self, record: &PathRecord, cell: [u32; 2]) {
         let Some(judged) = &self.judged else { return };
         let [onward, ..] = record.estimates();
         if onward.square > 0.0 {
-            let seen = self.guide_parallax.to_centre(record.point, record.direction);
-            let ratios = judged.ratios(cylindrical::to_cell(seen.direction));
-            self.merits.add(ratios.map(|ratio| onward.with_guide(ratio)));
+            self.merits.add(judged.ratios(cell).map(|ratio| onward.with_guide(ratio)));
         }
     }
 }

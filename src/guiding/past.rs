@@ -77,10 +77,7 @@ pub fn joined(own: Counted, past: Option<&Past>, part: f64) -> Counted {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn quarters(weights: [f64; 4]) -> Distribution {
-        Distribution::from_leaf_weights(Topology::from_split(&[true, false, false, false, false]).unwrap(), &weights)
-    }
+    use crate::guiding::distribution::quarters;
 
     #[test]
     fn what_is_older_fades() {

@@ -81,11 +81,7 @@ impl Judged {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guiding::topology::Topology;
-
-    fn quarters(weights: [f64; 4]) -> Distribution {
-        Distribution::from_leaf_weights(Topology::from_split(&[true, false, false, false, false]).unwrap(), &weights)
-    }
+    use crate::guiding::distribution::quarters;
 
     fn proposal() -> Proposal {
         Proposal { first: (quarters([1.0, 0.0, 0.0, 0.0]), 0.1), plain: Some((quarters([0.0, 1.0, 1.0, 2.0]), 0.3)) }

@@ -1,7 +1,7 @@
 //! A learner between two chunks as arrays of a file, so that an interrupted render can go on.
 //!
-//! For V voxels and O outliers, beside the arrays of the cache and of the trees `guide`, `counted`, `kinds` and `judged` (two of these per voxel), which
-//! guide files have too:
+//! For V voxels and O outliers, beside the arrays of the cache and of the trees `guide`, `counted`, `kinds` and `judged` (two of the
+//! latter per voxel), which guide files have too:
 //!
 //! | name | type | shape | |
 //! |---|---|---|---|
@@ -27,6 +27,7 @@ use super::super::parallax::Parallax;
 use super::super::past::Past;
 use super::super::proposal::Judged;
 use super::super::quadtree::Quadtree;
+use super::super::sampler::SamplingTree;
 use super::super::topology::Topology;
 use super::{Kept, Learner, LearnerSettings, Outlier, Outliers, Voxel};
 use crate::base::Result;
@@ -41,15 +42,9 @@ impl Learner {
         let empty = SpatialCache::new(Vec3::ZERO, 1.0);
         let voxels = &self.voxels;
         let trees = || voxels.iter().map(|v| &v.tree);
-        let offsets = trees().scan(0, |end, tree| {
-            *end += tree.topology().len() as u64;
-            Some(*end)
-        });
+        let offsets = ends(trees().map(|tree| tree.topology().len()));
         let pasts = || voxels.iter().filter_map(|v| v.past.as_ref());
-        let past_offsets = voxels.iter().scan(0, |end, voxel| {
-            *end += voxel.past.as_ref().map_or(0, |past| past.split().len()) as u64;
-            Some(*end)
-        });
+        let past_offsets = ends(voxels.iter().map(|v| v.past.as_ref().map_or(0, |past| past.split().len())));
         let past_samples = |v: &Voxel| v.past.as_ref().map_or(0.0, Past::samples).to_le_bytes();
         let flags = trees().flat_map(|tree| tree.topology().split_flags()).map(|split| [u8::from(split)]);
         let sums: Vec<u8> = trees().flat_map(|tree| tree.leaves().sums).flat_map(|x| x.to_le_bytes()).collect();
@@ -57,15 +52,14 @@ impl Learner {
         let numbers: Vec<f64> = voxels.iter().flat_map(Voxel::numbers).collect();
         let columns = numbers.len() / voxels.len().max(1);
         let bytes: Vec<u8> = numbers.into_iter().flat_map(f64::to_le_bytes).collect();
-        let kinds: Vec<_> =
-            voxels.iter().flat_map(|v| [0, 1].map(|i| v.kinds.as_ref().map(|kinds| &kinds[i]))).collect();
-        let judged: Vec<_> =
-            voxels.iter().flat_map(|v| [0, 1].map(|i| v.judged.as_ref().map(|judged| &judged.trees[i]))).collect();
+        let pairs = |of: fn(&Voxel) -> Option<&[SamplingTree; 2]>| -> Vec<_> {
+            voxels.iter().flat_map(|v| [0, 1].map(|i| of(v).map(|pair| &pair[i]))).collect()
+        };
         let mut all = cache_arrays(self.cache.as_ref().unwrap_or(&empty));
         all.extend(tree_arrays("guide", &voxels.iter().map(|v| v.guide.as_ref()).collect::<Vec<_>>()));
         all.extend(tree_arrays("counted", &voxels.iter().map(|v| v.counted.as_ref()).collect::<Vec<_>>()));
-        all.extend(tree_arrays("kinds", &kinds));
-        all.extend(tree_arrays("judged", &judged));
+        all.extend(tree_arrays("kinds", &pairs(|v| v.kinds.as_deref())));
+        all.extend(tree_arrays("judged", &pairs(|v| v.judged.as_deref().map(|judged| &judged.trees))));
         all.extend([
             vector("learner", Dtype::U64, state.into_iter().map(u64::to_le_bytes)),
             vector("past_mass", Dtype::F32, pasts().flat_map(Past::mass).map(|x| x.to_le_bytes())),
@@ -107,19 +101,14 @@ impl Learner {
         let numbers = file.read("voxel", Dtype::F64, Some(count), columns, f64::from_le_bytes)?;
         let mut voxels = Vec::with_capacity(count);
         let [guides, counted] = [read_trees(file, "guide", count)?, read_trees(file, "counted", count)?];
-        let mut kinds = read_trees(file, "kinds", 2 * count)?.into_iter();
-        let mut judged = read_trees(file, "judged", 2 * count)?.into_iter();
+        let [kinds, judged] = [read_pairs(file, "kinds", count)?, read_pairs(file, "judged", count)?];
+        let mut pairs = kinds.into_iter().zip(judged);
         let trees = self.read_quadtrees(file, count)?;
         for (v, ((tree, guide), counted)) in trees.into_iter().zip(guides).zip(counted).enumerate() {
             let mut voxel = Voxel { tree, guide, counted, ..empty() };
-            voxel.kinds = match (kinds.next().flatten(), kinds.next().flatten()) {
-                (Some(path), Some(photon)) => Some(Box::new([path, photon])),
-                _ => None,
-            };
-            voxel.judged = match (judged.next().flatten(), judged.next().flatten()) {
-                (Some(plain), Some(first)) => Some(Box::new(Judged { trees: [plain, first], share: 1.0 })),
-                _ => None,
-            };
+            let (kinds, judged) = pairs.next().unwrap_or_default();
+            voxel.kinds = kinds.map(Box::new);
+            voxel.judged = judged.map(|trees| Box::new(Judged { trees, share: 1.0 }));
             if !voxel.set_numbers(&numbers[v * columns..][..columns]) {
                 return file.fail("voxel", format!("the numbers of voxel {v} are out of range"));
             }
@@ -153,6 +142,25 @@ impl Learner {
         }
         Ok(trees)
     }
+}
+
+/// Where each of consecutive parts of these lengths ends.
+fn ends(lengths: impl Iterator<Item = usize>) -> impl Iterator<Item = u64> {
+    lengths.scan(0, |end, length| {
+        *end += length as u64;
+        Some(*end)
+    })
+}
+
+/// Two trees for each of `count` voxels, or none.
+fn read_pairs(file: &Tensors, kind: &str, count: usize) -> Result<Vec<Option<[SamplingTree; 2]>>> {
+    let mut trees = read_trees(file, kind, 2 * count)?.into_iter();
+    let mut next = || trees.next().flatten();
+    let pair = |_| {
+        let [first, second] = [next(), next()];
+        first.zip(second).map(<[_; 2]>::from)
+    };
+    Ok((0..count).map(pair).collect())
 }
 
 /// Gives voxels their past.
