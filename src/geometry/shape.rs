@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use glam::{Affine3A, Mat3, Vec2, Vec3};
+use glam::{Affine3A, DAffine3, Mat3, Vec2, Vec3};
 
 use super::mesh::Mesh;
 use super::sphere::Sphere;
+use crate::math::error_bound::gamma;
 use crate::sampling::discrete::Discrete;
 
 /// A placed surface.
@@ -32,8 +33,9 @@ pub enum Geometry {
         normal_to_world: Mat3,
         /// −1 where the placement mirrors the mesh and so turns its winding around; otherwise 1.
         winding: f32,
-        /// `to_world` is the identity: the mesh is in world coordinates.
-        in_world: bool,
+        /// Takes the magnitudes of a point's coordinates to bounds of their errors; none where `to_world` is the
+        /// identity: the mesh is in world coordinates.
+        rounding: Option<Box<Affine3A>>,
     },
     /// A sphere in world coordinates.
     Sphere(Sphere),
@@ -44,9 +46,9 @@ impl Shape {
     pub fn mesh(mesh: Arc<Mesh>, to_world: Affine3A, flip_normals: bool) -> Self {
         let normal_to_world = Mat3::from(to_world.matrix3).inverse().transpose();
         let winding = to_world.matrix3.determinant().signum();
-        let in_world = to_world == Affine3A::IDENTITY;
+        let rounding = (to_world != Affine3A::IDENTITY).then(|| Box::new(rounding(&to_world)));
         Self {
-            geometry: Geometry::Mesh { mesh, to_world, normal_to_world, winding, in_world },
+            geometry: Geometry::Mesh { mesh, to_world, normal_to_world, winding, rounding },
             flip_normals,
             turn: None,
         }
@@ -54,7 +56,7 @@ impl Shape {
 
     /// The same with a mesh of its own in world coordinates, which spares every hit the way there.
     pub fn in_world(self) -> Self {
-        let Geometry::Mesh { mesh, to_world, normal_to_world, winding, in_world: false } = &self.geometry else {
+        let Geometry::Mesh { mesh, to_world, normal_to_world, winding, rounding: Some(_) } = &self.geometry else {
             return self;
         };
         let placed = Mesh {
@@ -68,7 +70,7 @@ impl Shape {
             to_world: Affine3A::IDENTITY,
             normal_to_world: Mat3::IDENTITY,
             winding: *winding,
-            in_world: true,
+            rounding: None,
         };
         Self { geometry, ..self }
     }
@@ -87,11 +89,21 @@ impl Shape {
     #[inline]
     pub fn triangle(&self, index: u32) -> [Vec3; 3] {
         match &self.geometry {
-            Geometry::Mesh { mesh, to_world, in_world, .. } => {
+            Geometry::Mesh { mesh, to_world, rounding, .. } => {
                 let corners = mesh.triangles[index as usize].map(|v| mesh.positions[v as usize]);
-                if *in_world { corners } else { corners.map(|p| to_world.transform_point3(p)) }
+                if rounding.is_none() { corners } else { corners.map(|p| to_world.transform_point3(p)) }
             }
             Geometry::Sphere(_) => [Vec3::ZERO; 3],
+        }
+    }
+
+    /// Bounds of the errors of a triangle's point in the world, given what its coordinates were summed from, without
+    /// signs.
+    #[inline(always)]
+    pub fn error(&self, magnitudes: Vec3) -> Vec3 {
+        match &self.geometry {
+            Geometry::Mesh { rounding: Some(rounding), .. } => rounding.transform_point3(magnitudes),
+            _ => gamma(12) * magnitudes,
         }
     }
 
@@ -115,4 +127,24 @@ impl Shape {
             Geometry::Sphere(sphere) => Discrete::new([f64::from(sphere.area())]),
         }
     }
+}
+
+/// World to mesh in double precision: what is left to be bounded is its rounding to singles.
+pub(super) fn to_mesh(to_world: &Affine3A) -> DAffine3 {
+    to_world.as_daffine3().inverse()
+}
+
+/// See [`Geometry::Mesh`]. Rays meet an instance in the coordinates of its mesh, so the errors that count are those
+/// after a point has been taken there. With M the linear part of the placement, t its translation and N the inverse of
+/// M, the point q = N·(p − t) is rounded relative to |N|·|p|, |N|·|t| and itself, which is at most the sum of both; and
+/// the corners that p was made of relative to |M|·|q| (Pharr, Jakob, Humphreys 2023, §6.8). Seen in the world all are
+/// parts of |M|·|N|·(|p| + |t|). That is far more than |p| where a large t cancels, and where a turn carries the error
+/// of a large coordinate into a small one.
+///
+/// Five roundings make p, six take it to the mesh, five are those of the corners; and eight are for the direction,
+/// which is rounded four times, along a triangle twice as long as p is far from the origin.
+fn rounding(to_world: &Affine3A) -> Affine3A {
+    let placed = to_world.as_daffine3();
+    let spread = placed.matrix3.abs() * to_mesh(to_world).matrix3.abs() * f64::from(gamma(24));
+    DAffine3 { matrix3: spread, translation: spread * placed.translation.abs() }.as_affine3a()
 }

@@ -64,7 +64,7 @@ impl Surface {
         let [b1, b2] = hit.barycentric;
         let b0 = 1.0 - b1 - b2;
         let point = a * b0 + b * b1 + c * b2;
-        let error = gamma(12) * ((a * b0).abs() + (b * b1).abs() + (c * b2).abs());
+        let error = shape.error((a * b0).abs() + (b * b1).abs() + (c * b2).abs());
         let normal = winding * sign * (b - a).cross(c - a).normalize_or(Vec3::Z);
         let [ta, tb, tc] = shape.triangle_uvs(hit.triangle);
         let shading = shading_normal(shape, hit, [b0, b1, b2]).map_or(normal, |n| n * sign);
@@ -114,11 +114,11 @@ pub fn partials(surface: &Surface, hit: &Hit, shape: &Shape) -> Option<[Vec3; 2]
 }
 
 fn shading_normal(shape: &Shape, hit: &Hit, weights: [f32; 3]) -> Option<Vec3> {
-    let Geometry::Mesh { mesh, normal_to_world, in_world, .. } = &shape.geometry else { return None };
+    let Geometry::Mesh { mesh, normal_to_world, rounding, .. } = &shape.geometry else { return None };
     if mesh.normals.is_empty() {
         return None;
     }
     let vertices = mesh.triangles[hit.triangle as usize];
     let sum: Vec3 = vertices.iter().zip(weights).map(|(&v, w)| mesh.normals[v as usize] * w).sum();
-    if *in_world { sum.try_normalize() } else { (*normal_to_world * sum).try_normalize() }
+    if rounding.is_none() { sum.try_normalize() } else { (*normal_to_world * sum).try_normalize() }
 }

@@ -122,7 +122,7 @@ impl AreaLight {
                 let Placed { corners: [a, b, c], normal } = self.placed[triangle];
                 let [b1, b2] = warp::square_to_triangle([inside as f32, u[1]]);
                 let b0 = 1.0 - b1 - b2;
-                let error = gamma(12) * ((a * b0).abs() + (b * b1).abs() + (c * b2).abs());
+                let error = self.shape.error((a * b0).abs() + (b * b1).abs() + (c * b2).abs());
                 (a * b0 + b * b1 + c * b2, normal, error)
             }
         }

@@ -27,7 +27,7 @@ use rayon::prelude::*;
 
 use super::Ray;
 use super::mesh::Mesh;
-use super::shape::{Geometry, Shape};
+use super::shape::{Geometry, Shape, to_mesh};
 use super::sphere::Sphere;
 use node::Triangle;
 use query::Query;
@@ -109,7 +109,8 @@ impl Accel {
                             others.meshes.push(mesh_hierarchy(mesh, kernel));
                             others.meshes.len() as u32 - 1
                         });
-                        others.primitives.push(Primitive::Instance { mesh, shape: index, to_mesh: to_world.inverse() });
+                        let to_mesh = to_mesh(to_world).as_affine3a();
+                        others.primitives.push(Primitive::Instance { mesh, shape: index, to_mesh });
                         other_boxes.push(placed);
                     }
                 }
@@ -252,7 +253,13 @@ fn instance_box(shape: &Shape, mesh: &Mesh) -> Aabb {
         .filter(|&i| has_area(&corners(i)))
         .map(|i| Aabb::from_points(&shape.triangle(i).map(Vec3A::from)))
         .reduce(Aabb::empty, |a, b| a.union(&b));
-    widened(all)
+    let is_placed = matches!(shape.geometry, Geometry::Mesh { rounding: Some(_), .. });
+    if !(is_placed && all.valid()) {
+        return widened(all);
+    }
+    // Rays meet it in mesh coordinates, by whose rounding it is beside where its corners are.
+    let margin = Vec3A::from(shape.error(Vec3::from(all.min.abs().max(all.max.abs()))));
+    widened(Aabb::new(all.min - margin, all.max + margin))
 }
 
 /// Triangles up to which a mesh is stored for each shape that uses it: going to it by way of the shape costs more.
