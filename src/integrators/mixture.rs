@@ -1,5 +1,9 @@
 //! One-sample multiple importance sampling of BSDF and guide (Müller 2017 §3.3; Zhu 2021 eq. 5):
 //! p = α·p_bsdf + (1 − α)·p_guide.
+//!
+//! A delta lobe has no part in that: no guide can choose its direction. It is chosen as often as without a guide, with probability
+//! p_δ, and what the guide proposes is for the rest: p = α·p_bsdf + (1 − α)(1 − p_δ)·p_guide. Were it chosen when the BSDF is, a small
+//! α would make the mirror images in a varnished table noisy.
 
 use std::marker::PhantomData;
 
@@ -56,6 +60,8 @@ pub struct Mixture<'a, E> {
     /// without a look at all the others, this is most of what they would cost.
     plain: Option<(&'a Diffuse, bool)>,
     guide: Option<DirectionGuide<'a>>,
+    /// Probability of a delta lobe, p_δ; 0 without a guide, where nobody asks.
+    deltas: f32,
     /// What bumps hide; none where there are none.
     bumps: Option<Shadowing>,
     effects: PhantomData<E>,
@@ -100,7 +106,13 @@ impl<'a, E: Effects> Mixture<'a, E> {
             }
             _ => None,
         };
-        Self { surface, scattering, wo, plain, guide, bumps, effects: PhantomData }
+        let deltas = match scattering {
+            Scattering::Material(material) if E::MATERIALS && guide.is_some() => {
+                material.delta_probability(surface.uv, wo)
+            }
+            _ => 0.0,
+        };
+        Self { surface, scattering, wo, plain, guide, deltas, bumps, effects: PhantomData }
     }
 
     /// The part of the light from the world direction `wi`, in local coordinates `local`, that bumps do not hide.
@@ -139,7 +151,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         }
     }
 
-    /// A direction in the world by the surface or medium alone, less what bumps hide.
+    /// A direction in the world by the surface or medium alone, less what bumps hide, which may be all.
     #[inline(always)]
     fn draw(&self, random: &mut Random, transport: Transport) -> Option<(Vec3, BsdfSample)> {
         if !E::MATERIALS {
@@ -157,7 +169,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         };
         let direction = self.surface.frame.to_world(sample.wi);
         let unhidden = self.unhidden(direction, sample.wi);
-        (unhidden > 0.0).then(|| (direction, BsdfSample { weight: sample.weight * unhidden, ..sample }))
+        Some((direction, BsdfSample { weight: sample.weight * unhidden, ..sample }))
     }
 
     /// |cos θ| of a local direction.
@@ -177,7 +189,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         let pdf = self.density(self.surface.frame.to_local(wi));
         let Some(guide) = self.guide else { return (pdf, 1.0) };
         let bsdf = guide.bsdf_fraction * pdf;
-        let both = bsdf + (1.0 - guide.bsdf_fraction) * guide.pdf(wi);
+        let both = bsdf + (1.0 - guide.bsdf_fraction) * self.guided(guide.pdf(wi));
         (both, if both > 0.0 { bsdf / both } else { 1.0 })
     }
 
@@ -186,12 +198,16 @@ impl<'a, E: Effects> Mixture<'a, E> {
     pub fn sample(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
         let Some(guide) = self.guide else { return self.sample_bsdf(random, transport) };
         let alpha = guide.bsdf_fraction;
+        // Whether it is a delta lobe is only known once the BSDF was sampled.
+        let drawn = if self.deltas > 0.0 { Some(self.draw(random, transport)) } else { None };
+        if let Some(Some((direction, sample))) = &drawn
+            && sample.delta
+        {
+            return self.delta(*direction, sample);
+        }
         if random.next_f32() < alpha {
-            let (direction, sample) = self.draw(random, transport)?;
-            if sample.delta {
-                // No guide ever chooses a delta lobe's direction.
-                return Some(self.delta(&sample, alpha));
-            }
+            let drawn = if let Some(drawn) = drawn { drawn } else { self.draw(random, transport) };
+            let (direction, sample) = drawn?;
             let pdfs = [sample.pdf, guide.pdf(direction)];
             return self.combine(direction, sample.weight * sample.pdf, sample.wi, pdfs, alpha);
         }
@@ -210,8 +226,8 @@ impl<'a, E: Effects> Mixture<'a, E> {
         [bsdf_pdf, guide_pdf]: [f32; 2],
         alpha: f32,
     ) -> Option<MixtureSample> {
-        let pdf = alpha * bsdf_pdf + (1.0 - alpha) * guide_pdf;
-        if value == Vec3::ZERO {
+        let pdf = alpha * bsdf_pdf + (1.0 - alpha) * self.guided(guide_pdf);
+        if value == Vec3::ZERO || pdf <= 0.0 {
             return None;
         }
         let weight = value / pdf;
@@ -220,13 +236,21 @@ impl<'a, E: Effects> Mixture<'a, E> {
         Some(MixtureSample { direction, weight, bsdf_weight, value, cos: self.cos(wi), pdf, bsdf_share, delta: false })
     }
 
+    /// The density with which the guide is asked and answers with a direction of density `pdf`, 1 − α left out.
+    #[inline(always)]
+    fn guided(&self, pdf: f32) -> f32 {
+        if E::MATERIALS { (1.0 - self.deltas).max(0.0) * pdf } else { pdf }
+    }
+
     #[inline(always)]
     fn sample_bsdf(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
         let (direction, sample) = self.draw(random, transport)?;
         if sample.delta {
-            return Some(self.delta(&sample, 1.0));
+            return self.delta(direction, &sample);
         }
-        Some(MixtureSample {
+        // What bumps hide is not there; what is black is, and learned from.
+        let hidden = self.bumps.is_some() && sample.weight == Vec3::ZERO;
+        (!hidden).then(|| MixtureSample {
             direction,
             weight: sample.weight,
             bsdf_weight: sample.weight,
@@ -238,18 +262,18 @@ impl<'a, E: Effects> Mixture<'a, E> {
         })
     }
 
-    /// A delta lobe's direction, the BSDF having been sampled with probability `alpha`.
-    fn delta(&self, sample: &BsdfSample, alpha: f32) -> MixtureSample {
-        MixtureSample {
-            direction: self.surface.frame.to_world(sample.wi),
-            weight: sample.weight / alpha,
+    /// A delta lobe's direction; none where nothing comes from there.
+    fn delta(&self, direction: Vec3, sample: &BsdfSample) -> Option<MixtureSample> {
+        (sample.weight != Vec3::ZERO).then(|| MixtureSample {
+            direction,
+            weight: sample.weight,
             bsdf_weight: sample.weight,
             value: Vec3::ZERO,
             cos: self.cos(sample.wi),
-            pdf: sample.pdf * alpha,
+            pdf: sample.pdf,
             bsdf_share: 1.0,
             delta: true,
-        }
+        })
     }
 }
 

@@ -280,7 +280,9 @@ impl PathTracer<'_> {
             throughput *= sample.weight;
             // Without a guide both are the same.
             reflected = if E::GUIDING { reflected * sample.bsdf_weight } else { throughput };
-            let worth = importance.and_then(|importance| effort.survival(importance, carried));
+            // What a mirror shows has nothing to do with what the voxel's other directions send back.
+            let judging = importance.filter(|_| !sample.delta);
+            let worth = judging.and_then(|importance| effort.survival(importance, carried));
             let judged = if E::GUIDING { throughput.max(reflected) } else { throughput };
             let survival = worth.unwrap_or_else(|| self.survival(depth, judged));
             let survives = survival >= 1.0 || random.next_f32() < survival;

@@ -34,6 +34,12 @@ impl Blend {
         self.parts[0].pdf(uv, wo, wi) * a + self.parts[1].pdf(uv, wo, wi) * b
     }
 
+    /// Probability with which [`Blend::sample`] chooses a delta lobe.
+    pub fn delta_probability(&self, uv: Vec2, wo: Vec3) -> f32 {
+        let [a, b] = self.weights(uv);
+        self.parts[0].delta_probability(uv, wo) * a + self.parts[1].delta_probability(uv, wo) * b
+    }
+
     /// Samples one of the two, chosen by weight.
     pub fn sample(&self, uv: Vec2, wo: Vec3, random: &mut Random, transport: Transport) -> Option<BsdfSample> {
         let weights = self.weights(uv);

@@ -128,6 +128,18 @@ impl Material {
         }
     }
 
+    /// Probability with which [`Material::sample`] chooses a delta lobe.
+    pub fn delta_probability(&self, uv: Vec2, wo: Vec3) -> f32 {
+        let (wo, _) = self.to_front(wo, wo);
+        match &self.kind {
+            Kind::Conductor(_) if wo.z <= 0.0 => 0.0,
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => 1.0,
+            Kind::Plastic(m) => m.delta_probability(wo),
+            Kind::Blend(m) => m.delta_probability(uv, wo),
+            Kind::Diffuse(_) | Kind::RoughConductor(_) | Kind::RoughDielectric(_) | Kind::Principled(_) => 0.0,
+        }
+    }
+
     /// f(wo, wi)·|cos θᵢ| of the lobes that are not delta, sr⁻¹.
     pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
         let (wo, wi) = self.to_front(wo, wi);

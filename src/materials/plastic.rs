@@ -108,6 +108,11 @@ impl Plastic {
             })
     }
 
+    /// Probability with which [`Plastic::sample`] reflects at a smooth coat.
+    pub fn delta_probability(&self, wo: Vec3) -> f32 {
+        if self.facets.is_some() || wo.z <= 0.0 { 0.0 } else { self.probabilities(wo)[0] }
+    }
+
     /// How often the coat is sampled, and the base.
     fn probabilities(&self, wo: Vec3) -> [f32; 2] {
         let passed = self.transmitted(wo.z);
