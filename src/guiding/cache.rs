@@ -416,4 +416,19 @@ mod tests {
         assert!(SpatialCache::fit(&[], 20.0).find(Vec3::ZERO, UP).is_none());
         assert!(SpatialCache::fit(&[Vec3::ONE; 5], 20.0).find(Vec3::ONE, UP).is_none());
     }
+
+    /// A few hits on a ground plane that reaches to the horizon, and points that are none, leave the cells as small as
+    /// what else is seen wants them. Cells as large as the way to the farthest hit would make one voxel of everything.
+    #[test]
+    fn a06_far_hits_do_not_set_the_scale() {
+        let mut random = Random::new(2, 0, 0);
+        let near: Vec<Vec3> =
+            (0..1000).map(|_| Vec3::new(random.next_f32(), random.next_f32(), random.next_f32())).collect();
+        let far = [[Vec3::splat(1e8); 3].as_slice(), &[Vec3::INFINITY; 10], &[Vec3::NAN; 10]].concat();
+        let (alone, all) = (SpatialCache::fit(&near, 24.0), SpatialCache::fit(&[near, far].concat(), 24.0));
+        assert_eq!(all.origin, alone.origin);
+        // Of the upper end three points more are kept.
+        assert!((all.cell / alone.cell - 1.0).abs() < 0.02, "{} {}", all.cell, alone.cell);
+        assert!((all.cell - 3f32.sqrt() / 24.0).abs() < 2e-3, "{}", all.cell);
+    }
 }

@@ -407,7 +407,7 @@ impl Learner {
         let guides: Vec<Option<(Guess, Proposal, f64)>> = proposals.into_par_iter().enumerate().map(mixed).collect();
         let cap = self.inner_nodes_cap(guides.iter().flatten().map(|(guide, ..)| &guide.0));
         let priors = pooled(&self.voxels, ancestry, |v| &v.fractions);
-        let returns = pooled(&self.voxels, ancestry, |v| &v.returns);
+        let returns = pooled_returns(&self.voxels, ancestry);
         let LearnerSettings { fraction: rule, keeps_evidence, .. } = self.settings;
         self.voxels.par_iter_mut().zip(guides).enumerate().for_each(|(v, (voxel, guide))| {
             voxel.kinds = voxel.kinds();
@@ -720,6 +720,18 @@ fn pooled<const N: usize>(
     for (v, voxel) in voxels.iter().enumerate() {
         blocks[ancestry.block(v)].merge(moments(voxel));
     }
+    blocks
+}
+
+/// What the blocks send back, each with the whole scene as its surroundings.
+fn pooled_returns(voxels: &[Voxel], ancestry: &Ancestry) -> Vec<Returns> {
+    let mut blocks = vec![Returns::default(); ancestry.sizes[1]];
+    let mut scene = Returns::default();
+    for (v, voxel) in voxels.iter().enumerate() {
+        blocks[ancestry.block(v)].merge(&voxel.returns);
+        scene.merge(&voxel.returns);
+    }
+    blocks.iter_mut().for_each(|block| block.add_scene(&scene));
     blocks
 }
 

@@ -103,6 +103,11 @@ impl<const N: usize> Moments<N> {
         Self { sums: [0; N].map(|_| next()), squares: next(), samples: next() }
     }
 
+    /// Number of samples.
+    pub fn samples(&self) -> f64 {
+        self.samples
+    }
+
     /// Sums over the samples.
     pub fn sums(&self) -> [f64; N] {
         self.sums
@@ -267,6 +272,32 @@ mod tests {
         assert!(moments.sums.iter().zip(before.sums).all(|(a, b)| (a / b - 1.0).abs() < 1e-6));
         assert!((moments.effective() / before.effective() - 1.0).abs() < 1e-3);
         assert_eq!(moments.samples, before.samples);
+    }
+
+    /// Estimates of nothing, of next to nothing, as large as numbers are and none at all, 100,000 of them: what
+    /// overflows is left out, and what is decided keeps a tenth of BSDF samples. (What a fraction of 1 means is tested
+    /// in hard_trees.rs.)
+    #[test]
+    fn a14_extreme_estimates_decide_nothing_extreme() {
+        let squares = [0.0, 5e-324, 1e-30, 1.0, 1e30, 1e140, f64::MAX, f64::INFINITY, f64::NAN];
+        let shares = [0.0, f32::MIN_POSITIVE, 0.5, 1.0, f32::NAN];
+        let ratios = [0.0, 1e-30, 1.0, f32::MAX, f32::INFINITY];
+        let mut random = Random::new(11, 0, 0);
+        let mut moments = Moments::<8>::default();
+        let mut decided = 0;
+        for _ in 0..100_000 {
+            let mut any = |count: usize| random.below(count as u32) as usize;
+            let (square, bsdf_share) = (squares[any(squares.len())], shares[any(shares.len())]);
+            let light_ratio = ratios[any(ratios.len())];
+            moments.add_estimates(&[Estimate { square, bsdf_share, light_ratio }], 0.5);
+            let sums = moments.sums();
+            assert!(sums.iter().all(|sum| *sum >= 0.0 && sum.is_finite()), "{square} {bsdf_share} {light_ratio}");
+            let fraction = moments.best().map_or(0.5, |best| FRACTIONS[best]);
+            assert!((0.1..=1.0).contains(&fraction) && moments.gain() > 0.0 && moments.gain() <= 1.0, "{moments:?}");
+            assert!(moments.relative(0.5, fraction).iter().all(|m| *m > 0.0 && m.is_finite()), "{moments:?}");
+            decided += usize::from(moments.best().is_some());
+        }
+        assert!(decided > 50_000, "{decided} decisions");
     }
 
     #[test]
