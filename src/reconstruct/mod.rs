@@ -218,14 +218,13 @@ impl Reconstructor for Neural {
             return Err(Error::Backend { backend: self.backend.name(), message });
         }
         let inputs: Vec<_> = trees.iter().map(TreeInput::from).collect();
-        let reconstructed = neural::reconstruct_batch(&self.model, self.backend.as_ref(), &inputs)?;
-        let gaussian = gaussian::Gaussian::default();
-        let proposal = |(reconstructed, input): (Reconstructed, &TreeInput)| {
+        let corrected = neural::correct_batch(&self.model, self.backend.as_ref(), &inputs)?;
+        let proposal = |(reconstructed, smoothed): (Reconstructed, Distribution)| {
             let first = Distribution::from_shares(reconstructed.topology, &reconstructed.node_share);
-            let plain = Some((gaussian.smooth_tree(input), gaussian.uniform));
+            let plain = Some((smoothed, gaussian::Gaussian::default().uniform));
             Proposal { first: (first, self.model.config.uniform), plain }
         };
-        Ok(reconstructed.into_par_iter().zip(&inputs).map(proposal).collect())
+        Ok(corrected.into_par_iter().map(proposal).collect())
     }
 }
 

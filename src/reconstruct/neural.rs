@@ -6,6 +6,7 @@ use super::gaussian::Gaussian;
 use super::growth::Growth;
 use super::{Reconstructed, TreeInput};
 use crate::base::{Error, Result};
+use crate::guiding::distribution::Distribution;
 use crate::guiding::features::{FEATURES, NodeInputs, node_inputs};
 use crate::guiding::topology::Topology;
 use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
@@ -22,12 +23,25 @@ const TREE_NODES: usize = 400;
 /// Reconstructs all trees; the result's order is that of `inputs`, and does not depend on the number of threads.
 ///
 /// Every root is split. A decoded node is split while its leaf probability is below the configured threshold, its share of
-/// the tree above the configured minimum, and its level above [`MAX_LEVEL`]; of more splits than
+/// the tree above the configured minimum, and its level above
+/// [`MAX_LEVEL`](crate::guiding::topology::MAX_LEVEL); of more splits than
 /// [`MAX_NODES`](crate::guiding::topology::MAX_NODES) allow, the most energetic remain.
 ///
 /// # Errors
 /// [`Error::Backend`] if the backend fails or a tree's sums do not match its leaves.
 pub fn reconstruct_batch(model: &Model, backend: &dyn Backend, inputs: &[TreeInput]) -> Result<Vec<Reconstructed>> {
+    Ok(correct_batch(model, backend, inputs)?.into_iter().map(|(reconstructed, _)| reconstructed).collect())
+}
+
+/// The same, each beside the smoothed tree that it corrects.
+///
+/// # Errors
+/// As [`reconstruct_batch`].
+pub fn correct_batch(
+    model: &Model,
+    backend: &dyn Backend,
+    inputs: &[TreeInput],
+) -> Result<Vec<(Reconstructed, Distribution)>> {
     let parts: Vec<_> = partition(inputs).par_iter().map(|part| reconstruct(&model.config, backend, part)).collect();
     let parts = parts.into_iter().collect::<Result<Vec<_>>>()?;
     Ok(parts.into_iter().flatten().collect())
@@ -46,13 +60,18 @@ fn partition<'a, 'b>(inputs: &'b [TreeInput<'a>]) -> Vec<&'b [TreeInput<'a>]> {
     parts
 }
 
-fn reconstruct(config: &Config, backend: &dyn Backend, inputs: &[TreeInput]) -> Result<Vec<Reconstructed>> {
+fn reconstruct(
+    config: &Config,
+    backend: &dyn Backend,
+    inputs: &[TreeInput],
+) -> Result<Vec<(Reconstructed, Distribution)>> {
     let fail = |message| Error::Backend { backend: backend.name(), message };
     let encoded: Vec<_> = inputs.iter().map(|input| config.encoded(input.counted)).collect();
     let inputs: Vec<_> = inputs.iter().zip(&encoded).map(|(input, counted)| TreeInput { counted, ..*input }).collect();
     let topologies: Vec<&Topology> = inputs.iter().map(|input| input.counted.topology()).collect();
     let batch = Batch::new(&topologies);
-    let nodes = all_inputs(&inputs);
+    let smoothed: Vec<Distribution> = inputs.iter().map(smoothed).collect();
+    let nodes = all_inputs(&inputs, &smoothed);
     let encoded = encode(config, backend, &batch, &nodes.features)?;
 
     let mut growth = Growth::roots(inputs.len());
@@ -61,7 +80,7 @@ fn reconstruct(config: &Config, backend: &dyn Backend, inputs: &[TreeInput]) -> 
     loop {
         let mut level = above.grow(&batch, growth.split());
         if level.rows.is_empty() {
-            return growth.finish(fail);
+            return Ok(growth.finish(fail)?.into_iter().zip(smoothed).collect());
         }
         let output = decode(config, backend, &level, &parents, encoded.get(level.level), &nodes)?;
         growth.add(&level.rows.tree, &level.rows.parent, &output.share, |row, mass| {
@@ -73,10 +92,10 @@ fn reconstruct(config: &Config, backend: &dyn Backend, inputs: &[TreeInput]) -> 
 }
 
 /// What the network reads of all trees, concatenated.
-fn all_inputs(inputs: &[TreeInput]) -> NodeInputs {
+fn all_inputs(inputs: &[TreeInput], smoothed: &[Distribution]) -> NodeInputs {
     let mut all = NodeInputs::default();
-    for input in inputs {
-        let nodes = inputs_of(input);
+    for (input, smoothed) in inputs.iter().zip(smoothed) {
+        let nodes = corrected_inputs(input, smoothed);
         all.features.extend(nodes.features);
         all.log_shares.extend(nodes.log_shares);
         all.base.extend(nodes.base);
@@ -84,9 +103,17 @@ fn all_inputs(inputs: &[TreeInput]) -> NodeInputs {
     all
 }
 
-/// What the network reads of one tree: it is smoothed with the default [`Gaussian`], which is what the network corrects.
+/// What the network reads of one tree.
 pub fn inputs_of(input: &TreeInput) -> NodeInputs {
-    let smoothed = Gaussian::default().smooth_tree(input);
+    corrected_inputs(input, &smoothed(input))
+}
+
+/// What the network corrects: the tree smoothed with the default [`Gaussian`].
+fn smoothed(input: &TreeInput) -> Distribution {
+    Gaussian::default().smooth_tree(input)
+}
+
+fn corrected_inputs(input: &TreeInput, smoothed: &Distribution) -> NodeInputs {
     node_inputs(input.counted, smoothed.node_mass(), &input.own, input.block, input.traits)
 }
 
