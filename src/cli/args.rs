@@ -250,7 +250,7 @@ pub struct RenderArgs {
     /// What guiding distributions are proportional to [default: by --guide]
     #[arg(long, value_enum)]
     pub target: Option<Target>,
-    /// What trees learn of light that light sampling finds too [default: all; nothing for --guide ppg and neural]
+    /// What trees learn of light that light sampling finds too [default: all; nothing for --guide ppg]
     #[arg(long, value_enum)]
     pub direct: Option<DirectLight>,
     /// How often the BSDF is sampled instead of the guide [default: moments; half for --guide ppg]

@@ -40,9 +40,16 @@ struct Photon {
 
 impl Photon {
     /// A guided camera ray is rewarded for leaving in this photon's direction only if it can still reach the light by BSDF
-    /// sampling or next event estimation at a later vertex (see SEMANTICS: what a light path deposits).
+    /// sampling or next event estimation at a later vertex.
     fn is_useful(&self, nee: bool) -> bool {
         self.scattered || (self.reachable && (self.delta_chain > 0 || !nee))
+    }
+
+    /// Whether its power is finite; a photon that ends because it is not is counted.
+    fn is_finite(&self, count: &mut RayCount) -> bool {
+        let finite = self.power.is_finite();
+        count.dropped += u64::from(!finite);
+        finite
     }
 }
 
@@ -75,6 +82,9 @@ impl PhotonTracer<'_> {
         count: &mut RayCount,
     ) {
         let Some((emission, mut photon)) = self.emit(start) else { return };
+        if !photon.is_finite(count) {
+            return;
+        }
         photon.power /= paths as f32;
         let begun = channel_mean(photon.power);
         let mut ray = emission.ray;
@@ -84,6 +94,9 @@ impl PhotonTracer<'_> {
             count.rays += 1;
             let (arrival, passed) = self.scene.advance::<E>(&ray, &mut medium, photon.power, random);
             photon.power *= passed;
+            if !photon.is_finite(count) {
+                return;
+            }
             let Some((surface, scattering)) = Scattering::at(self.scene, arrival) else { return };
             let on_surface = scattering.is_material();
             if !scattering.is_delta() && photon.is_useful(self.settings.nee) {
@@ -95,8 +108,7 @@ impl PhotonTracer<'_> {
             if on_surface {
                 photon.power *= shading_correction(&surface, -ray.direction, sample.direction);
             }
-            if !photon.power.is_finite() {
-                count.dropped += 1;
+            if !photon.is_finite(count) {
                 return;
             }
             let survival = self.survival(depth, channel_mean(photon.power) / begun);
@@ -125,7 +137,7 @@ impl PhotonTracer<'_> {
             reachable: light.is_reachable(),
             at_infinity: light.is_at_infinity(),
         };
-        (photon.power.is_finite() && photon.power != Vec3::ZERO).then_some((emission, photon))
+        (photon.power != Vec3::ZERO).then_some((emission, photon))
     }
 
     fn survival(&self, depth: u32, relative: f32) -> f32 {

@@ -164,7 +164,8 @@ pub struct LightSet {
     tree: LightTree,
     /// Those that shine from infinitely far away over all directions.
     around: Vec<u32>,
-    /// For photons: by power.
+    /// For photons: half evenly over all lights that shine, half by power, since a sky over a large ground has a million times the
+    /// power of the lamp in the room that is looked at.
     pub emission: Discrete,
 }
 
@@ -193,7 +194,7 @@ impl LightSet {
             selection: Discrete::new(distant),
             tree: LightTree::new(&bounds),
             around: (0..).zip(&lights).filter(|(_, light)| light.is_around()).map(|(index, _)| index).collect(),
-            emission: Discrete::new(power.iter().copied()),
+            emission: Discrete::new(power.iter().map(|&p| if p > 0.0 { weight(p) } else { 0.0 })),
             lights,
         }
     }

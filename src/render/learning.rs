@@ -128,8 +128,9 @@ impl Learning {
         let nodes = self.learner.trees().iter().map(|t| t.leaves().topology.len()).sum();
         if self.photon_share > 0.0 {
             let least = if self.iterations < PATIENCE { LEAST_PHOTONS } else { 0.0 };
-            let wanted = self.learner.photon_gain().map_or(self.photon_share, photon_share);
-            self.photon_share = wanted.max(least);
+            let arrived = self.learner.trees().iter().any(|tree| tree.counts()[1] > 0);
+            let unknown = if arrived { self.photon_share } else { 0.0 };
+            self.photon_share = self.learner.photon_gain().map_or(unknown, photon_share).max(least);
         }
         self.iterations += 1;
         let begun = Instant::now();

@@ -254,7 +254,8 @@ impl<'a> Run<'a> {
             settings: self.settings,
             window: self.window,
             filter: &self.filter,
-            field,
+            // One without voxels, of a guide that was given up or not begun, would only be looked up in vain.
+            field: field.filter(|field| !field.voxels().is_empty()),
             target: learning.as_ref().map_or(self.settings.learner.target, |l| l.learner.target()),
             picture,
             first_sample: self.state.rendered - *spp,

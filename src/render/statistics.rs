@@ -136,6 +136,8 @@ pub struct Statistics {
     pub dropped_samples: u64,
     /// Why.
     pub dropped: Drops,
+    /// Triangles of the scene that have no area and were left out.
+    pub skipped_triangles: usize,
     /// Guiding.
     pub guide: GuideStatistics,
     /// Learning.

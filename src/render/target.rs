@@ -17,6 +17,8 @@ const FIRST: u32 = 16;
 const GROWTH: f64 = 1.1;
 /// Samples per pixel of a half at which even an unreachable target ends.
 const MOST: u32 = 1 << 23;
+/// Samples per pixel at which a picture without any noise is believed; before, it may be black because no light was found yet.
+const UNSEEN: u32 = 256;
 
 /// Weights of the two halves.
 const EQUAL: [f64; 2] = [0.5; 2];
@@ -58,7 +60,8 @@ impl Run<'_> {
             let errors = variances.map(|v| v / (2.0 * f64::from(each)));
             for (half, error) in [(0, errors[1]), (1, errors[0])] {
                 let Half { pass, done } = &self.state.halves[half];
-                if done.is_none() && error <= target {
+                let seen = error > 0.0 || each >= UNSEEN;
+                if done.is_none() && error <= target && seen {
                     self.state.halves[half].done = Some(self.finished(pass));
                 }
             }

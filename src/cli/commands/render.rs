@@ -161,6 +161,7 @@ fn render(
     statistics.scene = request.scene.display().to_string();
     statistics.seconds.build = build;
     statistics.effects = plan.effects;
+    statistics.skipped_triangles = loaded.skipped_triangles;
     if let Some(reference) = reference {
         let measures = measure(&outcome.image, reference)?;
         statistics.errors.push(ErrorPoint::new(statistics.seconds.total, statistics.spp, &measures));
