@@ -17,7 +17,7 @@ use crate::film::{Pass, PixelFilter, Window};
 use crate::guiding::cache::{Bounds, VoxelId};
 use crate::guiding::distribution::{Distribution, kl};
 use crate::guiding::learner::CountedTree;
-use crate::guiding::leaves::distribution_of_values;
+use crate::guiding::leaves::{Target as Quantity, distribution_of_values};
 use crate::guiding::quadtree::Quadtree;
 use crate::guiding::topology::Topology;
 use crate::network::config::Mode;
@@ -94,6 +94,7 @@ pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<(Vec<TreeSampl
     let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
     settings.transport.max_depth = loaded.file.render.max_depth;
     settings.seed = job.seed;
+    settings.learner.target = recipe.target;
     settings.learner.resolution = recipe.grids[job.index as usize % recipe.grids.len()] as f32;
     settings.learner.voxel_samples = u32::MAX;
     settings.learner.memory = 1 << 30;
@@ -178,7 +179,8 @@ impl Run<'_> {
             self.pass((spp.saturating_sub(spent) / 2).max(1));
             halves.push(self.learning.learner.trees().into_iter().cloned().collect::<Vec<Quadtree>>());
         }
-        Ok(halves[0].iter().zip(&halves[1]).map(|(first, second)| Target::of(first, second)).collect())
+        let quantity = self.settings.learner.target;
+        Ok(halves[0].iter().zip(&halves[1]).map(|(first, second)| Target::of(first, second, quantity)).collect())
     }
 
     /// Runs the iterations, and takes the trees of evenly drawn voxels after each that the recipe lists.
@@ -258,14 +260,14 @@ fn pair_of(tree: &CountedTree, target: &Target) -> TreeSample {
 
 impl Target {
     /// What two independent halves say together; none where they have too few samples or too little in common.
-    fn of(first: &Quadtree, second: &Quadtree) -> Option<Self> {
+    fn of(first: &Quadtree, second: &Quadtree, quantity: Quantity) -> Option<Self> {
         let topology = first.topology();
         if topology != second.topology() {
             return None;
         }
         let sum = |a: Vec<f64>, b: Vec<f64>| a.iter().zip(&b).map(|(x, y)| x + y).collect::<Vec<f64>>();
         let (a, b) = (first.path_values(), second.path_values());
-        let distribution = |values: &[f64]| distribution_of_values(topology, values);
+        let distribution = |values: &[f64]| distribution_of_values(topology, values, quantity);
         let floor_kl = kl(&distribution(&a), &distribution(&b), FLOOR_UNIFORM) as f32;
         let samples = u64::from(first.counts()[0]) + u64::from(second.counts()[0]);
         let both = sum(a, b);

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::shard::{TreeSample, VERSION, read_shard};
 use crate::base::files::{read_bytes, write_atomically};
 use crate::base::{Error, Place, Result};
+use crate::guiding::leaves::Target;
 use crate::network::config::Mode;
 
 /// Name of the index in a data folder.
@@ -150,11 +151,16 @@ pub fn read_datasets(folders: &[PathBuf]) -> Result<Dataset> {
 
 fn read_entry(folder: &Path, entry: &ShardEntry) -> Result<Vec<TreeSample>> {
     let path = folder.join(&entry.file);
-    let trees = read_shard(&path)?;
+    let mut trees = read_shard(&path)?;
     if trees.len() as u64 != entry.samples {
         let message = format!("{} trees, the index says {}", trees.len(), entry.samples);
         return Err(Error::malformed(Place::file(path), message));
     }
+    let Some(quantity) = Target::named(&entry.mode.target) else {
+        let place = Place::part(folder.join(INDEX_FILE), "mode.target");
+        return Err(Error::malformed(place, format!("there is no target {:?}", entry.mode.target)));
+    };
+    trees.iter_mut().for_each(|tree| tree.quantity = quantity);
     Ok(trees)
 }
 

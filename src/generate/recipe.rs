@@ -10,6 +10,7 @@ use crate::base::error::At;
 use crate::base::files::read_bytes;
 use crate::base::random::Random;
 use crate::base::{Error, Place, Result};
+use crate::guiding::leaves::Target;
 
 /// Largest accepted recipe file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
@@ -35,6 +36,9 @@ pub struct Recipe {
     /// Cells of the spatial cache along the diagonal of what the camera sees; scenes of a family take them in turn.
     #[serde(default = "default_grids")]
     pub grids: Vec<u32>,
+    /// What trees hold and so what a network learns to make: `variance`, which rendering uses, or `radiance`.
+    #[serde(default = "default_target")]
+    pub target: Target,
     /// Camera paths per pixel that targets are collected from.
     pub target_spp: u32,
     /// At most so many trees are kept of a scene, drawn evenly.
@@ -127,6 +131,10 @@ fn default_held_out() -> f64 {
     0.15
 }
 
+fn default_target() -> Target {
+    Target::Variance
+}
+
 fn default_runs() -> u32 {
     4
 }
@@ -187,6 +195,7 @@ impl Recipe {
                 !self.grids.is_empty() && self.grids.iter().all(|g| (1..=1024).contains(g)),
                 "need one or more of 1 to 1024",
             ),
+            ("target", self.target != Target::VariancePixel, "variance-pixel needs pictures, which data have none of"),
             ("target_spp", (1..=1 << 24).contains(&self.target_spp), "must be 1 to 16777216"),
             ("runs", (1..=64).contains(&self.runs), "must be 1 to 64"),
             ("max_trees_per_scene", self.max_trees_per_scene > 0, "must not be 0"),
@@ -226,6 +235,7 @@ impl Recipe {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::{GuideMode, RenderSettings, StopRule};
 
     const GOOD: &str = "name = \"a\"\nseed = 1\nheld_out = 0.25\niterations = [1, 2]\ntarget_spp = 64\n\
                         max_trees_per_scene = 8\n[[family]]\nname = \"rooms\"\nscenes = 10\n\
@@ -246,6 +256,16 @@ mod tests {
     }
 
     #[test]
+    fn what_is_learned_can_be_chosen() {
+        assert_eq!(
+            parse(GOOD).unwrap().target,
+            RenderSettings::new(GuideMode::Neural, StopRule::Spp(1)).learner.target
+        );
+        let radiance = GOOD.replace("seed = 1", "seed = 1\ntarget = \"radiance\"");
+        assert_eq!(parse(&radiance).unwrap().target, Target::Radiance);
+    }
+
+    #[test]
     fn scenes_in_files_follow_those_of_families() {
         let text =
             GOOD.to_owned() + "[[scene]]\nfile = \"../a/scene.json\"\nheld_out = true\n[[scene]]\nfile = \"b.xml\"\n";
@@ -261,6 +281,8 @@ mod tests {
         for (from, to, place) in [
             ("seed = 1", "seed = -1", "r.toml:2"),
             ("seed = 1", "seed = 1\nsede = 2", "r.toml:3"),
+            ("seed = 1", "seed = 1\ntarget = \"energy\"", "r.toml:3"),
+            ("seed = 1", "seed = 1\ntarget = \"variance-pixel\"", "r.toml (target)"),
             ("\"rooms\"", "\"halls\"", "r.toml:8"),
             ("0.25", "1.0", "r.toml (held_out)"),
             ("[1, 2]", "[]", "r.toml (iterations)"),

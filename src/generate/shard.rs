@@ -29,7 +29,7 @@ use crate::base::{Error, Place, Result};
 use glam::Vec3;
 
 use crate::guiding::features::Traits;
-use crate::guiding::leaves::NETWORK_CHANNELS;
+use crate::guiding::leaves::{NETWORK_CHANNELS, Target};
 use crate::guiding::topology::Topology;
 
 /// The version of shards that this program reads. 4: inputs have earlier iterations in them, and the block around them.
@@ -70,6 +70,8 @@ pub struct TreeSample {
     pub block_samples: [f32; 2],
     /// What is known of the voxel as a whole.
     pub traits: Traits,
+    /// What the sums of path samples are of. Not in the shard: the index's mode says it.
+    pub quantity: Target,
     /// Split flags of the converged tree, Q_gt.
     pub target_split: Vec<bool>,
     /// Mass per leaf of Q_gt; the sum is 1.
@@ -99,6 +101,7 @@ impl Default for TreeSample {
             block: vec![1.0],
             block_samples: [0.0; 2],
             traits: Traits::default(),
+            quantity: Target::Variance,
             target_split: vec![false],
             target: vec![1.0],
             target_bsdf: vec![1.0],
@@ -291,6 +294,7 @@ impl Reader<'_> {
                         normal: Vec3::new(traits[1], traits[2], traits[3]),
                         nearness: traits[4],
                     },
+                    quantity: Target::Variance,
                     target_split: target.split_of(t),
                     target: target_mass[target.leaves(t)..target.leaves(t + 1)].to_vec(),
                     target_bsdf: target_bsdf[target.leaves(t)..target.leaves(t + 1)].to_vec(),
@@ -356,6 +360,7 @@ mod tests {
                 normal: Vec3::new(0.0, 0.6, 0.8),
                 nearness: 0.5,
             },
+            quantity: Target::Variance,
             target_split: vec![true, false, true, false, false, false, false, false, false],
             target: vec![0.25, 0.25, 0.25, 0.1, 0.05, 0.05, 0.05],
             target_bsdf: vec![0.5, 0.0, 0.25, 0.1, 0.05, 0.05, 0.05],

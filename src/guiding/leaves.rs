@@ -20,6 +20,11 @@ pub enum Target {
 }
 
 impl Target {
+    /// The one of this [name](Self::name).
+    pub fn named(name: &str) -> Option<Self> {
+        [Self::Radiance, Self::Variance, Self::VariancePixel].into_iter().find(|target| target.name() == name)
+    }
+
     /// Its name on the command line, in shards and in models.
     pub fn name(self) -> &'static str {
         match self {
@@ -45,7 +50,7 @@ impl Target {
 /// BSDF samples, of which a guide leaves few.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DirectLight {
-    /// Nothing (SEMANTICS: NEE on).
+    /// Nothing: light sampling handles it.
     Nothing,
     /// What is left for hitting it, by the weights of multiple importance sampling.
     Weighted,
@@ -163,9 +168,9 @@ impl<'a> Leaves<'a> {
     }
 }
 
-/// The distribution of path samples of the variance target with ΣV per leaf given, in the order of [`Topology::leaves`].
-pub fn distribution_of_values(topology: &Topology, values: &[f64]) -> Distribution {
-    let weight = |(&v, level): (&f64, usize)| Target::Variance.weight(v, level);
+/// The distribution of path samples with ΣV of `target` per leaf given, in the order of [`Topology::leaves`].
+pub fn distribution_of_values(topology: &Topology, values: &[f64], target: Target) -> Distribution {
+    let weight = |(&v, level): (&f64, usize)| target.weight(v, level);
     let weights: Vec<f64> = values.iter().zip(leaf_levels(topology)).map(weight).collect();
     Distribution::from_leaf_weights(topology.clone(), &weights)
 }

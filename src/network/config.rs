@@ -38,7 +38,7 @@ pub struct Config {
     pub leaf_threshold: f32,
     /// A decoded node is split only while it holds more than this share of its tree.
     pub min_split_share: f32,
-    /// Uniform part mixed into every reconstructed distribution, tuned by `eval`.
+    /// Uniform part mixed into every reconstructed distribution, tuned in training.
     pub uniform: f32,
     /// What the training data was made with.
     pub mode: Mode,
@@ -48,7 +48,7 @@ pub struct Config {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mode {
-    /// `radiance` or `variance`.
+    /// `radiance`, `variance` or `variance-pixel`.
     pub target: String,
     /// Whether next event estimation was on, and so left out of the trees.
     pub nee: bool,

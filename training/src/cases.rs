@@ -26,6 +26,8 @@ pub struct Case {
     pub block: Block,
     /// What is known of the voxel as a whole.
     pub traits: Traits,
+    /// What the sums of path samples are of.
+    pub quantity: Target,
     /// Q_gt.
     pub target: Distribution,
     /// What BSDF sampling draws, on the same tree.
@@ -51,6 +53,7 @@ impl Case {
             own_sums: sample.own_sums.clone(),
             block: Block { distribution: block, samples: sample.block_samples },
             traits: sample.traits,
+            quantity: sample.quantity,
             bsdf: on_tree(target.clone(), &wide(&sample.target_bsdf)),
             target: on_tree(target, &wide(&sample.target)),
             floor: f64::from(sample.floor_kl),
@@ -64,7 +67,7 @@ impl Case {
 
     /// The voxel's own samples.
     pub fn leaves(&self) -> Leaves<'_> {
-        Leaves { topology: &self.own, sums: &self.own_sums, layout: Layout::Network, target: Target::Variance }
+        Leaves { topology: &self.own, sums: &self.own_sums, layout: Layout::Network, target: self.quantity }
     }
 
     /// Path samples and photons in the own tree.
