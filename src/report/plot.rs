@@ -245,12 +245,25 @@ fn ticks((low, high): (f64, f64)) -> Vec<f64> {
 
 /// A number with as many digits as an axis needs.
 fn short(value: f64) -> String {
-    if (0.01..1e4).contains(&value) { format!("{}", (value * 1e4).round() / 1e4) } else { format!("{value:.0e}") }
+    if (0.01..1e4).contains(&value) {
+        return format!("{}", (value * 1e4).round() / 1e4);
+    }
+    format!("{value:.1e}").replace(".0e", "e")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn labels_differ_where_ticks_do() {
+        assert_eq!([2.1e5, 2e5, 1e-5, 0.05, 1.2e-3].map(short), ["2.1e5", "2e5", "1e-5", "0.05", "1.2e-3"]);
+        for range in [(1.7e5, 2.4e5), (3.1e-4, 3.9e-4), (0.9, 1.3), (2e4, 9e6)] {
+            let labels: Vec<String> = ticks(range).into_iter().map(short).collect();
+            let distinct: std::collections::BTreeSet<&String> = labels.iter().collect();
+            assert_eq!(distinct.len(), labels.len(), "{labels:?}");
+        }
+    }
 
     #[test]
     fn an_axis_of_any_length_has_labels() {

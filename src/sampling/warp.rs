@@ -65,8 +65,14 @@ mod tests {
     use super::*;
     use crate::base::random::Random;
 
-    /// χ² of a warp on the sphere over 16 × 32 cylindrical cells against the integral of its density (4×4 midpoints a cell).
-    /// The limit is the 1 − 0.01/3 quantile (Šidák over the three warps) by Wilson-Hilferty.
+    /// The value that χ² exceeds with probability 0.002 (Wilson and Hilferty 1931): the five warps together raise a false alarm for
+    /// 0.01 of new seeds (Šidák).
+    fn limit(freedom: f64) -> f64 {
+        let h = 2.0 / (9.0 * freedom);
+        freedom * (1.0 - h + 2.877 * h.sqrt()).powi(3)
+    }
+
+    /// χ² of a warp on the sphere over 16 × 32 cylindrical cells against the integral of its density (16 × 16 midpoints a cell).
     fn check_sphere(sample: impl Fn([f32; 2]) -> Vec3, pdf: impl Fn(Vec3) -> f32) {
         let (nz, nphi, n) = (16usize, 32usize, 1_000_000usize);
         let mut counts = vec![0.0f64; nz * nphi];
@@ -94,9 +100,21 @@ mod tests {
             }
         }
         assert!((mass - 1.0).abs() < 1e-3, "mass {mass}");
-        let h = 2.0 / (9.0 * freedom);
-        let limit = freedom * (1.0 - h + 2.713 * h.sqrt()).powi(3);
-        assert!(chi2 < limit, "χ² {chi2} over {freedom}, limit {limit}");
+        assert!(chi2 < limit(freedom), "χ² {chi2} over {freedom}, limit {}", limit(freedom));
+    }
+
+    /// χ² of 1e6 samples over 8 × 8 cells of equal measure; `place` takes a sample to the unit square so that it keeps areas.
+    fn check_even(name: &str, place: impl Fn([f32; 2]) -> [f32; 2]) {
+        let n = 1_000_000;
+        let mut counts = [0.0f64; 64];
+        let mut random = Random::new(8, 0, 0);
+        for _ in 0..n {
+            let [x, y] = place(random.next_2d()).map(|c| ((8.0 * c) as usize).min(7));
+            counts[8 * x + y] += 1.0;
+        }
+        let expected = f64::from(n) / 64.0;
+        let chi2: f64 = counts.iter().map(|count| (count - expected).powi(2) / expected).sum();
+        assert!(chi2 < limit(63.0), "{name}: χ² {chi2}, limit {}", limit(63.0));
     }
 
     #[test]
@@ -106,20 +124,20 @@ mod tests {
         check_sphere(|u| square_to_cone(u, 0.75), |w| if w.z >= 0.25 { square_to_cone_pdf(0.75) } else { 0.0 });
     }
 
+    /// Rings of equal area and sectors of the disk; of the triangle strips along one side and wedges from the corner across.
+    /// Catches a warp that crowds the centre or a corner, and seams between the disk's quarters.
     #[test]
     fn s01_disk_and_triangle_are_uniform() {
-        let mut random = Random::new(8, 0, 0);
-        let n = 100_000;
-        let (mut inner, mut corner) = (0, 0);
-        for _ in 0..n {
-            inner += u32::from(square_to_disk(random.next_2d()).length() < 0.5);
-            let [b1, b2] = square_to_triangle(random.next_2d());
-            assert!(b1 >= 0.0 && b2 >= 0.0 && b1 + b2 <= 1.0 + 1e-6);
-            corner += u32::from(b1 + b2 < 0.5);
-        }
-        // Both shares are 1/4; 4.5σ of a binomial of 1e5 is 0.0062 (false alarm 7e-6).
-        for count in [inner, corner] {
-            assert!((f64::from(count) / n as f64 - 0.25).abs() < 0.0062);
-        }
+        check_even("disk", |u| {
+            let at = square_to_disk(u);
+            assert!(at.length() <= 1.0 + 1e-6, "{at}");
+            [at.length_squared(), (at.y.atan2(at.x) / TAU).rem_euclid(1.0)]
+        });
+        check_even("triangle", |u| {
+            let [b1, b2] = square_to_triangle(u);
+            let sum = b1 + b2;
+            assert!(b1 >= 0.0 && b2 >= 0.0 && sum <= 1.0 + 1e-6, "{b1} {b2}");
+            [sum * sum, if sum > 0.0 { b2 / sum } else { 0.0 }]
+        });
     }
 }
