@@ -1,15 +1,14 @@
-//! Everything that a training run needs to go on: one safetensors file, written atomically.
+//! Everything that a training run needs to go on: one safetensors file with a checksum, written atomically.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use burn::tensor::{Device, Tensor, TensorData};
-use fanal::base::files::{read_bytes, write_bytes};
+use fanal::base::files::read_bytes;
+use fanal::base::tensors::{self, Dtype, Tensors, vector};
 use fanal::network::config::Config;
 use fanal::network::weights::{LayerWeights, Weights};
-use safetensors::tensor::TensorView;
-use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
 use crate::loss::Loss;
@@ -21,6 +20,9 @@ use crate::view::View;
 pub const CHECKPOINT_FILE: &str = "checkpoint.safetensors";
 
 const LIMIT: u64 = 256 << 20;
+
+/// The version of checkpoints that this program reads. 2: with a checksum.
+const VERSION: u32 = 2;
 
 /// What a checkpoint says about its run. Order and augmentation are functions of seed and step, so no generator is stored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -47,6 +49,8 @@ pub struct State {
     pub seconds: f64,
     /// Best mean ln(1 + V) on validation trees so far.
     pub best: Option<f64>,
+    /// Validations since.
+    pub unimproved: u32,
 }
 
 /// Writes weights, moments and state.
@@ -54,54 +58,44 @@ pub struct State {
 /// # Errors
 /// When the file cannot be written.
 pub fn save(path: &Path, state: &State, net: &Net, optimiser: &Optimiser) -> Result<()> {
-    let mut tensors: BTreeMap<String, Vec<f32>> = BTreeMap::new();
+    let mut tensors = Vec::new();
+    let mut add = |name: String, values: Vec<f32>| {
+        tensors.push(vector(name, Dtype::F32, values.into_iter().map(f32::to_le_bytes)));
+    };
     for (name, p) in net.parameters() {
-        tensors.insert(format!("{name}.weight"), to_vec(p.weight.clone().inner()));
-        tensors.insert(format!("{name}.bias"), to_vec(p.bias.clone().inner()));
+        add(format!("{name}.weight"), to_vec(p.weight.clone().inner()));
+        add(format!("{name}.bias"), to_vec(p.bias.clone().inner()));
     }
     let mut times = BTreeMap::new();
     for (name, m) in &optimiser.moments {
         times.insert(name.clone(), m.time);
         for (i, (weight, bias)) in m.weight.iter().zip(&m.bias).enumerate() {
-            tensors.insert(format!("{name}.weight.moment{i}"), to_vec(weight.clone()));
-            tensors.insert(format!("{name}.bias.moment{i}"), to_vec(bias.clone()));
+            add(format!("{name}.weight.moment{i}"), to_vec(weight.clone()));
+            add(format!("{name}.bias.moment{i}"), to_vec(bias.clone()));
         }
     }
-    let bytes: Vec<(String, usize, Vec<u8>)> = tensors
-        .into_iter()
-        .map(|(name, values)| (name, values.len(), values.iter().flat_map(|x| x.to_le_bytes()).collect()))
-        .collect();
-    let views = bytes
-        .iter()
-        .map(|(name, len, data)| Ok((name, TensorView::new(Dtype::F32, vec![*len], data)?)))
-        .collect::<Result<Vec<_>>>()?;
-    let metadata = HashMap::from([
-        ("state".to_owned(), serde_json::to_string(state)?),
-        ("times".to_owned(), serde_json::to_string(&times)?),
-    ]);
-    write_bytes(path, &safetensors::serialize(views, Some(metadata))?)?;
+    for (name, text) in [("state", serde_json::to_vec(state)?), ("times", serde_json::to_vec(&times)?)] {
+        tensors.push(vector(name, Dtype::U8, text.into_iter().map(|byte| [byte])));
+    }
+    tensors::write(path, VERSION, &tensors)?;
     Ok(())
 }
 
 /// Reads what [`save`] wrote.
 ///
 /// # Errors
-/// When the file cannot be read, is damaged, or does not fit its own configuration.
+/// When the file cannot be read, is damaged, of another version, or does not fit its own configuration.
 pub fn load(path: &Path, device: &Device) -> Result<(State, Net, Optimiser)> {
     let bytes = read_bytes(path, LIMIT)?;
-    let broken = || format!("{}: not a training checkpoint", path.display());
-    let (_, header) = SafeTensors::read_metadata(&bytes).with_context(broken)?;
-    let Some(metadata) = header.metadata() else { bail!(broken()) };
-    let text = |key: &str| metadata.get(key).with_context(broken);
-    let state: State = serde_json::from_str(text("state")?).with_context(broken)?;
+    let file = Tensors::open(path, &bytes, "training checkpoint", VERSION)?;
+    let text = |name: &str| file.read(name, Dtype::U8, None, 1, |[byte]| byte);
+    let broken = |what: &str| format!("{} ({what}): not that of a training checkpoint", path.display());
+    let state: State = serde_json::from_slice(&text("state")?).with_context(|| broken("state"))?;
     state.config.validate(path)?;
-    let times: BTreeMap<String, usize> = serde_json::from_str(text("times")?).with_context(broken)?;
-    let file = SafeTensors::deserialize(&bytes).with_context(broken)?;
+    let times: BTreeMap<String, usize> = serde_json::from_slice(&text("times")?).with_context(|| broken("times"))?;
     let read = |name: String, len: usize| -> Result<Vec<f32>> {
-        let tensor = file.tensor(&name).with_context(|| format!("{}: {name} is missing", path.display()))?;
-        let values: Vec<f32> = tensor.data().as_chunks::<4>().0.iter().map(|&b| f32::from_le_bytes(b)).collect();
-        ensure!(tensor.dtype() == Dtype::F32 && values.len() == len, "{}: {name} has a wrong size", path.display());
-        ensure!(values.iter().all(|x| x.is_finite()), "{}: {name} is not finite", path.display());
+        let values = file.read(&name, Dtype::F32, Some(len), 1, f32::from_le_bytes)?;
+        ensure!(values.iter().all(|x| x.is_finite()), "{} ({name}): not finite", path.display());
         Ok(values)
     };
     let mut weights = Weights::default();

@@ -39,7 +39,7 @@ enum Command {
     Train(TrainArgs),
     /// Compare a model with the baselines on held-out trees.
     ///
-    /// Example: fanal-training eval --data data/rooms --model models/rooms --ablate neighbours --ablate photons
+    /// Example: fanal-training eval --data data/rooms --model models/rooms --ablate neighbours --ablate own
     Eval(EvalArgs),
     /// Say what data folders hold, and draw it.
     ///
@@ -53,12 +53,16 @@ enum Command {
         output: PathBuf,
     },
     /// Write a model's ONNX files beside its weights.
+    ///
+    /// Example: fanal-training export --model models/rooms
     Export {
         /// The model folder.
         #[arg(long)]
         model: PathBuf,
     },
     /// Write a data folder of lobes on the sphere: for trying out the training without a renderer.
+    ///
+    /// Example: fanal-training synthetic -o data/lobes --trees 500
     Synthetic {
         /// The folder to write.
         #[arg(short)]
@@ -101,6 +105,9 @@ struct TrainArgs {
     /// Stop after so many passes over the data.
     #[arg(long)]
     epochs: Option<u64>,
+    /// Stop after so many validations that are no better than the best; its weights are kept in any case.
+    #[arg(long, value_name = "VALIDATIONS")]
+    patience: Option<u32>,
     /// Go on from the checkpoint in the model folder.
     #[arg(long)]
     resume: bool,
@@ -130,7 +137,7 @@ struct TrainArgs {
     /// Trees per step.
     #[arg(long, default_value_t = 16)]
     batch: usize,
-    /// Threads; a resumed run keeps the number that it began with.
+    /// Threads, one on a graphics card if nothing is said; a resumed run keeps the number that it began with.
     #[arg(long)]
     threads: Option<usize>,
     /// Peak learning rate.
@@ -220,6 +227,7 @@ fn run_train(args: TrainArgs) -> Result<()> {
         minutes: if unlimited { Some(30.0) } else { args.minutes },
         epochs: args.epochs,
         resume: args.resume,
+        patience: args.patience,
         width: args.width,
         convolutions: args.convolutions,
         loss: args.loss,
@@ -229,7 +237,7 @@ fn run_train(args: TrainArgs) -> Result<()> {
         device: device(args.device),
         seed: args.seed,
         batch: args.batch,
-        parts: args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        parts: args.threads.unwrap_or_else(|| parts(args.device)),
         rate: args.rate,
         every: Duration::try_from_secs_f64(args.every).context("--every must be a time in seconds")?,
         stop_after: args.stop_after,
@@ -239,6 +247,17 @@ fn run_train(args: TrainArgs) -> Result<()> {
     let (step, best, speed) = (outcome.step, outcome.best, outcome.trees_per_second);
     println!("{step} steps, best validation ln(1 + V) {best:.4}, {speed:.0} trees/s");
     Ok(())
+}
+
+/// Parts of a step: a processor computes one on each core, a graphics card all trees together.
+fn parts(device: DeviceName) -> usize {
+    match device {
+        DeviceName::Flex | DeviceName::Ndarray => std::thread::available_parallelism().map_or(1, usize::from),
+        #[cfg(feature = "cuda")]
+        DeviceName::Cuda => 1,
+        #[cfg(feature = "wgpu")]
+        DeviceName::Wgpu => 1,
+    }
 }
 
 fn device(name: DeviceName) -> Device {

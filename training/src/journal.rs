@@ -80,8 +80,10 @@ impl Journal {
         let validation: Vec<(f64, f64)> =
             self.entries.iter().filter_map(|e| e.validation_moment.map(|moment| (e.epoch, moment))).collect();
         let all = || train.iter().chain(&validation).map(|p| p.1).filter(|y| y.is_finite());
-        let low = all().fold(0.0, f64::min);
-        let high = all().fold(0.1, f64::max);
+        // Losses fall fast at first and little afterwards: what matters lies far above zero.
+        let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(y), h.max(y)));
+        let margin = (0.05 * (high - low)).max(1e-3);
+        let (low, high) = if low <= high { (low - margin, high + margin) } else { (0.0, 1.0) };
         let end = train.last().map_or(1.0, |p| p.0).max(1e-3);
         let mut svg = String::new();
         {
@@ -92,7 +94,7 @@ impl Journal {
                 .margin(12)
                 .x_label_area_size(36)
                 .y_label_area_size(52)
-                .build_cartesian_2d(0.0..end, low..high * 1.05)
+                .build_cartesian_2d(0.0..end, low..high)
                 .map_err(|e| fail(&e))?;
             let mesh = chart.configure_mesh().x_desc("epoch").y_desc("loss (grey), validation ln(1 + V) (blue)").draw();
             mesh.map_err(|e| fail(&e))?;

@@ -244,8 +244,8 @@ pub fn index(values: &[u32], device: &Device) -> Tensor<1, Int> {
     Tensor::from_data(TensorData::new(values, [n]), device)
 }
 
-/// The values of a tensor, row by row.
+/// The values of a tensor, row by row; not numbers where a device could not be read, which no step of the optimiser takes over.
 pub fn to_vec<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    // CPU backends hold f32 in memory; reading it cannot fail.
-    tensor.try_into_vec_as::<f32>().unwrap_or_default()
+    let size = tensor.dims().iter().product();
+    tensor.try_into_vec_as::<f32>().unwrap_or_else(|_| vec![f32::NAN; size])
 }

@@ -36,15 +36,19 @@ pub fn panels(panels: &[Panel], columns: usize) -> Result<String> {
 }
 
 fn draw_panel(panel: &Panel, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Result<(), Box<dyn std::error::Error>> {
-    let values = panel.series.iter().flat_map(|(_, values)| values).copied().filter(|v| v.is_finite());
-    let high = values.fold(0.0, f64::max).max(1e-9);
+    let values = || panel.series.iter().flat_map(|(_, values)| values).copied().filter(|v| v.is_finite());
+    let high = values().fold(0.0, f64::max).max(1e-9);
+    let low = values().fold(f64::INFINITY, f64::min);
+    // Lines far above zero would be flat there; bars without their foot would lie.
+    let near = (0.5 * high..=high).contains(&low);
+    let foot = if panel.bars || !near { 0.0 } else { low - 0.1 * (high - low).max(0.05 * high) };
     let places = panel.labels.len() as f64;
     let mut chart = ChartBuilder::on(area)
         .margin(10)
         .caption(&panel.title, ("sans-serif", 14))
         .x_label_area_size(28)
         .y_label_area_size(48)
-        .build_cartesian_2d(-0.5..places - 0.5, 0.0..1.1 * high)?;
+        .build_cartesian_2d(-0.5..places - 0.5, foot..high + 0.1 * (high - foot))?;
     let label = |x: &f64| {
         let near = (x - x.round()).abs() < 1e-6 && *x >= 0.0;
         if near { panel.labels.get(*x as usize).cloned().unwrap_or_default() } else { String::new() }

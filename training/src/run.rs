@@ -30,6 +30,9 @@ const VALIDATION_SHARE: u32 = 20;
 /// millions of paths finds it, and shows a firefly.
 const LEAST_UNIFORM: f32 = 0.02;
 
+/// Less is no improvement for those who wait for one, in ln(1 + V).
+const LEAST_GAIN: f64 = 1e-4;
+
 /// Sums since the last line of the log.
 #[derive(Default)]
 struct Sums {
@@ -76,13 +79,20 @@ impl<'a> Run<'a> {
             step: 0,
             seconds: 0.0,
             best: None,
+            unimproved: 0,
         };
         fresh.config.validate(&settings.output)?;
         let (state, net, optimiser) = if settings.resume {
             let path = settings.output.join(CHECKPOINT_FILE);
             let (state, net, optimiser) = checkpoint::load(&path, &device)?;
-            let progress =
-                State { step: state.step, seconds: state.seconds, best: state.best, parts: state.parts, ..fresh };
+            let progress = State {
+                step: state.step,
+                seconds: state.seconds,
+                best: state.best,
+                unimproved: state.unimproved,
+                parts: state.parts,
+                ..fresh
+            };
             ensure!(progress == state, "{}: the checkpoint was made with other settings or data", path.display());
             (state, net, optimiser)
         } else {
@@ -114,6 +124,11 @@ impl<'a> Run<'a> {
         let epochs = self.settings.epochs.map(|e| self.state.step as f64 / (e * plan.steps_per_epoch()).max(1) as f64);
         let time = self.settings.minutes.map(|m| self.state.seconds / (60.0 * m));
         epochs.unwrap_or(0.0).max(time.unwrap_or(0.0))
+    }
+
+    /// Whether validation has not improved for as long as the settings wait.
+    pub fn exhausted(&self) -> bool {
+        self.settings.patience.is_some_and(|patience| self.state.unimproved >= patience)
     }
 
     /// One step on the parts of a batch; now and then validates and saves.
@@ -214,9 +229,11 @@ impl<'a> Run<'a> {
         if let Some(last) = self.journal.entries.last_mut() {
             (last.validation_kl, last.validation_moment) = (Some(kl), Some(moment));
         }
-        if moment.is_finite() && self.state.best.is_none_or(|best| moment < best) {
+        let better = |than: f64| moment.is_finite() && self.state.best.is_none_or(|best| moment < best - than);
+        self.state.unimproved = if better(LEAST_GAIN) { 0 } else { self.state.unimproved + 1 };
+        if better(0.0) {
             self.state.best = Some(moment);
-            model.config.uniform = uniform as f32;
+            model.config.uniform = (uniform as f32).max(LEAST_UNIFORM);
             model.save(&self.settings.output)?;
         }
         (self.validated, self.validation_time) = (Instant::now(), start.elapsed());
@@ -233,19 +250,6 @@ impl<'a> Run<'a> {
         self.journal.write(&self.settings.output)?;
         self.saved = Instant::now();
         Ok(())
-    }
-
-    /// After the last step: the best weights, their uniform part tuned once more on all validation trees.
-    ///
-    /// # Errors
-    /// When the model cannot be read, run or written.
-    pub fn settle(&self) -> Result<Model> {
-        let mut model = Model::load(&self.settings.output)?;
-        let guides = reconstruct(&model, &Embedded::new(&model)?, &self.validation)?;
-        let uniform = tune_uniform(&common(&self.validation, &guides), mean_log_moment) as f32;
-        model.config.uniform = uniform.max(LEAST_UNIFORM);
-        model.save(&self.settings.output)?;
-        Ok(model)
     }
 }
 

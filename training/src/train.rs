@@ -9,6 +9,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use burn::tensor::Device;
 use fanal::generate::dataset::{Dataset, read_datasets};
 use fanal::generate::shard::TreeSample;
+use fanal::network::weights::Model;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::batch::HostBatch;
@@ -42,6 +43,8 @@ pub struct Settings {
     pub per_level: bool,
     /// Level of an image network, see [`Config::image`](fanal::network::config::Config::image).
     pub image: Option<usize>,
+    /// Stop after so many validations that are no better than the best.
+    pub patience: Option<u32>,
     /// What the network is shown.
     pub view: View,
     /// Where burn computes, without autodiff.
@@ -97,7 +100,7 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     let batches = loader::start(Arc::new(training), plan.clone(), run.state.step);
     let bar = progress_bar(settings.quiet);
     let mut trees = 0;
-    while run.progress(&plan) < 1.0 {
+    while run.progress(&plan) < 1.0 && !run.exhausted() {
         let batch = batches.recv().context("the thread that prepares data has stopped")?.map_err(|e| anyhow!(e))?;
         trees += batch.iter().map(HostBatch::trees).sum::<usize>();
         run.step(&batch, &plan)?;
@@ -108,11 +111,11 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
         }
     }
     bar.finish_and_clear();
-    let finished = run.progress(&plan) >= 1.0;
+    let finished = run.progress(&plan) >= 1.0 || run.exhausted();
     run.validate()?;
     run.save()?;
     if finished {
-        let model = run.settle()?;
+        let model = Model::load(&settings.output)?;
         Report::new(&model, &every(&validation, VALIDATION_TREES).collect::<Vec<_>>())?.write(&settings.output)?;
     }
     let best = run.state.best.unwrap_or(f64::NAN);

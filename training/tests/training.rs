@@ -213,6 +213,7 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
         minutes: None,
         epochs: Some(2),
         resume: false,
+        patience: None,
         width: 8,
         convolutions: 1,
         loss: Loss::Kl,
@@ -250,6 +251,51 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
     }
     let other = train::Settings { resume: true, seed: 10, ..base("parts") };
     assert!(train(&other, &never).is_err(), "another seed is another run");
+    // A rate of next to nothing improves nothing: the first validation is the best one.
+    let every = std::time::Duration::ZERO;
+    let stuck = train::Settings { patience: Some(2), rate: 1e-12, epochs: Some(1000), every, ..base("stuck") };
+    let ended = train(&stuck, &never).unwrap();
+    assert!(ended.step < 1000 && data.path().join("stuck/report.json").exists(), "{} steps", ended.step);
+}
+
+/// A training checkpoint that is cut, or has one bit of its arrays wrong, is refused by name.
+#[test]
+fn f03_damaged_training_checkpoints() {
+    use fanal_training::checkpoint::{load, save};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.safetensors");
+    let device = Device::flex();
+    let net = Net::new(&config(), &initial_weights(&config(), 3), &device.clone().autodiff()).unwrap();
+    let state = fanal_training::checkpoint::State {
+        config: config(),
+        loss: Loss::Variance,
+        view: View::default(),
+        seed: 3,
+        batch: 4,
+        parts: 1,
+        samples: 9,
+        step: 7,
+        seconds: 1.5,
+        best: None,
+        unimproved: 0,
+    };
+    save(&path, &state, &net, &Optimiser::default()).unwrap();
+    assert_eq!(load(&path, &device).unwrap().0, state);
+    let good = std::fs::read(&path).unwrap();
+    let refused = |bytes: &[u8], what: &str| {
+        std::fs::write(&path, bytes).unwrap();
+        let error = load(&path, &device).err().unwrap_or_else(|| panic!("{what} was read"));
+        assert!(format!("{error:#}").contains("a.safetensors"), "{what}: {error:#}");
+    };
+    for end in (0..good.len()).step_by(good.len() / 100) {
+        refused(&good[..end], &format!("a file cut at {end}"));
+    }
+    let arrays = 8 + u64::from_le_bytes(good[..8].try_into().unwrap()) as usize;
+    for at in (arrays..good.len()).step_by((good.len() - arrays) / 200) {
+        let mut bytes = good.clone();
+        bytes[at] ^= 1 << (at % 8);
+        refused(&bytes, &format!("a bit wrong at {at}"));
+    }
 }
 
 /// The program is killed at random moments, again and again, and makes the checkpoint that it makes in one go: the same weights and
@@ -280,6 +326,7 @@ fn f01_killed_training_goes_on() {
         child.wait().unwrap();
     }
     println!("{kills} kills, {resumed} of a resumed run");
+    assert!(checkpoint("parts").exists(), "no kill left a checkpoint");
     assert!(start("parts", checkpoint("parts").exists()).wait().unwrap().success());
     let tensors = |name: &str| {
         let bytes = std::fs::read(checkpoint(name)).unwrap();
