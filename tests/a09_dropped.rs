@@ -10,15 +10,22 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
+use fanal::base::random::Random;
 use fanal::film::Window;
-use fanal::generate::build::matrix;
-use fanal::guiding::field::GuideField;
-use fanal::integrators::path::Cause;
-use fanal::render::{Control, Outcome, RenderSettings, Sample, render, render_with_field, replay};
+use fanal::generate::build::{Builder, diffuse, matrix};
+use fanal::guiding::cache::SpatialCache;
+use fanal::guiding::distribution::Distribution;
+use fanal::guiding::effort::Effort;
+use fanal::guiding::field::{GuideField, VoxelGuide};
+use fanal::guiding::leaves::{DirectLight, Target};
+use fanal::guiding::parallax::Parallax;
+use fanal::guiding::sampler::SamplingTree;
+use fanal::integrators::path::{Cause, PathTracer};
+use fanal::render::{Control, GuideMode, Outcome, RenderSettings, Sample, render, render_with_field, replay};
 use fanal::scene::Scene;
-use fanal::scene::file::{Filter, LightFile, MaterialFile, SceneFile, TextureFile, Wrap, identity3};
+use fanal::scene::file::{Filter, LightFile, MaterialFile, MediumFile, SceneFile, TextureFile, Wrap, identity3};
 use fanal::scene::readers::{resolve, save};
-use glam::Vec3;
+use glam::{Mat4, Vec3};
 use scenes::{GUIDES, built, reconstructor, room, settings};
 
 /// A picture file of the largest numbers there are, which its users multiply by 4: infinite, but not in the file.
@@ -45,8 +52,15 @@ fn broken_screen(folder: &Path) -> SceneFile {
 }
 
 fn scene_in(folder: &Path, file: SceneFile) -> Scene {
+    scene_with(folder, file, |_| ())
+}
+
+/// The same with something in it that no reader lets pass.
+fn scene_with(folder: &Path, file: SceneFile, put: impl FnOnce(&mut SceneFile)) -> Scene {
     let size = [file.film.width, file.film.height];
-    Scene::build(&resolve(file, folder, Path::new("broken")).expect("finite numbers are sound"), size).unwrap()
+    let mut loaded = resolve(file, folder, Path::new("broken")).expect("finite numbers are sound");
+    put(&mut loaded.file);
+    Scene::build(&loaded, size).unwrap()
 }
 
 fn rendered(scene: &Scene, settings: &RenderSettings) -> Outcome {
@@ -83,6 +97,8 @@ fn a09_broken_textures_reach_nothing() {
         let drops = &statistics.dropped;
         assert!(statistics.dropped_samples > 100, "{guide:?}: {}", statistics.dropped_samples);
         assert_eq!(drops.causes.iter().sum::<u64>(), statistics.dropped_samples, "{guide:?}");
+        let has_photons = guide.0 != GuideMode::None && guide.1.photons();
+        assert_eq!(drops.photons > 0, has_photons, "{guide:?}: {} photons", drops.photons);
         assert!(drops.first.len() == 16 && drops.first.iter().all(|d| d.pixel[0] < 24 && d.pixel[1] < 18), "{guide:?}");
         assert!(sound(&outcome.field), "{guide:?}");
         let counted = outcome.evidence.counted.iter().flatten().flat_map(|tree| tree.map(8));
@@ -104,7 +120,7 @@ fn a09_dropped_samples_are_not_learned_from() {
         filter: Filter::Nearest,
     };
     let voxels = |scale: f32| {
-        let mut b = fanal::generate::build::Builder::new("screen", [8, 6]);
+        let mut b = Builder::new("screen", [8, 6]);
         let reflectance = texture(blazing(folder.path()), scale);
         let broken = b.add_material("broken", MaterialFile::Diffuse { reflectance });
         b.add_quad("screen", Vec3::ZERO, [Vec3::X * 10.0, Vec3::Y * 10.0], &broken, None);
@@ -144,6 +160,26 @@ fn traced(scene: &Scene, settings: &RenderSettings, cause: Cause) {
     }
 }
 
+/// Lamps that each have nearly as much power as a single can hold, eight of them: as a photon stands for all, it would
+/// have more. Every one is counted, and none reaches a tree.
+#[test]
+fn a09_photons_without_finite_power_are_counted() {
+    let mut b = room([24, 18], 8e37);
+    let black = b.add_material("black", MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.0; 3]) });
+    for i in 1..8 {
+        let below = Vec3::new(0.3, 0.5 - 0.05 * i as f32, 0.3);
+        b.add_quad("lamp", below, [Vec3::X * 0.3, Vec3::Z * 0.3], &black, Some([8e37; 3]));
+    }
+    let mut settings = settings(GUIDES[2], 16, 1);
+    settings.transport.nee = false;
+    let outcome = rendered(&built(b.finish()), &settings);
+    let drops = &outcome.statistics.dropped;
+    // The first iteration has as many photons as pixels.
+    assert!(drops.photons >= 24 * 18, "{} photons", drops.photons);
+    assert!(outcome.field.voxels().iter().all(|voxel| voxel.tree.is_none()), "something was learned");
+    assert!(outcome.image.pixels.iter().all(|p| p.is_finite()));
+}
+
 #[test]
 fn a09_causes_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();
@@ -155,9 +191,45 @@ fn a09_causes_are_told_apart() {
     let screen = scene_in(folder.path(), broken_screen(folder.path()));
     traced(&screen, &settings(false), Cause::Bsdf);
     traced(&screen, &settings(true), Cause::DirectLight);
-    let mut b = fanal::generate::build::Builder::new("sky", [8, 6]);
-    b.add_light(LightFile::Envmap { file: blazing(folder.path()), scale: 4.0, to_world: matrix(glam::Mat4::IDENTITY) });
-    traced(&scene_in(folder.path(), b.finish()), &settings(false), Cause::Background);
+    let sky = |scale: f32| {
+        let mut b = Builder::new("sky", [8, 6]);
+        b.add_light(LightFile::Envmap { file: blazing(folder.path()), scale, to_world: matrix(Mat4::IDENTITY) });
+        b.finish()
+    };
+    traced(&scene_in(folder.path(), sky(4.0)), &settings(false), Cause::Background);
+    let room = || room([8, 6], 10.0).finish();
+    let with = |file: SceneFile, put: fn(&mut SceneFile)| scene_with(folder.path(), file, put);
+    traced(&with(sky(1e-38), |file| file.camera.fov = f32::NAN), &settings(false), Cause::Camera);
+    let shining = with(room(), |file| file.shapes[2].emission = Some([f32::INFINITY; 3]));
+    traced(&shining, &settings(false), Cause::Emission);
+    let foggy = with(room(), |file| {
+        let fog = MediumFile::Homogeneous { sigma_t: [f32::NAN; 3], albedo: [0.0; 3], g: 0.0 };
+        file.media.insert("fog".into(), fog);
+        file.camera.medium = Some("fog".into());
+    });
+    traced(&foggy, &settings(false), Cause::Transmittance);
+    // Walls that shine and reflect nearly all: each number is finite, their sum is not.
+    let mut b = Builder::new("box", [8, 6]);
+    let wall = b.add_material("wall", diffuse([0.9; 3]));
+    b.add_block("box", Vec3::splat(-1.0), Vec3::ONE, &wall);
+    b.look_at(Vec3::ZERO, Vec3::X, Vec3::Y, 60.0);
+    let mut file = b.finish();
+    (file.shapes[0].emission, file.shapes[0].flip_normals) = (Some([3e38; 3]), true);
+    traced(&scene_in(folder.path(), file), &settings(false), Cause::Overflow);
+    // A guide that has no part in the density of what it proposes.
+    let (scene, settings) = (built(room()), settings(false));
+    let mut cache = SpatialCache::new(Vec3::splat(-5.0), 10.0).without_facing();
+    cache.find_or_insert(Vec3::ZERO, Vec3::Y);
+    let tree = SamplingTree::new(&Distribution::uniform(), 0.1, usize::MAX);
+    let (parallax, bsdf_fraction, effort) = (Parallax::NONE, f32::NAN, Effort::UNKNOWN);
+    let field = GuideField::new(cache, vec![VoxelGuide { tree: Some(tree), parallax, bsdf_fraction, effort }]);
+    let (transport, target, direct) = (settings.transport, Target::Variance, DirectLight::All);
+    let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field), target, direct };
+    let mut random = Random::new(1, 0, 0);
+    let paths = (0..100).map(|_| tracer.explain(scene.camera.ray([4.0, 3.0], [0.5; 2]), &mut random, None));
+    let causes: Vec<Option<Cause>> = paths.filter(|path| !path.radiance.is_finite()).map(|path| path.cause).collect();
+    // Half of the directions lead into the wall, and the path ends.
+    assert!(causes.len() > 20 && causes.iter().all(|cause| *cause == Some(Cause::Pdf)), "{causes:?}");
 }
 
 /// Samples that are traced again are those of the picture: their mean is the pixel's value, up to the rounding of single
@@ -227,7 +299,9 @@ fn a09_the_program_tells_and_replays() {
     }
     let header = exr::meta::MetaData::read_from_file(&out, false).unwrap().headers.remove(0);
     let text = format!("{:?}", header.own_attributes.other);
-    assert!(text.contains("droppedCauses") && text.contains("direct_light"), "{text}");
+    for (cause, count) in &causes {
+        assert!(text.contains("droppedCauses") && text.contains(&format!("{cause} {count}")), "{causes:?}: {text}");
+    }
     let learned = ["render", &scene, "--guide", "hybrid", "--replay", "1,1,0"];
     let output = Command::new(env!("CARGO_BIN_EXE_fanal")).args(learned).output().unwrap();
     assert!(String::from_utf8_lossy(&output.stderr).contains("--load-guide"));

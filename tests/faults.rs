@@ -67,6 +67,22 @@ fn read(path: &Path, bytes: &[u8], reader: &dyn Fn(&Path) -> Result<()>, what: &
     Some(error)
 }
 
+/// The same of a safetensors file with a checksum: every damaged byte of its arrays must be refused.
+fn damage_sealed(path: &Path, good: &[u8], reader: &dyn Fn(&Path) -> Result<()>) {
+    damage(path, good, true, reader);
+    let arrays = header_of(good);
+    for at in (arrays..good.len()).step_by((good.len() - arrays).div_ceil(200).max(1)) {
+        let mut bytes = good.to_vec();
+        bytes[at] ^= 1 << (at % 8);
+        assert!(read(path, &bytes, reader, "sealed").is_some(), "{}: damage at {at} went unnoticed", path.display());
+    }
+}
+
+/// Bytes of a safetensors file before its arrays.
+fn header_of(file: &[u8]) -> usize {
+    8 + u64::from_le_bytes(file[..8].try_into().unwrap()) as usize
+}
+
 /// Reads every beginning of `good` at up to 200 lengths, and `good` with one byte damaged in up to 400 places and three ways.
 /// Where `whole` says so, a beginning must be refused.
 fn damage(path: &Path, good: &[u8], whole: bool, reader: &dyn Fn(&Path) -> Result<()>) {
@@ -113,7 +129,7 @@ fn forged(good: &[u8], flip: impl Fn(usize) -> Option<u8>) -> Vec<u8> {
 
 /// Forges `good` in up to `most` places; what is read must do no harm.
 fn forge(path: &Path, good: &[u8], most: usize, reader: &dyn Fn(&Path) -> Result<()>) {
-    let header = 8 + u64::from_le_bytes(good[..8].try_into().unwrap()) as usize;
+    let header = header_of(good);
     let data = good.len() - header;
     for at in (0..data).step_by(data.div_ceil(most).max(1)) {
         for flip in [0xFF, 0x01, 0x80] {
@@ -165,7 +181,7 @@ fn f03_damaged_models() {
     let weights = folder.path().join("weights.safetensors");
     let good = std::fs::read(&weights).unwrap();
     let reader = |path: &Path| Weights::from_bytes(&model.config, &std::fs::read(path).unwrap(), path).map(drop);
-    damage(&weights, &good, true, &reader);
+    damage_sealed(&weights, &good, &reader);
     std::fs::write(&weights, &good).unwrap();
     let config = folder.path().join("config.json");
     let good = std::fs::read(&config).unwrap();
@@ -183,7 +199,7 @@ fn f03_damaged_data() {
     let shard = folder.path().join("a.safetensors");
     write_shard(&shard, &[tree(1), tree(2)]).unwrap();
     let good = std::fs::read(&shard).unwrap();
-    damage(&shard, &good, true, &|path| read_shard(path).map(drop));
+    damage_sealed(&shard, &good, &|path| read_shard(path).map(drop));
     forge(&shard, &good, 400, &|path| read_shard(path).map(drop));
     let index = folder.path().join("index.jsonl");
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets/test/index.jsonl");
@@ -211,7 +227,7 @@ fn f03_damaged_checkpoints_and_guides() {
             render_watched(&scene, &settings, reconstructor.as_ref(), &control).map(drop)
         };
         let good = std::fs::read(&path).unwrap();
-        damage(&path, &good, true, &reader);
+        damage_sealed(&path, &good, &reader);
         forge(&path, &good, 150, &reader);
     }
     let path = folder.path().join("a.guide");
@@ -219,7 +235,7 @@ fn f03_damaged_checkpoints_and_guides() {
     let outcome = render(&scene, &settings, reconstructor(settings.guide).as_ref(), &Silent, &AtomicBool::new(false));
     file::save(&path, &outcome.unwrap().field, &Evidence::default()).unwrap();
     let good = std::fs::read(&path).unwrap();
-    damage(&path, &good, true, &|path| file::load(path).map(drop));
+    damage_sealed(&path, &good, &|path| file::load(path).map(drop));
     forge(&path, &good, 200, &|path| file::load(path).map(drop));
 }
 

@@ -13,6 +13,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use fanal::base::progress::Silent;
 use fanal::generate::build::{Builder, diffuse};
+use fanal::guiding::fraction::FractionRule;
 use fanal::render::{Outcome, RenderSettings, Statistics, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{MeshFile, SceneFile};
@@ -133,4 +134,21 @@ fn limit_of_the_field() {
         println!("{} of {memory}", outcome.field.bytes());
         assert!(outcome.field.bytes() <= memory, "{} bytes of {memory}", outcome.field.bytes());
     }
+}
+
+/// A field with cells a quarter as wide as usual, some 20,000, whose trees want twice what 24 MB allow and are cut to
+/// that: what is left over is less than a node for each tree.
+#[test]
+fn limit_of_a_full_field() {
+    let _alone = alone();
+    let scene = built(room([160, 120], 10.0).finish());
+    let mut settings = settings(GUIDES[1], 24, 1);
+    settings.learner.memory = 24 * MB;
+    // No voxel is without its tree because the BSDF is better there.
+    (settings.learner.resolution, settings.learner.fraction) = (96.0, FractionRule::Half);
+    let (outcome, most) = run(&scene, &settings);
+    let (bytes, guide) = (outcome.field.bytes(), outcome.statistics.guide);
+    println!("{bytes} bytes, {guide:?}; {most} bytes at most in all");
+    assert!(bytes <= 24 * MB, "{bytes} bytes");
+    assert!(bytes > 22 * MB && guide.trees > 10_000, "{bytes} bytes do not reach the ceiling: {guide:?}");
 }

@@ -26,6 +26,7 @@ use fanal::guiding::topology::{MAX_LEVEL, MAX_NODES, Topology};
 use fanal::integrators::mixture::{Mixture, Scattering};
 use fanal::materials::fresnel::Metal;
 use fanal::materials::microfacet::{Microfacets, Shape};
+use fanal::materials::phase::HenyeyGreenstein;
 use fanal::materials::rough_conductor::RoughConductor;
 use fanal::materials::texture::Texture;
 use fanal::materials::{Kind, Material, Transport};
@@ -36,7 +37,7 @@ use fanal::network::weights::Model;
 use fanal::reconstruct::neural::inputs_of;
 use fanal::scene::effects::Everything;
 use glam::{DVec3, Vec2, Vec3};
-use twins::{Facets, INPUTS, Worst, in_front};
+use twins::{Facets, INPUTS, Worst, henyey_greenstein, in_front};
 
 // ---- quadtrees ----
 
@@ -151,63 +152,122 @@ fn stored_shares_are_near_the_given() {
 
 // ---- mixture ----
 
-/// α·p_bsdf + (1 − α)·p_guide, the guide's directions carried from the centre of their voxel (dω = dω'·r²/(R²·cos)). Directions that
-/// singles may carry to another leaf are left out; roughness is above 0.05, since a turn between world and surface moves a
-/// direction by 1e-7, which narrower lobes would show as more than 1e-4.
+/// A guide in the only voxel around a point.
+struct Guided {
+    distribution: Distribution,
+    uniform: f32,
+    parallax: Parallax,
+    alpha: f32,
+    point: Vec3,
+}
+
+impl Guided {
+    fn new(seed: u64, point: Vec3, random: &mut Random) -> Self {
+        let curvature = if seed.is_multiple_of(3) { 0.0 } else { random.range(0.1, 0.7) };
+        Self {
+            distribution: tree(1000 + seed),
+            uniform: [0.01, 0.1][seed as usize % 2],
+            parallax: Parallax { centre: Vec3::splat(0.5), curvature },
+            alpha: random.range(0.05, 0.95),
+            point,
+        }
+    }
+
+    /// For what faces `normal` there; for a medium that is zero.
+    fn field(&self, normal: Vec3) -> GuideField {
+        let mut cache = SpatialCache::new(Vec3::ZERO, 1.0);
+        cache.find_or_insert(self.point, normal);
+        let tree = Some(SamplingTree::new(&self.distribution, self.uniform, usize::MAX));
+        let (parallax, bsdf_fraction) = (self.parallax, self.alpha);
+        GuideField::new(cache, vec![VoxelGuide { tree, parallax, bsdf_fraction, effort: Effort::UNKNOWN }])
+    }
+
+    /// α·p + (1 − α)·p_guide, the guide's directions carried from the centre of its voxel (dω = dω'·r²/(R²·cos)). None for a
+    /// direction that singles may carry to another leaf.
+    fn mixed(&self, wi: Vec3, scattered: f64) -> Option<f64> {
+        // Along the ray from the point to the sphere of radius R around the centre.
+        let (seen, carried) = carried(self.parallax, self.point, wi);
+        let (relative, from_border) = leaf_density(&self.distribution, seen);
+        let (u, a) = (f64::from(self.uniform), f64::from(self.alpha));
+        let guided = ((1.0 - u) * relative + u) / (4.0 * PI) * carried;
+        (from_border >= 1e-6).then_some(a * scattered + (1.0 - a) * guided)
+    }
+}
+
+fn any_point(random: &mut Random) -> Vec3 {
+    Vec3::new(random.next_f32(), random.next_f32(), random.next_f32())
+}
+
+/// Half of the directions drawn from the mixture, half anywhere; none where that absorbs.
+fn drawn_or_any(mixture: &Mixture<Everything>, random: &mut Random) -> Option<Vec3> {
+    if random.below(2) == 0 {
+        return Some(any_direction(random));
+    }
+    mixture.sample(random, Transport::Radiance).map(|sample| sample.direction)
+}
+
+/// Roughness is above 0.05, since a turn between world and surface moves a direction by 1e-7, which narrower lobes would show as
+/// more than 1e-4.
 #[test]
 fn mixture_densities() {
     let mut worst = Worst::new("mixture pdf");
     let mut random = Random::new(11, 0, 0);
     for seed in 0..200 {
-        let distribution = tree(1000 + seed);
-        let uniform = [0.01f32, 0.1][seed as usize % 2];
         let n = any_direction(&mut random);
-        let point = Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
+        let point = any_point(&mut random);
         let frame = Frame::new(n);
         let (error, uv) = (Vec3::ZERO, Vec2::ZERO);
         let surface = Surface { point, error, normal: n, frame, smooth: n, uv, distance: 1.0, shape: 0 };
-        let curvature = if seed % 3 == 0 { 0.0 } else { random.range(0.1, 0.7) };
-        let parallax = Parallax { centre: Vec3::splat(0.5), curvature };
-        let alpha = random.range(0.05, 0.95);
+        let guided = Guided::new(seed, point, &mut random);
         let (shape, roughness) = (Shape::Ggx, random.range(0.05, 1.0));
         let metal = Metal { eta: Vec3::splat(0.2), k: Vec3::splat(3.9), reflectance: Texture::Constant(Vec3::ONE) };
         let facets = Microfacets { shape, alpha: roughness };
         let material: Material = Kind::RoughConductor(RoughConductor { metal, facets }).into();
         let wo = in_front(&mut random);
         let out = frame.to_world(wo);
-        let mut cache = SpatialCache::new(Vec3::ZERO, 1.0);
-        cache.find_or_insert(point, surface.normal_towards(out));
-        let tree = SamplingTree::new(&distribution, uniform, usize::MAX);
-        let field = GuideField::new(
-            cache,
-            vec![VoxelGuide { tree: Some(tree), parallax, bsdf_fraction: alpha, effort: Effort::UNKNOWN }],
-        );
+        let field = guided.field(surface.normal_towards(out));
         let guide = field.at(point, surface.normal_towards(out));
         let mixture = Mixture::<Everything>::new(&surface, Scattering::Material(&material), out, guide);
         let twin = Facets { shape, alpha: f64::from(roughness) };
         let axes = [frame.s, frame.t, frame.n].map(Vec3::as_dvec3);
         let local = |w: Vec3| DVec3::from_array(axes.map(|axis| axis.dot(w.as_dvec3())));
         for _ in 0..1000 {
-            let wi = if random.below(2) == 0 {
-                any_direction(&mut random)
-            } else {
-                let Some(sample) = mixture.sample(&mut random, Transport::Radiance) else { continue };
-                sample.direction
-            };
+            let Some(wi) = drawn_or_any(&mixture, &mut random) else { continue };
             let (o, i) = (local(out), local(wi));
             let h = (o + i).normalize();
             let bsdf = if i.z > 0.0 && o.z > 0.0 { twin.visible_density(o, h) / (4.0 * o.dot(h)) } else { 0.0 };
-            // Along the ray from the point to the sphere of radius R around the centre.
-            let (seen, carried) = carried(parallax, point, wi);
-            let (relative, from_border) = leaf_density(&distribution, seen);
-            if from_border < 1e-6 || i.z.abs() < 1e-6 || o.z.abs() < 1e-6 {
+            let Some(expected) = guided.mixed(wi, bsdf) else { continue };
+            if i.z.abs() < 1e-6 || o.z.abs() < 1e-6 {
                 continue;
             }
-            let u = f64::from(uniform);
-            let guided = ((1.0 - u) * relative + u) / (4.0 * PI) * carried;
-            let a = f64::from(alpha);
-            let at = || format!("seed {seed}, roughness {roughness}, {o} {i}, {bsdf} {guided}");
-            worst.compare(mixture.pdf(wi).0, a * bsdf + (1.0 - a) * guided, 0.0, at);
+            let at = || format!("seed {seed}, roughness {roughness}, {o} {i}, {bsdf}");
+            worst.compare(mixture.pdf(wi).0, expected, 0.0, at);
+        }
+    }
+    worst.check(INPUTS);
+}
+
+/// At points of a medium, which have no normal: the phase function in the place of the BSDF, from isotropic to mean cosines of
+/// ±0.95. Sharper peaks would show the rounding of directions as more than 1e-4.
+#[test]
+fn mixture_densities_in_media() {
+    let mut worst = Worst::new("mixture pdf in media");
+    let mut random = Random::new(12, 0, 0);
+    for seed in 0..200 {
+        let (point, out) = (any_point(&mut random), any_direction(&mut random));
+        let surface = Surface::in_medium(point, 1.0, out);
+        let guided = Guided::new(seed, point, &mut random);
+        let g = if seed % 5 == 0 { 0.0 } else { random.range(-0.95, 0.95) };
+        let field = guided.field(Vec3::ZERO);
+        let guide = field.at(point, Vec3::ZERO);
+        assert!(guide.is_some(), "nothing guides");
+        let scattering = Scattering::Phase(HenyeyGreenstein::new(g));
+        let mixture = Mixture::<Everything>::new(&surface, scattering, out, guide);
+        for _ in 0..1000 {
+            let Some(wi) = drawn_or_any(&mixture, &mut random) else { continue };
+            let phase = henyey_greenstein(g, wi.as_dvec3().normalize(), out.as_dvec3().normalize());
+            let Some(expected) = guided.mixed(wi, phase) else { continue };
+            worst.compare(mixture.pdf(wi).0, expected, 0.0, || format!("seed {seed}, g {g}, {out} {wi}, {phase}"));
         }
     }
     worst.check(INPUTS);

@@ -15,6 +15,7 @@ use fanal::materials::blend::Blend;
 use fanal::materials::dielectric::ThinDielectric;
 use fanal::materials::diffuse::Diffuse;
 use fanal::materials::fresnel::Metal;
+use fanal::materials::medium::{Flight, Medium};
 use fanal::materials::microfacet::{Microfacets, Shape};
 use fanal::materials::phase::HenyeyGreenstein;
 use fanal::materials::plastic::Plastic;
@@ -25,6 +26,7 @@ use fanal::materials::texture::Texture;
 use fanal::materials::{Kind, Material, Transport};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use statistics::assert_chi2;
 
 const SHAPES: [Shape; 2] = [Shape::Beckmann, Shape::Ggx];
 const ALPHAS: [f32; 3] = [0.05, 0.3, 0.8];
@@ -114,6 +116,40 @@ fn check(name: &str, material: &Material, wo: Vec3, alpha: f32) -> f64 {
             sample.filter(|s| !s.delta).map(|s| s.wi)
         },
     )
+}
+
+/// How far light gets in a medium: 50 cells of equal probability as far as the next surface, or without one, and beyond it. The
+/// density is that which the weight states, σ_s·T over it, to 1e-4. Catches a channel chosen with another probability than the
+/// density is weighted with, and flights that do not end at the surface.
+#[test]
+fn s01_free_flights_follow_their_density() {
+    let (extinction, albedo) = (Vec3::new(0.5, 1.0, 2.0), Vec3::new(0.9, 0.8, 0.7));
+    let medium = Medium { extinction, albedo, phase: HenyeyGreenstein::new(0.0) };
+    let cases = [(Vec3::ONE, 3.0), (Vec3::new(1.0, 0.2, 0.05), f32::INFINITY), (Vec3::new(0.0, 0.0, 2.0), 1.0)];
+    for (i, (carried, limit)) in cases.into_iter().enumerate() {
+        let share = carried.as_dvec3() / carried.as_dvec3().element_sum();
+        let transmittance = |distance: f32| (extinction.as_dvec3() * -f64::from(distance)).exp();
+        let beyond = share.dot(transmittance(limit));
+        let (n, cells) = (1_000_000, 50);
+        let mut random = Random::new(25, i as u64, 0);
+        let mut counts = vec![0.0; cells + 1];
+        for _ in 0..n {
+            match medium.sample(carried, limit, random.next_f32(), random.next_f32()) {
+                Flight::Collision { distance, weight } => {
+                    let passed = transmittance(distance);
+                    let before = (1.0 - share.dot(passed)) / (1.0 - beyond);
+                    counts[((before * cells as f64) as usize).min(cells - 1)] += 1.0;
+                    let scattered = albedo.as_dvec3() * extinction.as_dvec3() * passed;
+                    let stated = scattered / share.dot(extinction.as_dvec3() * passed);
+                    assert!((weight.as_dvec3() / stated - 1.0).abs().max_element() < 1e-4, "{weight} {stated}");
+                }
+                Flight::Through { .. } => counts[cells] += 1.0,
+            }
+        }
+        let mut expected = vec![f64::from(n) * (1.0 - beyond) / cells as f64; cells];
+        expected.push(f64::from(n) * beyond);
+        assert_chi2(&format!("free flight {i}"), &counts, &expected, chart::level());
+    }
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! Lights: directions sampled towards them follow the stated densities w.r.t. solid angle, and carry the stated radiance.
-//! False alarms: see sampling.rs.
+//! Lights: directions sampled towards them follow the stated densities w.r.t. solid angle, and carry the stated radiance; and where
+//! rays start on the lens. False alarms: see sampling.rs.
 
 #[path = "support/chart.rs"]
 #[allow(dead_code, reason = "shared with the tests of other samplers")]
@@ -12,6 +12,7 @@ use std::sync::Arc;
 
 use chart::Chart;
 use fanal::base::random::Random;
+use fanal::camera::Camera;
 use fanal::geometry::mesh::Mesh;
 use fanal::geometry::{Accel, Ray, Shape, Surface};
 use fanal::guiding::emission::EmissionLearner;
@@ -135,9 +136,17 @@ fn s01_constant_light_follows_its_density() {
     assert!((mass - 1.0).abs() < 1e-3, "{mass}");
 }
 
+/// A chart whose cells can be parts of those of an environment of 16 columns, in the documented convention: u = atan2(x, −z)/2π,
+/// v = acos(y)/π, columns between texel centres.
+fn environment_chart(to_world: Mat3) -> Chart {
+    // φ = 0 half a texel after u = 0; atan2(x, −z) grows from −z towards +x.
+    let turn = Mat3::from_rotation_y(-std::f32::consts::PI / 16.0);
+    let axis = |v: Vec3| to_world * (turn * v);
+    Chart::Rows { frame: Frame { s: axis(Vec3::NEG_Z), t: axis(Vec3::X), n: axis(Vec3::Y) } }
+}
+
 /// A turned environment with one texel 1e4 times as bright as the rest, elsewhere and at a pole. The chart's cells are thirds of
-/// the picture's, in the documented convention (u = atan2(x, −z)/2π, v = acos(y)/π, columns between texel centres). Catches a
-/// forgotten sin θ, swapped rows and columns, a rotation the wrong way around.
+/// the picture's. Catches a forgotten sin θ, swapped rows and columns, a rotation the wrong way around.
 #[test]
 fn s01_environment_follows_its_density() {
     for hot in [3 * 16 + 5, 2] {
@@ -146,11 +155,7 @@ fn s01_environment_follows_its_density() {
         pixels[100] = Vec3::ZERO;
         let to_world = Mat3::from_quat(Quat::from_euler(glam::EulerRot::XYZ, 0.4, 1.1, -0.7));
         let light = Light::Envmap(Envmap::new(Arc::new(Image { width: 16, height: 9, pixels }), 0.5, to_world));
-        // φ = 0 half a texel after u = 0; atan2(x, −z) grows from −z towards +x.
-        let turn = Mat3::from_rotation_y(-std::f32::consts::PI / 16.0);
-        let axis = |v: Vec3| to_world * (turn * v);
-        let frame = Frame { s: axis(Vec3::NEG_Z), t: axis(Vec3::X), n: axis(Vec3::Y) };
-        let mass = Chart::Rows { frame }.check(
+        let mass = environment_chart(to_world).check(
             &format!("environment, texel {hot}"),
             [24, 48],
             |wi| f64::from(light.background_pdf(wi)),
@@ -202,7 +207,8 @@ fn s01_lights_are_chosen_by_their_probability() {
 }
 
 /// Directions of photons: cosine-distributed about the normals of a surface, uniform from a point and within a spot's cone, by
-/// radiance from the sky. Catches photons that leave a lamp as from a point, and skies turned inside out.
+/// radiance from the sky. They all have one, to 1e-3 by quadrature. Catches photons that leave a lamp as from a point, and skies
+/// turned inside out.
 #[test]
 fn s01_photons_leave_in_the_directions_of_their_light() {
     let bounds = BoundingSphere { center: Vec3::ZERO, radius: 2.0 };
@@ -230,12 +236,36 @@ fn s01_photons_leave_in_the_directions_of_their_light() {
         ("sky", Light::Envmap(sky), Box::new(|wi: Vec3| f64::from(looked_up.background_pdf(-wi)))),
     ];
     for (name, light, density) in &cases {
-        let axis = if *name == "sky" { Mat3::from_rotation_x(0.6) * Vec3::Y } else { Vec3::Z };
-        let mass = Chart::around(axis, 1.0).check(&format!("photons of {name}"), [96, 32], density, |random| {
+        // For the sky cells that are parts of its picture's, seen from outside.
+        let outside = Mat3::from_rotation_x(0.6) * Mat3::from_diagonal(Vec3::NEG_ONE);
+        let chart = if *name == "sky" { environment_chart(outside) } else { Chart::around(Vec3::Z, 1.0) };
+        let mass = chart.check(&format!("photons of {name}"), [96, 32], density, |random| {
             light.emit(&bounds, random.next_2d(), random.next_2d()).map(|emission| emission.ray.direction)
         });
-        assert!((mass - 1.0).abs() < 2e-3, "{name}: {mass}");
+        assert!((mass - 1.0).abs() < 1e-3, "{name}: {mass}");
     }
+}
+
+/// Rays start evenly all over a thin lens, wherever in the picture they go through and wherever the camera is: 8 rings of equal
+/// area by 8 sectors. Catches a lens that is sampled by its radius, or that the camera leaves behind.
+#[test]
+fn s01_rays_start_evenly_all_over_the_lens() {
+    let turn = Quat::from_euler(glam::EulerRot::XYZ, 0.4, 1.1, -0.7);
+    let to_world = Affine3A::from_rotation_translation(turn, Vec3::new(0.5, -1.0, 0.7));
+    let (size, radius, n) = ([64u32, 48], 0.25, 1_000_000);
+    let (camera, to_local) = (Camera::new(to_world, 40.0, size, radius, 5.0), to_world.inverse());
+    let mut random = Random::new(24, 0, 0);
+    let mut counts = vec![0.0; 64];
+    for _ in 0..n {
+        let [x, y] = random.next_2d();
+        let ray = camera.ray([x * size[0] as f32, y * size[1] as f32], camera.lens(&mut random));
+        let start = to_local.transform_point3(ray.origin) / radius;
+        assert!(start.z.abs() < 1e-5 && start.length() < 1.0 + 1e-5, "{start}");
+        let turn = (start.y.atan2(start.x) / std::f32::consts::TAU).rem_euclid(1.0);
+        let [ring, sector] = [start.truncate().length_squared(), turn].map(|c| ((8.0 * c) as usize).min(7));
+        counts[8 * ring + sector] += 1.0;
+    }
+    assert_chi2("lens", &counts, &[f64::from(n) / 64.0; 64], chart::level());
 }
 
 /// Starts of photons that were learned: every start's probability is stated, so the mean of its inverse over any part of the

@@ -56,6 +56,17 @@ fn the_error_asked_for_is_reached() {
     }
 }
 
+/// A picture that is still black has no noise at all: that no path has found the light of a spot of 3.5 mm so far is no reason to end.
+#[test]
+fn a_black_beginning_is_not_the_end() {
+    let scene = committed("spot", [4, 3]);
+    for seed in 0..8 {
+        let outcome = stopped(&scene, GUIDES[0], 3.0, seed);
+        let spp = outcome.statistics.spp;
+        assert!(mean(&outcome.image) > 0.0 || spp >= 512, "seed {seed}: black after {spp} samples per pixel");
+    }
+}
+
 /// However short the time, there is a picture: one sample in every pixel, even where learning took all of it.
 #[test]
 fn no_time_at_all_still_gives_a_picture() {

@@ -20,24 +20,10 @@ use fanal::render::{GuideMode, RenderSettings, SampleKinds, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{Distribution, MaterialFile, TextureFile};
 use glam::{Quat, Vec3};
-use scenes::{GUIDES, Guide, built, committed, mean, one_sided, picture, settings};
+use scenes::{GUIDES, Guide, box_furnace, built, committed, mean, one_sided, picture, settings};
 use statistics::{Summary, sidak, student_quantile};
 
-/// Inside a closed box whose walls reflect `albedo` and emit radiance 1.
-fn box_furnace(albedo: f32) -> Scene {
-    let mut b = Builder::new("box furnace", [8, 8]);
-    let wall = b.add_material("wall", diffuse([albedo; 3]));
-    let axes = [Vec3::X, Vec3::Y, Vec3::Z];
-    for (i, n) in axes.into_iter().flat_map(|n| [n, -n]).enumerate() {
-        let u = axes[(i / 2 + 1) % 3];
-        // A wall at −n faces n = u × v.
-        b.add_quad("wall", -n, [u, n.cross(u)], &wall, Some([1.0; 3]));
-    }
-    b.look_at(Vec3::new(0.3, 0.1, -0.4), Vec3::new(-0.2, 0.3, 1.0), Vec3::Y, 80.0);
-    built(b.finish())
-}
-
-/// The same inside a sphere: one light, and every point that it lights lies on itself.
+/// The furnace inside a sphere: one light, and every point that it lights lies on itself.
 fn sphere_furnace(albedo: f32) -> Scene {
     let mut b = Builder::new("sphere furnace", [8, 8]);
     let wall = b.add_material("wall", diffuse([albedo; 3]));
@@ -58,8 +44,9 @@ fn sky_furnace(albedo: f32) -> Scene {
     built(b.finish())
 }
 
-/// Student's test of the mean over 12 seeds against `expected`, at the level of 3σ: 0.27 % false alarms per case. Its 88
-/// cases together raise one in 21 % of new seeds. The standard error must resolve 1 %, or the test could not fail.
+/// Student's test of the mean over 12 seeds against `expected`, at the level of 3σ: 0.27 % false alarms per case. Its 124 cases
+/// (64 closed furnaces, 10 options, 32 skies, 18 white balls) together raise one in 28 % of new seeds; with these, it is decided.
+/// The standard error must resolve 1 %, or the test could not fail.
 fn furnace(scene: &Scene, guide: Guide, nee: bool, expected: f64) {
     furnace_with(scene, guide, expected, |settings| settings.transport.nee = nee);
 }
@@ -93,7 +80,7 @@ fn furnace_with(scene: &Scene, guide: Guide, expected: f64, change: impl Fn(&mut
 fn s03_closed_furnaces() {
     for albedo in [0.5, 0.8] {
         let expected = 1.0 / (1.0 - f64::from(albedo));
-        for scene in [box_furnace(albedo), sphere_furnace(albedo)] {
+        for scene in [built(box_furnace(albedo)), sphere_furnace(albedo)] {
             for (guide, nee) in GUIDES.into_iter().flat_map(|guide| [(guide, true), (guide, false)]) {
                 furnace(&scene, guide, nee, expected);
             }
@@ -117,31 +104,33 @@ fn s03_options_change_no_mean() {
         |s| s.learner.past = 1.0,
     ];
     for change in changes {
-        furnace_with(&box_furnace(0.5), GUIDES[5], 2.0, change);
+        furnace_with(&built(box_furnace(0.5)), GUIDES[5], 2.0, change);
     }
 }
 
-/// Behind a door light sampling finds little, and most paths end in the dark. Catches a guide whose voxels do not know it, or
-/// are not asked.
+/// Below a lamp whose shade opens upwards light sampling finds nothing. Catches a guide whose voxels do not know it, or are not asked.
 #[test]
 fn work_follows_the_light() {
-    let scene = committed("door-ajar", [32, 24]);
+    let scene = committed("lamp-room", [32, 24]);
     let rays = |roulette: Roulette| {
-        let mut settings = settings(GUIDES[5], 96, 1);
+        let mut settings = settings(GUIDES[5], 256, 1);
         settings.transport.roulette = roulette;
         let outcome = render(&scene, &settings, &Gaussian::default(), &Silent, &AtomicBool::new(false));
         let statistics = outcome.expect("the settings are sound").statistics;
         statistics.camera_rays as f64
     };
     let (plain, judged) = (rays(Roulette::Throughput), rays(Roulette::Window));
-    assert!(judged < 0.8 * plain, "{judged} rays against {plain}");
+    assert!(judged < 0.85 * plain, "{judged} rays against {plain}");
 }
 
 /// A convex body sees only the sky: L = a. Catches the same for light from infinity.
 #[test]
 fn s03_sky_furnaces() {
-    for (guide, nee) in GUIDES.into_iter().flat_map(|guide| [(guide, true), (guide, false)]) {
-        furnace(&sky_furnace(0.8), guide, nee, f64::from(0.8f32));
+    for albedo in [0.5, 0.8] {
+        let scene = sky_furnace(albedo);
+        for (guide, nee) in GUIDES.into_iter().flat_map(|guide| [(guide, true), (guide, false)]) {
+            furnace(&scene, guide, nee, f64::from(albedo));
+        }
     }
 }
 
@@ -225,6 +214,15 @@ fn many_holes_take_nothing_from_a_shadow_ray() {
     assert!(open > 0.01 && (screened / open - 1.0).abs() < 0.02, "{screened} of {open}");
 }
 
+/// Scenes whose pictures are compared block by block, and the means compared of each: twelve blocks and the whole picture.
+const COMPARED: [&str; 5] = ["cornell", "door-ajar", "glass-caustic", "lamp-room", "pinhole"];
+const BLOCKS: usize = 13;
+
+/// Level of a block: the blocks of all scenes and modes together raise a false alarm for 0.001 of new seeds (Šidák).
+fn block_level() -> f64 {
+    sidak(0.001, (GUIDES.len() - 1) * COMPARED.len() * BLOCKS)
+}
+
 /// Means of 8×8 blocks and of the whole picture, the last value.
 fn blocks(image: &Image) -> Vec<f64> {
     let (columns, rows) = (image.width / 8, image.height / 8);
@@ -240,17 +238,16 @@ fn blocks(image: &Image) -> Vec<f64> {
 /// Block means over 16 seeds of every guided mode against `none`: Welch's test per block, all of them together at 0.001 (Šidák).
 ///
 /// A test per pixel would lie: estimates have heavy tails (a caustic found once in a thousand paths), so at affordable samples
-/// a pixel's variance is mostly underestimated. Means over a block and a seed are sums of many thousand samples, and Student's
-/// quantile allows for their variance being an estimate of 16. A tail that is still seen once enters the mean and its error
-/// alike and cannot raise an alarm alone. What the test sees is a bias of about 5 standard errors: some percent of a block,
-/// less of the picture. Catches light that guiding loses or gains: a wrong mixture density, records that steer the final
-/// picture, passes combined with weights that follow their samples.
+/// a pixel's own variance is mostly underestimated (`s05_pixels_agree` asks its neighbours). Means over a block and a seed are sums
+/// of many thousand samples, and Student's quantile allows for their variance being an estimate of 16. A tail that is still seen
+/// once enters the mean and its error alike and cannot raise an alarm alone. What the test sees is a bias of about 6 standard
+/// errors: some percent of a block, less of the picture. Catches light that guiding loses or gains: a wrong mixture density,
+/// records that steer the final picture, passes combined with weights that follow their samples.
 #[test]
 fn s05_guided_pictures_agree_with_none() {
-    let names = ["cornell", "door-ajar", "glass-caustic", "lamp-room", "pinhole"];
-    let level = sidak(0.001, (GUIDES.len() - 1) * names.len() * 13);
+    let level = block_level();
     let mut compared = 0;
-    for name in names {
+    for name in COMPARED {
         let scene = committed(name, [32, 24]);
         let runs = |guide: Guide| -> Vec<Vec<f64>> {
             (0..16).map(|seed| blocks(&picture(&scene, &settings(guide, 24, 100 + seed)))).collect()
@@ -276,10 +273,10 @@ fn s05_guided_pictures_agree_with_none() {
             }
         }
     }
-    assert_eq!(compared, ((GUIDES.len() - 1) * names.len() - 4) * 13);
+    assert_eq!(compared, ((GUIDES.len() - 1) * COMPARED.len() - 4) * BLOCKS);
 }
 
-/// A block a tenth brighter would be seen on the diffuse box. Keeps the test above honest.
+/// A block a tenth brighter would be seen on the diffuse box, at the level of the test above. Keeps it honest.
 #[test]
 fn s05_agreement_can_fail() {
     let scene = committed("cornell", [32, 24]);
@@ -287,7 +284,70 @@ fn s05_agreement_can_fail() {
         (0..16).map(|i| factor * blocks(&picture(&scene, &settings(GUIDES[0], 24, seed + i)))[5]).collect()
     };
     let (a, b) = (Summary::new(&runs(0, 1.0)), Summary::new(&runs(50, 1.1)));
-    assert!(a.welch(&b, sidak(0.001, 52)) > 1.0, "standard errors {} and {}", a.error(), b.error());
+    assert!(a.welch(&b, block_level()) > 1.0, "standard errors {} and {}", a.error(), b.error());
+}
+
+/// Pictures that are compared pixel by pixel, and how many pixels of one may be told apart: 0.25 % of 768, which is one.
+const PIXELS: [u32; 2] = [32, 24];
+const TOLD_APART: usize = (PIXELS[0] * PIXELS[1]) as usize * 25 / 10_000;
+
+/// Every pixel's mean over 16 pictures with seeds from `first`. Its variance is at least the mean of its own and its neighbours':
+/// where one path in a thousand brings most of the light, some pixels have seen none and seem certain of it, but of nine some have.
+fn pixels(scene: &Scene, guide: Guide, first: u64) -> Vec<Summary> {
+    let pictures: Vec<Image> = (0..16).map(|seed| picture(scene, &settings(guide, 48, first + seed))).collect();
+    let value = |image: &Image, i: usize| f64::from(image.pixels[i].element_sum()) / 3.0;
+    let [width, height] = PIXELS.map(|side| side as usize);
+    let own: Vec<Summary> = (0..width * height)
+        .map(|i| Summary::new(&pictures.iter().map(|image| value(image, i)).collect::<Vec<_>>()))
+        .collect();
+    let around = |at: usize, size: usize| at.saturating_sub(1)..(at + 2).min(size);
+    let smoothed = |i: usize| {
+        let rows = around(i / width, height).map(|y| &own[y * width..][around(i % width, width)]);
+        let near: Vec<f64> = rows.flatten().map(|pixel| pixel.variance).collect();
+        let mean = near.iter().sum::<f64>() / near.len() as f64;
+        Summary { variance: own[i].variance.max(mean), ..own[i] }
+    };
+    (0..own.len()).map(smoothed).collect()
+}
+
+/// The pixels that two methods' pictures do not agree about: Welch's test, all pixels of a picture together at 0.01 (Šidák).
+fn told_apart(a: &[Summary], b: &[Summary]) -> impl Iterator<Item = usize> {
+    let level = sidak(0.01, a.len());
+    (0..a.len()).filter(move |&i| a[i].differs(&b[i], level))
+}
+
+/// What is made of trees by smoothing and by the network against `none`, pixel by pixel: at least 99.75 % of them agree. Were means
+/// normal, two false pixels in a picture would come up for 5e-5 of new seeds, in any of the four for 2e-4. Catches what the means
+/// of blocks hide: light that is moved to another place, seams between the voxels of a guide.
+#[test]
+fn s05_pixels_agree() {
+    for (index, name) in (0..).zip(["cornell", "lamp-room"]) {
+        let scene = committed(name, PIXELS);
+        let none = pixels(&scene, GUIDES[0], 1000 * index);
+        for (guide, first) in [GUIDES[5], GUIDES[6]].into_iter().zip([200, 400]) {
+            let guided = pixels(&scene, guide, 1000 * index + first);
+            let apart: Vec<usize> = told_apart(&none, &guided).collect();
+            let seen = apart.iter().map(|&i| (i, none[i], guided[i])).collect::<Vec<_>>();
+            println!("{name}, {guide:?}: {} pixels are told apart", apart.len());
+            assert!(apart.len() <= TOLD_APART, "{name}, {guide:?}: {seen:?}");
+        }
+    }
+}
+
+/// A picture brighter by 15 % would not pass on the diffuse box. Keeps the test above honest.
+#[test]
+fn s05_pixels_can_be_told_apart() {
+    let scene = committed("cornell", PIXELS);
+    let none = pixels(&scene, GUIDES[0], 0);
+    let again = pixels(&scene, GUIDES[0], 600);
+    let brighter = |pixel: &Summary| Summary {
+        mean: 1.15 * pixel.mean,
+        variance: 1.15f64.powi(2) * pixel.variance,
+        freedom: pixel.freedom,
+    };
+    let brighter: Vec<Summary> = again.iter().map(brighter).collect();
+    assert!(told_apart(&none, &again).nth(TOLD_APART).is_none(), "two runs of one method disagree");
+    assert!(told_apart(&none, &brighter).nth(TOLD_APART).is_some(), "nobody would see 15 %");
 }
 
 /// Turning a scene changes the world's axes but not the picture: trees are made in world coordinates. Bound: 3 % is 5 standard

@@ -8,7 +8,7 @@ use std::f32::consts::PI;
 use std::sync::Arc;
 
 use fanal::base::random::Random;
-use fanal::generate::build::{Builder, diffuse};
+use fanal::generate::build::{Builder, diffuse, matrix};
 use fanal::geometry::{Ray, Shape, Surface};
 use fanal::guiding::effort::Roulette;
 use fanal::guiding::emission::EmissionGuide;
@@ -22,13 +22,13 @@ use fanal::lights::envmap::Envmap;
 use fanal::lights::point::{Point, Spot};
 use fanal::lights::{BoundingSphere, Light};
 use fanal::materials::image::Image;
-use fanal::math::Frame;
+use fanal::math::{Frame, channel_mean};
 use fanal::render::RenderSettings;
 use fanal::scene::Scene;
 use fanal::scene::file::LightFile;
-use glam::{Affine3A, Mat3, Mat4, Quat, Vec3};
+use glam::{Affine3A, DQuat, DVec3, Mat3, Mat4, Quat, Vec3};
 use rayon::prelude::*;
-use scenes::{GUIDES, built, floor, mean, picture, settings};
+use scenes::{GUIDES, built, built_with, floor, mean, picture, settings};
 
 const SKY: BoundingSphere = BoundingSphere { center: Vec3::ZERO, radius: 2.0 };
 
@@ -222,12 +222,11 @@ fn rectangle_factor(a: f64, b: f64) -> f64 {
 /// Radiance of the floor's centre, albedo 1/2, at 256 spp in 32×32 pixels, within 1 ± 0.025: the noisiest case, finding a
 /// factor of 0.18 by BSDF sampling alone, has a standard error of 0.42 %, so the bound is 6σ. Catches any missing π, cosine or
 /// distance².
-fn direct(name: &str, b: Builder, irradiance: f64, reachable: bool) {
-    let scene = built(b.finish());
+fn direct(name: &str, scene: &Scene, irradiance: f64, reachable: bool) {
     let expected = irradiance * 0.5 / std::f64::consts::PI;
     for (guide, nee) in GUIDES.iter().flat_map(|&guide| [(guide, true), (guide, false)]) {
         let transport = TransportSettings { max_depth: 2, nee, roulette: Roulette::Throughput };
-        let found = mean(&picture(&scene, &RenderSettings { transport, ..settings(guide, 256, 1) }));
+        let found = mean(&picture(scene, &RenderSettings { transport, ..settings(guide, 256, 1) }));
         if nee || reachable {
             assert!((found / expected - 1.0).abs() < 0.025, "{name}, {guide:?}, nee {nee}: {found} {expected}");
         } else {
@@ -248,20 +247,73 @@ fn s04_direct_light_has_its_closed_form() {
     b.add_quad("lamp", Vec3::Y, [Vec3::X * 0.6, Vec3::Z * 0.5], &black, emission);
     // The camera looks through below the lamp's edge: its ray rises 0.8 over a run of 0.6.
     b.look_at(Vec3::new(0.9, 0.3, 0.0), Vec3::ZERO, Vec3::Z, 0.5);
-    direct("rectangle", b, 3.0 * pi * rectangle_factor(0.6, 0.5), true);
+    direct("rectangle", &built(b.finish()), 3.0 * pi * rectangle_factor(0.6, 0.5), true);
     let (emission, black, mut b) = lamp(Some([5.0; 3]));
     b.add_sphere("ball", Vec3::new(0.0, 1.0, 0.5), 0.5, &black, emission);
     // π·L·sin²α·cos θ with sin²α = r²/d², cos θ = 1/d.
-    direct("sphere", b, 5.0 * pi * 0.25 / 1.25 / 1.25f64.sqrt(), true);
-    let mut b = floor([32, 32], 1.0);
-    b.add_light(LightFile::Point { position: [0.3, 1.2, 0.4], intensity: [2.0; 3] });
+    direct("sphere", &built(b.finish()), 5.0 * pi * 0.25 / 1.25 / 1.25f64.sqrt(), true);
+    let position = Vec3::new(0.3, 1.2, 0.4);
     let d2: f64 = 0.09 + 1.44 + 0.16;
-    direct("point", b, 2.0 * 1.2 / (d2 * d2.sqrt()), false);
+    let of_point = 2.0 * 1.2 / (d2 * d2.sqrt());
+    let mut b = floor([32, 32], 1.0);
+    b.add_light(LightFile::Point { position: position.to_array(), intensity: [2.0; 3] });
+    direct("point", &built(b.finish()), of_point, false);
+    // Aimed beside the floor's middle: by 4° of a beam of 15°, and by 27°, where half of the way to the cutoff is left.
+    for (name, target) in [("spot", Vec3::new(0.1, 0.0, 0.0)), ("edge of a spot", Vec3::new(0.6, 0.0, -0.2))] {
+        let axis = target - position;
+        let turn = Quat::from_rotation_arc(Vec3::Z, axis.normalize());
+        let to_world = matrix(Mat4::from_rotation_translation(turn, position));
+        // Without noise: every sample has the light that the point has.
+        let mut b = floor([8, 8], 1.0);
+        b.add_light(LightFile::Spot { to_world, intensity: [2.0; 3], cutoff_angle: 40.0, beam_width: 15.0 });
+        let beside = axis.as_dvec3().angle_between(-position.as_dvec3()).to_degrees();
+        direct(name, &built(b.finish()), of_point * ((40.0 - beside) / 25.0).min(1.0), false);
+    }
     let mut b = floor([32, 32], 1.0);
     let n = Frame::new(Vec3::new(0.5, -1.0, 0.0).normalize()).n;
     b.add_light(LightFile::Directional { direction: n.to_array(), irradiance: [2.0; 3] });
-    direct("directional", b, 2.0 / 1.25f64.sqrt(), false);
+    direct("directional", &built(b.finish()), 2.0 / 1.25f64.sqrt(), false);
     let mut b = floor([32, 32], 1.0);
     b.add_light(LightFile::Constant { radiance: [2.0; 3] });
-    direct("constant", b, 2.0 * pi, true);
+    direct("constant", &built(b.finish()), 2.0 * pi, true);
+}
+
+/// Radiance of a picture around the scene, in its own frame, by the convention that scene files document: u = atan2(x, −z)/2π and
+/// v = acos(y)/π, columns at u = (i + ½)/W, rows at v = j/(H − 1), bilinear between them.
+fn around(image: &Image, direction: DVec3) -> f64 {
+    let turns = direction.x.atan2(-direction.z) / (2.0 * std::f64::consts::PI);
+    let x = turns * image.width as f64 - 0.5;
+    let y = direction.y.clamp(-1.0, 1.0).acos() / std::f64::consts::PI * (image.height - 1) as f64;
+    let texel = |x: f64, y: f64| {
+        let (column, row) = (x.rem_euclid(image.width as f64) as usize, (y as usize).min(image.height - 1));
+        f64::from(channel_mean(image.pixels[row * image.width + column]))
+    };
+    let (left, top) = (x.floor(), y.floor());
+    let row = |y: f64| texel(left, y) + (texel(left + 1.0, y) - texel(left, y)) * (x - left);
+    row(top) + (row(top + 1.0) - row(top)) * (y - top)
+}
+
+/// A turned sky with one texel forty times as bright as the others, above the floor: ∫ L cos θ dω is π times the mean over a grid
+/// of sin²θ and φ, right to 1e-4. Nearly half of the light is that texel's, so a picture that is turned the wrong way, mirrored or
+/// off by a texel shows.
+#[test]
+fn s04_a_sky_lights_by_its_integral() {
+    let mut image = Image { width: 16, height: 9, pixels: vec![Vec3::new(1.0, 0.5, 1.5); 16 * 9] };
+    image.pixels[2 * 16 + 13] = Vec3::new(40.0, 20.0, 60.0);
+    let turn = DQuat::from_rotation_x(0.7) * DQuat::from_rotation_y(0.4);
+    let (n, pi) = (500, std::f64::consts::PI);
+    let at = |i: i32| (f64::from(i) + 0.5) / f64::from(n);
+    let radiance = |i: i32| {
+        let (sin, (y, x)) = (at(i % n).sqrt(), (2.0 * pi * at(i / n)).sin_cos());
+        around(&image, turn.inverse() * DVec3::new(sin * x, (1.0 - at(i % n)).sqrt(), sin * y))
+    };
+    let irradiance = 2.0 * pi * (0..n * n).map(radiance).sum::<f64>() / f64::from(n * n);
+    let to_world = matrix(Mat4::from_quat(turn.as_quat()));
+    let sky = LightFile::Envmap { file: "sky".into(), scale: 2.0, to_world };
+    let scene = built_with(floor([32, 32], 1.0).finish(), |loaded| {
+        loaded.file.lights.push(sky);
+        loaded.images.insert("sky".into(), Arc::new(image));
+    });
+    assert!((10.0..13.0).contains(&irradiance), "{irradiance}");
+    direct("sky", &scene, irradiance, true);
 }

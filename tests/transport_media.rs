@@ -9,19 +9,24 @@ mod statistics;
 
 use fanal::generate::build::{Builder, diffuse};
 use fanal::materials::phase::HenyeyGreenstein;
+use fanal::render::{GuideMode, SampleKinds};
 use fanal::scene::Scene;
 use fanal::scene::file::{LightFile, MaterialFile, MediumFile, SceneFile};
 use glam::{Mat4, Vec3};
-use scenes::{GUIDES, Guide, built, picture, settings};
+use scenes::{GUIDES, Guide, box_furnace, built, picture, settings};
 use statistics::{Summary, sidak, student_quantile};
 
 fn medium(sigma_t: [f32; 3], albedo: f32, g: f32) -> MediumFile {
     MediumFile::Homogeneous { sigma_t, albedo: [albedo; 3], g }
 }
 
-/// Means per channel over seeds against what they should be, all tests of this file together at 1 % (Šidák). The standard error
-/// must resolve 2 %, or the test could not fail.
+/// Means per channel over seeds against what they should be, all tests of this file but the furnaces together at 1 % (Šidák).
 fn check(scene: &Scene, guide: Guide, spp: u32, max_depth: u32, expected: [f64; 3]) {
+    check_at(sidak(0.01, 200), scene, guide, [spp, max_depth], expected);
+}
+
+/// The same with false alarms at the rate `level` in each channel. The standard error must resolve 2 %, or the test could not fail.
+fn check_at(level: f64, scene: &Scene, guide: Guide, [spp, max_depth]: [u32; 2], expected: [f64; 3]) {
     let pictures: Vec<[f64; 3]> = (0..12)
         .map(|seed| {
             let mut settings = settings(guide, spp, seed);
@@ -37,7 +42,7 @@ fn check(scene: &Scene, guide: Guide, spp: u32, max_depth: u32, expected: [f64; 
         let name = format!("{} {guide:?} channel {c}", scene.name);
         assert!(summary.error() < 0.02 * expected, "{name}: standard error {}", summary.error());
         // Sums of logarithms and exponentials in single precision are right to about 1e-5.
-        let limit = (student_quantile(sidak(0.01, 200), summary.freedom) * summary.error()).max(2e-5 * expected);
+        let limit = (student_quantile(level, summary.freedom) * summary.error()).max(2e-5 * expected);
         assert!((summary.mean - expected).abs() < limit, "{name}: {} ± {limit}, not {expected}", summary.mean);
     }
 }
@@ -89,22 +94,24 @@ fn white_media_vanish() {
 }
 
 /// Inside a closed box whose walls emit 1 and reflect a, the radiance is 1/(1 - a) everywhere, fog that absorbs nothing or not.
-/// Catches light sampling that forgets the fog, or counts it twice.
+/// Student's test at the level of 3σ, 0.27 % false alarms in each of 48 channels, which together raise one in 12 % of new seeds, or
+/// less, since channels have their paths in common; with these, it is decided. Catches light sampling that forgets the fog, or
+/// counts it twice.
 #[test]
 fn s03_fog_changes_no_furnace() {
-    let mut b = Builder::new("foggy furnace", [8, 8]);
-    let wall = b.add_material("wall", diffuse([0.5; 3]));
-    let axes = [Vec3::X, Vec3::Y, Vec3::Z];
-    for (i, n) in axes.into_iter().flat_map(|n| [n, -n]).enumerate() {
-        let u = axes[(i / 2 + 1) % 3];
-        b.add_quad("wall", -n, [u, n.cross(u)], &wall, Some([1.0; 3]));
-    }
-    b.look_at(Vec3::new(0.3, 0.1, -0.4), Vec3::new(-0.2, 0.3, 1.0), Vec3::Y, 80.0);
-    let mut file = b.finish();
-    file.media.insert("fog".into(), medium([0.5, 0.3, 0.7], 1.0, 0.4));
-    file.camera.medium = Some("fog".into());
-    for guide in GUIDES {
-        check(&built(file.clone()), guide, 128, 200, [2.0; 3]);
+    for albedo in [0.5, 0.8] {
+        let mut file = box_furnace(albedo);
+        file.name = format!("foggy furnace {albedo}");
+        file.media.insert("fog".into(), medium([0.5, 0.3, 0.7], 1.0, 0.4));
+        file.camera.medium = Some("fog".into());
+        let scene = built(file);
+        for guide in GUIDES {
+            // One guide for all facings and a fixed half of BSDF samples make one of these modes the noisiest; where photons alone
+            // guide, half of the samples learn what walls that shine everywhere have no use for.
+            let noisy = guide.0 == GuideMode::Ppg || guide.1 == SampleKinds::Photon;
+            let spp = if noisy { 768 } else { 192 };
+            check_at(0.0027, &scene, guide, [spp, 200], [1.0 / (1.0 - f64::from(albedo)); 3]);
+        }
     }
 }
 

@@ -2,12 +2,13 @@
 """Noise of the methods of a comparison, from the differences between its seeds: no reference is needed.
 
     pip install numpy OpenEXR
-    cargo run --release -- compare scenes/spot --methods gaussian,neural --time 30 --seeds 3 --reference-spp 8 -o out/spot
+    cargo run --release -- compare scenes/spot --methods gaussian,neural --time 30 --seeds 8 --reference-spp 8 -o out/spot
     tests/bench/noise.py out/spot out/...
 
 All methods have the same mean, so half of the squared difference of two seeds is the variance of one. Prints for each folder and
 budget every method's variance over (mean squared + 0.01), averaged over pixels, with and without the worst 0.1 % of them, and the
-trimmed one over that of the first method; at the end the geometric mean of the ratios over folders.
+trimmed one over that of the first method with a 95 % interval (bootstrap over seeds, which are paired; from five seeds on); at the
+end the geometric mean of the ratios over folders, whose interval draws the seeds of each folder by themselves.
 """
 import itertools
 import json
@@ -20,6 +21,8 @@ import OpenEXR
 
 TRIMMED = 0.999
 OFFSET = 0.01
+RESAMPLED = 2000
+FEWEST = 5
 
 
 def read(path):
@@ -30,17 +33,37 @@ def read(path):
 
 
 def noise(pictures, square):
-    """Relative variance over all pixels, and the geometric mean over pairs of seeds of the trimmed one."""
-    whole, trimmed = [], []
-    for a, b in itertools.combinations(pictures, 2):
-        error = np.sort((np.mean((a - b) ** 2, -1) / 2 / square).ravel())
+    """Relative variance over all pixels, and the logarithm of the trimmed one for each pair of seeds [seeds, seeds]."""
+    whole, trimmed = [], np.zeros((len(pictures), len(pictures)))
+    for a, b in itertools.combinations(range(len(pictures)), 2):
+        error = np.sort((np.mean((pictures[a] - pictures[b]) ** 2, -1) / 2 / square).ravel())
         whole.append(error.mean())
-        trimmed.append(error[: int(len(error) * TRIMMED)].mean())
-    return np.mean(whole), np.exp(np.mean(np.log(trimmed)))
+        trimmed[a, b] = trimmed[b, a] = np.log(error[: int(len(error) * TRIMMED)].mean())
+    return np.mean(whole), trimmed
+
+
+def mean_of_pairs(values, times):
+    """Mean over pairs of different seeds, a seed counted `times[...]` often."""
+    weight = times[:, None] * times[None, :] * (1 - np.eye(len(times)))
+    return (values * weight).sum() / weight.sum()
+
+
+def resampled(values, rng):
+    """Bootstrap of the mean over pairs: how often each seed is drawn, as long as two different ones are."""
+    seeds = len(values)
+    while True:
+        times = np.bincount(rng.integers(seeds, size=seeds), minlength=seeds)
+        if np.count_nonzero(times) > 1:
+            return mean_of_pairs(values, times)
+
+
+def interval(draws):
+    low, high = np.exp(np.percentile(draws, [2.5, 97.5]))
+    return f"[{low:.3f}, {high:.3f}]"
 
 
 def main(folders):
-    ratios = defaultdict(list)
+    ratios, draws = defaultdict(list), defaultdict(list)
     for folder in map(Path, folders):
         results = json.loads((folder / "results.json").read_text())
         for budget, limit in enumerate(results["budgets"]):
@@ -55,11 +78,19 @@ def main(folders):
             square = np.mean(mean, -1) ** 2 + OFFSET
             found = {method: noise(of, square) for method, of in pictures.items()}
             first = found[results["methods"][0]][1]
+            every = np.ones(len(first))
             for method, (whole, trimmed) in found.items():
-                print(f"{folder.name:16} {json.dumps(limit):18} {method:10} {whole:10.6f} {trimmed:10.6f} {trimmed / first:6.3f}")
-                ratios[method].append(np.log(trimmed / first))
+                own, ratio = (np.exp(mean_of_pairs(of, every)) for of in (trimmed, trimmed - first))
+                rng = np.random.default_rng(1)
+                drawn = [resampled(trimmed - first, rng) for _ in range(RESAMPLED)]
+                between = interval(drawn) if len(first) >= FEWEST else ""
+                print(f"{folder.name:16} {json.dumps(limit):18} {method:10} {whole:10.6f} {own:10.6f} {ratio:6.3f} {between}")
+                ratios[method].append(np.log(ratio))
+                # Each folder's draws in an order of their own: its seeds have nothing to do with another folder's.
+                draws[method].append(np.random.default_rng(len(draws[method])).permutation(drawn))
     for method, of in ratios.items():
-        print(f"{'geometric mean':35} {method:10} {'':21} {np.exp(np.mean(of)):6.3f}")
+        between = interval(np.mean(draws[method], 0))
+        print(f"{'geometric mean':35} {method:10} {'':21} {np.exp(np.mean(of)):6.3f} {between}")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ use fanal::reconstruct::{Counted, Neural, Reconstructor};
 use fanal::render::{GuideMode, RenderSettings, SampleKinds, StopRule, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{MaterialFile, SceneFile, TextureFile};
-use fanal::scene::readers::{load, resolve};
+use fanal::scene::readers::{LoadedScene, load, resolve};
 use glam::Vec3;
 
 /// A mode that directions are sampled in.
@@ -65,8 +65,14 @@ pub fn one_sided(albedo: f32) -> MaterialFile {
 
 /// Builds a scene that was made up here.
 pub fn built(file: SceneFile) -> Scene {
+    built_with(file, |_| ())
+}
+
+/// The same with something added that else only files hold.
+pub fn built_with(file: SceneFile, add: impl FnOnce(&mut LoadedScene)) -> Scene {
     let size = [file.film.width, file.film.height];
-    let loaded = resolve(file, Path::new(""), Path::new("test")).expect("the scene is sound");
+    let mut loaded = resolve(file, Path::new(""), Path::new("test")).expect("the scene is sound");
+    add(&mut loaded);
     Scene::build(&loaded, size).expect("names resolve")
 }
 
@@ -83,6 +89,20 @@ pub fn floor(size: [u32; 2], half: f32) -> Builder {
     b.add_quad("floor", Vec3::ZERO, [Vec3::Z * half, Vec3::X * half], &grey, None);
     b.look_at(Vec3::new(0.6, 0.8, 0.0), Vec3::ZERO, Vec3::Z, 0.5);
     b
+}
+
+/// Inside a closed box whose walls reflect `albedo` and emit radiance 1.
+pub fn box_furnace(albedo: f32) -> SceneFile {
+    let mut b = Builder::new("box furnace", [8, 8]);
+    let wall = b.add_material("wall", diffuse([albedo; 3]));
+    let axes = [Vec3::X, Vec3::Y, Vec3::Z];
+    for (i, n) in axes.into_iter().flat_map(|n| [n, -n]).enumerate() {
+        let u = axes[(i / 2 + 1) % 3];
+        // A wall at −n faces n = u × v.
+        b.add_quad("wall", -n, [u, n.cross(u)], &wall, Some([1.0; 3]));
+    }
+    b.look_at(Vec3::new(0.3, 0.1, -0.4), Vec3::new(-0.2, 0.3, 1.0), Vec3::Y, 80.0);
+    b.finish()
 }
 
 /// A block on a floor under a square lamp of radiance `emission`.

@@ -84,6 +84,13 @@ pub fn erf64(x: f64) -> f64 {
     (1.0 - (-x * x).exp() / (PI.sqrt() * (x.abs() + fraction))).copysign(x)
 }
 
+/// Henyey and Greenstein 1941 with mean cosine `g`, for light from the unit direction `wi` that goes on in direction `wo`. Written
+/// with the half of both, since what is left of a cosine near 1 has no digits.
+pub fn henyey_greenstein(g: f32, wi: DVec3, wo: DVec3) -> f64 {
+    let (g, half) = (f64::from(g), (0.5 * (wi + wo)).length_squared());
+    (1.0 - g * g) / (4.0 * PI * ((1.0 - g).powi(2) + 4.0 * g * half).powf(1.5))
+}
+
 /// Microfacets by Walter et al. 2007 (eq. 25, 33) and Heitz 2014 (eq. 72, 83).
 pub struct Facets {
     pub shape: Shape,
