@@ -32,8 +32,8 @@ use crate::guiding::field::{Evidence, GuideField};
 use crate::guiding::{emission, file};
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes.
-pub const VERSION: u32 = 2;
+/// The version of checkpoints that this program reads and writes. 3: light sampling and going on are judged apart.
+pub const VERSION: u32 = 3;
 
 /// Largest accepted checkpoint in bytes, and what each pixel adds to it.
 const LIMIT: u64 = 1 << 32;
