@@ -319,7 +319,7 @@ impl Learner {
         let Some(cache) = &self.cache else { return Vec::new() };
         self.ancestry = cache.ancestry();
         let ancestry = &self.ancestry;
-        let priors = pooled(&self.voxels, ancestry, |v| &v.shares);
+        let priors = pooled(&self.voxels, ancestry, |sum: &mut Moments<_>, v| sum.merge(&v.shares));
         let part = self.settings.past;
         let own = |(v, voxel): (usize, &mut Voxel)| -> Counted {
             let mut shares = voxel.shares;
@@ -397,7 +397,7 @@ impl Learner {
             return;
         }
         let ancestry = &self.ancestry;
-        let merits = pooled(&self.voxels, ancestry, |v| &v.merits);
+        let merits = pooled(&self.voxels, ancestry, |sum: &mut Moments<_>, v| sum.merge(&v.merits));
         let mixed = |(v, proposal): (usize, Option<Proposal>)| {
             let mut own = self.voxels[v].merits;
             own.add_prior(&merits[ancestry.block(v)], PRIOR_SAMPLES);
@@ -406,7 +406,7 @@ impl Learner {
         };
         let guides: Vec<Option<(Guess, Proposal, f64)>> = proposals.into_par_iter().enumerate().map(mixed).collect();
         let cap = self.inner_nodes_cap(guides.iter().flatten().map(|(guide, ..)| &guide.0));
-        let priors = pooled(&self.voxels, ancestry, |v| &v.fractions);
+        let priors = pooled(&self.voxels, ancestry, |sum: &mut Moments<_>, v| sum.merge(&v.fractions));
         let returns = pooled_returns(&self.voxels, ancestry);
         let LearnerSettings { fraction: rule, keeps_evidence, .. } = self.settings;
         self.voxels.par_iter_mut().zip(guides).enumerate().for_each(|(v, (voxel, guide))| {
@@ -710,27 +710,20 @@ impl Outliers {
     }
 }
 
-/// Moments of blocks of cells together.
-fn pooled<const N: usize>(
-    voxels: &[Voxel],
-    ancestry: &Ancestry,
-    moments: impl Fn(&Voxel) -> &Moments<N>,
-) -> Vec<Moments<N>> {
-    let mut blocks = vec![Moments::default(); ancestry.sizes[1]];
+/// What `merge` adds up over the voxels of each block of cells.
+fn pooled<M: Default + Clone>(voxels: &[Voxel], ancestry: &Ancestry, merge: impl Fn(&mut M, &Voxel)) -> Vec<M> {
+    let mut blocks = vec![M::default(); ancestry.sizes[1]];
     for (v, voxel) in voxels.iter().enumerate() {
-        blocks[ancestry.block(v)].merge(moments(voxel));
+        merge(&mut blocks[ancestry.block(v)], voxel);
     }
     blocks
 }
 
 /// What the blocks send back, each with the whole scene as its surroundings.
 fn pooled_returns(voxels: &[Voxel], ancestry: &Ancestry) -> Vec<Returns> {
-    let mut blocks = vec![Returns::default(); ancestry.sizes[1]];
     let mut scene = Returns::default();
-    for (v, voxel) in voxels.iter().enumerate() {
-        blocks[ancestry.block(v)].merge(&voxel.returns);
-        scene.merge(&voxel.returns);
-    }
+    voxels.iter().for_each(|voxel| scene.merge(&voxel.returns));
+    let mut blocks = pooled(voxels, ancestry, |sum: &mut Returns, voxel| sum.merge(&voxel.returns));
     blocks.iter_mut().for_each(|block| block.add_scene(&scene));
     blocks
 }
