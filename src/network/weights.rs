@@ -140,6 +140,17 @@ impl Weights {
             HashMap::from([(CRC.to_owned(), crc(views.iter().map(|(name, view)| (*name, view))).to_string())]);
         safetensors::serialize(views, Some(metadata)).map_err(fail)
     }
+
+    /// CRC-32 of all values in the order of the layers' names: by it an exported file is told from one of other weights.
+    pub fn checksum(&self) -> u32 {
+        let parts: Vec<&[u8]> = self
+            .layers
+            .values()
+            .flat_map(|l| [&l.weight, &l.bias])
+            .map(|values| bytemuck::cast_slice(values))
+            .collect();
+        crc32(parts)
+    }
 }
 
 /// Key of the checksum in the header.

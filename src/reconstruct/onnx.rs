@@ -11,13 +11,13 @@ use ort::session::{Session, SessionInputValue};
 use ort::value::TensorRef;
 
 use crate::base::files::read_bytes;
-use crate::base::{Error, Place, Result};
+use crate::base::{Error, Result};
 use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use crate::network::batch::SLOTS;
 use crate::network::config::{Config, VERSION};
 use crate::network::program::GEOMETRY;
 use crate::network::seal;
-use crate::network::weights::{CONFIG_FILE, DECODE_FILE, ENCODE_FILE};
+use crate::network::weights::{DECODE_FILE, ENCODE_FILE, Model};
 
 /// Name of this backend in messages.
 const NAME: &str = "onnx";
@@ -66,7 +66,7 @@ impl OnnxBackend {
     /// # Errors
     /// As [`OnnxBackend::load`].
     pub fn load_with(folder: &Path, library: &Path) -> Result<Self> {
-        let config = read_config(folder)?;
+        let model = Model::load(folder)?;
         let environment = environment(library)?;
         let session = |file: &str| -> Result<Mutex<Session>> {
             let path = folder.join(file);
@@ -80,10 +80,10 @@ impl OnnxBackend {
             seal::check(&path, &bytes)?;
             let session =
                 Session::builder(&environment).and_then(|mut b| b.commit_from_memory(&bytes)).map_err(fail)?;
-            check_metadata(&session, &config, &path)?;
+            check_metadata(&session, &model, &path)?;
             Ok(Mutex::new(session))
         };
-        Ok(Self { encode: session(ENCODE_FILE)?, decode: session(DECODE_FILE)?, config })
+        Ok(Self { encode: session(ENCODE_FILE)?, decode: session(DECODE_FILE)?, config: model.config })
     }
 }
 
@@ -120,16 +120,8 @@ fn find_library() -> Option<PathBuf> {
     folders.map(|folder| folder.join(&name)).find(|path| path.is_file())
 }
 
-fn read_config(folder: &Path) -> Result<Config> {
-    let path = folder.join(CONFIG_FILE);
-    let config: Config = serde_json::from_slice(&read_bytes(&path, 1 << 20)?)
-        .map_err(|e| Error::malformed(Place::line(&path, e.line() as u32), e.to_string()))?;
-    config.validate(&path)?;
-    Ok(config)
-}
-
-/// The exported file must belong to the configuration beside it.
-fn check_metadata(session: &Session, config: &Config, path: &Path) -> Result<()> {
+/// The exported file must be of the configuration and the weights beside it.
+fn check_metadata(session: &Session, Model { config, weights }: &Model, path: &Path) -> Result<()> {
     let metadata = session.metadata().map_err(|e| fail(e.to_string()))?;
     let expected = [
         ("version", VERSION.to_string()),
@@ -137,11 +129,12 @@ fn check_metadata(session: &Session, config: &Config, path: &Path) -> Result<()>
         ("convolutions", config.convolutions.to_string()),
         ("features", config.features.to_string()),
         ("per_level", config.per_level.to_string()),
+        ("weights", format!("{:08x}", weights.checksum())),
     ];
     for (key, value) in expected {
         let found = metadata.custom(key).unwrap_or_default();
         if found != value {
-            let message = format!("its {key} is '{found}', {CONFIG_FILE} says {value}; export the model again");
+            let message = format!("its {key} is '{found}', the model's is {value}; export the model again");
             return Err(Error::Model { path: path.to_owned(), message });
         }
     }

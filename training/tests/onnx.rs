@@ -10,7 +10,8 @@ use fanal::base::Error;
 use fanal::network::backend::{Backend, EncodeInputs};
 use fanal::network::config::Config;
 use fanal::network::embedded::Embedded;
-use fanal::network::weights::{CONFIG_FILE, ENCODE_FILE, Model};
+use fanal::network::weights::{ENCODE_FILE, Model};
+use fanal::reconstruct::Reconstructed;
 use fanal::reconstruct::neural::reconstruct_batch;
 use fanal::reconstruct::onnx::OnnxBackend;
 use fanal_training::onnx::{EXAMPLE_FILE, export};
@@ -52,6 +53,32 @@ fn onnx_agrees_with_embedded() {
     }
 }
 
+/// Ties at the thresholds may fall either way; the first level has none.
+fn assert_alike(found: &[Reconstructed], expected: &[Reconstructed]) {
+    let same = found.iter().zip(expected).filter(|(a, b)| a.topology == b.topology).count();
+    assert!(same * 10 >= found.len() * 8, "{same} of {}", found.len());
+    for (a, b) in found.iter().zip(expected) {
+        (1..5).for_each(|node| assert!((a.node_share[node] - b.node_share[node]).abs() < 1e-4));
+    }
+}
+
+/// Networks on images too (Zhu et al. 2020), whose trees have all cells of a level.
+#[test]
+fn every_kind_of_model_reconstructs_alike() {
+    let Some(library) = library() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let trees = trees();
+    let inputs: Vec<_> = trees.iter().map(Tree::input).collect();
+    for config in [Config { image: Some(4), ..config(16, 1, false) }, config(8, 2, true)] {
+        let model = exported_of(folder.path(), config);
+        let onnx = OnnxBackend::load_with(folder.path(), &library).unwrap();
+        let embedded = Embedded::new(&model).unwrap();
+        let [found, expected] =
+            [&onnx as &dyn Backend, &embedded].map(|backend| reconstruct_batch(&model, backend, &inputs).unwrap());
+        assert_alike(&found, &expected);
+    }
+}
+
 #[test]
 fn reconstruction_runs_from_several_threads() {
     let Some(library) = library() else { return };
@@ -62,13 +89,7 @@ fn reconstruction_runs_from_several_threads() {
     let inputs: Vec<_> = trees.iter().map(Tree::input).collect();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
     let found = pool.install(|| reconstruct_batch(&model, &onnx, &inputs)).unwrap();
-    let expected = reconstruct_batch(&model, &Embedded::new(&model).unwrap(), &inputs).unwrap();
-    // Ties at the thresholds may fall either way; the first level has none.
-    let same = found.iter().zip(&expected).filter(|(a, b)| a.topology == b.topology).count();
-    assert!(same * 10 >= found.len() * 8, "{same} of {}", found.len());
-    for (a, b) in found.iter().zip(&expected) {
-        (1..5).for_each(|node| assert!((a.node_share[node] - b.node_share[node]).abs() < 1e-4));
-    }
+    assert_alike(&found, &reconstruct_batch(&model, &Embedded::new(&model).unwrap(), &inputs).unwrap());
     assert!(onnx.encode(0, &EncodeInputs { rows: 0, features: &[], pooled: &[], neighbours: &[] }).unwrap().is_empty());
 }
 
@@ -88,10 +109,13 @@ fn damaged_and_stale_exports_are_refused() {
     assert!(matches!(OnnxBackend::load_with(folder.path(), &library), Err(Error::Model { .. })));
     std::fs::write(&path, &bytes).unwrap();
     assert!(OnnxBackend::load_with(folder.path(), &library).is_ok());
-    let other = serde_json::to_vec(&config(16, 1, false)).unwrap();
-    std::fs::write(folder.path().join(CONFIG_FILE), other).unwrap();
-    let error = OnnxBackend::load_with(folder.path(), &library).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(error.contains("width"), "{error}");
+    for (other, key) in
+        [(model(config(16, 1, false), 11), "its width"), (model(config(8, 1, false), 12), "its weights")]
+    {
+        other.save(folder.path()).unwrap();
+        let error = OnnxBackend::load_with(folder.path(), &library).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains(key), "{error}");
+    }
 }
 
 /// The example has a step's call each, with finite outputs; `tests/check-onnx.py` runs it elsewhere.

@@ -25,7 +25,7 @@ pub const EXAMPLE_FILE: &str = "example.safetensors";
 /// # Errors
 /// [`Error::Io`](fanal::base::Error::Io); [`Error::Model`](fanal::base::Error::Model) for weights that do not fit the configuration.
 pub fn export(model: &Model, folder: &Path) -> Result<()> {
-    let (config, metadata) = (&model.config, metadata(&model.config));
+    let (config, metadata) = (&model.config, metadata(model));
     // One graph for all levels, which has names without a level.
     let shared = Config { per_level: false, ..config.clone() };
     let levels = if config.per_level { 0..=MAX_LEVEL } else { 1..=1 };
@@ -40,7 +40,7 @@ pub fn export(model: &Model, folder: &Path) -> Result<()> {
 }
 
 /// What a reader needs to know that the graph does not say.
-fn metadata(config: &Config) -> Vec<(String, String)> {
+fn metadata(Model { config, weights }: &Model) -> Vec<(String, String)> {
     let entries = [
         ("version", config.version.to_string()),
         ("name", config.name.clone()),
@@ -48,6 +48,7 @@ fn metadata(config: &Config) -> Vec<(String, String)> {
         ("convolutions", config.convolutions.to_string()),
         ("features", config.features.to_string()),
         ("per_level", config.per_level.to_string()),
+        ("weights", format!("{:08x}", weights.checksum())),
         ("target", config.mode.target.clone()),
         ("nee", config.mode.nee.to_string()),
         ("roulette", config.mode.roulette.to_string()),
