@@ -11,6 +11,7 @@ use std::sync::atomic::AtomicBool;
 use super::dataset::{DatasetIndex, INDEX_FILE, ShardEntry};
 use super::recipe::{Job, Recipe, Source};
 use super::shard::{TreeSample, write_shard};
+use crate::base::files::{read_bytes, write_bytes};
 use crate::base::random::Random;
 use crate::base::{Error, Place, Progress, Result};
 use crate::film::{Pass, PixelFilter, Window};
@@ -37,31 +38,44 @@ const FLOOR_UNIFORM: f64 = 0.02;
 const KINDS: [(SampleKinds, u32); 4] =
     [(SampleKinds::Both, 0), (SampleKinds::Both, 0), (SampleKinds::Path, 1), (SampleKinds::Photon, 2)];
 
+/// Name of what a data folder keeps of its recipe.
+const RECIPE_FILE: &str = "recipe.json";
+/// Largest accepted one in bytes.
+const RECIPE_LIMIT: u64 = 1 << 20;
+
 /// Follows `recipe` into `folder`: one shard per scene and an index. Shards that the index already lists are kept, so an
-/// interrupted run goes on where it stopped.
+/// interrupted run goes on where it stopped, and a recipe may get more scenes.
 ///
 /// # Errors
-/// Whatever building a scene, rendering it or writing says.
+/// Whatever building a scene, rendering it or writing says; [`Error::Malformed`] for a folder that another recipe made.
 pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &AtomicBool) -> Result<()> {
     let mut index =
         if folder.join(INDEX_FILE).exists() { DatasetIndex::read(folder)? } else { DatasetIndex::default() };
+    check_recipe(recipe, folder)?;
     let jobs = recipe.jobs();
+    let expected = render_settings(recipe).mode();
+    if index.shards.first().is_some_and(|first| first.mode != expected) {
+        let message = format!("was made in another mode than {expected:?}; choose another folder");
+        return Err(Error::malformed(Place::file(folder.join(INDEX_FILE)), message));
+    }
     progress.start(jobs.len() as u64, "scenes");
     for (number, job) in (0u32..).zip(&jobs) {
         if stop.load(std::sync::atomic::Ordering::Relaxed) {
             break;
         }
         let file = format!("{number:05}-{}.safetensors", job.source.name());
-        let known = index.shards.iter().find(|shard| shard.file == file);
-        if let Some(other) = known.filter(|shard| (shard.seed, shard.held_out) != (job.seed, job.held_out)) {
+        let known = index.shards.iter().position(|shard| shard.file == file);
+        if let Some(other) =
+            known.map(|at| &index.shards[at]).filter(|shard| (shard.seed, shard.held_out) != (job.seed, job.held_out))
+        {
             let message = format!("{} was made by another recipe: it has the seed {}", other.file, other.seed);
             return Err(Error::malformed(Place::file(folder.join(INDEX_FILE)), message));
         }
-        if known.is_none() {
+        if known.is_none() || !folder.join(&file).is_file() {
             progress.message(&file);
             let (samples, mode) = collect(recipe, job, number)?;
             write_shard(&folder.join(&file), &samples)?;
-            index.shards.push(ShardEntry {
+            let entry = ShardEntry {
                 version: super::shard::VERSION,
                 file,
                 scene: format!("{}-{:016x}", job.source.name(), job.seed),
@@ -70,13 +84,44 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
                 held_out: job.held_out,
                 samples: samples.len() as u64,
                 mode,
-            });
+            };
+            match known {
+                Some(at) => index.shards[at] = entry,
+                None => index.shards.push(entry),
+            }
             index.write(folder)?;
         }
         progress.advance(1);
     }
     progress.finish();
     Ok(())
+}
+
+/// Refuses a folder whose scenes were looked at in another way than `recipe` says, or else notes in it what that says. Seeds and
+/// what is held out are told by the index.
+fn check_recipe(recipe: &Recipe, folder: &Path) -> Result<()> {
+    let path = folder.join(RECIPE_FILE);
+    let of_all = Recipe { name: String::new(), held_out: 0.0, family: vec![], scene: vec![], ..recipe.clone() };
+    if path.exists() {
+        let fail = |e: serde_json::Error| Error::malformed(Place::line(&path, e.line() as u32), e.to_string());
+        let kept: Recipe = serde_json::from_slice(&read_bytes(&path, RECIPE_LIMIT)?).map_err(fail)?;
+        if kept != of_all {
+            let message = "the data were made by a recipe that says other things of its scenes; choose another folder";
+            return Err(Error::malformed(Place::file(path), message));
+        }
+        return Ok(());
+    }
+    let text = serde_json::to_vec_pretty(&of_all).map_err(|e| Error::Options(format!("{}: {e}", path.display())))?;
+    write_bytes(&path, &text)
+}
+
+/// What all scenes of a recipe are rendered with.
+fn render_settings(recipe: &Recipe) -> RenderSettings {
+    let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
+    settings.learner.target = recipe.target;
+    settings.learner.voxel_samples = u32::MAX;
+    settings.learner.memory = 1 << 30;
+    settings
 }
 
 /// The trees of one scene, and the mode that they were collected in.
@@ -91,13 +136,10 @@ pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<(Vec<TreeSampl
         }
         Source::File(path) => readers::load(path)?,
     };
-    let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
+    let mut settings = render_settings(recipe);
     settings.transport.max_depth = loaded.file.render.max_depth;
     settings.seed = job.seed;
-    settings.learner.target = recipe.target;
     settings.learner.resolution = recipe.grids[job.index as usize % recipe.grids.len()] as f32;
-    settings.learner.voxel_samples = u32::MAX;
-    settings.learner.memory = 1 << 30;
     let scene = Scene::build(&loaded, recipe.resolution)?;
     let mode = settings.mode();
     let learning = Learning::new(&settings, &scene.lights.emission);

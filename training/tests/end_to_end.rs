@@ -5,9 +5,10 @@ use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
 use fanal::generate::collect::generate;
-use fanal::generate::dataset::check;
+use fanal::generate::dataset::{DatasetIndex, check};
 use fanal::generate::recipe::Recipe;
 use fanal::generate::{Family, scene};
+use fanal::guiding::leaves::Target;
 use fanal::materials::image::Image;
 use fanal::reconstruct::Neural;
 use fanal::render::{GuideMode, RenderSettings, StopRule, render};
@@ -40,9 +41,29 @@ fn data_of_a_recipe_is_sound_and_made_once() {
     generate(&recipe, folder.path(), &Silent, &AtomicBool::new(false)).unwrap();
     let made = check(folder.path()).unwrap();
     assert_eq!((made.shards, made.families), (3, 3));
-    // Interrupted and started again, nothing is made twice.
+    // Interrupted and started again, nothing is made twice, and what is missing is made.
+    let shard = folder.path().join(&DatasetIndex::read(folder.path()).unwrap().shards[1].file);
+    let bytes = std::fs::read(&shard).unwrap();
+    std::fs::remove_file(&shard).unwrap();
     generate(&recipe, folder.path(), &Silent, &AtomicBool::new(false)).unwrap();
     assert_eq!(check(folder.path()).unwrap(), made);
+    assert!(std::fs::read(&shard).unwrap() == bytes);
+    // A recipe that looks at its scenes in another way is for another folder.
+    let others = [
+        Recipe { target_spp: recipe.target_spp + 1, ..recipe.clone() },
+        Recipe { grids: vec![9], ..recipe.clone() },
+        Recipe { target: Target::Radiance, ..recipe.clone() },
+    ];
+    for other in others {
+        let error = generate(&other, folder.path(), &Silent, &AtomicBool::new(false)).unwrap_err().to_string();
+        assert!(error.contains("recipe.json") && error.contains("another folder"), "{error}");
+    }
+    // So is one of a program that collects in another mode.
+    let mut index = DatasetIndex::read(folder.path()).unwrap();
+    index.shards.iter_mut().for_each(|shard| shard.mode.past += 0.25);
+    index.write(folder.path()).unwrap();
+    let error = generate(&recipe, folder.path(), &Silent, &AtomicBool::new(false)).unwrap_err().to_string();
+    assert!(error.contains("mode") && error.contains("another folder"), "{error}");
 }
 
 #[test]
