@@ -21,8 +21,18 @@ pub const CHECKPOINT_FILE: &str = "checkpoint.safetensors";
 
 const LIMIT: u64 = 256 << 20;
 
-/// The version of checkpoints that this program reads. 2: with a checksum.
-const VERSION: u32 = 2;
+/// The version of checkpoints that this program reads. 2: with a checksum. 3: tells other data of the same size.
+const VERSION: u32 = 3;
+
+/// The pairs of a run: the order in which they are shown is a permutation of their numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Data {
+    /// Pairs.
+    pub pairs: usize,
+    /// CRC-32 of the indices of the data folders, in their order.
+    pub crc32: u32,
+}
 
 /// What a checkpoint says about its run. Order and augmentation are functions of seed and step, so no generator is stored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,8 +51,8 @@ pub struct State {
     pub batch: usize,
     /// Parts that a step is divided into; sums of gradients depend on it in their last bits.
     pub parts: usize,
-    /// Pairs in the data.
-    pub samples: usize,
+    /// What is trained on.
+    pub data: Data,
     /// Steps done.
     pub step: u64,
     /// Seconds of training so far.
@@ -106,10 +116,17 @@ pub fn load(path: &Path, device: &Device) -> Result<(State, Net, Optimiser)> {
         let (weight, bias) = (read(format!("{name}.weight"), r * c)?, read(format!("{name}.bias"), c)?);
         weights.layers.insert(name.clone(), LayerWeights { rows: r, columns: c, weight, bias });
         let Some(&time) = times.get(&name) else { continue };
-        let weight = |i| -> Result<Tensor<2>> { Ok(rows(read(format!("{name}.weight.moment{i}"), r * c)?, c, &plain)) };
-        let bias = |i| -> Result<Tensor<1>> {
-            Ok(Tensor::from_data(TensorData::new(read(format!("{name}.bias.moment{i}"), c)?, [c]), &plain))
+        ensure!(time as u64 <= state.step, "{} (times): {name} has {time} of {} steps", path.display(), state.step);
+        let moment = |part: &str, i: usize, len: usize| -> Result<Vec<f32>> {
+            let name = format!("{name}.{part}.moment{i}");
+            let values = read(name.clone(), len)?;
+            // The second one is a mean of squares, whose root is divided by.
+            ensure!(i == 0 || values.iter().all(|&x| x >= 0.0), "{} ({name}): negative", path.display());
+            Ok(values)
         };
+        let weight = |i| -> Result<Tensor<2>> { Ok(rows(moment("weight", i, r * c)?, c, &plain)) };
+        let bias =
+            |i| -> Result<Tensor<1>> { Ok(Tensor::from_data(TensorData::new(moment("bias", i, c)?, [c]), &plain)) };
         let moments = Moments { time, weight: [weight(0)?, weight(1)?], bias: [bias(0)?, bias(1)?] };
         optimiser.moments.insert(name.clone(), moments);
     }

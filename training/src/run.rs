@@ -12,7 +12,7 @@ use fanal::network::weights::Model;
 
 use crate::batch::HostBatch;
 use crate::cases::{Case, common, mean_kl, mean_log_moment, reconstruct, tune_uniform};
-use crate::checkpoint::{self, CHECKPOINT_FILE, State};
+use crate::checkpoint::{self, CHECKPOINT_FILE, Data, State};
 use crate::forward::{decode, encode};
 use crate::journal::{Entry, Journal};
 use crate::loader::Plan;
@@ -66,7 +66,7 @@ impl<'a> Run<'a> {
     ///
     /// # Errors
     /// When the settings are not valid, or the checkpoint cannot be read or was made with other settings.
-    pub fn start(settings: &'a Settings, mode: Mode, samples: usize, validation: Vec<Case>) -> Result<Self> {
+    pub fn start(settings: &'a Settings, mode: Mode, data: Data, validation: Vec<Case>) -> Result<Self> {
         let device = settings.device.clone().autodiff();
         let fresh = State {
             config: config(settings, mode),
@@ -75,7 +75,7 @@ impl<'a> Run<'a> {
             seed: settings.seed,
             batch: settings.batch,
             parts: settings.parts.max(1),
-            samples,
+            data,
             step: 0,
             seconds: 0.0,
             best: None,

@@ -7,13 +7,15 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use burn::tensor::Device;
-use fanal::generate::dataset::{Dataset, read_datasets};
+use fanal::base::files::crc32;
+use fanal::generate::dataset::{Dataset, DatasetIndex, read_datasets};
 use fanal::generate::shard::TreeSample;
 use fanal::network::weights::Model;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::batch::HostBatch;
 use crate::cases::{every, spread};
+use crate::checkpoint::Data;
 use crate::loader::{self, Plan};
 use crate::loss::Loss;
 use crate::report::Report;
@@ -89,7 +91,8 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     let mode = data.mode.clone();
     let (training, validation) = divide(data)?;
     std::fs::create_dir_all(&settings.output).with_context(|| settings.output.display().to_string())?;
-    let mut run = Run::start(settings, mode, training.len(), spread(&validation, VALIDATION_TREES)?)?;
+    let data = Data { pairs: training.len(), crc32: indices(&settings.data)? };
+    let mut run = Run::start(settings, mode, data, spread(&validation, VALIDATION_TREES)?)?;
     let plan = Plan {
         seed: settings.seed,
         batch: settings.batch,
@@ -112,7 +115,12 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     }
     bar.finish_and_clear();
     let finished = run.progress(&plan) >= 1.0 || run.exhausted();
+    let unimproved = run.state.unimproved;
     run.validate()?;
+    if !finished {
+        // Where a run happens to be interrupted says nothing about whether it still improves.
+        run.state.unimproved = run.state.unimproved.min(unimproved);
+    }
     run.save()?;
     if finished {
         let model = Model::load(&settings.output)?;
@@ -121,6 +129,13 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     let best = run.state.best.unwrap_or(f64::NAN);
     let seconds = run.state.seconds - run.seconds_before;
     Ok(Outcome { step: run.state.step, best, trees_per_second: trees as f64 / seconds.max(1e-9) })
+}
+
+/// The checksum of what the data folders' indices say: shards, seeds of their scenes, numbers of trees.
+fn indices(folders: &[PathBuf]) -> Result<u32> {
+    let read = |folder: &PathBuf| Ok(serde_json::to_vec(&DatasetIndex::read(folder)?.shards)?);
+    let all = folders.iter().map(read).collect::<Result<Vec<_>>>()?;
+    Ok(crc32(all.iter().map(Vec::as_slice)))
 }
 
 /// Trees to train on and trees to choose the best weights by: every tenth scene of the training data if there are enough,
