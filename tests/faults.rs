@@ -539,12 +539,43 @@ fn f02_lost_folders_do_not_lose_the_picture() {
     // Away as soon as the first picture was shown there.
     let out = lost.join("out.exr");
     let gone = format!("(until [ -e '{}' ]; do sleep 0.1; done; rm -r '{}') & true", out.display(), lost.display());
-    let output = in_shell(&gone, &["--time", "6", "--size", "64x48"], &out, fallback.path());
-    let text = told(&output);
-    let saved: Vec<_> = std::fs::read_dir(fallback.path()).unwrap().map(|e| e.unwrap().path()).collect();
+    // Statistics that cannot be written either must not hide where the picture is.
+    let statistics = lost.join("stats.json").display().to_string();
+    let output = in_shell(&gone, &["--time", "6", "--size", "64x48", "--stats", &statistics], &out, fallback.path());
+    saved_in(fallback.path(), &told(&output));
+}
+
+/// The message names the only file of the folder, which is the picture.
+#[cfg(unix)]
+fn saved_in(fallback: &Path, text: &str) {
+    let saved: Vec<_> = std::fs::read_dir(fallback).unwrap().map(|e| e.unwrap().path()).collect();
     assert_eq!(saved.len(), 1, "{text}");
     assert!(text.contains(&*saved[0].to_string_lossy()), "{text}");
     assert_eq!(read_image(&saved[0], false).unwrap().width, 64);
+}
+
+/// A disk of 16 KiB that another disk helps out. Where processes may not mount one of their own, nothing is tested.
+#[cfg(target_os = "linux")]
+#[test]
+fn f02_a_full_disk_does_not_lose_the_picture() {
+    let _alone = alone();
+    let (disk, fallback) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let mount = format!("mount -t tmpfs -o size=16k none '{}'", disk.path().display());
+    let apart = ["--map-root-user", "--mount", "sh", "-c"];
+    if !Command::new("unshare").args(apart).arg(&mount).status().is_ok_and(|status| status.success()) {
+        eprintln!("skipped: no process may mount a disk here");
+        return;
+    }
+    let cornell = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell");
+    let output = Command::new("unshare")
+        .args(apart)
+        .args([&format!("{mount}; exec \"$0\" \"$@\""), env!("CARGO_BIN_EXE_fanal"), "render"])
+        .arg(cornell)
+        .args(["--guide", "none", "--spp", "4", "--size", "64x48", "-o"])
+        .arg(disk.path().join("out.exr"))
+        .env("TMPDIR", fallback.path())
+        .output();
+    saved_in(fallback.path(), &told(&output.unwrap()));
 }
 
 /// A model that cannot be used ends the command with an error that names it, and no picture is made by other means; told to do
@@ -614,8 +645,29 @@ fn a18_a_model_that_fails_later_ends_the_render() {
     assert!(matches!(outcome, Err(Error::Backend { backend: "failing", .. })));
 }
 
-/// No library, a text, a folder, and a library of something else: a typed error that says what to install; the embedded backend goes
-/// on working in the same process.
+/// A library that says that it is onnxruntime 1.10, made by the compiler that made this test.
+#[cfg(feature = "onnx")]
+fn old_onnxruntime(folder: &Path) -> std::path::PathBuf {
+    const SOURCE: &str = r#"
+        #[repr(C)]
+        pub struct Base { api: extern "C" fn(u32) -> *const u8, version: extern "C" fn() -> *const u8 }
+        extern "C" fn api(_: u32) -> *const u8 { std::ptr::null() }
+        extern "C" fn version() -> *const u8 { b"1.10.0\0".as_ptr() }
+        static BASE: Base = Base { api, version };
+        #[unsafe(no_mangle)]
+        pub extern "C" fn OrtGetApiBase() -> *const Base { &BASE }
+    "#;
+    let (source, library) = (folder.join("old.rs"), folder.join("old.so"));
+    std::fs::write(&source, SOURCE).unwrap();
+    let compiler = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let mut command = Command::new(compiler);
+    command.args(["--edition", "2024", "--crate-type", "cdylib", "-o"]).arg(&library).arg(&source);
+    assert!(command.status().expect("what compiled this test is there").success());
+    library
+}
+
+/// No library, a text, a folder, a library of something else, and an old one: a typed error that says what to install, and of the old
+/// one its version; the embedded backend goes on working in the same process.
 #[cfg(feature = "onnx")]
 #[test]
 fn f05_missing_or_wrong_onnxruntime() {
@@ -629,11 +681,13 @@ fn f05_missing_or_wrong_onnxruntime() {
     std::fs::write(&text, "not a library").unwrap();
     let other = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
     let other = other.split_whitespace().find(|word| word.contains("/libm.so") || word.contains("/libc.so"));
-    let wrong = [folder.path().join("missing.so"), folder.path().to_owned(), text];
+    let old = old_onnxruntime(folder.path());
+    let wrong = [folder.path().join("missing.so"), folder.path().to_owned(), text, old.clone()];
     for library in wrong.into_iter().chain(other.map(Into::into)) {
         match OnnxBackend::load_with(folder.path(), &library) {
             Err(Error::Backend { backend: "onnx", message }) => {
                 assert!(message.contains("onnxruntime") && message.contains("ORT_DYLIB_PATH"), "{message}");
+                assert!(library != old || message.contains("1.10.0"), "{message}");
             }
             other => panic!("{}: {:?}", library.display(), other.err()),
         }

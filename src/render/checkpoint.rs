@@ -39,7 +39,7 @@ pub const VERSION: u32 = 3;
 const LIMIT: u64 = 1 << 32;
 const PIXEL_LIMIT: u64 = 1 << 12;
 /// Most samples of a pixel.
-const MOST_SAMPLES: u32 = 1 << 26;
+pub(super) const MOST_SAMPLES: u32 = 1 << 26;
 /// Most passes that a render can have made.
 const MOST_PASSES: usize = 64;
 

@@ -33,7 +33,7 @@ use crate::materials::Material;
 use crate::materials::image::Image;
 use crate::reconstruct::Reconstructor;
 use crate::scene::Scene;
-use checkpoint::{Moment, Resumed};
+use checkpoint::{MOST_SAMPLES, Moment, Resumed};
 use control::Watcher;
 use split::{Outlook, gain, learns_on, pays};
 use state::{Part, Phase, Position, State, Trend};
@@ -552,6 +552,8 @@ impl<'a> Run<'a> {
             return 1;
         }
         let per_sample = traced / f64::from(self.state.rendered);
-        if left <= 0.0 { 0 } else { ((left / per_sample.max(1e-9) * 0.1) as u32).clamp(1, 1 << 16) }
+        let batch = if left <= 0.0 { 0 } else { ((left / per_sample.max(1e-9) * 0.1) as u32).clamp(1, 1 << 16) };
+        // What no checkpoint could hold is not rendered: a few pixels and an hour get there.
+        batch.min(MOST_SAMPLES.saturating_sub(self.state.rendered))
     }
 }

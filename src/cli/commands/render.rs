@@ -39,7 +39,9 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         return replay::run(args, sample);
     }
     args.output.as_deref().map_or(Ok(()), check_writable)?;
-    for other in [&args.stats, &args.save_guide, &args.checkpoint, &args.resume].into_iter().flatten() {
+    // What is gone on from is kept up to date unless another checkpoint is written.
+    let checkpoint = args.checkpoint.as_ref().or(args.resume.as_ref());
+    for other in [args.stats.as_ref(), args.save_guide.as_ref(), checkpoint].into_iter().flatten() {
         check_folder(other)?;
     }
     in_pool(&args.common, || {
@@ -58,8 +60,9 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         print::warnings(&unkept, args.common.quiet);
         statistics.seconds.load = load;
         // A picture that had to be saved elsewhere has statistics all the same.
-        report(&request, &statistics)?;
-        written
+        let reported = report(&request, &statistics);
+        // Where both fail, the message that says where the picture is matters more.
+        written.and(reported)
     })
 }
 
