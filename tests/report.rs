@@ -1,11 +1,19 @@
 //! `fanal compare`: every number on the page follows from the pictures, an interrupted comparison goes on, the page works.
 
+use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 
+use fanal::base::Progress;
+use fanal::film::write;
 use fanal::materials::image::Image;
+use fanal::reconstruct::Neural;
+use fanal::render::{GuideMode, RenderSettings, StopRule};
 use fanal::report::results::{Reach, Results, SummaryEntry};
-use fanal::scene::readers::read_image;
+use fanal::report::{Budget, Experiment, Method, page};
+use fanal::scene::readers::{load, read_image};
+use glam::Vec3;
 
 const DRIVER: &str = include_str!("support/drive-page.js");
 
@@ -91,7 +99,8 @@ fn check_numbers(folder: &Path) -> Results {
         let (own, first) = (of(&s.method), of(&results.methods[0]));
         assert_eq!(own.len(), results.seeds.len());
         assert!(close(geometric(&own), s.relmse_trimmed.mean) && s.relmse_trimmed.low <= s.relmse_trimmed.mean);
-        assert!(close(geometric(&own) / geometric(&first), s.ratio.mean), "{} {}", s.method, s.budget);
+        let ratio = s.ratio.expect("the first method was run").mean;
+        assert!(close(geometric(&own) / geometric(&first), ratio), "{} {}", s.method, s.budget);
     };
     results.summary.iter().for_each(summary);
     check_page(&std::fs::read_to_string(folder.join("index.html")).expect("there is a page"), &results);
@@ -105,7 +114,7 @@ fn check_page(html: &str, results: &Results) {
     for (row, s) in rows.iter().zip(&results.summary) {
         assert_eq!((row[0].as_str(), row[1].as_str()), (results.budgets[s.budget].label().as_str(), s.method.as_str()));
         assert!(shown(&row[2], s.spp) && shown(&row[3], s.seconds), "{row:?}");
-        for (cell, interval) in row[5..].iter().zip([s.relmse, s.relmse_trimmed, s.relmse_ldr, s.ratio]) {
+        for (cell, interval) in row[5..].iter().zip([s.relmse, s.relmse_trimmed, s.relmse_ldr, s.ratio.unwrap()]) {
             let numbers: Vec<&str> = cell.split(['[', ',', ']', ' ']).filter(|t| !t.is_empty()).collect();
             let expected = [interval.mean, interval.low, interval.high];
             assert!(
@@ -150,6 +159,149 @@ fn numbers_follow_from_the_pictures_and_runs_are_kept() {
         assert!(i == 3 || again.seconds == run.seconds, "{} was rendered again", run.file);
     }
     assert_eq!(std::fs::read(folder.path().join("reference.exr")).unwrap(), reference);
+}
+
+/// A comparison by methods, of pictures of 16 × 12 pixels.
+fn run(scene: &Path, folder: &Path, methods: &[Method], budget: Budget, depth: u32, stop: &Stop) -> Results {
+    let loaded = load(scene).unwrap();
+    let neural = Neural::built_in().unwrap();
+    let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
+    settings.transport.max_depth = depth;
+    let experiment = Experiment {
+        loaded: &loaded,
+        path: scene.display().to_string(),
+        load_seconds: 0.0,
+        settings,
+        size: [16, 12],
+        methods: methods.to_vec(),
+        budgets: vec![budget],
+        seeds: 1,
+        // Any picture will do.
+        reference: Some((folder.join("reference.exr"), None)),
+        reference_spp: 1,
+        oracle_spp: 1,
+        neural: &neural,
+        folder,
+    };
+    let comparison = experiment.run(stop, &stop.now).unwrap();
+    page::write(&comparison, folder).unwrap();
+    Results::read(&folder.join("results.json")).expect("what is written can be read")
+}
+
+/// Wishes to stop after so many runs.
+struct Stop {
+    after: AtomicI64,
+    now: AtomicBool,
+}
+
+impl Stop {
+    fn after(runs: i64) -> Self {
+        Self { after: AtomicI64::new(runs), now: AtomicBool::new(false) }
+    }
+}
+
+impl Progress for Stop {
+    fn start(&self, _: u64, _: &str) {}
+    fn advance(&self, _: u64) {
+        self.now.fetch_or(self.after.fetch_sub(1, Ordering::Relaxed) == 1, Ordering::Relaxed);
+    }
+    fn message(&self, _: &str) {}
+    fn finish(&self) {}
+}
+
+/// A folder with a copy of a committed scene, and a grey picture to compare with.
+fn with_scene(name: &str) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    std::fs::create_dir(&scene).unwrap();
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
+    for file in std::fs::read_dir(source).unwrap().map(|entry| entry.unwrap().path()).filter(|path| path.is_file()) {
+        std::fs::copy(&file, scene.join(file.file_name().unwrap())).unwrap();
+    }
+    let grey = Image { width: 16, height: 12, pixels: vec![Vec3::splat(0.5); 16 * 12] };
+    write(&folder.path().join("reference.exr"), &grey, &[], 0.0).unwrap();
+    (folder, scene)
+}
+
+const NONE: Method = Method::Guide(GuideMode::None);
+
+/// Runs are kept for the scene that they were made of, meshes included.
+#[test]
+fn another_mesh_is_another_scene() {
+    let (folder, scene) = with_scene("glass-caustic");
+    let picture = || read_image(&folder.path().join("runs/none-4spp-1.exr"), false).unwrap();
+    let compared = || run(&scene, folder.path(), &[NONE], Budget::Spp(4), 8, &Stop::after(9)).scene.crc32;
+    let (crc, first) = (compared(), picture());
+    assert_eq!(compared(), crc);
+    let mesh = scene.join("ring.obj");
+    let text = std::fs::read_to_string(&mesh).unwrap();
+    let lifted = |line: &str| match line.strip_prefix("v ").map(|rest| rest.split(' ').collect::<Vec<_>>()) {
+        Some(at) => format!("v {} {} {}", at[0], at[1].parse::<f32>().unwrap() + 0.3, at[2]),
+        None => line.to_owned(),
+    };
+    std::fs::write(&mesh, text.lines().map(lifted).collect::<Vec<_>>().join("\n")).unwrap();
+    assert_ne!(compared(), crc);
+    assert_ne!(picture().pixels, first.pixels, "the run of the other mesh was kept");
+}
+
+/// One method of two was run: what there is is written, can be read, and goes on.
+#[test]
+fn an_interrupted_comparison_can_be_read() {
+    let (folder, scene) = with_scene("cornell");
+    let methods = [NONE, Method::Guide(GuideMode::Gaussian)];
+    let compared = |stop: Stop| run(&scene, folder.path(), &methods, Budget::Spp(4), 8, &stop);
+    let part = compared(Stop::after(1));
+    assert_eq!((part.runs.len(), part.summary.len()), (1, 1));
+    assert!(part.summary[0].method == "gaussian" && part.summary[0].ratio.is_none());
+    check_schema(folder.path());
+    let whole = compared(Stop::after(9));
+    assert!(whole.runs.len() == 2 && whole.summary.iter().all(|entry| entry.ratio.is_some()));
+    assert_eq!(whole.runs.iter().find(|run| run.method == "gaussian").unwrap().seconds, part.runs[0].seconds);
+}
+
+/// A run that is interrupted leaves no picture for the record of an earlier run with other settings.
+#[test]
+fn interrupted_runs_take_old_records_away() {
+    let (folder, scene) = with_scene("cornell");
+    let record = folder.path().join("runs/none-0.5s-1.json");
+    let budget = Budget::Seconds(0.5);
+    run(&scene, folder.path(), &[NONE], budget, 8, &Stop::after(9));
+    assert!(record.exists());
+    let stop = Stop::after(9);
+    std::thread::scope(|scope| {
+        let interrupted = scope.spawn(|| {
+            // No run is finished, which is an error.
+            std::panic::catch_unwind(AssertUnwindSafe(|| run(&scene, folder.path(), &[NONE], budget, 2, &stop)))
+        });
+        while record.exists() {
+            std::thread::yield_now();
+        }
+        stop.now.store(true, Ordering::Relaxed);
+        assert!(interrupted.join().unwrap().is_err());
+    });
+    assert!(!record.exists(), "the older record is there");
+}
+
+/// A scene of direct light only is guided where `--max-depth` asks for more.
+#[test]
+fn the_plan_knows_of_another_depth() {
+    let (folder, scene) = with_scene("door-ajar");
+    let file = scene.join("scene.json");
+    let mut json: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    json["render"]["max_depth"] = 2.into();
+    std::fs::write(&file, json.to_string()).unwrap();
+    let out = folder.path().join("out");
+    let compared = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_fanal"));
+        command.args(["compare", scene.to_str().unwrap(), "-o", out.to_str().unwrap(), "--methods", "variance"]);
+        command.args(["--spp", "64", "--seeds", "1", "--size", "24x18", "--reference-spp", "1", "--quiet"]).args(more);
+        assert!(command.status().unwrap().success());
+        let text = std::fs::read_to_string(out.join("runs/variance-64spp-guide.json")).unwrap();
+        let guide: serde_json::Value = serde_json::from_str(&text).unwrap();
+        guide["maps"].as_array().unwrap().iter().filter(|map| !map.is_null()).count()
+    };
+    assert_eq!(compared(&[]), 0);
+    assert!(compared(&["--max-depth", "6"]) > 0);
 }
 
 /// Whether a value obeys a JSON Schema, as far as ours uses the language: references, types, properties, items, alternatives.

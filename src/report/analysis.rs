@@ -70,7 +70,7 @@ pub fn summarise(methods: &[String], budgets: usize, runs: &[RunEntry]) -> Vec<S
                 relmse: error(|e| e.relmse),
                 relmse_trimmed: error(|e| e.relmse_trimmed),
                 relmse_ldr: error(|e| e.relmse_ldr),
-                ratio: geometric(&ratios),
+                ratio: (!ratios.is_empty()).then(|| geometric(&ratios)),
             });
         }
     }

@@ -1,5 +1,6 @@
 //! Running a comparison: methods × budgets × seeds, interleaved, each run kept so that an interrupted comparison goes on.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -99,14 +100,39 @@ impl Task {
     fn stem(&self) -> String {
         format!("{}-{}-{}", self.method.name(), self.limit.label(), self.seed)
     }
+
+    /// Its picture, relative to the output folder.
+    fn picture(&self) -> String {
+        format!("runs/{}.exr", self.stem())
+    }
+}
+
+const PROGRAM: &str = concat!("fanal ", env!("CARGO_PKG_VERSION"));
+
+/// What pictures and times depend on.
+struct Identity {
+    scene_crc32: u32,
+    /// Program and settings of a run, written out: equal texts mean equal runs.
+    settings: String,
+}
+
+impl Identity {
+    /// What pictures depend on that are made by samples per pixel.
+    fn of_pictures(&self) -> String {
+        format!("{:08x} {}", self.scene_crc32, self.settings)
+    }
+
+    /// What a run's time depends on, too.
+    fn of_runs(&self) -> String {
+        format!("{} {} threads", self.of_pictures(), rayon::current_num_threads())
+    }
 }
 
 /// A run as it is kept beside its picture: what made it, so that a run of other settings is not taken for it.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Kept {
-    scene_crc32: u32,
-    settings: String,
+    made_for: String,
     run: RunEntry,
 }
 
@@ -133,10 +159,11 @@ impl Experiment<'_> {
         let scene = Scene::build(self.loaded, self.size)?;
         let build_seconds = begun.elapsed().as_secs_f64();
         let control = Control::new(&Silent, stop);
+        let identity = self.identity();
         let total = self.budgets.len() as u64 * self.seeds * self.methods.len() as u64;
         progress.start(total, "runs");
         progress.message("reference");
-        let (entry, reference, variance) = self.reference(&scene, &control)?;
+        let (entry, reference, variance) = self.reference(&scene, &identity, &control)?;
         let mut oracle: Option<GuideField> = None;
         let mut runs = Vec::new();
         'all: for (budget, &limit) in self.budgets.iter().enumerate() {
@@ -145,27 +172,24 @@ impl Experiment<'_> {
                     // The order turns with the seed: what comes first or last must not always be the same method.
                     let method = self.methods[(i + seed as usize) % self.methods.len()];
                     let task = Task { method, budget, limit, seed };
-                    let stem = task.stem();
-                    progress.message(&stem);
-                    let run = match self.kept(&stem) {
+                    progress.message(&task.stem());
+                    let (run, picture) = match self.kept(task, &identity) {
                         Some(kept) => kept,
                         None if stop.load(Ordering::Relaxed) => break 'all,
                         None => {
                             if method == Method::Oracle && oracle.is_none() {
-                                oracle = Some(self.converged(&scene, &control)?);
+                                oracle = Some(self.converged(&scene, &identity, &control)?);
                             }
-                            let made = self.one(&scene, task, oracle.as_ref(), &control)?;
-                            // A run that was stopped did not spend its budget.
-                            if stop.load(Ordering::Relaxed) {
-                                break 'all;
-                            }
-                            write_json(&self.record(&stem), &self.keep(made.clone()))?;
-                            made
+                            let Some(made) = self.one(&scene, task, oracle.as_ref(), &control)? else { break 'all };
+                            let kept = Kept { made_for: identity.of_runs(), run: made.clone() };
+                            write_json(&self.record(task), &kept)?;
+                            let picture = read_image(&self.folder.join(&made.file), false)?;
+                            (made, picture)
                         }
                     };
-                    let picture = read_image(&self.folder.join(&run.file), false)?;
                     let measures = measure_noisy(&picture, &reference, variance.as_ref())?;
-                    runs.push(RunEntry { budget, errors: errors(&measures), mean_ratio: measures.mean_ratio, ..run });
+                    let mean_ratio = Some(measures.mean_ratio).filter(|ratio| ratio.is_finite());
+                    runs.push(RunEntry { budget, errors: errors(&measures), mean_ratio, ..run });
                     progress.advance(1);
                 }
             }
@@ -176,13 +200,14 @@ impl Experiment<'_> {
         }
         let methods: Vec<String> = self.methods.iter().map(|m| m.name().to_owned()).collect();
         let summary = summarise(&methods, self.budgets.len(), &runs);
+        let seeds: BTreeSet<u64> = runs.iter().map(|run| run.seed).collect();
         let results = Results {
             version: VERSION,
-            program: format!("fanal {}", env!("CARGO_PKG_VERSION")),
+            program: PROGRAM.into(),
             scene: SceneEntry {
                 name: scene.name.clone(),
                 path: self.path.clone(),
-                crc32: self.scene_crc32(),
+                crc32: identity.scene_crc32,
                 width: self.size[0],
                 height: self.size[1],
                 max_depth: self.settings.transport.max_depth,
@@ -194,7 +219,7 @@ impl Experiment<'_> {
             time_to_reach: times_to_reach(&methods, &summary),
             methods,
             budgets: self.budgets.clone(),
-            seeds: (FIRST_SEED..FIRST_SEED + self.seeds).collect(),
+            seeds: seeds.into_iter().collect(),
             oracle_spp: self.methods.contains(&Method::Oracle).then_some(self.oracle_spp),
             runs,
             summary,
@@ -202,30 +227,30 @@ impl Experiment<'_> {
         Ok(Comparison { guides: self.guides(&results), results, reference })
     }
 
-    /// Settings of a run, written out: equal texts mean equal runs.
-    fn fingerprint(&self) -> String {
+    fn identity(&self) -> Identity {
         let model = &self.neural.model;
-        let weights = crc32([model.weights.to_bytes().unwrap_or_default().as_slice()]);
-        format!("{:?} {:?} oracle {} model {:?} {weights:08x}", self.size, self.settings, self.oracle_spp, model.config)
+        let weights = model.weights.checksum();
+        let (size, settings, oracle) = (self.size, &self.settings, self.oracle_spp);
+        let settings =
+            format!("{PROGRAM} {size:?} {settings:?} oracle {oracle} model {:?} {weights:08x}", model.config);
+        Identity { scene_crc32: self.loaded.crc32(), settings }
     }
 
-    fn scene_crc32(&self) -> u32 {
-        crc32([serde_json::to_vec(&self.loaded.file).unwrap_or_default().as_slice()])
+    fn record(&self, task: Task) -> PathBuf {
+        self.folder.join("runs").join(format!("{}.json", task.stem()))
     }
 
-    fn keep(&self, run: RunEntry) -> Kept {
-        Kept { scene_crc32: self.scene_crc32(), settings: self.fingerprint(), run }
-    }
-
-    fn record(&self, stem: &str) -> PathBuf {
-        self.folder.join("runs").join(format!("{stem}.json"))
-    }
-
-    /// A run of an earlier call, if it is of this scene and these settings.
-    fn kept(&self, stem: &str) -> Option<RunEntry> {
-        let kept: Kept = read_json(&self.record(stem)).ok()?;
-        let same = kept.scene_crc32 == self.scene_crc32() && kept.settings == self.fingerprint();
-        (same && self.folder.join(&kept.run.file).exists()).then_some(kept.run)
+    /// A run of an earlier call and its picture, if both are whole, of this task, this scene and these settings; what is not is
+    /// made again.
+    fn kept(&self, task: Task, identity: &Identity) -> Option<(RunEntry, Image)> {
+        let Kept { made_for, run } = read_json(&self.record(task)).ok()?;
+        let own = (run.method.as_str(), run.seed, &run.file) == (task.method.name(), task.seed, &task.picture());
+        if made_for != identity.of_runs() || !own || !run.is_possible() {
+            return None;
+        }
+        let path = self.folder.join(&run.file);
+        let picture = read_image(&path, false).and_then(|picture| self.sized(picture, &path)).ok()?;
+        Some((run, picture))
     }
 
     fn render(&self, scene: &Scene, guide: GuideMode, stop: StopRule, seed: u64, control: &Control) -> Result<Outcome> {
@@ -240,8 +265,21 @@ impl Experiment<'_> {
         render(scene, &settings, reconstructor, control.progress, control.stop)
     }
 
-    fn one(&self, scene: &Scene, task: Task, oracle: Option<&GuideField>, control: &Control) -> Result<RunEntry> {
+    /// Renders a run; nothing where it was stopped before it had spent its budget.
+    fn one(
+        &self,
+        scene: &Scene,
+        task: Task,
+        oracle: Option<&GuideField>,
+        control: &Control,
+    ) -> Result<Option<RunEntry>> {
         let Task { method, budget, limit, seed } = task;
+        // An older record must not be taken for that of the new picture, should that be all that gets written.
+        let record = self.record(task);
+        match std::fs::remove_file(&record) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(record, e)),
+            _ => (),
+        }
         let stop = match limit {
             Budget::Spp(spp) => StopRule::Spp(spp),
             Budget::Seconds(seconds) => StopRule::Time(seconds),
@@ -256,7 +294,10 @@ impl Experiment<'_> {
             (Method::Oracle, None) => return Err(Error::Options("the oracle has learned nothing".into())),
         };
         let cpu_seconds = cpu.and_then(|before| Some(cpu_seconds()? - before));
-        let file = format!("runs/{}.exr", task.stem());
+        if control.stop.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        let file = task.picture();
         let begun = Instant::now();
         write(&self.folder.join(&file), &outcome.image, &[("method".into(), method.name().into())], 0.0)?;
         let write = begun.elapsed().as_secs_f64();
@@ -264,7 +305,7 @@ impl Experiment<'_> {
             write_json(&self.guide_file(method.name(), limit), &guides::sample(scene, &outcome.field))?;
         }
         let seconds = outcome.statistics.seconds;
-        Ok(RunEntry {
+        Ok(Some(RunEntry {
             method: method.name().into(),
             budget,
             seed,
@@ -281,9 +322,9 @@ impl Experiment<'_> {
             },
             // Measured once the picture is read back, so that a run kept from before is measured alike.
             errors: Errors { relmse: 0.0, relmse_trimmed: 0.0, relmse_ldr: 0.0 },
-            mean_ratio: 0.0,
+            mean_ratio: None,
             dropped_samples: outcome.statistics.dropped_samples,
-        })
+        }))
     }
 
     fn guide_file(&self, method: &str, budget: Budget) -> PathBuf {
@@ -298,10 +339,10 @@ impl Experiment<'_> {
     }
 
     /// A field from many path samples, as counted.
-    fn converged(&self, scene: &Scene, control: &Control) -> Result<GuideField> {
+    fn converged(&self, scene: &Scene, identity: &Identity, control: &Control) -> Result<GuideField> {
         // The name tells what it was made for; a file that cannot be read any more is made again.
-        let made_for = format!("{:08x} {}", self.scene_crc32(), self.fingerprint());
-        let path = self.folder.join("runs").join(format!("oracle-{:08x}.guide", crc32([made_for.as_bytes()])));
+        let made_for = crc32([identity.of_pictures().as_bytes()]);
+        let path = self.folder.join("runs").join(format!("oracle-{made_for:08x}.guide"));
         if let Ok((field, _)) = file::load(&path) {
             return Ok(field);
         }
@@ -318,7 +359,12 @@ impl Experiment<'_> {
     }
 
     /// The reference and the variance of its pixels: read, kept from an earlier call, or rendered.
-    fn reference(&self, scene: &Scene, control: &Control) -> Result<(ReferenceEntry, Image, Option<Image>)> {
+    fn reference(
+        &self,
+        scene: &Scene,
+        identity: &Identity,
+        control: &Control,
+    ) -> Result<(ReferenceEntry, Image, Option<Image>)> {
         if let Some((path, variance)) = &self.reference {
             let image = self.sized(read_image(path, false)?, path)?;
             let noise = variance.as_ref().map(|path| self.sized(read_image(path, true)?, path)).transpose()?;
@@ -333,7 +379,7 @@ impl Experiment<'_> {
         let [file, variance_file] = ["reference.exr", "reference-variance.exr"].map(|f| self.folder.join(f));
         let note = self.folder.join("runs").join("reference.json");
         let origin = format!("neural, {REFERENCE_PARTS} parts of {} spp", self.reference_spp);
-        let expected = format!("{} {} {origin}", self.scene_crc32(), self.fingerprint());
+        let expected = format!("{} {origin}", identity.of_pictures());
         if read_json::<String>(&note).ok().as_ref() != Some(&expected) {
             let (mean, variance) = self.render_reference(scene, control)?;
             write(&file, &mean, &[], 0.0)?;

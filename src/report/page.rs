@@ -129,6 +129,10 @@ fn cell(value: f64, best: bool) -> String {
     format!("<td class=\"n{}\">{}</td>", if best { " best" } else { "" }, number(value))
 }
 
+fn missing() -> String {
+    "<td class=\"missing\">–</td>".into()
+}
+
 fn interval(i: Interval, best: bool) -> String {
     let class = if best { " best" } else { "" };
     format!("<td class=\"n{class}\">{} <small>[{}, {}]</small></td>", number(i.mean), number(i.low), number(i.high))
@@ -208,11 +212,11 @@ fn summary_table(results: &Results) -> String {
             escape(&s.method),
             cell(s.spp, false),
             cell(s.seconds, false),
-            s.cpu_seconds.map_or("<td class=\"missing\">–</td>".into(), |c| cell(c, false)),
+            s.cpu_seconds.map_or_else(missing, |c| cell(c, false)),
             interval(s.relmse, is_best(|s| s.relmse.mean)),
             interval(s.relmse_trimmed, is_best(|s| s.relmse_trimmed.mean)),
             interval(s.relmse_ldr, is_best(|s| s.relmse_ldr.mean)),
-            interval(s.ratio, false),
+            s.ratio.map_or_else(missing, |ratio| interval(ratio, false)),
         );
     }
     table(&head, &rows)
@@ -310,10 +314,11 @@ fn csv(results: &Results) -> String {
     );
     for r in &results.runs {
         let (e, p) = (&r.errors, &r.parts);
-        let cpu = r.cpu_seconds.map_or(String::new(), |c| c.to_string());
+        let [cpu, mean_ratio] =
+            [r.cpu_seconds, r.mean_ratio].map(|known| known.map_or(String::new(), |number| number.to_string()));
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{cpu},{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{cpu},{},{},{},{mean_ratio},{},{},{},{},{},{},{}",
             r.method,
             results.budgets[r.budget].label(),
             r.seed,
@@ -322,7 +327,6 @@ fn csv(results: &Results) -> String {
             e.relmse,
             e.relmse_trimmed,
             e.relmse_ldr,
-            r.mean_ratio,
             p.trace,
             p.photons,
             p.deposit,

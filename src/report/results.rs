@@ -24,6 +24,9 @@ pub const SCHEMA_FILE: &str = "results.schema.json";
 
 const LIMIT: u64 = 256 << 20;
 
+/// No render takes longer, seconds: thirty thousand years.
+const LONGEST: f64 = 1e12;
+
 /// A whole comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -42,7 +45,7 @@ pub struct Results {
     pub methods: Vec<String>,
     /// Budgets, in seconds or samples per pixel, smallest first of each kind.
     pub budgets: Vec<Budget>,
-    /// Seeds; each is used by every method at every budget, so that methods can be compared in pairs.
+    /// Seeds that were rendered; each is used by every method at every budget, so that methods can be compared in pairs.
     pub seeds: Vec<u64>,
     /// Samples per pixel that the oracle learned from; its learning is not part of its seconds.
     pub oracle_spp: Option<u32>,
@@ -160,10 +163,19 @@ pub struct RunEntry {
     pub parts: Parts,
     /// Errors against the reference.
     pub errors: Errors,
-    /// Mean of the picture over the mean of the reference.
-    pub mean_ratio: f64,
+    /// Mean of the picture over the mean of the reference; none where only the reference is black.
+    pub mean_ratio: Option<f64>,
     /// Samples left out because they were not finite.
     pub dropped_samples: u64,
+}
+
+impl RunEntry {
+    /// Whether a render can have cost this: times that are no times would go into means and onto logarithmic axes.
+    pub(super) fn is_possible(&self) -> bool {
+        let Parts { trace, photons, deposit, reconstruct, write } = self.parts;
+        let all = [self.seconds, self.cpu_seconds.unwrap_or(0.0), trace, photons, deposit, reconstruct, write];
+        all.iter().all(|seconds| (0.0..LONGEST).contains(seconds))
+    }
 }
 
 /// A mean with its 95 % interval.
@@ -200,8 +212,8 @@ pub struct SummaryEntry {
     pub relmse_trimmed: Interval,
     /// LDR relMSE over seeds.
     pub relmse_ldr: Interval,
-    /// Trimmed relMSE over that of the first method, paired by seed.
-    pub ratio: Interval,
+    /// Trimmed relMSE over that of the first method, paired by seed; none where the first method was not run.
+    pub ratio: Option<Interval>,
 }
 
 /// Time that each method needs for one error.

@@ -14,8 +14,10 @@ use fanal::guiding::field::Evidence;
 use fanal::guiding::file;
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::{Model, Weights};
+use fanal::reconstruct::Neural;
 use fanal::reconstruct::neural::reconstruct_batch;
 use fanal::render::{Control, render, render_watched};
+use fanal::report::{Budget, Experiment, Method, Results, page};
 use fanal::scene::Scene;
 use fanal::scene::readers::{LoadedScene, load, read_exr_channels, read_image, resolve};
 use glam::Vec3;
@@ -166,6 +168,13 @@ pub fn reader(name: &str, folder: &Path) -> Reader {
         "model_config" | "model_weights" => model(name == "model_weights", folder),
         "checkpoint" => checkpoint(folder),
         "guide" => guide(folder),
+        "comparison_run" => comparison(folder),
+        "results" => {
+            compared(folder).unwrap();
+            let read = |path: &Path| Results::read(path).map(drop);
+            Reader::new("results", "results.json", vec![file("results.json")], 20_000, Box::new(read))
+                .with(Container::Plain, JSON)
+        }
         _ => panic!("there is no reader {name}"),
     }
 }
@@ -392,4 +401,40 @@ fn guide(folder: &Path) -> Reader {
         Ok(())
     };
     Reader::new("guide", "a.guide", seeds.to_vec(), 40_000, Box::new(read)).with(Container::Tensors, TENSORS)
+}
+
+/// A comparison of two methods in this folder, with its page; runs that are there and sound are kept.
+fn compared(folder: &Path) -> Result<()> {
+    let loaded = load(&root().join("scenes/cornell"))?;
+    let neural = Neural::built_in()?;
+    let experiment = Experiment {
+        loaded: &loaded,
+        path: "cornell".into(),
+        load_seconds: 0.0,
+        settings: settings(GUIDES[6], 1, 1),
+        size: [8, 6],
+        methods: [GUIDES[0], GUIDES[5]].map(|guide| Method::Guide(guide.0)).to_vec(),
+        budgets: vec![Budget::Spp(1)],
+        seeds: 1,
+        reference: None,
+        reference_spp: 1,
+        oracle_spp: 1,
+        neural: &neural,
+        folder,
+    };
+    let comparison = experiment.run(&Silent, &AtomicBool::new(false))?;
+    page::write(&comparison, folder)
+}
+
+/// The record of a run is damaged; the comparison that finds it goes on, and makes the run again where it has to.
+fn comparison(folder: &Path) -> Reader {
+    const RECORD: &str = "runs/gaussian-1spp-1.json";
+    compared(folder).unwrap();
+    let seeds = vec![std::fs::read(folder.join(RECORD)).unwrap()];
+    let read = |path: &Path| {
+        let folder = path.ancestors().nth(2).expect("it lies in a folder of the folder");
+        compared(folder)?;
+        Results::read(&folder.join("results.json")).map(drop)
+    };
+    Reader::new("comparison_run", RECORD, seeds, 1_000, Box::new(read)).with(Container::Plain, JSON)
 }

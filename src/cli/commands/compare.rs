@@ -9,6 +9,7 @@ use crate::cli::{interrupt, print, progress};
 use crate::film::check_size;
 use crate::reconstruct::Neural;
 use crate::render::{GuideMode, RenderSettings, StopRule};
+use crate::report::results::Interval;
 use crate::report::{Budget, Experiment, page};
 
 /// Runs the comparison and writes its page.
@@ -19,13 +20,15 @@ pub fn run(args: &CompareArgs) -> Result<()> {
     std::fs::create_dir_all(&args.output).map_err(|e| Error::io(&args.output, e))?;
     in_pool(&args.common, || {
         let begun = Instant::now();
-        let loaded = load_scene(&args.scene, &[], &args.common)?;
+        let mut loaded = load_scene(&args.scene, &[], &args.common)?;
         let load_seconds = begun.elapsed().as_secs_f64();
         let size = args.size.unwrap_or([loaded.file.film.width, loaded.file.film.height]);
         check_size(size[0], size[1])?;
         let neural = args.model.as_ref().map_or_else(Neural::built_in, |folder| Neural::embedded(folder))?;
         let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
-        settings.transport.max_depth = args.max_depth.unwrap_or(loaded.file.render.max_depth);
+        // The plan goes by the scene's depth, so it must know of another one.
+        loaded.file.render.max_depth = args.max_depth.unwrap_or(loaded.file.render.max_depth);
+        settings.transport.max_depth = loaded.file.render.max_depth;
         settings.filter = loaded.file.film.filter;
         neural.check_mode(&settings.mode())?;
         let experiment = Experiment {
@@ -47,8 +50,10 @@ pub fn run(args: &CompareArgs) -> Result<()> {
         page::write(&comparison, &args.output)?;
         for s in &comparison.results.summary {
             let e = &s.relmse_trimmed;
+            let first = &comparison.results.methods[0];
+            let over = |r: Interval| format!("  over {first} {:.3} [{:.3}, {:.3}]", r.mean, r.low, r.high);
             print::line(&format!(
-                "{:>8}  {:8} {:>8.0} spp {:>8.2} s  trimmed relMSE {:.5} [{:.5}, {:.5}]  over {} {:.3} [{:.3}, {:.3}]",
+                "{:>8}  {:8} {:>8.0} spp {:>8.2} s  trimmed relMSE {:.5} [{:.5}, {:.5}]{}",
                 comparison.results.budgets[s.budget].label(),
                 s.method,
                 s.spp,
@@ -56,10 +61,7 @@ pub fn run(args: &CompareArgs) -> Result<()> {
                 e.mean,
                 e.low,
                 e.high,
-                comparison.results.methods[0],
-                s.ratio.mean,
-                s.ratio.low,
-                s.ratio.high
+                s.ratio.map_or(String::new(), over),
             ))?;
         }
         print::line(&format!("{}", args.output.join("index.html").display()))
