@@ -95,7 +95,7 @@ fn run(scene: &Scene, settings: &RenderSettings) -> (Outcome, usize) {
 }
 
 /// What a render with a guide holds at most for a small picture: the records of one chunk of 2^18 paths of at most 20 bounces each, and
-/// as much again to sort them. Measured: 515 MB.
+/// as much again to sort them. Measured: 532 MB.
 const RENDERING: usize = 800 * MB;
 
 /// A white box, where paths have a dozen vertices, each of which leaves a record: ten million of them and more, of which at most a chunk
