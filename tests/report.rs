@@ -273,7 +273,7 @@ fn interrupted_runs_take_old_records_away() {
             // No run is finished, which is an error.
             std::panic::catch_unwind(AssertUnwindSafe(|| run(&scene, folder.path(), &[NONE], budget, 2, &stop)))
         });
-        while record.exists() {
+        while record.exists() && !interrupted.is_finished() {
             std::thread::yield_now();
         }
         stop.now.store(true, Ordering::Relaxed);
