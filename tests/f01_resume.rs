@@ -5,13 +5,15 @@
 #[path = "support/scenes.rs"]
 #[allow(dead_code, reason = "shared with other tests of light transport")]
 mod scenes;
+#[path = "support/stop.rs"]
+mod stop;
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use fanal::base::progress::{Progress, Silent};
+use fanal::base::progress::Silent;
 use fanal::base::random::Random;
 use fanal::base::{Error, Result};
 use fanal::film::Window;
@@ -24,23 +26,7 @@ use fanal::render::{
 use fanal::scene::Scene;
 use fanal::scene::readers::read_image;
 use scenes::{GUIDES, committed, reconstructor, settings};
-
-/// Wishes to stop after so many chunks.
-struct StopAfter<'a> {
-    chunks: AtomicI64,
-    stop: &'a AtomicBool,
-}
-
-impl Progress for StopAfter<'_> {
-    fn start(&self, _: u64, _: &str) {}
-    fn advance(&self, _: u64) {
-        if self.chunks.fetch_sub(1, Ordering::Relaxed) == 1 {
-            self.stop.store(true, Ordering::Relaxed);
-        }
-    }
-    fn message(&self, _: &str) {}
-    fn finish(&self) {}
-}
+use stop::StopAfter;
 
 /// Renders, guided by `field` if there is one, and stops after `chunks` chunks; says whether it was stopped by that.
 fn part(
@@ -50,14 +36,13 @@ fn part(
     checkpoint: &Checkpointing,
     chunks: i64,
 ) -> Result<(Outcome, bool)> {
-    let stop = AtomicBool::new(false);
-    let watcher = StopAfter { chunks: AtomicI64::new(chunks), stop: &stop };
-    let control = Control { checkpoint: Some(checkpoint), ..Control::new(&watcher, &stop) };
+    let stop = StopAfter::new(chunks);
+    let control = Control { checkpoint: Some(checkpoint), ..Control::new(&stop, &stop.now) };
     let outcome = match field {
         Some(field) => render_with_field(scene, settings, field.clone(), &control)?,
         None => render_watched(scene, settings, reconstructor(settings.guide).as_ref(), &control)?,
     };
-    Ok((outcome, stop.load(Ordering::Relaxed)))
+    Ok((outcome, stop.now.load(Ordering::Relaxed)))
 }
 
 fn bits(image: &Image) -> Vec<[u32; 3]> {

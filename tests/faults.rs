@@ -14,6 +14,8 @@ mod network;
 mod scenes;
 #[path = "support/seeds.rs"]
 mod seeds;
+#[path = "support/stop.rs"]
+mod stop;
 
 use std::collections::HashMap;
 use std::path::Path;

@@ -30,6 +30,8 @@ mod fuzzed;
 mod scenes;
 #[path = "support/seeds.rs"]
 mod seeds;
+#[path = "support/stop.rs"]
+mod stop;
 
 use std::collections::{BTreeMap, HashSet};
 use std::fs::File;

@@ -1,11 +1,13 @@
 //! `fanal compare`: every number on the page follows from the pictures, an interrupted comparison goes on, the page works.
 
+#[path = "support/stop.rs"]
+mod stop;
+
 use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::atomic::Ordering;
 
-use fanal::base::Progress;
 use fanal::film::write;
 use fanal::materials::image::Image;
 use fanal::reconstruct::Neural;
@@ -14,6 +16,7 @@ use fanal::report::results::{Reach, Results, SummaryEntry};
 use fanal::report::{Budget, Experiment, Method, page};
 use fanal::scene::readers::{load, read_image};
 use glam::Vec3;
+use stop::StopAfter;
 
 const DRIVER: &str = include_str!("support/drive-page.js");
 
@@ -162,7 +165,7 @@ fn numbers_follow_from_the_pictures_and_runs_are_kept() {
 }
 
 /// A comparison by methods, of pictures of 16 × 12 pixels.
-fn run(scene: &Path, folder: &Path, methods: &[Method], budget: Budget, depth: u32, stop: &Stop) -> Results {
+fn run(scene: &Path, folder: &Path, methods: &[Method], budget: Budget, depth: u32, stop: &StopAfter) -> Results {
     let loaded = load(scene).unwrap();
     let neural = Neural::built_in().unwrap();
     let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
@@ -188,27 +191,6 @@ fn run(scene: &Path, folder: &Path, methods: &[Method], budget: Budget, depth: u
     Results::read(&folder.join("results.json")).expect("what is written can be read")
 }
 
-/// Wishes to stop after so many runs.
-struct Stop {
-    after: AtomicI64,
-    now: AtomicBool,
-}
-
-impl Stop {
-    fn after(runs: i64) -> Self {
-        Self { after: AtomicI64::new(runs), now: AtomicBool::new(false) }
-    }
-}
-
-impl Progress for Stop {
-    fn start(&self, _: u64, _: &str) {}
-    fn advance(&self, _: u64) {
-        self.now.fetch_or(self.after.fetch_sub(1, Ordering::Relaxed) == 1, Ordering::Relaxed);
-    }
-    fn message(&self, _: &str) {}
-    fn finish(&self) {}
-}
-
 /// A folder with a copy of a committed scene, and a grey picture to compare with.
 fn with_scene(name: &str) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
@@ -230,7 +212,7 @@ const NONE: Method = Method::Guide(GuideMode::None);
 fn another_mesh_is_another_scene() {
     let (folder, scene) = with_scene("glass-caustic");
     let picture = || read_image(&folder.path().join("runs/none-4spp-1.exr"), false).unwrap();
-    let compared = || run(&scene, folder.path(), &[NONE], Budget::Spp(4), 8, &Stop::after(9)).scene.crc32;
+    let compared = || run(&scene, folder.path(), &[NONE], Budget::Spp(4), 8, &StopAfter::new(9)).scene.crc32;
     let (crc, first) = (compared(), picture());
     assert_eq!(compared(), crc);
     let mesh = scene.join("ring.obj");
@@ -249,12 +231,12 @@ fn another_mesh_is_another_scene() {
 fn an_interrupted_comparison_can_be_read() {
     let (folder, scene) = with_scene("cornell");
     let methods = [NONE, Method::Guide(GuideMode::Gaussian)];
-    let compared = |stop: Stop| run(&scene, folder.path(), &methods, Budget::Spp(4), 8, &stop);
-    let part = compared(Stop::after(1));
+    let compared = |stop: StopAfter| run(&scene, folder.path(), &methods, Budget::Spp(4), 8, &stop);
+    let part = compared(StopAfter::new(1));
     assert_eq!((part.runs.len(), part.summary.len()), (1, 1));
     assert!(part.summary[0].method == "gaussian" && part.summary[0].ratio.is_none());
     check_schema(folder.path());
-    let whole = compared(Stop::after(9));
+    let whole = compared(StopAfter::new(9));
     assert!(whole.runs.len() == 2 && whole.summary.iter().all(|entry| entry.ratio.is_some()));
     assert_eq!(whole.runs.iter().find(|run| run.method == "gaussian").unwrap().seconds, part.runs[0].seconds);
 }
@@ -265,9 +247,9 @@ fn interrupted_runs_take_old_records_away() {
     let (folder, scene) = with_scene("cornell");
     let record = folder.path().join("runs/none-0.5s-1.json");
     let budget = Budget::Seconds(0.5);
-    run(&scene, folder.path(), &[NONE], budget, 8, &Stop::after(9));
+    run(&scene, folder.path(), &[NONE], budget, 8, &StopAfter::new(9));
     assert!(record.exists());
-    let stop = Stop::after(9);
+    let stop = StopAfter::new(9);
     std::thread::scope(|scope| {
         let interrupted = scope.spawn(|| {
             // No run is finished, which is an error.

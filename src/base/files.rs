@@ -5,6 +5,9 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
 use super::{Error, Place, Result};
 
 /// Writes `path` atomically with what `content` produces.
@@ -112,6 +115,24 @@ pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>> {
         return Err(Error::Limit { place: Place::file(path), what: "file size in bytes".into(), value: size, limit });
     }
     std::fs::read(path).map_err(|e| Error::io(path, e))
+}
+
+/// Reads a JSON file of at most `limit` bytes.
+///
+/// # Errors
+/// Those of [`read_bytes`]; [`Error::Malformed`] naming the line.
+pub fn read_json<T: DeserializeOwned>(path: &Path, limit: u64) -> Result<T> {
+    serde_json::from_slice(&read_bytes(path, limit)?)
+        .map_err(|e| Error::malformed(Place::line(path, u32::try_from(e.line()).unwrap_or(u32::MAX)), e.to_string()))
+}
+
+/// Writes any value as JSON, atomically.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Options`] for a value that JSON cannot express.
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
+    let fail = |e: serde_json::Error| Error::Options(format!("{}: {e}", path.display()));
+    write_bytes(path, &serde_json::to_vec_pretty(value).map_err(fail)?)
 }
 
 /// CRC-32 of bytes given in parts: tells damage and differences, not malice.

@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 use super::dataset::{DatasetIndex, INDEX_FILE, ShardEntry};
 use super::recipe::{Job, Recipe, Source};
 use super::shard::{TreeSample, write_shard};
-use crate::base::files::{read_bytes, write_bytes};
+use crate::base::files::{read_json, write_json};
 use crate::base::random::Random;
 use crate::base::{Error, Place, Progress, Result};
 use crate::film::{Pass, PixelFilter, Window};
@@ -21,7 +21,6 @@ use crate::guiding::learner::CountedTree;
 use crate::guiding::leaves::{Target as Quantity, distribution_of_values};
 use crate::guiding::quadtree::Quadtree;
 use crate::guiding::topology::Topology;
-use crate::network::config::Mode;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::render::{CHUNK, GuideMode, Learning, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
 use crate::scene::{Scene, readers};
@@ -53,9 +52,9 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
         if folder.join(INDEX_FILE).exists() { DatasetIndex::read(folder)? } else { DatasetIndex::default() };
     check_recipe(recipe, folder)?;
     let jobs = recipe.jobs();
-    let expected = render_settings(recipe).mode();
-    if index.shards.first().is_some_and(|first| first.mode != expected) {
-        let message = format!("was made in another mode than {expected:?}; choose another folder");
+    let mode = render_settings(recipe).mode();
+    if index.shards.first().is_some_and(|first| first.mode != mode) {
+        let message = format!("was made in another mode than {mode:?}; choose another folder");
         return Err(Error::malformed(Place::file(folder.join(INDEX_FILE)), message));
     }
     progress.start(jobs.len() as u64, "scenes");
@@ -73,7 +72,7 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
         }
         if known.is_none() || !folder.join(&file).is_file() {
             progress.message(&file);
-            let (samples, mode) = collect(recipe, job, number)?;
+            let samples = collect(recipe, job, number)?;
             write_shard(&folder.join(&file), &samples)?;
             let entry = ShardEntry {
                 version: super::shard::VERSION,
@@ -83,7 +82,7 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
                 seed: job.seed,
                 held_out: job.held_out,
                 samples: samples.len() as u64,
-                mode,
+                mode: mode.clone(),
             };
             match known {
                 Some(at) => index.shards[at] = entry,
@@ -103,16 +102,13 @@ fn check_recipe(recipe: &Recipe, folder: &Path) -> Result<()> {
     let path = folder.join(RECIPE_FILE);
     let of_all = Recipe { name: String::new(), held_out: 0.0, family: vec![], scene: vec![], ..recipe.clone() };
     if path.exists() {
-        let fail = |e: serde_json::Error| Error::malformed(Place::line(&path, e.line() as u32), e.to_string());
-        let kept: Recipe = serde_json::from_slice(&read_bytes(&path, RECIPE_LIMIT)?).map_err(fail)?;
-        if kept != of_all {
+        if read_json::<Recipe>(&path, RECIPE_LIMIT)? != of_all {
             let message = "the data were made by a recipe that says other things of its scenes; choose another folder";
             return Err(Error::malformed(Place::file(path), message));
         }
         return Ok(());
     }
-    let text = serde_json::to_vec_pretty(&of_all).map_err(|e| Error::Options(format!("{}: {e}", path.display())))?;
-    write_bytes(&path, &text)
+    write_json(&path, &of_all)
 }
 
 /// What all scenes of a recipe are rendered with.
@@ -124,11 +120,11 @@ fn render_settings(recipe: &Recipe) -> RenderSettings {
     settings
 }
 
-/// The trees of one scene, and the mode that they were collected in.
+/// The trees of one scene.
 ///
 /// # Errors
 /// Whatever building the scene or rendering it says.
-pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<(Vec<TreeSample>, Mode)> {
+pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<Vec<TreeSample>> {
     let loaded = match &job.source {
         Source::Family(family) => {
             let file = super::scene(*family, job.seed, recipe.resolution);
@@ -141,7 +137,6 @@ pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<(Vec<TreeSampl
     settings.seed = job.seed;
     settings.learner.resolution = recipe.grids[job.index as usize % recipe.grids.len()] as f32;
     let scene = Scene::build(&loaded, recipe.resolution)?;
-    let mode = settings.mode();
     let learning = Learning::new(&settings, &scene.lights.emission);
     let mut long = Run { scene: &scene, learning, settings: settings.clone(), first_sample: 0 };
     let targets = long.targets(recipe.target_spp)?;
@@ -155,7 +150,7 @@ pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<(Vec<TreeSampl
         samples.extend(run.pairs(recipe, job, number, turn, &targets)?);
         long.first_sample = run.first_sample;
     }
-    Ok((samples, mode))
+    Ok(samples)
 }
 
 /// Passes over one scene and what is learned from them.

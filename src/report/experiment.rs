@@ -9,10 +9,8 @@ use serde::{Deserialize, Serialize};
 
 use super::analysis::{summarise, times_to_reach};
 use super::guides::{self, Guides};
-use super::results::{
-    Budget, Errors, Parts, ReferenceEntry, Results, RunEntry, SceneEntry, VERSION, read_json, write_json,
-};
-use crate::base::files::crc32;
+use super::results::{Budget, Errors, LIMIT, Parts, ReferenceEntry, Results, RunEntry, SceneEntry, VERSION};
+use crate::base::files::{crc32, read_json, write_json};
 use crate::base::process::cpu_seconds;
 use crate::base::progress::Silent;
 use crate::base::{Error, Progress, Result};
@@ -243,7 +241,7 @@ impl Experiment<'_> {
     /// A run of an earlier call and its picture, if both are whole, of this task, this scene and these settings; what is not is
     /// made again.
     fn kept(&self, task: Task, identity: &Identity) -> Option<(RunEntry, Image)> {
-        let Kept { made_for, run } = read_json(&self.record(task)).ok()?;
+        let Kept { made_for, run } = read_json(&self.record(task), LIMIT).ok()?;
         let own = (run.method.as_str(), run.seed, &run.file) == (task.method.name(), task.seed, &task.picture());
         if made_for != identity.of_runs() || !own || !run.is_possible() {
             return None;
@@ -334,7 +332,7 @@ impl Experiment<'_> {
     /// What the fields of the last budget know; nothing of a method whose run is missing.
     fn guides(&self, results: &Results) -> Vec<(String, Guides)> {
         let Some(&budget) = self.budgets.last() else { return vec![] };
-        let read = |m: &String| Some((m.clone(), read_json(&self.guide_file(m, budget)).ok()?));
+        let read = |m: &String| Some((m.clone(), read_json(&self.guide_file(m, budget), LIMIT).ok()?));
         results.methods.iter().filter_map(read).collect()
     }
 
@@ -380,7 +378,7 @@ impl Experiment<'_> {
         let note = self.folder.join("runs").join("reference.json");
         let origin = format!("neural, {REFERENCE_PARTS} parts of {} spp", self.reference_spp);
         let expected = format!("{} {origin}", identity.of_pictures());
-        if read_json::<String>(&note).ok().as_ref() != Some(&expected) {
+        if read_json::<String>(&note, LIMIT).ok().as_ref() != Some(&expected) {
             let (mean, variance) = self.render_reference(scene, control)?;
             write(&file, &mean, &[], 0.0)?;
             write(&variance_file, &variance, &[], 0.0)?;

@@ -183,7 +183,7 @@ fn speed_up(first: Reach, second: Reach) -> String {
         (Reach::At(a), Reach::At(b)) => cell(a / b, false),
         (Reach::At(a), Reach::Before(b)) => format!("<td class=\"n\">≥ {}</td>", number(a / b)),
         (Reach::Before(a), Reach::At(b)) => format!("<td class=\"n\">≤ {}</td>", number(a / b)),
-        _ => "<td class=\"missing\">–</td>".into(),
+        _ => missing(),
     }
 }
 

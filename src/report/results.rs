@@ -11,7 +11,7 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::base::files::{read_bytes, write_bytes};
+use crate::base::files::{read_json, write_json};
 use crate::base::{Error, Place, Result};
 
 /// Version of the format.
@@ -22,7 +22,8 @@ pub const FILE: &str = "results.json";
 /// Name of the file with the JSON Schema of [`FILE`].
 pub const SCHEMA_FILE: &str = "results.schema.json";
 
-const LIMIT: u64 = 256 << 20;
+/// Largest accepted JSON file of a comparison in bytes.
+pub(super) const LIMIT: u64 = 256 << 20;
 
 /// No render takes longer, seconds: thirty thousand years.
 const LONGEST: f64 = 1e12;
@@ -244,7 +245,7 @@ impl Results {
     /// # Errors
     /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the line, also for another version.
     pub fn read(path: &Path) -> Result<Self> {
-        let results: Self = read_json(path)?;
+        let results: Self = read_json(path, LIMIT)?;
         if results.version != VERSION {
             let message = format!("version {}, this program reads version {VERSION}", results.version);
             return Err(Error::malformed(Place::file(path), message));
@@ -267,17 +268,4 @@ impl Results {
     pub fn write_schema(path: &Path) -> Result<()> {
         write_json(path, &schemars::schema_for!(Self))
     }
-}
-
-/// Reads any JSON file of this module.
-pub(super) fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
-    let bytes = read_bytes(path, LIMIT)?;
-    serde_json::from_slice(&bytes)
-        .map_err(|e| Error::malformed(Place::line(path, u32::try_from(e.line()).unwrap_or(u32::MAX)), e.to_string()))
-}
-
-/// Writes any value as JSON, atomically.
-pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
-    let fail = |e: serde_json::Error| Error::Options(format!("{}: {e}", path.display()));
-    write_bytes(path, &serde_json::to_vec_pretty(value).map_err(fail)?)
 }
