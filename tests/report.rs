@@ -236,7 +236,10 @@ fn an_interrupted_comparison_can_be_read() {
     assert_eq!((part.runs.len(), part.summary.len()), (1, 1));
     assert!(part.summary[0].method == "gaussian" && part.summary[0].ratio.is_none());
     check_schema(folder.path());
+    let page = || std::fs::read_to_string(folder.path().join("index.html")).unwrap();
+    assert!(page().contains("Interrupted, one run is missing;"));
     let whole = compared(StopAfter::new(9));
+    assert!(!page().contains("Interrupted"));
     assert!(whole.runs.len() == 2 && whole.summary.iter().all(|entry| entry.ratio.is_some()));
     assert_eq!(whole.runs.iter().find(|run| run.method == "gaussian").unwrap().seconds, part.runs[0].seconds);
 }

@@ -142,10 +142,22 @@ pub struct Comparison {
     pub reference: Image,
     /// Fields of the guided methods at the largest budget.
     pub guides: Vec<(String, Guides)>,
+    /// Runs that it did not come to before it was stopped.
+    pub missing: usize,
+}
+
+impl Comparison {
+    /// What to say where runs are missing.
+    pub fn interruption(&self) -> Option<String> {
+        let n = self.missing;
+        let missing = if n == 1 { "one run is missing".into() } else { format!("{n} runs are missing") };
+        (n > 0).then(|| format!("Interrupted, {missing}; the same command goes on."))
+    }
 }
 
 impl Experiment<'_> {
-    /// Runs what is not there yet and measures everything. Setting `stop` ends it after the run at hand.
+    /// Runs what is not there yet and measures everything. Setting `stop` ends it within the run at hand, which
+    /// is then missing.
     ///
     /// # Errors
     /// Whatever reading, rendering and writing says; [`Error::Options`] where no run was finished.
@@ -222,7 +234,8 @@ impl Experiment<'_> {
             runs,
             summary,
         };
-        Ok(Comparison { guides: self.guides(&results), results, reference })
+        let missing = total as usize - results.runs.len();
+        Ok(Comparison { guides: self.guides(&results), results, reference, missing })
     }
 
     fn identity(&self) -> Identity {

@@ -83,7 +83,7 @@ pub fn write(comparison: &Comparison, folder: &Path) -> Result<()> {
          <section id=\"viewer\"></section>\n<footer>{footer}</footer>\n</main>\n\
          <script>window.fanal = {data};</script>\n{scripts}<script>\n{VIEWER}</script>\n</body>\n</html>\n",
         title = escape(&format!("{}: what accuracy costs in time", results.scene.name)),
-        lead = escape(&lead(results)),
+        lead = escape(&lead(comparison)),
         reach = reach_table(results),
         summary = summary_table(results),
         time_table = time_table(results),
@@ -95,7 +95,8 @@ pub fn write(comparison: &Comparison, folder: &Path) -> Result<()> {
     write_bytes(&folder.join("index.html"), html.as_bytes())
 }
 
-fn lead(results: &Results) -> String {
+fn lead(comparison: &Comparison) -> String {
+    let results = &comparison.results;
     let r = &results.reference;
     let noise = r.relative_variance.map_or_else(
         || "its own noise is not known and not subtracted".into(),
@@ -104,9 +105,10 @@ fn lead(results: &Results) -> String {
     let oracle = results.oracle_spp.map_or(String::new(), |spp| {
         format!(" The oracle is guided by trees from {spp} samples per pixel, whose cost is not counted.")
     });
+    let interruption = comparison.interruption().map_or(String::new(), |text| format!(" {text}"));
     format!(
         "{} × {} pixels, depth {}, {} threads, {} seeds. Reference: {}; {noise}. Means over seeds are geometric, bands are 95 % \
-         bootstrap intervals.{oracle}",
+         bootstrap intervals.{oracle}{interruption}",
         results.scene.width,
         results.scene.height,
         results.scene.max_depth,

@@ -64,6 +64,9 @@ pub fn run(args: &CompareArgs) -> Result<()> {
                 s.ratio.map_or(String::new(), over),
             ))?;
         }
+        if let Some(text) = comparison.interruption() {
+            print::line(&text)?;
+        }
         print::line(&format!("{}", args.output.join("index.html").display()))
     })
 }
