@@ -210,14 +210,16 @@ impl Run<'_> {
         self.settings.samples = SampleKinds::Path;
         self.learning.photon_share = 0.0;
         self.learning.learner.freeze_shapes();
-        let mut halves = Vec::new();
-        for _ in 0..2 {
-            self.learning.learner.clear();
-            self.pass((spp.saturating_sub(spent) / 2).max(1));
-            halves.push(self.learning.learner.trees().into_iter().cloned().collect::<Vec<Quadtree>>());
-        }
+        let half = (spp.saturating_sub(spent) / 2).max(1);
+        self.learning.learner.clear();
+        self.pass(half);
+        let first: Vec<Quadtree> = self.learning.learner.trees().into_iter().cloned().collect();
+        self.learning.learner.clear();
+        self.pass(half);
+        // In place: on fine grids a copy takes gigabytes.
+        let second = self.learning.learner.trees();
         let quantity = self.settings.learner.target;
-        Ok(halves[0].iter().zip(&halves[1]).map(|(first, second)| Target::of(first, second, quantity)).collect())
+        Ok(first.iter().zip(second).map(|(first, second)| Target::of(first, second, quantity)).collect())
     }
 
     /// Runs the iterations, and takes the trees of evenly drawn voxels after each that the recipe lists.
