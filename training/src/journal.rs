@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 pub const LOG_FILE: &str = "losses.jsonl";
 /// Name of the plot in a model folder.
 pub const PLOT_FILE: &str = "losses.svg";
+/// Points that the plot draws of the loss; lines of the log are averaged to as many, since single ones are mostly noise.
+const POINTS: usize = 200;
 
 /// One line of the log: means over the steps since the line before.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -76,7 +78,12 @@ impl Journal {
 
     /// Loss, and ln(1 + V) on the validation trees, over epochs.
     fn plot(&self) -> Result<String> {
-        let train: Vec<(f64, f64)> = self.entries.iter().map(|e| (e.epoch, e.value)).collect();
+        let mean = |lines: &[Entry]| {
+            let sum = |of: fn(&Entry) -> f64| lines.iter().map(of).sum::<f64>() / lines.len() as f64;
+            (sum(|e| e.epoch), sum(|e| e.value))
+        };
+        let lines = self.entries.len().div_ceil(POINTS).max(1);
+        let train: Vec<(f64, f64)> = self.entries.chunks(lines).map(mean).collect();
         let validation: Vec<(f64, f64)> =
             self.entries.iter().filter_map(|e| e.validation_moment.map(|moment| (e.epoch, moment))).collect();
         let all = || train.iter().chain(&validation).map(|p| p.1).filter(|y| y.is_finite());
@@ -84,7 +91,7 @@ impl Journal {
         let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(y), h.max(y)));
         let margin = (0.05 * (high - low)).max(1e-3);
         let (low, high) = if low <= high { (low - margin, high + margin) } else { (0.0, 1.0) };
-        let end = train.last().map_or(1.0, |p| p.0).max(1e-3);
+        let end = self.entries.last().map_or(1.0, |e| e.epoch).max(1e-3);
         let mut svg = String::new();
         {
             let area = SVGBackend::with_string(&mut svg, (900, 500)).into_drawing_area();

@@ -72,7 +72,38 @@ fn draw_panel(panel: &Panel, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Resul
         }
     }
     if panel.series.len() > 1 {
-        chart.configure_series_labels().border_style(BLACK.mix(0.2)).background_style(WHITE.mix(0.8)).draw()?;
+        let style = (BLACK.mix(0.2), WHITE.mix(0.8));
+        let labels = &mut chart.configure_series_labels();
+        labels.position(emptier_corner(panel)).border_style(style.0).background_style(style.1).draw()?;
     }
     Ok(())
+}
+
+/// The upper corner on the side whose values are smaller.
+fn emptier_corner(panel: &Panel) -> SeriesLabelPosition {
+    let third = panel.labels.len().div_ceil(3);
+    let highest = |places: std::ops::Range<usize>| {
+        let values = panel.series.iter().filter_map(|(_, values)| values.get(places.clone())).flatten();
+        values.copied().filter(|v| v.is_finite()).fold(0.0, f64::max)
+    };
+    let right = panel.labels.len().saturating_sub(third)..panel.labels.len();
+    if highest(0..third) < highest(right) { SeriesLabelPosition::UpperLeft } else { SeriesLabelPosition::UpperRight }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn legends_keep_to_the_emptier_side() {
+        let panel = |values: &[f64]| Panel {
+            title: String::new(),
+            labels: (0..values.len()).map(|i| i.to_string()).collect(),
+            series: vec![("a".into(), values.to_vec()), ("b".into(), vec![0.1, f64::NAN])],
+            bars: true,
+        };
+        let left = |values: &[f64]| matches!(emptier_corner(&panel(values)), SeriesLabelPosition::UpperLeft);
+        assert!(left(&[0.0, 0.5, 0.9, 1.0]) && !left(&[1.0, 0.9, 0.5, 0.0]));
+        assert!(!left(&[]));
+    }
 }
