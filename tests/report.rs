@@ -165,7 +165,7 @@ fn numbers_follow_from_the_pictures_and_runs_are_kept() {
 }
 
 /// A comparison by methods, of pictures of 16 × 12 pixels.
-fn run(scene: &Path, folder: &Path, methods: &[Method], budget: Budget, depth: u32, stop: &StopAfter) -> Results {
+fn run(scene: &Path, folder: &Path, methods: &[Method], budgets: &[Budget], depth: u32, stop: &StopAfter) -> Results {
     let loaded = load(scene).unwrap();
     let neural = Neural::built_in().unwrap();
     let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
@@ -177,7 +177,7 @@ fn run(scene: &Path, folder: &Path, methods: &[Method], budget: Budget, depth: u
         settings,
         size: [16, 12],
         methods: methods.to_vec(),
-        budgets: vec![budget],
+        budgets: budgets.to_vec(),
         seeds: 1,
         // Any picture will do.
         reference: Some((folder.join("reference.exr"), None)),
@@ -212,7 +212,7 @@ const NONE: Method = Method::Guide(GuideMode::None);
 fn another_mesh_is_another_scene() {
     let (folder, scene) = with_scene("glass-caustic");
     let picture = || read_image(&folder.path().join("runs/none-4spp-1.exr"), false).unwrap();
-    let compared = || run(&scene, folder.path(), &[NONE], Budget::Spp(4), 8, &StopAfter::new(9)).scene.crc32;
+    let compared = || run(&scene, folder.path(), &[NONE], &[Budget::Spp(4)], 8, &StopAfter::new(9)).scene.crc32;
     let (crc, first) = (compared(), picture());
     assert_eq!(compared(), crc);
     let mesh = scene.join("ring.obj");
@@ -231,7 +231,7 @@ fn another_mesh_is_another_scene() {
 fn an_interrupted_comparison_can_be_read() {
     let (folder, scene) = with_scene("cornell");
     let methods = [NONE, Method::Guide(GuideMode::Gaussian)];
-    let compared = |stop: StopAfter| run(&scene, folder.path(), &methods, Budget::Spp(4), 8, &stop);
+    let compared = |stop: StopAfter| run(&scene, folder.path(), &methods, &[Budget::Spp(4)], 8, &stop);
     let part = compared(StopAfter::new(1));
     assert_eq!((part.runs.len(), part.summary.len()), (1, 1));
     assert!(part.summary[0].method == "gaussian" && part.summary[0].ratio.is_none());
@@ -244,19 +244,43 @@ fn an_interrupted_comparison_can_be_read() {
     assert_eq!(whole.runs.iter().find(|run| run.method == "gaussian").unwrap().seconds, part.runs[0].seconds);
 }
 
+/// What later budgets have is kept where an earlier one is interrupted, and no guide of other settings is shown.
+#[test]
+fn interrupted_comparisons_show_what_they_have() {
+    let (folder, scene) = with_scene("cornell");
+    let methods = [Method::Guide(GuideMode::Gaussian), NONE];
+    let budgets = [Budget::Spp(4), Budget::Spp(8)];
+    let compared = |depth, stop: StopAfter| run(&scene, folder.path(), &methods, &budgets, depth, &stop);
+    let guides = || std::fs::read_to_string(folder.path().join("data/guides.js")).unwrap();
+    let stopped = || {
+        let stop = StopAfter::new(9);
+        stop.now.store(true, Ordering::Relaxed);
+        stop
+    };
+    assert_eq!(compared(8, StopAfter::new(9)).runs.len(), 4);
+    assert!(guides().contains("gaussian"));
+    std::fs::remove_file(folder.path().join("runs/none-4spp-1.exr")).unwrap();
+    let part = compared(8, stopped());
+    assert_eq!(part.runs.iter().map(|run| run.budget).collect::<Vec<_>>(), [0, 1, 1]);
+    assert!(guides().contains("gaussian"));
+    // The first run is without a guide; that of the guided one is of another depth.
+    assert_eq!(compared(2, StopAfter::new(1)).runs.len(), 1);
+    assert!(!guides().contains("gaussian"));
+}
+
 /// A run that is interrupted leaves no picture for the record of an earlier run with other settings.
 #[test]
 fn interrupted_runs_take_old_records_away() {
     let (folder, scene) = with_scene("cornell");
     let record = folder.path().join("runs/none-0.5s-1.json");
     let budget = Budget::Seconds(0.5);
-    run(&scene, folder.path(), &[NONE], budget, 8, &StopAfter::new(9));
+    run(&scene, folder.path(), &[NONE], &[budget], 8, &StopAfter::new(9));
     assert!(record.exists());
     let stop = StopAfter::new(9);
     std::thread::scope(|scope| {
         let interrupted = scope.spawn(|| {
             // No run is finished, which is an error.
-            std::panic::catch_unwind(AssertUnwindSafe(|| run(&scene, folder.path(), &[NONE], budget, 2, &stop)))
+            std::panic::catch_unwind(AssertUnwindSafe(|| run(&scene, folder.path(), &[NONE], &[budget], 2, &stop)))
         });
         while record.exists() && !interrupted.is_finished() {
             std::thread::yield_now();

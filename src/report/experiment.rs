@@ -176,7 +176,7 @@ impl Experiment<'_> {
         let (entry, reference, variance) = self.reference(&scene, &identity, &control)?;
         let mut oracle: Option<GuideField> = None;
         let mut runs = Vec::new();
-        'all: for (budget, &limit) in self.budgets.iter().enumerate() {
+        for (budget, &limit) in self.budgets.iter().enumerate() {
             for seed in FIRST_SEED..FIRST_SEED + self.seeds {
                 for i in 0..self.methods.len() {
                     // The order turns with the seed: what comes first or last must not always be the same method.
@@ -185,12 +185,13 @@ impl Experiment<'_> {
                     progress.message(&task.stem());
                     let (run, picture) = match self.kept(task, &identity) {
                         Some(kept) => kept,
-                        None if stop.load(Ordering::Relaxed) => break 'all,
+                        // Kept runs of later budgets and seeds still count.
+                        None if stop.load(Ordering::Relaxed) => continue,
                         None => {
                             if method == Method::Oracle && oracle.is_none() {
                                 oracle = Some(self.converged(&scene, &identity, &control)?);
                             }
-                            let Some(made) = self.one(&scene, task, oracle.as_ref(), &control)? else { break 'all };
+                            let Some(made) = self.one(&scene, task, oracle.as_ref(), &control)? else { continue };
                             let kept = Kept { made_for: identity.of_runs(), run: made.clone() };
                             write_json(&self.record(task), &kept)?;
                             let picture = read_image(&self.folder.join(&made.file), false)?;
@@ -286,11 +287,7 @@ impl Experiment<'_> {
     ) -> Result<Option<RunEntry>> {
         let Task { method, budget, limit, seed } = task;
         // An older record must not be taken for that of the new picture, should that be all that gets written.
-        let record = self.record(task);
-        match std::fs::remove_file(&record) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(record, e)),
-            _ => (),
-        }
+        remove(&self.record(task))?;
         let stop = match limit {
             Budget::Spp(spp) => StopRule::Spp(spp),
             Budget::Seconds(seconds) => StopRule::Time(seconds),
@@ -342,11 +339,14 @@ impl Experiment<'_> {
         self.folder.join("runs").join(format!("{method}-{}-guide.json", budget.label()))
     }
 
-    /// What the fields of the last budget know; nothing of a method whose run is missing.
+    /// What the fields of the last budget know; nothing of a method whose run is missing, since a file of that name would be of
+    /// other settings.
     fn guides(&self, results: &Results) -> Vec<(String, Guides)> {
-        let Some(&budget) = self.budgets.last() else { return vec![] };
+        let Some((last, &budget)) = self.budgets.iter().enumerate().next_back() else { return vec![] };
+        let there =
+            |m: &&String| results.runs.iter().any(|run| (run.budget, run.seed, &run.method) == (last, FIRST_SEED, m));
         let read = |m: &String| Some((m.clone(), read_json(&self.guide_file(m, budget), LIMIT).ok()?));
-        results.methods.iter().filter_map(read).collect()
+        results.methods.iter().filter(there).filter_map(read).collect()
     }
 
     /// A field from many path samples, as counted.
@@ -391,13 +391,21 @@ impl Experiment<'_> {
         let note = self.folder.join("runs").join("reference.json");
         let origin = format!("neural, {REFERENCE_PARTS} parts of {} spp", self.reference_spp);
         let expected = format!("{} {origin}", identity.of_pictures());
-        if read_json::<String>(&note, LIMIT).ok().as_ref() != Some(&expected) {
-            let (mean, variance) = self.render_reference(scene, control)?;
-            write(&file, &mean, &[], 0.0)?;
-            write(&variance_file, &variance, &[], 0.0)?;
-            write_json(&note, &expected)?;
-        }
-        let (image, noise) = (read_image(&file, false)?, read_image(&variance_file, true)?);
+        let read = |path, signed| self.sized(read_image(path, signed)?, path);
+        let both = || Ok::<_, Error>((read(&file, false)?, read(&variance_file, true)?));
+        let noted = read_json::<String>(&note, LIMIT).is_ok_and(|made_for| made_for == expected);
+        let (image, noise) = match both() {
+            Ok(kept) if noted => kept,
+            _ => {
+                // An older note must not be taken for that of new pictures, should only one of them get written.
+                remove(&note)?;
+                let (mean, variance) = self.render_reference(scene, control)?;
+                write(&file, &mean, &[], 0.0)?;
+                write(&variance_file, &variance, &[], 0.0)?;
+                write_json(&note, &expected)?;
+                both()?
+            }
+        };
         let entry = ReferenceEntry {
             file: "reference.exr".into(),
             variance_file: Some("reference-variance.exr".into()),
@@ -431,6 +439,14 @@ impl Experiment<'_> {
             image.width,
             image.height
         )))
+    }
+}
+
+/// Removes a file, if there is one.
+fn remove(path: &Path) -> Result<()> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::io(path, e)),
+        _ => Ok(()),
     }
 }
 

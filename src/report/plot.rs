@@ -135,15 +135,41 @@ pub fn errors(results: &Results, against: Against, measure: Measure) -> Result<S
                 .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 14, y + 5)], color.filled()));
             chart.draw_series(line.map(|p| Circle::new(p, 3, color.filled())))?;
         }
-        // Errors fall as costs rise, so that corner is empty.
+        let log = |v: f64, (low, high): (f64, f64)| (v / low).ln() / (high / low).ln();
+        let unit = |p: &(f64, Interval)| [log(p.0, x), log(p.1.mean, y)];
+        let lines: Vec<Vec<[f64; 2]>> = series.iter().map(|points| points.iter().map(unit).collect()).collect();
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
+            .position(emptiest_corner(&lines))
             .background_style(WHITE.mix(0.8))
             .border_style(BLACK.mix(0.3))
             .draw()?;
         Ok(())
     })
+}
+
+/// The corner of the unit square with the least of `lines` in it, for a legend.
+fn emptiest_corner(lines: &[Vec<[f64; 2]>]) -> SeriesLabelPosition {
+    use SeriesLabelPosition::{LowerLeft, LowerRight, UpperLeft, UpperRight};
+    // About what a legend of six methods covers.
+    const PART: [f64; 2] = [0.25, 0.4];
+    const STEPS: u32 = 16;
+    let between = |pair: &[[f64; 2]]| {
+        let (a, b) = (pair[0], pair[pair.len() - 1]);
+        (0..=STEPS).map(move |i| f64::from(i) / f64::from(STEPS)).map(move |t| [0, 1].map(|k| a[k] + t * (b[k] - a[k])))
+    };
+    let points: Vec<[f64; 2]> = lines.iter().flat_map(|l| l.chunks(1).chain(l.windows(2))).flat_map(between).collect();
+    let inside = |right: bool, upper: bool| {
+        let within = |v: f64, part: f64, far: bool| if far { v > 1.0 - part } else { v < part };
+        points.iter().filter(|p| within(p[0], PART[0], right) && within(p[1], PART[1], upper)).count()
+    };
+    let corners = [
+        (UpperRight, inside(true, true)),
+        (LowerLeft, inside(false, false)),
+        (UpperLeft, inside(false, true)),
+        (LowerRight, inside(true, false)),
+    ];
+    corners.into_iter().min_by_key(|corner| corner.1).map_or(UpperRight, |corner| corner.0)
 }
 
 /// Kinds of work in the order of their bars, with colours.
@@ -269,6 +295,21 @@ mod tests {
             let distinct: std::collections::BTreeSet<&String> = labels.iter().collect();
             assert_eq!(distinct.len(), labels.len(), "{labels:?}");
         }
+    }
+
+    #[test]
+    fn legends_keep_off_the_lines() {
+        let corner = |lines: &[Vec<[f64; 2]>]| emptiest_corner(lines);
+        // Errors that fall with the seconds; a method that has more samples and more error than the others; one that does not fall.
+        let falling = vec![[0.1, 0.9], [0.9, 0.1]];
+        assert!(matches!(corner(std::slice::from_ref(&falling)), SeriesLabelPosition::UpperRight));
+        let plain = vec![[0.5, 1.0], [1.0, 0.8]];
+        assert!(matches!(corner(&[falling.clone(), plain]), SeriesLabelPosition::LowerLeft));
+        assert!(matches!(
+            corner(&[falling, vec![[0.0, 0.0], [1.0, 0.9]]]),
+            SeriesLabelPosition::UpperLeft | SeriesLabelPosition::LowerRight
+        ));
+        assert!(matches!(corner(&[]), SeriesLabelPosition::UpperRight));
     }
 
     #[test]
