@@ -43,36 +43,41 @@ const RECIPE_FILE: &str = "recipe.json";
 const RECIPE_LIMIT: u64 = 1 << 20;
 
 /// Follows `recipe` into `folder`: one shard per scene and an index. Shards that the index already lists are kept, so an
-/// interrupted run goes on where it stopped, and a recipe may get more scenes.
+/// interrupted run goes on where it stopped, and a recipe may get more scenes. A folder that is refused stays as it was.
 ///
 /// # Errors
 /// Whatever building a scene, rendering it or writing says; [`Error::Malformed`] for a folder that another recipe made.
 pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &AtomicBool) -> Result<()> {
     let mut index =
         if folder.join(INDEX_FILE).exists() { DatasetIndex::read(folder)? } else { DatasetIndex::default() };
-    check_recipe(recipe, folder)?;
-    let jobs = recipe.jobs();
+    let note = check_recipe(recipe, folder)?;
     let mode = render_settings(recipe).mode();
     if index.shards.first().is_some_and(|first| first.mode != mode) {
         let message = format!("was made in another mode than {mode:?}; choose another folder");
         return Err(Error::malformed(Place::file(folder.join(INDEX_FILE)), message));
     }
-    progress.start(jobs.len() as u64, "scenes");
-    for (number, job) in (0u32..).zip(&jobs) {
-        if stop.load(std::sync::atomic::Ordering::Relaxed) {
-            break;
-        }
-        let file = format!("{number:05}-{}.safetensors", job.source.name());
-        let known = index.shards.iter().position(|shard| shard.file == file);
-        if let Some(other) =
-            known.map(|at| &index.shards[at]).filter(|shard| (shard.seed, shard.held_out) != (job.seed, job.held_out))
-        {
+    let jobs: Vec<(u32, String, Job)> =
+        (0..).zip(recipe.jobs()).map(|(n, job)| (n, shard_name(n, &job), job)).collect();
+    let at = |index: &DatasetIndex, file: &str| index.shards.iter().position(|shard| shard.file == file);
+    for (_, file, job) in &jobs {
+        let shard = at(&index, file).map(|at| &index.shards[at]);
+        if let Some(other) = shard.filter(|shard| (shard.seed, shard.held_out) != (job.seed, job.held_out)) {
             let message = format!("{} was made by another recipe: it has the seed {}", other.file, other.seed);
             return Err(Error::malformed(Place::file(folder.join(INDEX_FILE)), message));
         }
+    }
+    if let Some(note) = note {
+        write_json(&folder.join(RECIPE_FILE), &note)?;
+    }
+    progress.start(jobs.len() as u64, "scenes");
+    for (number, file, job) in jobs {
+        if stop.load(std::sync::atomic::Ordering::Relaxed) {
+            break;
+        }
+        let known = at(&index, &file);
         if known.is_none() || !folder.join(&file).is_file() {
             progress.message(&file);
-            let samples = collect(recipe, job, number)?;
+            let samples = collect(recipe, &job, number)?;
             write_shard(&folder.join(&file), &samples)?;
             let entry = ShardEntry {
                 version: super::shard::VERSION,
@@ -96,9 +101,13 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
     Ok(())
 }
 
-/// Refuses a folder whose scenes were looked at in another way than `recipe` says, or else notes in it what that says. Seeds and
-/// what is held out are told by the index.
-fn check_recipe(recipe: &Recipe, folder: &Path) -> Result<()> {
+fn shard_name(number: u32, job: &Job) -> String {
+    format!("{number:05}-{}.safetensors", job.source.name())
+}
+
+/// Refuses a folder whose scenes were looked at in another way than `recipe` says. What a folder without a note of it should keep;
+/// seeds and what is held out are told by the index.
+fn check_recipe(recipe: &Recipe, folder: &Path) -> Result<Option<Recipe>> {
     let path = folder.join(RECIPE_FILE);
     let of_all = Recipe { name: String::new(), held_out: 0.0, family: vec![], scene: vec![], ..recipe.clone() };
     if path.exists() {
@@ -106,9 +115,9 @@ fn check_recipe(recipe: &Recipe, folder: &Path) -> Result<()> {
             let message = "the data were made by a recipe that says other things of its scenes; choose another folder";
             return Err(Error::malformed(Place::file(path), message));
         }
-        return Ok(());
+        return Ok(None);
     }
-    write_json(&path, &of_all)
+    Ok(Some(of_all))
 }
 
 /// What all scenes of a recipe are rendered with.

@@ -58,6 +58,15 @@ fn data_of_a_recipe_is_sound_and_made_once() {
         let error = generate(&other, folder.path(), &Silent, &AtomicBool::new(false)).unwrap_err().to_string();
         assert!(error.contains("recipe.json") && error.contains("another folder"), "{error}");
     }
+    // The same of a folder that has lost its note, which it does not get from a recipe that it refuses.
+    let note = folder.path().join("recipe.json");
+    let own = std::fs::read(&note).unwrap();
+    std::fs::remove_file(&note).unwrap();
+    let other = Recipe { seed: recipe.seed + 1, target_spp: recipe.target_spp + 1, ..recipe.clone() };
+    let error = generate(&other, folder.path(), &Silent, &AtomicBool::new(false)).unwrap_err().to_string();
+    assert!(error.contains("another recipe") && !note.exists(), "{error}");
+    generate(&recipe, folder.path(), &Silent, &AtomicBool::new(false)).unwrap();
+    assert!(std::fs::read(&note).unwrap() == own);
     // So is one of a program that collects in another mode.
     let mut index = DatasetIndex::read(folder.path()).unwrap();
     index.shards.iter_mut().for_each(|shard| shard.mode.past += 0.25);
