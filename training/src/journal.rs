@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 pub const LOG_FILE: &str = "losses.jsonl";
 /// Name of the plot in a model folder.
 pub const PLOT_FILE: &str = "losses.svg";
-/// Points that the plot draws of the loss; lines of the log are averaged to as many, since single ones are mostly noise.
+/// Points that the plot draws of the loss; lines of the log are averaged to at most as many, since single ones are mostly noise.
 const POINTS: usize = 200;
 
 /// One line of the log: means over the steps since the line before.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
-use fanal::base::files::write_bytes;
+use fanal::base::files::{write_bytes, write_json};
 use fanal::generate::dataset::Dataset;
 use fanal::network::backend::Backend;
 use fanal::network::embedded::{Embedded, Precision};
@@ -165,7 +165,7 @@ impl Pareto {
     /// When a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-        write_bytes(&folder.join(TABLE_FILE), &serde_json::to_vec_pretty(self)?)?;
+        write_json(&folder.join(TABLE_FILE), self)?;
         write_bytes(&folder.join(PLOT_FILE), self.plot()?.as_bytes())?;
         Ok(())
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow};
 use burn::tensor::Device;
-use fanal::base::files::write_bytes;
+use fanal::base::files::{write_bytes, write_json};
 use fanal::base::random::Random;
 use fanal::generate::shard::TreeSample;
 use fanal::guiding::distribution::Distribution;
@@ -79,7 +79,7 @@ impl Report {
     /// # Errors
     /// When a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        write_bytes(&folder.join(TABLE_FILE), &serde_json::to_vec_pretty(self)?)?;
+        write_json(&folder.join(TABLE_FILE), self)?;
         write_bytes(&folder.join(PLOT_FILE), panels(&self.panels(), 2)?.as_bytes())?;
         Ok(())
     }

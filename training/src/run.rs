@@ -153,7 +153,7 @@ impl<'a> Run<'a> {
         }
         self.sums.trees += trees;
         self.sums.seconds += seconds;
-        if self.state.step.is_multiple_of(LOG_EVERY) || progress >= 1.0 {
+        if self.state.step.is_multiple_of(LOG_EVERY) || self.progress(plan) >= 1.0 {
             self.log(plan, rate, beta);
         }
         if self.saved.elapsed() > self.settings.every {

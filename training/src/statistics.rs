@@ -5,7 +5,7 @@ use std::fmt::{Display, Formatter};
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, ensure};
-use fanal::base::files::write_bytes;
+use fanal::base::files::{write_bytes, write_json};
 use fanal::generate::dataset::Dataset;
 use fanal::generate::shard::TreeSample;
 use fanal::guiding::topology::Topology;
@@ -96,7 +96,7 @@ impl Statistics {
     /// When a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-        write_bytes(&folder.join(TABLE_FILE), &serde_json::to_vec_pretty(self)?)?;
+        write_json(&folder.join(TABLE_FILE), self)?;
         write_bytes(&folder.join(PLOT_FILE), panels(&self.panels(), 2)?.as_bytes())?;
         Ok(())
     }

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use super::{in_pool, load_scene, replay};
-use crate::base::files::{crc32, read_bytes, write_bytes};
+use crate::base::files::{crc32, read_bytes, write_json};
 use crate::base::{Error, Progress, Result};
 use crate::cli::args::{Backend, RenderArgs};
 use crate::cli::resolve::{RenderRequest, resolve};
@@ -181,9 +181,7 @@ fn render(
 /// Writes the statistics where they are wanted.
 fn report(request: &RenderRequest, statistics: &Statistics) -> Result<()> {
     let Some(path) = &request.stats else { return Ok(()) };
-    let text = serde_json::to_vec_pretty(statistics)
-        .map_err(|e| Error::Options(format!("the statistics are no JSON: {e}")))?;
-    write_bytes(path, &text)
+    write_json(path, statistics)
 }
 
 /// How the render is kept on disk, where that was asked for. `model` tells apart what makes distributions.
