@@ -25,7 +25,8 @@ const TREE_NODES: usize = 400;
 /// Every root is split. A decoded node is split while its leaf probability is below the configured threshold, its share of
 /// the tree above the configured minimum, and its level above
 /// [`MAX_LEVEL`](crate::guiding::topology::MAX_LEVEL); of more splits than
-/// [`MAX_NODES`](crate::guiding::topology::MAX_NODES) allow, the most energetic remain.
+/// [`MAX_NODES`](crate::guiding::topology::MAX_NODES) allow, the most energetic remain. The children's shares are the expected
+/// ones, so that a doubtful split counts as much as it is believed.
 ///
 /// # Errors
 /// [`Error::Backend`] if the backend fails or a tree's sums do not match its leaves.
@@ -77,18 +78,29 @@ fn reconstruct(
     let mut growth = Growth::roots(inputs.len());
     let mut above = DecodeLevel::roots(&batch);
     let mut parents = encoded.first().cloned().unwrap_or_default();
+    // A root is never a leaf.
+    let mut leaf = vec![0.0; inputs.len()];
     loop {
         let mut level = above.grow(&batch, growth.split());
         if level.rows.is_empty() {
             return Ok(growth.finish(fail)?.into_iter().zip(smoothed).collect());
         }
         let output = decode(config, backend, &level, &parents, encoded.get(level.level), &nodes)?;
-        growth.add(&level.rows.tree, &level.rows.parent, &output.share, |row, mass| {
+        let share = expected_shares(&level.rows.parent, &leaf, &output.share);
+        growth.add(&level.rows.tree, &level.rows.parent, &share, |row, mass| {
             config.splits(level.level, output.leaf[row], mass)
         });
         parents = output.decoded;
+        leaf = output.leaf;
         std::mem::swap(&mut above, &mut level);
     }
+}
+
+/// Zhu 2021 eq. 15, which is what training compares with the truth: a parent that is a leaf with probability p gives its children
+/// a quarter each with that probability. `parent` and `share` [N], `leaf` of the level above.
+fn expected_shares(parent: &[u32], leaf: &[f32], share: &[f32]) -> Vec<f32> {
+    let of = |(&parent, &share): (&u32, &f32)| 0.25 * leaf[parent as usize] + (1.0 - leaf[parent as usize]) * share;
+    parent.iter().zip(share).map(of).collect()
 }
 
 /// What the network reads of all trees, concatenated.
@@ -151,4 +163,20 @@ fn decode(
         neighbours: &level.rows.neighbours,
     };
     backend.decode(level.level, &step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A parent that is surely split gives the shares as decoded, one that is surely a leaf equal ones.
+    #[test]
+    fn doubtful_splits_are_halfway_to_equal_shares() {
+        let decoded = [0.1, 0.2, 0.3, 0.4].repeat(3);
+        let parents = [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2];
+        let expected = expected_shares(&parents, &[0.0, 1.0, 0.5], &decoded);
+        let halfway = [0.175, 0.225, 0.275, 0.325];
+        assert!(expected[..4] == decoded[..4] && expected[4..8] == [0.25; 4]);
+        assert!(expected[8..].iter().zip(halfway).all(|(found, right)| (found - right).abs() < 1e-6), "{expected:?}");
+    }
 }
