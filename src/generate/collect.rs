@@ -21,6 +21,7 @@ use crate::guiding::learner::CountedTree;
 use crate::guiding::leaves::{Target as Quantity, distribution_of_values};
 use crate::guiding::quadtree::Quadtree;
 use crate::guiding::topology::Topology;
+use crate::network::config::Mode;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::render::{CHUNK, GuideMode, Learning, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
 use crate::scene::{Scene, readers};
@@ -50,34 +51,21 @@ const RECIPE_LIMIT: u64 = 1 << 20;
 pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &AtomicBool) -> Result<()> {
     let mut index =
         if folder.join(INDEX_FILE).exists() { DatasetIndex::read(folder)? } else { DatasetIndex::default() };
-    let note = check_recipe(recipe, folder)?;
-    let mode = render_settings(recipe).mode();
-    if index.shards.first().is_some_and(|first| first.mode != mode) {
-        let message = format!("was made in another mode than {mode:?}; choose another folder");
-        return Err(Error::malformed(Place::file(folder.join(INDEX_FILE)), message));
-    }
-    let jobs: Vec<(u32, String, Job)> =
-        (0..).zip(recipe.jobs()).map(|(n, job)| (n, shard_name(n, &job), job)).collect();
-    let at = |index: &DatasetIndex, file: &str| index.shards.iter().position(|shard| shard.file == file);
-    for (_, file, job) in &jobs {
-        let shard = at(&index, file).map(|at| &index.shards[at]);
-        if let Some(other) = shard.filter(|shard| (shard.seed, shard.held_out) != (job.seed, job.held_out)) {
-            let message = format!("{} was made by another recipe: it has the seed {}", other.file, other.seed);
-            return Err(Error::malformed(Place::file(folder.join(INDEX_FILE)), message));
-        }
-    }
-    if let Some(note) = note {
-        write_json(&folder.join(RECIPE_FILE), &note)?;
+    let (jobs, mode) = (recipe.jobs(), render_settings(recipe).mode());
+    check_folder(recipe, &jobs, &mode, &index, folder)?;
+    if !folder.join(RECIPE_FILE).exists() {
+        write_json(&folder.join(RECIPE_FILE), &of_scenes(recipe))?;
     }
     progress.start(jobs.len() as u64, "scenes");
-    for (number, file, job) in jobs {
+    for (number, job) in (0u32..).zip(&jobs) {
         if stop.load(std::sync::atomic::Ordering::Relaxed) {
             break;
         }
-        let known = at(&index, &file);
+        let file = shard_name(number, job);
+        let known = index.shards.iter().position(|shard| shard.file == file);
         if known.is_none() || !folder.join(&file).is_file() {
             progress.message(&file);
-            let samples = collect(recipe, &job, number)?;
+            let samples = collect(recipe, job, number)?;
             write_shard(&folder.join(&file), &samples)?;
             let entry = ShardEntry {
                 version: super::shard::VERSION,
@@ -105,19 +93,30 @@ fn shard_name(number: u32, job: &Job) -> String {
     format!("{number:05}-{}.safetensors", job.source.name())
 }
 
-/// Refuses a folder whose scenes were looked at in another way than `recipe` says. What a folder without a note of it should keep;
-/// seeds and what is held out are told by the index.
-fn check_recipe(recipe: &Recipe, folder: &Path) -> Result<Option<Recipe>> {
-    let path = folder.join(RECIPE_FILE);
-    let of_all = Recipe { name: String::new(), held_out: 0.0, family: vec![], scene: vec![], ..recipe.clone() };
-    if path.exists() {
-        if read_json::<Recipe>(&path, RECIPE_LIMIT)? != of_all {
-            let message = "the data were made by a recipe that says other things of its scenes; choose another folder";
-            return Err(Error::malformed(Place::file(path), message));
-        }
-        return Ok(None);
+/// What a recipe says of every scene; seeds and what is held out are told by the index.
+fn of_scenes(recipe: &Recipe) -> Recipe {
+    Recipe { name: String::new(), held_out: 0.0, family: vec![], scene: vec![], ..recipe.clone() }
+}
+
+/// Refuses a folder whose scenes were looked at in another way than `recipe` says, or are others than its `jobs`.
+fn check_folder(recipe: &Recipe, jobs: &[Job], mode: &Mode, index: &DatasetIndex, folder: &Path) -> Result<()> {
+    let note = folder.join(RECIPE_FILE);
+    if note.exists() && read_json::<Recipe>(&note, RECIPE_LIMIT)? != of_scenes(recipe) {
+        let message = "the data were made by a recipe that says other things of its scenes; choose another folder";
+        return Err(Error::malformed(Place::file(note), message));
     }
-    Ok(Some(of_all))
+    let refuse = |message: String| Err(Error::malformed(Place::file(folder.join(INDEX_FILE)), message));
+    if index.shards.first().is_some_and(|first| first.mode != *mode) {
+        return refuse(format!("was made in another mode than {mode:?}; choose another folder"));
+    }
+    for (number, job) in (0..).zip(jobs) {
+        let file = shard_name(number, job);
+        let mut known = index.shards.iter().filter(|shard| shard.file == file);
+        if let Some(other) = known.find(|shard| (shard.seed, shard.held_out) != (job.seed, job.held_out)) {
+            return refuse(format!("{file} was made by another recipe: it has the seed {}", other.seed));
+        }
+    }
+    Ok(())
 }
 
 /// What all scenes of a recipe are rendered with.

@@ -14,6 +14,8 @@
 //! `neighbours` [N, 9], `base` [N, 1] (logarithm of the smoothed share, which the network corrects);
 //! outputs `decoded` [N, C], `share_logit` [N, 1], `share` [N, 1] (softmax over the four siblings), `leaf_logit` [N, 1],
 //! `leaf` [N, 1].
+//!
+//! A node of the tree has `leaf`·¼ + (1 − `leaf`)·`share` of its parent's mass, `leaf` being the parent's, 0 for a root (eq. 15).
 
 use super::config::Config;
 use crate::guiding::features::LOG_SHARES;
