@@ -394,8 +394,8 @@ impl Experiment<'_> {
         let read = |path, signed| self.sized(read_image(path, signed)?, path);
         let both = || Ok::<_, Error>((read(&file, false)?, read(&variance_file, true)?));
         let noted = read_json::<String>(&note, LIMIT).is_ok_and(|made_for| made_for == expected);
-        let (image, noise) = match both() {
-            Ok(kept) if noted => kept,
+        let (image, noise) = match noted.then(both) {
+            Some(Ok(kept)) => kept,
             _ => {
                 // An older note must not be taken for that of new pictures, should only one of them get written.
                 remove(&note)?;

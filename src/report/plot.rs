@@ -148,8 +148,8 @@ pub fn errors(results: &Results, against: Against, measure: Measure) -> Result<S
     })
 }
 
-/// The corner of the unit square with the least of `lines` in it, for a legend.
-fn emptiest_corner(lines: &[Vec<[f64; 2]>]) -> SeriesLabelPosition {
+/// The corner of the unit square with the least of `lines` in it, for a legend. Upper right where several are as empty.
+pub fn emptiest_corner(lines: &[Vec<[f64; 2]>]) -> SeriesLabelPosition {
     use SeriesLabelPosition::{LowerLeft, LowerRight, UpperLeft, UpperRight};
     // About what a legend of six methods covers.
     const PART: [f64; 2] = [0.25, 0.4];
@@ -299,17 +299,16 @@ mod tests {
 
     #[test]
     fn legends_keep_off_the_lines() {
-        let corner = |lines: &[Vec<[f64; 2]>]| emptiest_corner(lines);
         // Errors that fall with the seconds; a method that has more samples and more error than the others; one that does not fall.
         let falling = vec![[0.1, 0.9], [0.9, 0.1]];
-        assert!(matches!(corner(std::slice::from_ref(&falling)), SeriesLabelPosition::UpperRight));
+        assert!(matches!(emptiest_corner(std::slice::from_ref(&falling)), SeriesLabelPosition::UpperRight));
         let plain = vec![[0.5, 1.0], [1.0, 0.8]];
-        assert!(matches!(corner(&[falling.clone(), plain]), SeriesLabelPosition::LowerLeft));
+        assert!(matches!(emptiest_corner(&[falling.clone(), plain]), SeriesLabelPosition::LowerLeft));
         assert!(matches!(
-            corner(&[falling, vec![[0.0, 0.0], [1.0, 0.9]]]),
+            emptiest_corner(&[falling, vec![[0.0, 0.0], [1.0, 0.9]]]),
             SeriesLabelPosition::UpperLeft | SeriesLabelPosition::LowerRight
         ));
-        assert!(matches!(corner(&[]), SeriesLabelPosition::UpperRight));
+        assert!(matches!(emptiest_corner(&[]), SeriesLabelPosition::UpperRight));
     }
 
     #[test]

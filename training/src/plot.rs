@@ -1,7 +1,7 @@
 //! Small charts as SVG: bars and lines side by side in panels.
 
 use anyhow::Result;
-use fanal::report::plot::{color, draw};
+use fanal::report::plot::{color, draw, emptiest_corner};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
@@ -42,13 +42,14 @@ fn draw_panel(panel: &Panel, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Resul
     // Lines far above zero would be flat there; bars without their foot would lie.
     let near = (0.5 * high..=high).contains(&low);
     let foot = if panel.bars || !near { 0.0 } else { low - 0.1 * (high - low).max(0.05 * high) };
+    let top = high + 0.1 * (high - foot);
     let places = panel.labels.len() as f64;
     let mut chart = ChartBuilder::on(area)
         .margin(10)
         .caption(&panel.title, ("sans-serif", 14))
         .x_label_area_size(28)
         .y_label_area_size(48)
-        .build_cartesian_2d(-0.5..places - 0.5, foot..high + 0.1 * (high - foot))?;
+        .build_cartesian_2d(-0.5..places - 0.5, foot..top)?;
     let label = |x: &f64| {
         let near = (x - x.round()).abs() < 1e-6 && *x >= 0.0;
         if near { panel.labels.get(*x as usize).cloned().unwrap_or_default() } else { String::new() }
@@ -72,22 +73,29 @@ fn draw_panel(panel: &Panel, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Resul
         }
     }
     if panel.series.len() > 1 {
-        let style = (BLACK.mix(0.2), WHITE.mix(0.8));
-        let labels = &mut chart.configure_series_labels();
-        labels.position(emptier_corner(panel)).border_style(style.0).background_style(style.1).draw()?;
+        chart
+            .configure_series_labels()
+            .position(emptiest_corner(&shapes(panel, [foot, top])))
+            .border_style(BLACK.mix(0.2))
+            .background_style(WHITE.mix(0.8))
+            .draw()?;
     }
     Ok(())
 }
 
-/// The upper corner on the side whose values are smaller.
-fn emptier_corner(panel: &Panel) -> SeriesLabelPosition {
-    let third = panel.labels.len().div_ceil(3);
-    let highest = |places: std::ops::Range<usize>| {
-        let values = panel.series.iter().filter_map(|(_, values)| values.get(places.clone())).flatten();
-        values.copied().filter(|v| v.is_finite()).fold(0.0, f64::max)
+/// What is drawn, in the unit square up to `top`: a line for each series, or for each bar.
+fn shapes(panel: &Panel, [foot, top]: [f64; 2]) -> Vec<Vec<[f64; 2]>> {
+    let places = panel.labels.len() as f64;
+    let point = |at: usize, v: f64| [(at as f64 + 0.5) / places, (v - foot) / (top - foot)];
+    let of = |values: &Vec<f64>| -> Vec<Vec<[f64; 2]>> {
+        let finite = values.iter().enumerate().filter(|(_, v)| v.is_finite());
+        if panel.bars {
+            finite.map(|(at, &v)| vec![point(at, foot), point(at, v)]).collect()
+        } else {
+            vec![finite.map(|(at, &v)| point(at, v)).collect()]
+        }
     };
-    let right = panel.labels.len().saturating_sub(third)..panel.labels.len();
-    if highest(0..third) < highest(right) { SeriesLabelPosition::UpperLeft } else { SeriesLabelPosition::UpperRight }
+    panel.series.iter().flat_map(|(_, values)| of(values)).collect()
 }
 
 #[cfg(test)]
@@ -102,7 +110,9 @@ mod tests {
             series: vec![("a".into(), values.to_vec()), ("b".into(), vec![0.1, f64::NAN])],
             bars: true,
         };
-        let left = |values: &[f64]| matches!(emptier_corner(&panel(values)), SeriesLabelPosition::UpperLeft);
+        let left = |values: &[f64]| {
+            matches!(emptiest_corner(&shapes(&panel(values), [0.0, 1.1])), SeriesLabelPosition::UpperLeft)
+        };
         assert!(left(&[0.0, 0.5, 0.9, 1.0]) && !left(&[1.0, 0.9, 0.5, 0.0]));
         assert!(!left(&[]));
     }
