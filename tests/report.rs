@@ -162,6 +162,10 @@ fn numbers_follow_from_the_pictures_and_runs_are_kept() {
         assert!(i == 3 || again.seconds == run.seconds, "{} was rendered again", run.file);
     }
     assert_eq!(std::fs::read(folder.path().join("reference.exr")).unwrap(), reference);
+    // So is a reference that is damaged.
+    std::fs::write(folder.path().join("reference.exr"), &reference[..reference.len() / 2]).unwrap();
+    compare(folder.path(), "3");
+    assert_eq!(std::fs::read(folder.path().join("reference.exr")).unwrap(), reference);
 }
 
 /// A comparison by methods, of pictures of 16 × 12 pixels.

@@ -17,6 +17,7 @@ use fanal_training::backend::Burn;
 use fanal_training::batch::HostBatch;
 use fanal_training::cases::{Case, common, mean_kl, reconstruct, tune_uniform};
 use fanal_training::forward::{decode, encode};
+use fanal_training::journal::Journal;
 use fanal_training::loss::{Loss, losses};
 use fanal_training::model::{Net, initial_weights, to_vec};
 use fanal_training::optimise::{Moments, Optimiser, collect};
@@ -249,6 +250,10 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
             assert_eq!(x.to_bits(), y.to_bits(), "{name}: {x} {y}");
         }
     }
+    // The last step is logged, whatever its number.
+    let short = train(&train::Settings { epochs: Some(1), ..base("short") }, &never).unwrap();
+    let log = Journal::read(&data.path().join("short"), u64::MAX);
+    assert_eq!((short.step, log.entries.last().map(|entry| entry.step)), (5, Some(5)));
     let other = train::Settings { resume: true, seed: 10, ..base("parts") };
     assert!(train(&other, &never).is_err(), "another seed is another run");
     // As many pairs, of another scene.
