@@ -168,6 +168,29 @@ fn numbers_follow_from_the_pictures_and_runs_are_kept() {
     assert_eq!(std::fs::read(folder.path().join("reference.exr")).unwrap(), reference);
 }
 
+/// On `spot` all light comes by way of a few millimetres that only photons find: an oracle that misses them shows nothing.
+#[test]
+fn the_oracle_knows_what_photons_find() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/spot");
+    let output = Command::new(env!("CARGO_BIN_EXE_fanal"))
+        .args([
+            "compare",
+            &scene.display().to_string(),
+            "-o",
+            &folder.path().display().to_string(),
+            "--methods",
+            "oracle",
+        ])
+        .args(["--spp", "16", "--seeds", "1", "--size", "32x32", "--oracle-spp", "256", "--reference-spp", "1"])
+        .output()
+        .expect("the program was built for this test");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let picture = read_image(&folder.path().join("runs/oracle-16spp-1.exr"), false).unwrap();
+    let lit = picture.pixels.iter().filter(|pixel| pixel.max_element() > 0.01).count();
+    assert!(2 * lit > picture.pixels.len(), "{lit} of {} pixels are lit", picture.pixels.len());
+}
+
 /// A comparison by methods, of pictures of 16 × 12 pixels.
 fn run(scene: &Path, folder: &Path, methods: &[Method], budgets: &[Budget], depth: u32, stop: &StopAfter) -> Results {
     let loaded = load(scene).unwrap();

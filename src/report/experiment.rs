@@ -81,6 +81,8 @@ const REFERENCE_PARTS: u64 = 4;
 /// First seed of the reference's parts, and of the runs. Apart, so that no run has the reference's noise.
 const REFERENCE_SEED: u64 = 1 << 40;
 const ORACLE_SEED: u64 = 1 << 41;
+/// What the oracle learns with: photons lead it to light that paths alone hardly find.
+const ORACLE_GUIDE: GuideMode = GuideMode::Hybrid;
 const FIRST_SEED: u64 = 1;
 
 /// One render of a comparison.
@@ -243,8 +245,10 @@ impl Experiment<'_> {
         let model = &self.neural.model;
         let weights = model.weights.checksum();
         let (size, settings, oracle) = (self.size, &self.settings, self.oracle_spp);
-        let settings =
-            format!("{PROGRAM} {size:?} {settings:?} oracle {oracle} model {:?} {weights:08x}", model.config);
+        let settings = format!(
+            "{PROGRAM} {size:?} {settings:?} oracle {oracle} {ORACLE_GUIDE:?} model {:?} {weights:08x}",
+            model.config
+        );
         Identity { scene_crc32: self.loaded.crc32(), settings }
     }
 
@@ -296,7 +300,7 @@ impl Experiment<'_> {
         let outcome = match (method, oracle) {
             (Method::Guide(guide), _) => self.render(scene, guide, stop, seed, control)?,
             (Method::Oracle, Some(field)) => {
-                let settings = RenderSettings { stop, seed, ..self.settings.with_guide(GuideMode::Variance) };
+                let settings = RenderSettings { stop, seed, ..self.settings.with_guide(ORACLE_GUIDE) };
                 render_with_field(scene, &settings, field.clone(), control)?
             }
             (Method::Oracle, None) => return Err(Error::Options("the oracle has learned nothing".into())),
@@ -349,7 +353,7 @@ impl Experiment<'_> {
         results.methods.iter().filter(there).filter_map(read).collect()
     }
 
-    /// A field from many path samples, as counted.
+    /// A field from many samples, as counted.
     fn converged(&self, scene: &Scene, identity: &Identity, control: &Control) -> Result<GuideField> {
         // The name tells what it was made for; a file that cannot be read any more is made again.
         let made_for = crc32([identity.of_pictures().as_bytes()]);
@@ -360,7 +364,7 @@ impl Experiment<'_> {
         let settings = RenderSettings {
             stop: StopRule::Spp(self.oracle_spp),
             seed: ORACLE_SEED,
-            ..self.settings.with_guide(GuideMode::Variance)
+            ..self.settings.with_guide(ORACLE_GUIDE)
         };
         let field = learn(scene, &settings, &Counted::default(), control)?;
         if !control.stop.load(Ordering::Relaxed) {
