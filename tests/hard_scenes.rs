@@ -13,7 +13,7 @@ use std::sync::atomic::AtomicBool;
 use fanal::base::progress::Silent;
 use fanal::base::random::Random;
 use fanal::base::{Error, Result};
-use fanal::generate::build::{Builder, diffuse, matrix};
+use fanal::generate::build::{Builder, diffuse, glass, matrix};
 use fanal::geometry::accel::SELDOM_SHARED;
 use fanal::geometry::mesh::Mesh;
 use fanal::geometry::{Accel, Ray, Shape, Surface};
@@ -572,6 +572,60 @@ fn a15_paths_that_carry_nothing_end() {
     // Four rays before roulette starts; of the survivors, one in 20 goes on.
     assert!((4.0..4.2).contains(&faint), "{faint}");
     assert!((faint - 4.0 - 0.05 / 0.95).abs() < 0.02, "{faint}: nothing divided by a vanishing probability");
+}
+
+/// What glass divides radiance by on the way in, it multiplies it by on the way out: a path inside of clear glass is worth as much as
+/// outside, and roulette must not end more than it would there (pbrt-v4 §13.2.3 scales likewise). Of three nested balls of glass, seen
+/// from the middle, one is entered and two are left or the other way round; nothing is absorbed anywhere.
+#[test]
+fn a15_glass_does_not_end_paths() {
+    let mut b = Builder::new("balls", [4, 4]);
+    let glass = b.add_material("glass", glass(1.5));
+    (1..=3).for_each(|i| b.add_sphere(&format!("ball {i}"), Vec3::X * 3.0, 0.3 + 0.2 * i as f32, &glass, None));
+    b.add_light(LightFile::Constant { radiance: [1.0; 3] });
+    b.look_at(Vec3::ZERO, Vec3::X, Vec3::Y, 10.0);
+    let scene = built(b.finish());
+    let transport = TransportSettings { max_depth: 20, nee: true, roulette: Roulette::Throughput };
+    let (target, direct) = (Target::Variance, DirectLight::All);
+    let tracer = PathTracer { scene: &scene, settings: transport, field: None, target, direct };
+    let mut inside = 0;
+    for i in 0..200 {
+        let ray = Ray { origin: Vec3::ZERO, direction: Vec3::new(1.0, 0.001 * i as f32, 0.0).normalize() };
+        let path = tracer.explain(ray, &mut Random::new(22, i, 0), None);
+        for onward in path.vertices.iter().skip(3).filter_map(|vertex| vertex.onward.as_ref()) {
+            assert!(onward.survival > 0.9, "{}", onward.survival);
+            inside += 1;
+        }
+    }
+    assert!(inside > 100, "{inside}");
+}
+
+/// Directions that bring nothing count in what is expected of a vertex: left out, a floor under a sky of radiance 1 would be expected to
+/// send back more than its albedo, and roulette and light sampling would be tried too often. Five standard errors of 20,000 samples,
+/// whose weights are at most 2, are 0.03. Half of the guide's directions lead below the floor.
+#[test]
+fn a15_what_finds_nothing_counts() {
+    let mut b = floor([4, 4], 1.0);
+    b.add_light(LightFile::Constant { radiance: [1.0; 3] });
+    let scene = built(b.finish());
+    let mut cache = SpatialCache::new(Vec3::splat(-50.0), 100.0).without_facing();
+    cache.find_or_insert(Vec3::ZERO, Vec3::Y);
+    let tree = Some(SamplingTree::new(&Directions::uniform(), 1.0, usize::MAX));
+    let guide = VoxelGuide { tree, parallax: Parallax::NONE, bsdf_fraction: 0.5, effort: Effort::UNKNOWN };
+    let field = GuideField::new(cache, vec![guide]);
+    let transport = TransportSettings { max_depth: 2, nee: false, roulette: Roulette::Off };
+    let (target, direct) = (Target::Variance, DirectLight::All);
+    let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field), target, direct };
+    let (mut scratch, mut count, mut records) = (PathScratch::default(), RayCount::default(), vec![]);
+    for i in 0..20_000 {
+        let ray = Ray { origin: Vec3::new(0.1, 1.0, 0.2), direction: Vec3::NEG_Y };
+        tracer.trace(ray, &mut Random::new(23, i, 0), &mut scratch, Some(1.0), Some(&mut records), &mut count);
+    }
+    assert_eq!(records.len(), 20_000, "every path met the floor once");
+    let mean = records.iter().map(|record| f64::from(record.estimate)).sum::<f64>() / 20_000.0;
+    assert!((mean - 0.5).abs() < 0.03, "{mean}");
+    let absorbed = records.iter().filter(|record| !record.is_directed()).count() as f64 / 20_000.0;
+    assert!((absorbed - 0.25).abs() < 0.02, "{absorbed}");
 }
 
 /// Where a guide drew the direction, f·cos/p is small because p is large, as much light is expected there. Roulette by that number

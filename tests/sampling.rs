@@ -12,7 +12,7 @@ mod statistics;
 use chart::Chart;
 use fanal::base::random::Random;
 use fanal::materials::blend::Blend;
-use fanal::materials::dielectric::ThinDielectric;
+use fanal::materials::dielectric::{Dielectric, ThinDielectric};
 use fanal::materials::diffuse::Diffuse;
 use fanal::materials::fresnel::Metal;
 use fanal::materials::medium::{Flight, Medium};
@@ -487,6 +487,32 @@ fn s06_glass_keeps_power() {
         pane.sample(Vec2::ZERO, Vec3::Z, &mut random, Transport::Radiance).is_some_and(|s| s.wi == Vec3::Z)
     });
     assert!((mirrored.count() as f64 / 1e5 - 0.08 / 1.04).abs() < 0.004);
+}
+
+/// Power keeps, radiance is divided by η² where it is refracted: that is what both kinds of transport differ by, sample by sample, for
+/// every material that refracts, seen from both sides.
+#[test]
+fn s06_radiance_is_squeezed_by_the_square_of_eta() {
+    let clear = principled([1.0; 3]).into_iter().filter(|(_, p)| p.spec_trans > 0.0).map(|(_, p)| made(p));
+    let smooth: Material = Kind::Dielectric(Dielectric { eta: 1.5 }).into();
+    let mut materials = vec![smooth, frosted(SHAPES[0], 0.3, 1.33)];
+    materials.extend(clear);
+    for (i, material) in materials.iter().enumerate() {
+        let mut refracted = 0;
+        for n in 0..1000 {
+            let wo = direction(if n % 2 == 0 { 0.7 } else { -0.8 }, 0.3);
+            let [radiance, power] = [Transport::Radiance, Transport::Importance]
+                .map(|transport| material.sample(Vec2::ZERO, wo, &mut Random::new(21, n, 0), transport));
+            let (Some(radiance), Some(power)) = (radiance, power) else { continue };
+            let eta = material.eta(wo, radiance.wi);
+            assert_eq!(eta != 1.0, radiance.wi.z * wo.z < 0.0, "{i}: {wo} {}", radiance.wi);
+            let squeezed = power.weight / radiance.weight;
+            assert!((squeezed - eta * eta).abs().max_element() < 1e-4, "{i}: {squeezed} {eta}");
+            assert!((eta * material.eta(radiance.wi, wo) - 1.0).abs() < 1e-6);
+            refracted += u32::from(eta != 1.0);
+        }
+        assert!(refracted > 100, "{i}: {refracted}");
+    }
 }
 
 /// However white the base and whatever lobes are added, no more leaves than arrives. Weights stay below about 3, so three standard

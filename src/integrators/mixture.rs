@@ -172,6 +172,15 @@ impl<'a, E: Effects> Mixture<'a, E> {
         Some((direction, BsdfSample { weight: sample.weight * unhidden, ..sample }))
     }
 
+    /// Index on the side of the world direction `wi` over that on the side that light leaves to, see [`Material::eta`].
+    #[inline(always)]
+    pub fn eta(&self, wi: Vec3) -> f32 {
+        match self.scattering {
+            Scattering::Material(material) if E::MATERIALS => material.eta(self.wo, self.surface.frame.to_local(wi)),
+            _ => 1.0,
+        }
+    }
+
     /// |cos θ| of a local direction.
     fn cos(&self, wi: Vec3) -> f32 {
         if self.scattering.is_material() { wi.z.abs() } else { 1.0 }

@@ -219,6 +219,8 @@ impl PathTracer<'_> {
         let mut previous: Option<Previous> = None;
         let mut throughput = Vec3::ONE;
         let mut reflected = Vec3::ONE;
+        // Product of the squared indices that radiance was divided by on its way into glass, and will be multiplied by on its way out.
+        let mut squeezed = 1.0f32;
         let mut medium = self.scene.camera_medium;
         for depth in 1.. {
             if depth > self.settings.max_depth {
@@ -284,7 +286,10 @@ impl PathTracer<'_> {
             let judging = importance.filter(|_| !sample.delta);
             let worth = judging.and_then(|importance| effort.survival(importance, carried));
             let judged = if E::GUIDING { throughput.max(reflected) } else { throughput };
-            let survival = worth.unwrap_or_else(|| self.survival(depth, judged));
+            if E::MATERIALS {
+                squeezed *= mixture.eta(sample.direction).powi(2);
+            }
+            let survival = worth.unwrap_or_else(|| self.survival(depth, judged * squeezed));
             let survives = survival >= 1.0 || random.next_f32() < survival;
             (vertex.weight, vertex.survival) = (sample.weight, survival);
             details.step = (survives || !sample.delta).then_some(Step { sample, survival });
@@ -306,7 +311,8 @@ impl PathTracer<'_> {
 
     /// Probability that the path goes on. Where a guide chose the direction, f·cos/p is small because p is large, that is
     /// because much light is expected there: ending such paths early would undo what guiding gains. So what counts is the
-    /// share that the surfaces reflect, as if their BSDFs had chosen the directions, or the throughput where that is larger.
+    /// share that the surfaces reflect, as if their BSDFs had chosen the directions, or the throughput where that is larger. And
+    /// what glass divides by η² on the way in it multiplies on the way out: inside of it paths are worth as much as outside.
     fn survival(&self, depth: u32, throughput: Vec3) -> f32 {
         if self.settings.roulette == Roulette::Off || depth < ROULETTE_START {
             return 1.0;

@@ -140,6 +140,27 @@ impl Material {
         }
     }
 
+    /// Refractive index on the side of `wi` over that on the side of `wo`: radiance that is refracted is divided by its square
+    /// (Veach 1997, §5.2). 1 on one side, and where what passes is not refracted.
+    pub fn eta(&self, wo: Vec3, wi: Vec3) -> f32 {
+        if wo.z * wi.z >= 0.0 {
+            return 1.0;
+        }
+        let (wo, _) = self.to_front(wo, wi);
+        let behind = match &self.kind {
+            Kind::Dielectric(m) => m.eta,
+            Kind::RoughDielectric(m) => m.eta,
+            Kind::Principled(m) => m.eta(),
+            // Of two that refract the first stands for both.
+            Kind::Blend(m) => {
+                return m.parts.iter().map(|part| part.eta(wo, -wo)).find(|&eta| eta != 1.0).unwrap_or(1.0);
+            }
+            Kind::Diffuse(_) | Kind::Conductor(_) | Kind::RoughConductor(_) | Kind::ThinDielectric(_) => 1.0,
+            Kind::Plastic(_) | Kind::Null => 1.0,
+        };
+        if wo.z > 0.0 { behind } else { 1.0 / behind }
+    }
+
     /// f(wo, wi)·|cos θᵢ| of the lobes that are not delta, sr⁻¹.
     pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
         let (wo, wi) = self.to_front(wo, wi);

@@ -113,6 +113,11 @@ impl Principled {
         }
     }
 
+    /// Refractive index behind the surface over the one in front.
+    pub fn eta(&self) -> f32 {
+        self.given.eta
+    }
+
     /// Reflection of a facet seen under `cos` from the front: metal by Schlick, dielectric by Fresnel, its tinted part by Schlick.
     fn reflection(&self, p: &Point, cos: f32) -> Vec3 {
         let weight = schlick(cos);
