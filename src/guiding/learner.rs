@@ -544,7 +544,7 @@ impl Voxel {
         if self.kinds.is_some() || self.judged.is_some() {
             let seen = self.guide_parallax.to_centre(record.point, record.direction);
             let cell = cylindrical::to_cell(seen.direction);
-            self.weigh_kinds(record, cell);
+            self.weigh_kinds(record, cell, f64::from(seen.density));
             self.weigh_proposals(record, cell);
         }
         if self.guide.is_some() {
@@ -640,14 +640,15 @@ impl Voxel {
     }
 
     /// Judges the last iteration's trees of path samples and photons, and mixtures of them, by a path sample of this iteration:
-    /// its V over the density q in its cell of level 20 estimates ∫f²/q.
-    fn weigh_kinds(&mut self, record: &PathRecord, cell: [u32; 2]) {
+    /// its V over the density q estimates ∫f²/q. q is that of its cell of level 20 as seen from the centre, times `carried`, dω/dω'
+    /// of the [`Parallax`]: near a lamp that differs between the points of a voxel by far more than the candidates do.
+    fn weigh_kinds(&mut self, record: &PathRecord, cell: [u32; 2], carried: f64) {
         let Some(kinds) = &self.kinds else { return };
         if self.tree.target() == Target::Radiance || record.value <= 0.0 {
             return;
         }
         let [path, photon] = [0, 1].map(|kind| f64::from(kinds[kind].pdf_at(cell)));
-        let square = f64::from(record.value).powi(2);
+        let square = f64::from(record.value).powi(2) / carried;
         self.shares.add(PATH_SHARES.map(|share| square / (share * path + (1.0 - share) * photon)));
     }
 

@@ -198,7 +198,8 @@ impl PassTracer<'_> {
     ) {
         let begun = Instant::now();
         statistics.samples += range.end - range.start;
-        let tracer = PhotonTracer { scene: self.scene, settings: self.settings.transport, emission };
+        let (settings, direct) = (self.settings.transport, self.settings.learner.direct);
+        let tracer = PhotonTracer { scene: self.scene, settings, direct, emission };
         let start = range.start;
         let first = u64::from(self.first_sample) * self.pixels();
         let blocks = self.blocks(range, |i, _, block| {
