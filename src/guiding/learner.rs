@@ -299,15 +299,20 @@ impl Learner {
             moved(1, photons.iter().map(|r| (r.point, r.normal)).collect(), &mut photon_voxels);
         }
         let paths_by_voxel = Groups::new(&path_voxels, self.voxels.len());
+        let directed =
+            |(voxel, record): (&VoxelId, &PathRecord)| if record.is_directed() { *voxel } else { VoxelId::MAX };
+        let deposited: Vec<VoxelId> = path_voxels.iter().zip(paths).map(directed).collect();
+        let deposited_by_voxel = Groups::new(&deposited, self.voxels.len());
         let photons_by_voxel = Groups::new(&photon_voxels, self.voxels.len());
         self.outliers.absorb(paths, &path_voxels);
         let (cache, settings, kept) = (&*cache, &self.settings, self.kept);
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
             let bounds = cache.bounds(v as VoxelId);
             let own_paths = paths_by_voxel.group(v).iter().map(|&i| &paths[i as usize]);
+            let deposited = deposited_by_voxel.group(v).iter().map(|&i| &paths[i as usize]);
             let own_photons = photons_by_voxel.group(v).iter().map(|&i| &photons[i as usize]);
-            own_paths.clone().for_each(|record| voxel.judge(record, settings.fraction));
-            let deposited = own_paths.take(if deposit_paths { usize::MAX } else { 0 });
+            own_paths.for_each(|record| voxel.judge(record, settings.fraction));
+            let deposited = deposited.take(if deposit_paths { usize::MAX } else { 0 });
             voxel.deposit(&bounds, deposited, own_photons, settings, kept);
         });
         reached
@@ -541,7 +546,7 @@ impl Voxel {
         self.squares.add([onward]);
         self.all_squares += all;
         self.returns.add([record.direct, record.estimate].map(f64::from));
-        if self.kinds.is_some() || self.judged.is_some() {
+        if record.is_directed() && (self.kinds.is_some() || self.judged.is_some()) {
             let seen = self.guide_parallax.to_centre(record.point, record.direction);
             let cell = cylindrical::to_cell(seen.direction);
             self.weigh_kinds(record, cell, f64::from(seen.density));
@@ -549,7 +554,7 @@ impl Voxel {
         }
         if self.guide.is_some() {
             self.fractions.add_estimates(&record.estimates(), LEARNING_FRACTION);
-            if rule == FractionRule::Adam {
+            if record.is_directed() && rule == FractionRule::Adam {
                 self.adam.step(f64::from(record.estimate), f64::from(record.bsdf_share), LEARNING_FRACTION);
             }
         }

@@ -9,7 +9,7 @@ use super::moments::Estimate;
 pub struct PathRecord {
     /// World position of the vertex.
     pub point: Vec3,
-    /// Unit direction that was sampled, away from the vertex.
+    /// Unit direction that was sampled, away from the vertex; zero where none was that could bring anything.
     pub direction: Vec3,
     /// Channel mean of f·|cos θ|·L̂ / p, radiance. Here L̂ holds light that was hit as it enters the picture, weighted against
     /// light sampling: whoever chooses between BSDF and guide by what trees learn alone, light that is hit left out, gives up
@@ -40,6 +40,31 @@ pub struct PathRecord {
 }
 
 impl PathRecord {
+    /// Of a path that ended at this vertex because what was drawn is below the horizon, or absorbed. It tells what the vertex sends
+    /// back, which is nothing but what light sampling finds, and nothing of directions.
+    pub fn absorbed(point: Vec3, normal: Vec3) -> Self {
+        Self {
+            point,
+            direction: Vec3::ZERO,
+            estimate: 0.0,
+            importance: 0.0,
+            value: 0.0,
+            bsdf_share: 0.0,
+            emitted: 0.0,
+            light_ratio: 0.0,
+            direct: 0.0,
+            direct_share: 1.0,
+            direct_ratio: 0.0,
+            distance: f32::INFINITY,
+            normal,
+        }
+    }
+
+    /// Whether it has a direction.
+    pub fn is_directed(&self) -> bool {
+        self.direction != Vec3::ZERO
+    }
+
     /// Squares of what it brought to the picture: without and with light sampling.
     pub fn squares(&self) -> [f64; 2] {
         let [onward, direct] =

@@ -68,6 +68,8 @@ struct Details {
     direct: Direct,
     /// How the path went on; none where it ended.
     step: Option<Step>,
+    /// Whether it ended because the direction that was drawn brings nothing: below the horizon, or absorbed.
+    absorbed: bool,
 }
 
 /// What light sampling found.
@@ -252,7 +254,8 @@ impl PathTracer<'_> {
             let normal = if on_surface { surface.normal_towards(-ray.direction) } else { Vec3::ZERO };
             let (point, distance, direct) = (surface.point, surface.distance, Direct::default());
             let shape = surface.shape;
-            let mut details = Details { point, shape, distance, normal, throughput, emission, direct, step: None };
+            let mut details =
+                Details { point, shape, distance, normal, throughput, emission, direct, step: None, absorbed: false };
             let emitted = emission.weighted();
             let mut vertex = Vertex { emitted, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0 };
             if depth == self.settings.max_depth {
@@ -276,6 +279,7 @@ impl PathTracer<'_> {
                 vertex.direct = details.direct.value;
             }
             let Some(sample) = mixture.sample(random, Transport::Radiance) else {
+                details.absorbed = !smooth;
                 scratch.push::<RECORDS>(vertex, details);
                 break;
             };
@@ -461,7 +465,8 @@ impl PathTracer<'_> {
     }
 
     /// The record of the direction sampled at `vertex`, which met the emission `met` and along which `incoming` radiance arrived in
-    /// all, weighted against light sampling; `learned` is what of it trees are to learn. None for a delta lobe.
+    /// all, weighted against light sampling; `learned` is what of it trees are to learn. None for a delta lobe. A direction that
+    /// brings nothing is recorded too, without itself: left out, what is expected of a vertex would be too much.
     fn record(
         &self,
         vertex: &Details,
@@ -470,33 +475,38 @@ impl PathTracer<'_> {
         [incoming, learned]: [Vec3; 2],
         pixel: f32,
     ) -> Option<PathRecord> {
+        let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
+        let importance = finite(channel_mean(vertex.throughput) / pixel);
+        let direct = finite(channel_mean(vertex.direct.value));
+        let absorbed = PathRecord {
+            importance,
+            direct,
+            direct_share: vertex.direct.bsdf_share,
+            direct_ratio: vertex.direct.ratio,
+            ..PathRecord::absorbed(vertex.point, vertex.normal)
+        };
+        if vertex.absorbed {
+            return Some(absorbed);
+        }
         let step = vertex.step.as_ref().filter(|step| !step.sample.delta)?;
         let sample = &step.sample;
-        let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
         let brought = |radiance: Vec3| finite(channel_mean(sample.weight * radiance) / step.survival);
         let estimate = brought(learned);
         let pdf = sample.pdf * step.survival;
-        let importance = finite(channel_mean(vertex.throughput) / pixel);
         let value = match self.target {
             Target::Radiance => channel_mean(learned) / pdf,
             Target::Variance => estimate * pdf.sqrt(),
             Target::VariancePixel => estimate * pdf.sqrt() * importance,
         };
-        let direct = finite(channel_mean(vertex.direct.value));
         Some(PathRecord {
-            point: vertex.point,
             direction: sample.direction,
             estimate: brought(incoming),
-            importance,
             value: finite(value),
             bsdf_share: sample.bsdf_share,
             emitted: if met.connected { brought(met.radiance * met.weight) } else { 0.0 },
             light_ratio: 1.0 / met.weight - 1.0,
-            direct,
-            direct_share: vertex.direct.bsdf_share,
-            direct_ratio: vertex.direct.ratio,
             distance: next.map_or(f32::INFINITY, |n| n.distance),
-            normal: vertex.normal,
+            ..absorbed
         })
     }
 }
