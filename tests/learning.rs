@@ -150,21 +150,21 @@ fn earlier_iterations_are_remembered() {
         let record = |_| PathRecord { direction, value: 1.0, ..path(&mut random) };
         (0..count).map(record).collect::<Vec<_>>()
     };
-    for (past, expected, counts) in [(0.5, 1.0 / 3.0, 50.0), (0.0, 0.0, 0.0)] {
+    for (past, expected, counts) in [(0.5, 1.0 / 2.0, 100.0), (0.0, 0.0, 0.0)] {
         let alone = LearnerSettings { context: 0.0, parallax: false, ..LearnerSettings::default() };
         let settings = LearnerSettings { past, voxel_samples: 150, ..alone };
         let mut learner = Learner::new(settings);
         learner.absorb(&samples(200, light), &[], true);
         assert_eq!(learner.counted()[0].as_ref().map(|tree| tree.traits.past), Some(0.0));
         learner.refine(1);
-        assert_eq!(learner.voxels(), 2, "200 samples are more than a voxel may have");
+        assert_eq!(learner.voxels(), 4, "200 samples are more than a voxel may have, and so are those of their eighth");
         learner.absorb(&samples(100, -light), &[], true);
         let counted = learner.counted();
         let tree = counted.iter().flatten().find(|tree| tree.traits.samples[0] > 0).expect("100 samples");
         let leaf = tree.distribution.topology().leaf_at(cylindrical::to_cell(light));
         let mass = tree.distribution.node_mass()[leaf];
         assert!((mass - expected).abs() < 1e-6, "{mass}, expected {expected}");
-        assert_eq!(tree.traits.past, counts, "half of the voxel's part of the first samples");
+        assert_eq!(tree.traits.past, counts, "half of the first samples, which all lay in this part of the voxel");
     }
 }
 

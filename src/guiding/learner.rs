@@ -92,6 +92,8 @@ struct Voxel {
     tree: Quadtree,
     /// What the tree's directions refer to.
     parallax: Parallax,
+    /// Path samples of this iteration in each eighth of the voxel, bit `axis` of its number being set in the upper half.
+    eighths: [u32; 8],
     /// Q_r of the last iteration with energy.
     guide: Option<SamplingTree>,
     /// What its directions refer to.
@@ -135,6 +137,7 @@ impl Voxel {
         Self {
             tree: Quadtree::new(Topology::root(), layout, target),
             parallax: Parallax::NONE,
+            eighths: [0; 8],
             guide: None,
             guide_parallax: Parallax::NONE,
             bsdf_fraction: 0.5,
@@ -458,31 +461,20 @@ impl Learner {
         low
     }
 
-    /// Ends a pass: halves voxels with many samples (both halves inherit the tree and the guide), and forgets values but for what
-    /// becomes the [`Past`].
+    /// Ends a pass: halves voxels with many samples (both halves inherit the tree and the guide) until none has too many (Müller
+    /// 2017 §3.2, Zhu 2021 §7) or is an eighth of what it was, and forgets values but for what becomes the [`Past`].
     /// The pass had `spp` camera paths per pixel.
     pub fn refine(&mut self, spp: u32) {
         let target = self.target();
-        let Some(cache) = &mut self.cache else { return };
-        // A voxel costs its guide; half of the ceiling is left for the depth of the trees.
-        let guides: usize = self.voxels.iter().filter_map(|v| v.guide.as_ref()).map(SamplingTree::bytes).sum();
-        let mean = guides / self.voxels.len().max(1) + size_of::<VoxelGuide>() + CELL_BYTES;
-        let most = (self.settings.memory / 2) / mean;
-        let mut count = self.voxels.len();
+        if self.cache.is_none() {
+            return;
+        }
+        self.voxels.iter_mut().for_each(|voxel| voxel.past = voxel.next_past.take());
         let growth = if self.settings.growing { f64::from(spp).sqrt() } else { 1.0 };
         let limit = (f64::from(self.settings.voxel_samples) * growth) as u32;
-        let voxels = &self.voxels;
-        let pairs = cache.split(|v| {
-            let wanted = voxels[v as usize].tree.counts()[0] > limit && count < most;
-            count += usize::from(wanted);
-            wanted
-        });
-        self.voxels.iter_mut().for_each(|voxel| voxel.past = voxel.next_past.take());
-        self.voxels.resize_with(cache.len(), || Voxel::new(self.settings.layout, target));
-        for (old, new) in pairs {
-            let past = self.voxels[old as usize].past.take();
-            self.voxels[old as usize].past = past.map(Past::halved);
-            self.voxels[new as usize] = self.voxels[old as usize].clone();
+        // Once along each axis: how the samples lie within an eighth is not known.
+        for _ in 0..3 {
+            self.halve(limit);
         }
         self.clear();
         self.iterations += 1;
@@ -491,6 +483,29 @@ impl Learner {
             self.voxels.par_iter_mut().for_each(|voxel| {
                 (voxel.tree, voxel.past) = (voxel.tree.emptied_for(target), None);
             });
+        }
+    }
+
+    /// Halves the voxels with more path samples than `limit`, as far as the memory allows.
+    fn halve(&mut self, limit: u32) {
+        let target = self.target();
+        let Some(cache) = &mut self.cache else { return };
+        // A voxel costs its guide; half of the ceiling is left for the depth of the trees.
+        let guides: usize = self.voxels.iter().filter_map(|v| v.guide.as_ref()).map(SamplingTree::bytes).sum();
+        let mean = guides / self.voxels.len().max(1) + size_of::<VoxelGuide>() + CELL_BYTES;
+        let most = (self.settings.memory / 2) / mean;
+        let mut count = self.voxels.len();
+        let voxels = &self.voxels;
+        let pairs = cache.split(|v| {
+            let wanted = voxels[v as usize].eighths.iter().sum::<u32>() > limit && count < most;
+            count += usize::from(wanted);
+            wanted
+        });
+        self.voxels.resize_with(cache.len(), || Voxel::new(self.settings.layout, target));
+        for (old, new) in pairs {
+            let axis = (cache.bounds(new).depth - 1) % 3;
+            let [lower, upper] = [0, 1].map(|half| self.voxels[old as usize].half(axis, half));
+            (self.voxels[old as usize], self.voxels[new as usize]) = (lower, upper);
         }
     }
 
@@ -505,6 +520,7 @@ impl Learner {
                 (Moments::default(), Moments::default(), Moments::default());
             voxel.returns = Returns::default();
             (voxel.shaped, voxel.normals, voxel.next_past) = (false, Vec3::ZERO, None);
+            voxel.eighths = [0; 8];
         });
     }
 
@@ -587,6 +603,8 @@ impl Voxel {
             tree.deposit_photons(&place, photons.clone());
         };
         deposit(&mut self.tree);
+        let middle = 0.5 * (bounds.low + bounds.high);
+        paths.clone().for_each(|r| self.eighths[r.point.cmpge(middle).bitmask() as usize] += 1);
         // A tree that is only a root first becomes equal leaves; the second round gives it direction.
         let rounds = if first { 1 + usize::from(self.tree.topology().len() == 1) } else { 0 };
         for _ in 0..rounds {
@@ -594,6 +612,16 @@ impl Voxel {
             deposit(&mut self.tree);
         }
         self.shaped = true;
+    }
+
+    /// What one half along `axis` starts with, the lower (0) or the upper (1).
+    fn half(&self, axis: u32, half: usize) -> Self {
+        let mut part = self.clone();
+        let others = part.eighths.iter_mut().enumerate().filter(|(eighth, _)| (eighth >> axis) & 1 != half);
+        others.for_each(|(_, samples)| *samples = 0);
+        let [own, all] = [&part, self].map(|voxel| f64::from(voxel.eighths.iter().sum::<u32>()));
+        part.past = self.past.as_ref().map(|past| past.of_part(own / all));
+        part
     }
 
     fn traits(&self, bounds: Bounds, past: f64) -> Traits {

@@ -56,9 +56,9 @@ impl Past {
         self.samples
     }
 
-    /// For one half of a voxel that was divided.
-    pub fn halved(self) -> Self {
-        Self { samples: 0.5 * self.samples, ..self }
+    /// For a part of a voxel that was divided, in which this share of the samples lay.
+    pub fn of_part(&self, share: f64) -> Self {
+        Self { samples: share * self.samples, ..self.clone() }
     }
 
     fn distribution(&self) -> Distribution {
@@ -97,7 +97,7 @@ mod tests {
         for (mass, samples) in past.mass().iter().zip([25.0, 100.0, 400.0, 0.0]) {
             assert!((mass - samples / 525.0).abs() < 1e-6);
         }
-        assert_eq!(past.clone().halved().samples(), 262.5);
+        assert_eq!(past.of_part(0.5).samples(), 262.5);
         let (alone, samples) = joined(None, Some(&past), 0.5).unwrap();
         assert_eq!((alone.topology().len(), samples), (5, 262.5));
         assert_eq!(joined(own(0), Some(&past), 0.0), own(0));

@@ -33,7 +33,7 @@ use crate::guiding::{emission, file};
 use crate::sampling::discrete::Discrete;
 
 /// The version of checkpoints that this program reads and writes. 3: light sampling and going on are judged apart.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// Largest accepted checkpoint in bytes, and what each pixel adds to it.
 const LIMIT: u64 = 1 << 32;

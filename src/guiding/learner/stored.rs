@@ -193,10 +193,10 @@ impl Voxel {
     /// Everything but trees. All are exact in double precision.
     fn numbers(&self) -> Vec<f64> {
         let (scales, counts) = (self.tree.scales(), self.tree.counts());
-        let mut all: Vec<f64> = Vec::with_capacity(64);
+        let mut all: Vec<f64> = Vec::with_capacity(72);
         all.extend(self.parallax.to_array().into_iter().chain(self.guide_parallax.to_array()).map(f64::from));
         all.extend([self.bsdf_fraction, self.gain].into_iter().chain(scales).map(f64::from));
-        all.extend(counts.map(f64::from));
+        all.extend(counts.into_iter().chain(self.eighths).map(f64::from));
         all.extend(self.normals.to_array().map(f64::from));
         let share = self.judged.as_ref().map_or(1.0, |judged| judged.share);
         all.extend([
@@ -229,6 +229,7 @@ impl Voxel {
         let scales = [0; 2].map(|_| next() as f32);
         let counts = [0; 2].map(|_| (next() as u32).min(1 << 30));
         self.tree.set_samples(scales, counts);
+        self.eighths = [0; 8].map(|_| (next() as u32).min(1 << 26));
         self.normals = Vec3::from([0; 3].map(|_| next() as f32));
         self.shaped = next() != 0.0;
         let share = next();
