@@ -168,6 +168,51 @@ fn earlier_iterations_are_remembered() {
     }
 }
 
+/// A cell with many more samples than a voxel may have is divided at once (Müller 2017 §3.2, Zhu 2021 §7), and only where they are:
+/// pictures of many pixels would else stay too coarse for ten iterations.
+#[test]
+fn voxels_are_divided_until_none_has_too_many_samples() {
+    let mut random = Random::new(9, 0, 0);
+    let spread = LearnerSettings { resolution: 1.0, voxel_samples: 1000, context: 0.0, ..LearnerSettings::default() };
+    let mut learner = Learner::new(spread);
+    // All but a few lie in an eighth of the cell.
+    let mut point = |side: f32| Vec3::new(random.next_f32(), random.next_f32(), random.next_f32()) * side;
+    let dense: Vec<Vec3> = (0..6600).map(|i| point(if i < 6400 { 0.5 } else { 1.0 })).collect();
+    let samples = |points: &[Vec3]| {
+        points.iter().map(|&point| PathRecord { point, ..path(&mut Random::new(10, 0, 0)) }).collect::<Vec<_>>()
+    };
+    let most = |learner: &Learner| learner.trees().iter().map(|tree| tree.counts()[0]).max();
+    for _ in 0..3 {
+        learner.absorb(&samples(&dense), &[], true);
+        learner.refine(1);
+    }
+    let voxels = learner.voxels();
+    learner.absorb(&samples(&dense), &[], true);
+    assert!(most(&learner) <= Some(1000), "{:?}", most(&learner));
+    learner.refine(1);
+    assert_eq!(learner.voxels(), voxels, "there is nothing left to divide");
+}
+
+/// Few samples do not tell the values of pixels: the second moment comes first, then that relative to the pixel (Nilsson 2022 §4.4).
+#[test]
+fn the_simple_target_comes_first() {
+    let mut learner = Learner::new(LearnerSettings {
+        target: Target::VariancePixel,
+        simple_iterations: 3,
+        ..LearnerSettings::default()
+    });
+    let targets: Vec<Target> = (0..5)
+        .map(|_| {
+            learner.absorb(&[path(&mut Random::new(11, 0, 0))], &[], true);
+            let target = learner.target();
+            assert_eq!(learner.trees()[0].target(), target);
+            learner.refine(1);
+            target
+        })
+        .collect();
+    assert_eq!(targets, [[Target::Variance; 3].as_slice(), &[Target::VariancePixel; 2]].concat());
+}
+
 /// Whichever of two proposals was sampled: what the samples bring back decides for the one that is right.
 #[test]
 fn a19_the_better_proposal_is_sampled() {

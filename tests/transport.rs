@@ -13,7 +13,7 @@ use fanal::base::progress::Silent;
 use fanal::generate::build::{Builder, diffuse};
 use fanal::guiding::effort::Roulette;
 use fanal::guiding::fraction::FractionRule;
-use fanal::guiding::leaves::DirectLight;
+use fanal::guiding::leaves::{DirectLight, Target};
 use fanal::materials::image::Image;
 use fanal::reconstruct::gaussian::Gaussian;
 use fanal::render::{GuideMode, RenderSettings, SampleKinds, render};
@@ -98,7 +98,7 @@ fn s03_options_change_no_mean() {
         |s| s.learner.direct = DirectLight::Nothing,
         |s| s.learner.fraction = FractionRule::Adam,
         |s| s.learner.filtered = true,
-        |s| s.learner.radiance_iterations = 2,
+        |s| (s.learner.target, s.learner.simple_iterations) = (Target::VariancePixel, 2),
         |s| s.learner.parallax = false,
         |s| s.learner.past = 0.0,
         |s| s.learner.past = 1.0,

@@ -259,9 +259,9 @@ pub struct RenderArgs {
     /// Move samples at random within the size of their leaf and their voxel (Müller 2019)
     #[arg(long)]
     pub filter: bool,
-    /// Iterations in which radiance is learned before the target (Nilsson 2022)
+    /// Iterations in which `variance` is learned before `--target variance-pixel` (3 in Nilsson 2022)
     #[arg(long, value_name = "N")]
-    pub radiance_iterations: Option<u32>,
+    pub simple_iterations: Option<u32>,
     /// As what part of their number the samples of earlier iterations count in the next [default: 0.5; 0 for --guide ppg]
     #[arg(long, value_name = "PART", value_parser = part)]
     pub past: Option<f64>,
@@ -272,7 +272,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "load_guide")]
     pub save_guide: Option<PathBuf>,
     /// Guide by a field that an earlier render saved; nothing is learned
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["samples", "target", "reconstruct", "model", "direct", "fraction", "filter", "radiance_iterations", "past"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["samples", "target", "reconstruct", "model", "direct", "fraction", "filter", "simple_iterations", "past"])]
     pub load_guide: Option<PathBuf>,
     /// Ceiling of the sampling field in MB
     #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]

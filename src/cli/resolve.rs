@@ -62,8 +62,8 @@ pub struct RenderRequest {
     pub fraction: Option<FractionRule>,
     /// Whether samples are moved at random.
     pub filtered: bool,
-    /// Iterations in which radiance is learned.
-    pub radiance_iterations: u32,
+    /// Iterations in which [`Target::Variance`] is learned before [`Target::VariancePixel`].
+    pub simple_iterations: u32,
     /// As what part of their number samples of earlier iterations count, if not the mode's own.
     pub past: Option<f64>,
     /// The model's folder; `None` is the model inside the program.
@@ -103,7 +103,7 @@ impl RenderRequest {
         settings.learner.direct = self.direct.unwrap_or(settings.learner.direct);
         settings.learner.fraction = self.fraction.unwrap_or(settings.learner.fraction);
         settings.learner.filtered = self.filtered;
-        settings.learner.radiance_iterations = self.radiance_iterations;
+        settings.learner.simple_iterations = self.simple_iterations;
         settings.learner.past = self.past.unwrap_or(settings.learner.past);
         settings.reconstruction = self.reconstruct.unwrap_or(settings.reconstruction);
         if self.load_guide.is_some() {
@@ -143,14 +143,19 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
             "the scene asks for 0 samples per pixel or depth 0; give --spp and --max-depth".into(),
         ));
     }
-    let iterations = args.radiance_iterations.is_some() || args.past.is_some();
+    let iterations = args.simple_iterations.is_some() || args.past.is_some();
     let how = args.direct.is_some() || args.fraction.is_some() || args.filter || iterations;
     let what = args.samples.is_some() || args.target.is_some() || args.reconstruct.is_some();
     if args.guide == GuideMode::None && (what || how) {
         return Err(Error::Options(
             "--guide none learns nothing; leave --samples, --target, --reconstruct, --direct, --fraction, --filter, \
-             --radiance-iterations and --past out"
+             --simple-iterations and --past out"
                 .into(),
+        ));
+    }
+    if args.simple_iterations.is_some() && args.target != Some(Target::VariancePixel) {
+        return Err(Error::Options(
+            "--simple-iterations are those before --target variance-pixel; give that too".into(),
         ));
     }
     if args.guide == GuideMode::None && (args.save_guide.is_some() || args.load_guide.is_some()) {
@@ -178,7 +183,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         direct: args.direct,
         fraction: args.fraction,
         filtered: args.filter,
-        radiance_iterations: args.radiance_iterations.unwrap_or(0),
+        simple_iterations: args.simple_iterations.unwrap_or(0),
         past: args.past,
         save_guide: args.save_guide.clone(),
         load_guide: args.load_guide.clone(),

@@ -49,8 +49,9 @@ pub struct LearnerSettings {
     pub fraction: FractionRule,
     /// Whether samples are moved at random within their leaf's and their voxel's size (Müller 2019 §10.2).
     pub filtered: bool,
-    /// Iterations in which radiance is learned before the target: second moments of few samples are mostly noise (Nilsson §4.4).
-    pub radiance_iterations: u32,
+    /// Iterations in which the second moment is learned before that relative to the pixel: with few samples the values of pixels are
+    /// mostly noise (Nilsson 2022 §4.4, after Rath 2020, who calls the former the simple target).
+    pub simple_iterations: u32,
     /// Whether directions are kept for the centres of voxels, see [`Parallax`].
     pub parallax: bool,
     /// As how many samples a voxel's surroundings count; 0 for none.
@@ -76,7 +77,7 @@ impl Default for LearnerSettings {
             layout: Layout::Values,
             fraction: FractionRule::Moments,
             filtered: false,
-            radiance_iterations: 0,
+            simple_iterations: 0,
             parallax: true,
             context: 1024.0,
             past: 0.5,
@@ -230,7 +231,10 @@ impl Learner {
 
     /// What is deposited now.
     pub fn target(&self) -> Target {
-        if self.iterations < self.settings.radiance_iterations { Target::Radiance } else { self.settings.target }
+        match self.settings.target {
+            Target::VariancePixel if self.iterations < self.settings.simple_iterations => Target::Variance,
+            target => target,
+        }
     }
 
     /// Number of voxels.
