@@ -14,7 +14,7 @@ use super::shard::{TreeSample, write_shard};
 use crate::base::files::{read_json, write_json};
 use crate::base::random::Random;
 use crate::base::{Error, Place, Progress, Result};
-use crate::film::{Pass, PixelFilter, Window};
+use crate::film::{FinishedPass, Pass, PixelFilter, Window, combine, expected_values};
 use crate::guiding::cache::{Bounds, VoxelId};
 use crate::guiding::distribution::{Distribution, kl};
 use crate::guiding::learner::CountedTree;
@@ -146,7 +146,7 @@ pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<Vec<TreeSample
     settings.learner.resolution = recipe.grids[job.index as usize % recipe.grids.len()] as f32;
     let scene = Scene::build(&loaded, recipe.resolution)?;
     let learning = Learning::new(&settings, &scene.lights.emission);
-    let mut long = Run { scene: &scene, learning, settings: settings.clone(), first_sample: 0 };
+    let mut long = Run { scene: &scene, learning, settings: settings.clone(), first_sample: 0, passes: vec![] };
     let targets = long.targets(recipe.target_spp)?;
     let mut samples = Vec::new();
     for turn in 0..recipe.runs {
@@ -154,7 +154,7 @@ pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<Vec<TreeSample
         settings.samples = KINDS[turn as usize % KINDS.len()].0;
         let mut learning = Learning::new(&settings, &scene.lights.emission);
         learning.learner = long.learning.learner.restarted(settings.learner.clone());
-        let mut run = Run { scene: &scene, learning, settings, first_sample: long.first_sample };
+        let mut run = Run { scene: &scene, learning, settings, first_sample: long.first_sample, passes: vec![] };
         samples.extend(run.pairs(recipe, job, number, turn, &targets)?);
         long.first_sample = run.first_sample;
     }
@@ -167,6 +167,8 @@ struct Run<'a> {
     settings: RenderSettings,
     learning: Learning,
     first_sample: u32,
+    /// The passes so far: as in a render, roulette and light sampling go by what pixels will about be.
+    passes: Vec<FinishedPass>,
 }
 
 /// What a voxel converges to.
@@ -187,7 +189,7 @@ impl Run<'_> {
             filter: &PixelFilter::default(),
             field: Some(&field),
             target: self.learning.learner.target(),
-            picture: None,
+            picture: picture.as_deref(),
             first_sample: self.first_sample,
             sequences_from: None,
             spp,
@@ -196,6 +198,7 @@ impl Run<'_> {
         let mut film = Pass::new(self.scene.size[0] as usize, self.scene.size[1] as usize);
         tracer.run(&mut film, 0, Some(&mut self.learning), &mut Statistics::default(), &mut |_| true);
         self.first_sample += spp;
+        self.passes.push(film.finish());
     }
 
     fn end_iteration(&mut self) -> Result<()> {
