@@ -515,13 +515,8 @@ impl<'a> Run<'a> {
         }
         if self.state.position.batches > 0 {
             let finished = self.finished(&part.pass);
-            let State { passes, gave_up, .. } = &mut self.state;
-            // What a guide that does not pay has found by chance is a few bright pixels that the others would have to outweigh.
-            let guided: u64 = passes.iter().map(FinishedPass::samples).sum();
-            if *gave_up && finished.samples() > guided {
-                passes.clear();
-            }
-            passes.push(finished);
+            // Those of a guide that was given up stay: it was by what they contain, and what is kept must not depend on that.
+            self.state.passes.push(finished);
         }
         if self.state.passes.is_empty() {
             // Stopped early: they are all there is.
