@@ -17,7 +17,7 @@ use fanal::guiding::distribution::Distribution;
 use fanal::guiding::effort::Effort;
 use fanal::guiding::field::{GuideField, VoxelGuide};
 use fanal::guiding::fraction::Adam;
-use fanal::guiding::learner::{Learner, LearnerSettings};
+use fanal::guiding::learner::{Learner, LearnerSettings, Use};
 use fanal::guiding::leaves::{Layout, Target};
 use fanal::guiding::parallax::Parallax;
 use fanal::guiding::quadtree::{Place, Quadtree};
@@ -271,14 +271,14 @@ fn a04_nothing_known_leaves_the_bsdf_alone() {
     let mut empty = learner();
     empty.absorb(&[], &[photon_at(Vec3::ONE, Vec3::Z, 1.0)], true);
     iterate(&mut empty);
-    assert!(empty.field(true).at(Vec3::ONE, Vec3::Y).is_none());
+    assert!(empty.field(Use::Learning).at(Vec3::ONE, Vec3::Y).is_none());
 
     let here = Vec3::splat(0.5);
     let mut dark = learner();
     dark.absorb(&[path_at(here, Vec3::Z, 0.0)], &[], true);
     assert!(dark.counted()[0].is_none(), "a sample without value says nothing of where light is");
     iterate(&mut dark);
-    let field = dark.field(true);
+    let field = dark.field(Use::Learning);
     let voxel = field.at(here, Vec3::Y).expect("the sample made a voxel");
     assert!(voxel.tree.is_none() && voxel.directions(here).is_none());
     assert!(field.at(Vec3::splat(1e9), Vec3::Y).is_none() && field.at(here, Vec3::NEG_X).is_none());
@@ -287,7 +287,7 @@ fn a04_nothing_known_leaves_the_bsdf_alone() {
     one.absorb(&[path_at(here, Vec3::Z, 1.0)], &[], true);
     iterate(&mut one);
     for _ in 0..3 {
-        let field = one.field(true);
+        let field = one.field(Use::Learning);
         let guide = field.at(here, Vec3::Y).and_then(|voxel| voxel.directions(here)).expect("one sample is something");
         assert!(guide.pdf(Vec3::Z) > guide.pdf(Vec3::NEG_Z) && guide.pdf(Vec3::NEG_Z) > 0.0);
         // No samples at all.
@@ -312,7 +312,7 @@ fn a05_one_point_does_not_fill_the_memory() {
         let nodes = |learner: &Learner| learner.trees().iter().map(|tree| tree.topology().len()).max();
         let deepest = learner.trees().iter().map(|tree| tree.topology().levels()).max();
         assert!(nodes(&learner) <= Some(MAX_NODES) && deepest <= Some(MAX_LEVEL + 1));
-        assert!(learner.field(true).bytes() < 1 << 20);
+        assert!(learner.field(Use::Learning).bytes() < 1 << 20);
     }
 }
 
@@ -371,8 +371,8 @@ fn a14_a_guide_that_does_not_help_is_not_sampled() {
             learner.absorb(&paths, &[], true);
             iterate(&mut learner);
         }
-        let [learning, after] = [true, false].map(|learning| {
-            let field = learner.field(learning);
+        let [learning, after] = [Use::Learning, Use::Rendering].map(|of| {
+            let field = learner.field(of);
             field.at(here, Vec3::Y).map(|voxel| (voxel.bsdf_fraction, voxel.tree.is_some()))
         });
         assert_eq!(learning, Some((0.5, true)), "{bsdf_share}");

@@ -3,7 +3,7 @@
 
 use fanal::base::random::Random;
 use fanal::guiding::distribution::{Distribution, kl};
-use fanal::guiding::learner::{Learner, LearnerSettings};
+use fanal::guiding::learner::{Learner, LearnerSettings, Use};
 use fanal::guiding::leaves::{Layout, Target};
 use fanal::guiding::parallax::Parallax;
 use fanal::guiding::proposal::Proposal;
@@ -237,7 +237,7 @@ fn a19_the_better_proposal_is_sampled() {
         let mut random = Random::new(8, 0, 0);
         let proposal = Proposal { first: (first.clone(), 0.1), plain: Some((plain.clone(), 0.1)) };
         for iteration in 0..2 {
-            let field = learner.field(true);
+            let field = learner.field(Use::Learning);
             let point = Vec3::splat(0.5);
             let mut sample = || {
                 let uniform = path(&mut random);
@@ -253,7 +253,7 @@ fn a19_the_better_proposal_is_sampled() {
             assert_eq!(learner.counted().len(), 1);
             learner.publish(vec![Some(proposal.clone())]);
             learner.refine(1);
-            let voxels = learner.field(true);
+            let voxels = learner.field(Use::Learning);
             let guide = voxels.at(point, Vec3::Y).and_then(|voxel| voxel.directions(point)).expect("it was published");
             let right_is_most = iteration > 0 || first == &right;
             let found = guide.pdf(light);

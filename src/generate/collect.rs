@@ -17,7 +17,7 @@ use crate::base::{Error, Place, Progress, Result};
 use crate::film::{FinishedPass, Pass, PixelFilter, Window, combine, expected_values};
 use crate::guiding::cache::{Bounds, VoxelId};
 use crate::guiding::distribution::{Distribution, kl};
-use crate::guiding::learner::CountedTree;
+use crate::guiding::learner::{CountedTree, Use};
 use crate::guiding::leaves::{Target as Quantity, distribution_of_values};
 use crate::guiding::quadtree::Quadtree;
 use crate::guiding::topology::Topology;
@@ -181,7 +181,8 @@ struct Target {
 
 impl Run<'_> {
     fn pass(&mut self, spp: u32) {
-        let field = self.learning.field(true);
+        let field = self.learning.learner.field(Use::Learning);
+        let picture = combine(&self.passes).ok().and_then(|picture| expected_values(&picture));
         let tracer = PassTracer {
             scene: self.scene,
             settings: &self.settings,

@@ -99,8 +99,9 @@ struct Voxel {
     guide: Option<SamplingTree>,
     /// What its directions refer to.
     guide_parallax: Parallax,
-    /// Fraction of BSDF samples once learning is over.
+    /// Fraction of BSDF samples once learning is over, and whether samples have told that the guide is worth something.
     bsdf_fraction: f32,
+    told: bool,
     /// Part of path samples in what is counted, the rest being photons.
     path_share: f64,
     /// Σ of what the samples brought to the picture, and of its squares; of the latter with light sampling.
@@ -142,6 +143,7 @@ impl Voxel {
             guide: None,
             guide_parallax: Parallax::NONE,
             bsdf_fraction: 0.5,
+            told: false,
             path_share: 0.5,
             contribution: 0.0,
             squares: Moments::default(),
@@ -162,6 +164,17 @@ impl Voxel {
             next_past: None,
         }
     }
+}
+
+/// What a field is wanted for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Use {
+    /// To learn more: half of the samples come from the BSDF.
+    Learning,
+    /// Each voxel has its own fraction of BSDF samples; one that is better off without its guide has none.
+    Rendering,
+    /// The same, and a voxel where too few paths have found light to tell has none either, unless photons show where light is.
+    WhereTold,
 }
 
 /// A tree as counted, ready to be reconstructed.
@@ -431,6 +444,7 @@ impl Learner {
             voxel.judged = Judged::new(&proposal, share, cap).map(Box::new);
             let mut fractions = voxel.fractions;
             fractions.add_prior(&priors[ancestry.block(v)], PRIOR_SAMPLES);
+            voxel.told = fractions.best().is_some() || voxel.tree.leaves().has(1);
             voxel.bsdf_fraction = match rule {
                 FractionRule::Half => LEARNING_FRACTION,
                 FractionRule::Moments => fractions.best().map_or(LEARNING_FRACTION, |best| FRACTIONS[best]),
@@ -534,17 +548,20 @@ impl Learner {
         Evidence { counted: voxels().map(|v| v.counted.clone()).collect(), gain: voxels().map(|v| v.gain).collect() }
     }
 
-    /// The field to sample from: while `learning` half of the samples come from the BSDF, afterwards each voxel's own fraction;
-    /// a voxel that is better off without its guide then has none.
-    pub fn field(&self, learning: bool) -> GuideField {
-        self.field_of(self.voxels.len(), learning)
+    /// The field to sample from.
+    pub fn field(&self, of: Use) -> GuideField {
+        self.field_of(self.voxels.len(), of)
     }
 
     /// The same of the first `count` voxels, which is the field of a time when there were no more.
-    pub fn field_of(&self, count: usize, learning: bool) -> GuideField {
+    pub fn field_of(&self, count: usize, of: Use) -> GuideField {
         let Some(cache) = &self.cache else { return GuideField::empty() };
         let guide = |voxel: &Voxel| {
-            let bsdf_fraction = if learning { LEARNING_FRACTION as f32 } else { voxel.bsdf_fraction };
+            let bsdf_fraction = match of {
+                Use::Learning => LEARNING_FRACTION as f32,
+                Use::WhereTold if !voxel.told => 1.0,
+                Use::Rendering | Use::WhereTold => voxel.bsdf_fraction,
+            };
             let tree = voxel.guide.clone().filter(|_| bsdf_fraction < 1.0);
             VoxelGuide {
                 tree,

@@ -22,6 +22,7 @@ use std::time::Duration;
 
 use super::learning::Learning;
 use super::settings::{RenderSettings, StopRule};
+use super::split::Verdict;
 use super::state::{Half, Part, Phase, Position, State, Trend};
 use super::statistics::{Dropped, ErrorPoint, Iteration, Statistics};
 use crate::base::files::read_bytes;
@@ -136,7 +137,7 @@ impl Moment<'_> {
 
     fn state_numbers(&self) -> [f64; STATE] {
         let State { passes, early, gave_up, spent, rendered, sequences_from, trend, position, halves } = self.state;
-        let Trend { seconds, useful, gain, relative, .. } = *trend;
+        let Trend { seconds, useful, verdict, relative, .. } = *trend;
         let flag = |flag: bool| f64::from(u8::from(flag));
         let phase = Phase::ALL.iter().position(|phase| *phase == position.phase).unwrap_or(0);
         let done = |i: usize| flag(halves.get(i).is_some_and(|half| half.done.is_some()));
@@ -150,7 +151,7 @@ impl Moment<'_> {
             sequences_from.map_or(-1.0, f64::from),
             seconds,
             useful,
-            gain.unwrap_or(f64::NAN),
+            verdict.number(),
             relative,
             phase as f64,
             f64::from(position.iteration),
@@ -256,7 +257,7 @@ fn rows<const N: usize>(file: &Tensors, name: &str) -> Result<Vec<[f64; N]>> {
 }
 
 fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State> {
-    let &[passes, early, gave_up, spent, rendered, sequences, seconds, useful, gain, relative, ..] = numbers else {
+    let &[passes, early, gave_up, spent, rendered, sequences, seconds, useful, verdict, relative, ..] = numbers else {
         return file.fail("state", "numbers are missing");
     };
     let &[_, _, _, _, _, _, _, _, _, _, phase, iteration, voxels, began, traced, batches, each, half, ..] = numbers
@@ -296,7 +297,7 @@ fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State
         variances: file.read("variances", Dtype::F64, None, 1, f64::from_le_bytes)?,
         seconds,
         useful,
-        gain: (!gain.is_nan()).then_some(gain),
+        verdict: Verdict::from_number(verdict),
         relative,
     };
     let rendered = count(rendered);

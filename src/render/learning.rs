@@ -10,7 +10,7 @@ use crate::base::tensors::{Dtype, Tensors};
 use crate::guiding::cache::VoxelId;
 use crate::guiding::emission::{self, EmissionGuide, EmissionLearner, Start};
 use crate::guiding::field::GuideField;
-use crate::guiding::learner::Learner;
+use crate::guiding::learner::{Learner, Use};
 use crate::guiding::moments::PictureMoments;
 use crate::reconstruct::{Reconstructor, reconstruct_within};
 use crate::sampling::discrete::Discrete;
@@ -140,13 +140,8 @@ impl Learning {
         Ok(Iteration { voxels: self.learner.voxels(), nodes, reconstruct_seconds, ..Iteration::default() })
     }
 
-    /// The field to sample from next.
-    pub fn field(&self, learning: bool) -> GuideField {
-        self.learner.field(learning)
-    }
-
     /// The field of an iteration that began when there were `voxels`.
     pub fn field_of(&self, voxels: usize) -> GuideField {
-        self.learner.field_of(voxels, true)
+        self.learner.field_of(voxels, Use::Learning)
     }
 }

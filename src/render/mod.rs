@@ -29,13 +29,14 @@ use crate::film::{
     FinishedPass, Pass, PixelFilter, PixelSpread, Window, check_size, combine, expected_values, outliers, pixel_spread,
 };
 use crate::guiding::field::{Evidence, GuideField};
+use crate::guiding::learner::Use;
 use crate::materials::Material;
 use crate::materials::image::Image;
 use crate::reconstruct::Reconstructor;
 use crate::scene::Scene;
 use checkpoint::{MOST_SAMPLES, Moment, Resumed};
 use control::Watcher;
-use split::{Outlook, gain, learns_on, pays};
+use split::{Outlook, Verdict, judged, learns_on};
 use state::{Part, Phase, Position, State, Trend};
 
 /// What a render produced.
@@ -133,10 +134,15 @@ pub fn learn(
 /// What learning decided, in sentences.
 fn decisions(gave_up: bool, trend: &Trend, iterations: &[Iteration], photon_share: f64) -> Vec<String> {
     let count = iterations.len();
-    let measured = trend.gain.map_or("not measured yet".into(), |gain| format!("{gain:.2} times that without"));
-    let verdict = if gave_up { "off: it does not pay" } else { "on" };
-    let guiding =
-        format!("guiding {verdict}: the variance of a sample with it is {measured}, after {count} iterations");
+    let on = if gave_up { "off: it does not pay" } else { "on" };
+    let measured = match trend.verdict {
+        Verdict::Gain(gain) => format!("{on}: the variance of a sample with it is {gain:.2} times that without"),
+        Verdict::Unseen => format!("{on}: photons know of light that paths have not found yet"),
+        Verdict::Unknown => {
+            format!("{on} only where samples have told that it helps: too few found light to judge it as a whole")
+        }
+    };
+    let guiding = format!("guiding {measured}, after {count} iterations");
     let photons = iterations.first().filter(|first| first.photon_share > 0.0).map(|_| {
         let verdict = if photon_share > 0.0 { "on" } else { "off: what they teach does not pay" };
         format!("photons {verdict}: {:.2} light paths for each camera path in the end", photon_share.abs())
@@ -149,6 +155,8 @@ type Rendered = (Image, Option<PixelSpread>);
 
 /// Fewest paths in a chunk: enough to keep a few threads busy.
 const LEAST_CHUNK: u64 = 1 << 14;
+/// Iterations after which a verdict should be known even where light is hard to find.
+const LATEST_VERDICT: usize = 4;
 /// Samples per pixel that tell enough of what pixels will be.
 const LOOK: u32 = 4;
 /// A chunk is at least this part of the pixels, so that one alone leaves no gaps but narrow ones.
@@ -318,12 +326,18 @@ impl<'a> Run<'a> {
         self.statistics.decisions = decisions(self.state.gave_up, trend, iterations, learning.photon_share);
         // Of a guide that was given up there is nothing to look at.
         self.evidence = if self.state.gave_up { Evidence::default() } else { learning.learner.evidence() };
-        Ok(if self.state.gave_up { GuideField::empty() } else { learning.field(false) })
+        Ok(match self.state.trend.verdict {
+            _ if self.state.gave_up => GuideField::empty(),
+            Verdict::Unknown if !self.is_always_guided() => learning.learner.field(Use::WhereTold),
+            _ => learning.learner.field(Use::Rendering),
+        })
     }
 
     /// Whether there is to be an iteration `t`.
     fn goes_on_learning(&self, t: u32, photon_share: f64) -> bool {
-        let hopeless = t >= self.patience() && !self.pays();
+        let earlier = self.statistics.iterations.iter().rev().nth(1).and_then(|iteration| iteration.gain);
+        let hopeless = t >= self.patience() && !self.pays()
+            || !self.is_always_guided() && self.state.trend.verdict.is_hopeless(earlier);
         !hopeless && !self.watcher.stopped() && self.learns_on(1 << t, photon_share)
     }
 
@@ -366,7 +380,7 @@ impl<'a> Run<'a> {
         let seconds = self.watcher.elapsed() - began;
         let variance = part.pass.variance_relative_to(picture.as_deref());
         let trend = &mut self.state.trend;
-        trend.gain = variance.and_then(|v| gain(v, &learning.moments, finished.samples() as f64));
+        trend.verdict = variance.map_or(Verdict::Unknown, |v| judged(v, &learning.moments, finished.samples() as f64));
         trend.variances.extend(finished.sample_variance());
         trend.useful = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
         trend.seconds = seconds;
@@ -378,7 +392,7 @@ impl<'a> Run<'a> {
             spp: part.spp,
             seconds,
             mean_variance: finished.sample_variance().map_or(f64::NAN, |v| v / f64::from(part.spp)),
-            gain: trend.gain,
+            gain: trend.verdict.gain(),
             photon_share,
             ..iteration
         });
@@ -392,9 +406,14 @@ impl<'a> Run<'a> {
         if specular { 4 } else { 2 }
     }
 
+    /// Whether what guiding costs does not matter.
+    fn is_always_guided(&self) -> bool {
+        self.learn_only || !self.settings.gives_up
+    }
+
     /// Whether the guide at hand is worth its price, or its price does not matter.
     fn pays(&self) -> bool {
-        self.learn_only || !self.settings.gives_up || self.state.trend.gain.is_none_or(pays)
+        self.is_always_guided() || self.state.trend.verdict.pays()
     }
 
     /// Rays that reconstruction may have cost after this iteration: a share of those of the whole render as far as that can be
@@ -434,11 +453,14 @@ impl<'a> Run<'a> {
         if self.learn_only {
             outlook.cost <= outlook.left
         } else {
-            learns_on(
-                &outlook,
-                &trend.variances,
-                trend.gain.is_some() && trend.variances.len() >= self.patience() as usize,
-            )
+            // Variances of the first iterations are no trend; what is always guided is learned whatever is known.
+            let iterations = trend.variances.len();
+            let verdict = match trend.verdict {
+                Verdict::Gain(_) if iterations < self.patience() as usize => Verdict::Unseen,
+                Verdict::Unknown if iterations < LATEST_VERDICT || self.is_always_guided() => Verdict::Unseen,
+                verdict => verdict,
+            };
+            learns_on(&outlook, &trend.variances, verdict)
         }
     }
 

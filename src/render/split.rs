@@ -23,13 +23,62 @@ pub struct Outlook {
     pub limit: f64,
 }
 
-/// Whether to learn for another iteration, given the variances of one sample in the iterations so far, and whether it is `known`
-/// what the guide changes: while most of the noise is a few paths that found light by chance, variances tell nothing.
+/// What an iteration measured of its guide.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Verdict {
+    /// Variance of a sample with the guide over that without it, in (0, ∞).
+    Gain(f64),
+    /// Photons know of light that paths have not found: it is not known how much guiding will change, but that it will.
+    Unseen,
+    /// Nothing was measured, or what guiding changes is much of the variance and rests on few samples.
+    #[default]
+    Unknown,
+}
+
+impl Verdict {
+    /// The gain, where it was measured.
+    pub fn gain(self) -> Option<f64> {
+        if let Self::Gain(gain) = self { Some(gain) } else { None }
+    }
+
+    /// As one number, for checkpoints.
+    pub fn number(self) -> f64 {
+        match self {
+            Self::Gain(gain) => gain,
+            Self::Unseen => f64::INFINITY,
+            Self::Unknown => f64::NAN,
+        }
+    }
+
+    /// The verdict whose [`Verdict::number`] this is.
+    pub fn from_number(number: f64) -> Self {
+        match number {
+            f64::INFINITY => Self::Unseen,
+            gain if gain >= 0.0 => Self::Gain(gain),
+            _ => Self::Unknown,
+        }
+    }
+
+    /// Whether a guide of which this is known is worth its price: it is not only where the gain was measured and is too small.
+    pub fn pays(self) -> bool {
+        self.gain().is_none_or(pays)
+    }
+
+    /// Whether guides that get better as they did since an `earlier` iteration will not have paid for the next either.
+    pub fn is_hopeless(self, earlier: Option<f64>) -> bool {
+        let promised = |(gain, earlier): (f64, f64)| gain * (gain / earlier).min(1.0);
+        self.gain().zip(earlier).map(promised).is_some_and(|gain| !pays(gain))
+    }
+}
+
+/// Whether to learn for another iteration, given the variances of one sample in the iterations so far, and the `verdict` on the guide.
+/// While light that photons know of was hardly found, variances tell nothing and learning goes on. Where nothing is known, no more is
+/// spent than is free: scenes with fireflies would be learned until half of the budget is gone.
 ///
 /// Stopping now renders `left` at the variance s of the field at hand. Learning on spends `cost`, of which `useful` is rendered at
 /// s, and renders the rest at r·s, where r is how much the last iteration lowered the variance. Precisions add up where passes
 /// are combined by inverse variance, so learning pays where (left − cost)(1/r − 1) exceeds cost·(1 − useful).
-pub fn learns_on(outlook: &Outlook, variances: &[f64], known: bool) -> bool {
+pub fn learns_on(outlook: &Outlook, variances: &[f64], verdict: Verdict) -> bool {
     let spent = outlook.budget - outlook.left;
     if spent + outlook.cost > outlook.limit * outlook.budget {
         return false;
@@ -38,8 +87,10 @@ pub fn learns_on(outlook: &Outlook, variances: &[f64], known: bool) -> bool {
         return true;
     }
     let &[.., before, last] = variances else { return true };
-    if !known {
-        return true;
+    match verdict {
+        Verdict::Unseen => return true,
+        Verdict::Unknown => return false,
+        Verdict::Gain(_) => (),
     }
     let usable = before.is_finite() && last.is_finite() && before > 0.0 && last > 0.0;
     let factor = if usable { (last / before).clamp(FACTOR[0], FACTOR[1]) } else { FACTOR[1] };
@@ -61,24 +112,27 @@ const MOST_UNSEEN: f64 = 0.2;
 /// Part of the variance that is too small to matter, however little is known of it.
 const SMALL_PART: f64 = 0.25;
 
-/// Variance of a sample with a guide over that without it.
+/// Variance of a sample with a guide over that without it, see [`Verdict`].
 ///
 /// `variance` is that of a sample while learning, relative to the pixel's squared value; `moments`, in the same unit, were measured
 /// on `paths` samples. Means are the same whatever guides, so variances differ as second moments do; what lies between the pixels
 /// of an edge is in the variance alone. A path's vertices are counted as if their gains added up, which promises too much, hence
-/// the power. None where nothing was measured, where photons know of light that paths have not found, or where what guiding
-/// changes is much of the variance and rests on few samples.
-pub fn gain(variance: f64, moments: &PictureMoments, paths: f64) -> Option<f64> {
+/// the power.
+pub fn judged(variance: f64, moments: &PictureMoments, paths: f64) -> Verdict {
     let PictureMoments { learning, guided, unguided, onward, effective, unseen } = *moments;
-    if effective < LEAST_EVIDENCE && onward / paths > SMALL_PART * variance || unseen > MOST_UNSEEN {
-        return None;
+    if unseen > MOST_UNSEEN {
+        return Verdict::Unseen;
     }
     let [with, without] = [guided, unguided].map(|moment| variance + (moment - learning) / paths);
-    (without.is_finite() && without > 0.0).then(|| (with / without).max(0.0).powf(SHARED))
+    let few = effective < LEAST_EVIDENCE && onward / paths > SMALL_PART * variance;
+    if few || !(with.is_finite() && without.is_finite() && without > 0.0) {
+        return Verdict::Unknown;
+    }
+    Verdict::Gain((with / without).max(0.0).powf(SHARED))
 }
 
 /// Whether guiding with such a gain is worth what it costs.
-pub fn pays(gain: f64) -> bool {
+fn pays(gain: f64) -> bool {
     gain * GUIDED_COST < 1.0
 }
 
@@ -92,35 +146,53 @@ mod tests {
 
     #[test]
     fn guiding_pays_where_it_changes_most_of_the_variance() {
-        let gain = |variance, [learning, guided, unguided]: [f64; 3], effective| {
+        let verdict = |variance, [learning, guided, unguided]: [f64; 3], effective| {
             let onward = learning;
-            gain(variance, &PictureMoments { learning, guided, unguided, onward, effective, unseen: 0.1 }, 1.0)
+            judged(variance, &PictureMoments { learning, guided, unguided, onward, effective, unseen: 0.1 }, 1.0)
         };
         let ones = PictureMoments { learning: 1.0, guided: 1.0, unguided: 1.0, ..PictureMoments::default() };
         let unseen = PictureMoments { effective: 1e3, unseen: 0.5, ..ones };
-        assert_eq!(super::gain(10.0, &unseen, 1.0), None, "photons know of light that no path has found");
-        assert!(pays(gain(10.0, [8.0, 4.0, 30.0], 1e3).unwrap()));
-        assert!(!pays(gain(10.0, [8.0, 7.0, 9.0], 1e3).unwrap()), "a small gain");
-        assert!(!pays(gain(1000.0, [8.0, 4.0, 30.0], 3.0).unwrap()), "a large gain in a small part");
-        assert_eq!(gain(10.0, [8.0, 7.0, 9.0], 3.0), None, "a small gain of which little is known");
-        assert_eq!(gain(0.0, [0.0; 3], 1e3), None, "no light was found");
-        assert_eq!(gain(f64::NAN, [1.0; 3], 1e3), None);
-        assert_eq!(gain(1.0, [5.0, 2.0, 6.0], 1e3), Some(0.0));
+        assert_eq!(judged(10.0, &unseen, 1.0), Verdict::Unseen, "photons know of light that no path has found");
+        let pays = |verdict: Verdict| verdict.gain().is_some_and(pays);
+        assert!(pays(verdict(10.0, [8.0, 4.0, 30.0], 1e3)));
+        assert!(verdict(10.0, [8.0, 7.0, 9.0], 1e3).gain().is_some_and(|gain| !super::pays(gain)), "a small gain");
+        assert!(!verdict(1000.0, [8.0, 4.0, 30.0], 3.0).pays(), "a large gain in a small part");
+        assert_eq!(verdict(10.0, [8.0, 7.0, 9.0], 3.0), Verdict::Unknown, "a small gain of which little is known");
+        assert_eq!(verdict(0.0, [0.0; 3], 1e3), Verdict::Unknown, "no light was found");
+        assert_eq!(verdict(f64::NAN, [1.0; 3], 1e3), Verdict::Unknown);
+        assert_eq!(verdict(1.0, [5.0, 2.0, 6.0], 1e3), Verdict::Gain(0.0));
+        for verdict in [Verdict::Gain(0.7), Verdict::Unseen] {
+            assert_eq!(Verdict::from_number(verdict.number()), verdict);
+        }
+        assert_eq!(Verdict::from_number(Verdict::Unknown.number()), Verdict::Unknown);
+    }
+
+    #[test]
+    fn what_gets_better_fast_is_not_hopeless() {
+        assert!(!Verdict::Gain(0.8).is_hopeless(Some(1.0)), "0.64 would pay");
+        assert!(Verdict::Gain(0.85).is_hopeless(Some(0.9)), "0.8 would not");
+        assert!(!Verdict::Gain(0.7).is_hopeless(Some(0.6)), "it pays already");
+        assert!(!Verdict::Gain(0.9).is_hopeless(None), "one measurement has no trend");
+        assert!(!Verdict::Unknown.is_hopeless(Some(2.0)) && !Verdict::Unseen.is_hopeless(Some(2.0)));
     }
 
     #[test]
     fn learning_goes_on_while_it_pays() {
-        let halving = [8.0, 4.0];
-        let flat = [8.0, 8.0];
-        assert!(learns_on(&outlook(94.0, 6.0, 0.5), &flat, true), "the first iterations are free");
-        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &halving, true));
-        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &flat, true), "nothing is gained by photons that teach nothing");
-        assert!(!learns_on(&outlook(60.0, 20.0, 0.5), &halving, true), "no more than the limit");
-        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &[8.0, 16.0], true), "a guide that gets worse");
-        assert!(learns_on(&outlook(80.0, 20.0, 1.0), &flat, true), "learning that costs nothing");
-        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &[f64::NAN, 0.0], true));
-        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &[1.0], true), "one variance has no trend");
-        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &[1.0, 9.0], false), "light that has only just been found");
-        assert!(!learns_on(&outlook(60.0, 20.0, 0.5), &[1.0, 9.0], false), "no more than the limit");
+        let (halving, flat, known) = ([8.0, 4.0], [8.0, 8.0], Verdict::Gain(0.5));
+        assert!(learns_on(&outlook(94.0, 6.0, 0.5), &flat, known), "the first iterations are free");
+        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &halving, known));
+        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &flat, known), "nothing is gained by photons that teach nothing");
+        assert!(!learns_on(&outlook(60.0, 20.0, 0.5), &halving, known), "no more than the limit");
+        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &[8.0, 16.0], known), "a guide that gets worse");
+        assert!(learns_on(&outlook(80.0, 20.0, 1.0), &flat, known), "learning that costs nothing");
+        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &[f64::NAN, 0.0], known));
+        assert!(learns_on(&outlook(80.0, 20.0, 0.5), &[1.0], known), "one variance has no trend");
+        assert!(
+            learns_on(&outlook(80.0, 20.0, 0.5), &[1.0, 9.0], Verdict::Unseen),
+            "light that has only just been found"
+        );
+        assert!(!learns_on(&outlook(60.0, 20.0, 0.5), &[1.0, 9.0], Verdict::Unseen), "no more than the limit");
+        assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &halving, Verdict::Unknown), "fireflies");
+        assert!(learns_on(&outlook(94.0, 6.0, 0.5), &flat, Verdict::Unknown), "the first iterations are free");
     }
 }

@@ -1,5 +1,6 @@
 //! What a render has to remember between two chunks, beside what it learns.
 
+use super::split::Verdict;
 use crate::film::{FinishedPass, Pass};
 
 /// Everything that the rest of a render follows from.
@@ -30,8 +31,8 @@ pub(super) struct Trend {
     /// Seconds of the last iteration, and the part of them in which camera paths were traced.
     pub seconds: f64,
     pub useful: f64,
-    /// Variance with the guide over that without it, as the last iteration measured it.
-    pub gain: Option<f64>,
+    /// On the guide that the last iteration made.
+    pub verdict: Verdict,
     /// relMSE of a picture with one sample per pixel, by the last iteration; only kept where a target error asks for it.
     pub relative: f64,
 }

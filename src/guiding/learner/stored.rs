@@ -201,6 +201,7 @@ impl Voxel {
         let share = self.judged.as_ref().map_or(1.0, |judged| judged.share);
         all.extend([
             f64::from(u8::from(self.shaped)),
+            f64::from(u8::from(self.told)),
             f64::from(share),
             self.path_share,
             self.contribution,
@@ -231,7 +232,7 @@ impl Voxel {
         self.tree.set_samples(scales, counts);
         self.eighths = [0; 8].map(|_| (next() as u32).min(1 << 26));
         self.normals = Vec3::from([0; 3].map(|_| next() as f32));
-        self.shaped = next() != 0.0;
+        [self.shaped, self.told] = [0; 2].map(|_| next() != 0.0);
         let share = next();
         if let Some(judged) = &mut self.judged {
             judged.share = share as f32;
