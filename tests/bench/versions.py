@@ -1,0 +1,97 @@
+#!/usr/bin/env python3
+"""What a change is worth: several builds of fanal (or one build with several options) on the same scenes, in turns.
+
+    python3 tests/bench/versions.py SCENE_FOLDER... --build before=PATH --build 'after=PATH --roulette off' \\
+        [--methods none,gaussian,neural] [--spp 64 | --time 10] [--seeds 4] [--size WxH] [--json FILE]
+
+Each folder holds a scene.xml or scene.json and a reference.exr. The first build is the one that others are measured against. For every
+scene and method the table has the first build's trimmed relMSE (the mean over the seeds), and of every other build: the ratio of errors
+at equal budgets, of CPU seconds, and of errors times CPU seconds, which is about the ratio of errors at equal time where budgets are
+samples. Means are geometric over the seeds, which are paired, with the standard error of their logarithm. Only Python's own library is
+needed.
+"""
+
+import argparse
+import json
+import math
+import os
+import pathlib
+import resource
+import shlex
+import statistics
+import subprocess
+import sys
+import tempfile
+
+
+def cpu_of_children():
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def run(command, scene, method, budget, seed, folder):
+    """Trimmed relMSE, relMSE and CPU seconds of one render. NAME=VALUE words before the program are its environment."""
+    words = shlex.split(command)
+    settings = {}
+    while "=" in words[0]:
+        name, value = words.pop(0).split("=", 1)
+        settings[name] = value
+    out = folder / "out.exr"
+    file = next(path for path in (scene / "scene.xml", scene / "scene.json") if path.exists())
+    before = cpu_of_children()
+    render = [words[0], "render", file, "-o", out, "--guide", method, "--seed", seed, "--quiet", *budget, *words[1:]]
+    subprocess.run(list(map(str, render)), check=True, env={**os.environ, **settings})
+    cpu = cpu_of_children() - before
+    measured = subprocess.run([words[0], "error", out, scene / "reference.exr", "--json"], check=True, capture_output=True)
+    error = json.loads(measured.stdout)
+    return {"trimmed": error["relmse_trimmed"], "all": error["relmse"], "cpu": cpu}
+
+
+def ratio(pairs):
+    """Geometric mean of ratios, and the standard error of its logarithm."""
+    logs = [math.log(after / before) for before, after in pairs]
+    error = statistics.stdev(logs) / math.sqrt(len(logs)) if len(logs) > 1 else math.nan
+    return math.exp(statistics.mean(logs)), error
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="+", type=pathlib.Path)
+    parser.add_argument("--build", action="append", required=True, metavar="NAME=COMMAND")
+    parser.add_argument("--methods", default="none,gaussian,neural")
+    parser.add_argument("--spp", type=int)
+    parser.add_argument("--time", type=float)
+    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--size")
+    parser.add_argument("--json", type=pathlib.Path)
+    args = parser.parse_args()
+    builds = [build.split("=", 1) for build in args.build]
+    budget = ["--time", args.time] if args.time else ["--spp", args.spp or 64]
+    budget += ["--size", args.size] if args.size else []
+    sums, rows = {}, []
+    print("scene method | trimmed relMSE | per build: error, CPU, error x CPU (+- standard error of the logarithm)")
+    for scene in args.scenes:
+        for method in args.methods.split(","):
+            runs = {name: [] for name, _ in builds}
+            with tempfile.TemporaryDirectory() as folder:
+                for seed in range(1, args.seeds + 1):
+                    for name, command in builds if seed % 2 else reversed(builds):
+                        runs[name].append(run(command, scene, method, budget, seed, pathlib.Path(folder)))
+            first = runs[builds[0][0]]
+            cells = [f"{statistics.mean(r['trimmed'] for r in first):.3g} ({statistics.mean(r['cpu'] for r in first):.1f} s)"]
+            for name, _ in builds[1:]:
+                of = lambda what: ratio([(what(a), what(b)) for a, b in zip(first, runs[name])])
+                (error, spread), (cpu, _) = of(lambda r: r["trimmed"]), of(lambda r: r["cpu"])
+                cells.append(f"{name} {error:.3f} +-{spread:.3f}, {cpu:.3f}, {error * cpu:.3f}")
+                sums.setdefault((method, name), []).append((error, cpu))
+            rows.append({"scene": scene.name, "method": method, "runs": runs})
+            print(f"{scene.name:14} {method:9}| " + " | ".join(cells), flush=True)
+    for (method, name), values in sums.items():
+        error, cpu = (math.exp(statistics.mean(math.log(v[i]) for v in values)) for i in (0, 1))
+        print(f"{'geometric mean':14} {method:9}| {name} {error:.3f}, {cpu:.3f}, {error * cpu:.3f}")
+    if args.json:
+        args.json.write_text(json.dumps(rows, indent=1))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
