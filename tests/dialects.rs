@@ -225,7 +225,6 @@ fn approximations_are_named() {
     let loaded = load_text(&folder, "<scene><sensor type='perspective'/></scene>").unwrap();
     assert!(loaded.warnings[0].contains("read as 0.6"), "{:?}", loaded.warnings);
     for (version, body, supported) in [
-        ("0.6.0", "<emitter type='sunsky'/>", "envmap"),
         ("3.0.0", "<emitter type='projector'/>", "envmap"),
         ("0.6.0", "<bsdf type='irawan'/>", "roughplastic"),
         ("4.0.0", "", "3.x"),

@@ -129,8 +129,10 @@ fn what_is_on_without_need_changes_nothing() {
 
 /// Whether every light can be run into, so that paths find it that do not look for it.
 fn is_reachable(file: &SceneFile) -> bool {
-    let reachable = |light: &LightFile| matches!(light, LightFile::Constant { .. } | LightFile::Envmap { .. });
-    file.lights.iter().all(reachable)
+    let apart = |light: &LightFile| {
+        matches!(light, LightFile::Point { .. } | LightFile::Spot { .. } | LightFile::Directional { .. })
+    };
+    !file.lights.iter().any(apart)
 }
 
 /// The pairs that can be tested: where few samples have found light, means are not normal, and their errors say nothing.

@@ -20,6 +20,8 @@ use fanal::lights::area::AreaLight;
 use fanal::lights::distant::{Constant, Directional};
 use fanal::lights::envmap::Envmap;
 use fanal::lights::point::{Point, Spot};
+use fanal::lights::sky::{Atmosphere, Sky};
+use fanal::lights::sun::Sun;
 use fanal::lights::{BoundingSphere, Light, LightSet};
 use fanal::materials::image::Image;
 use fanal::math::Frame;
@@ -165,6 +167,44 @@ fn s01_environment_follows_its_density() {
     }
 }
 
+/// A disk of a quarter of a degree, and a wide one. Catches a cone of the wrong angle, and the digits that its cosine has lost.
+#[test]
+fn s01_suns_follow_their_density() {
+    let towards = Vec3::new(0.3, -0.2, 0.9).normalize();
+    for (angle, power) in [(0.25f32, 12.0), (40.0, 2.0)] {
+        let light = Light::Sun(Sun::new(-towards, Vec3::ONE, angle.to_radians()));
+        let chart = Chart::around(towards, power);
+        let mass = chart.check(
+            &format!("sun of {angle}°"),
+            [128, 8],
+            |wi| f64::from(light.background_pdf(wi)),
+            |random| background(&light, random),
+        );
+        assert!((mass - 1.0).abs() < 1e-3, "{mass}");
+        // Radiance over the cosine's integral: the irradiance.
+        let irradiance = chart.mass(|wi| f64::from(light.background(wi).x * wi.dot(towards)));
+        assert!((irradiance - 1.0).abs() < 1e-3, "{irradiance}");
+    }
+}
+
+/// A dome that ends above the nadir, where a row of the chart's cells does: a sky. Catches rows that are taken for those of a whole
+/// sphere.
+#[test]
+fn s01_skies_follow_their_density() {
+    let (sun, up) = (Vec3::new(0.5, 0.3, 0.6).normalize(), Vec3::new(0.1, 1.0, 0.4).normalize());
+    for (stretch, extend) in [(1.0, false), (1.25, false), (1.0, true)] {
+        let air = Atmosphere { sun, up, turbidity: 3.0, albedo: Vec3::splat(0.2), stretch, extend };
+        let light = Light::Envmap(Sky::new(&air).expect("within the model").envmap(1.0));
+        let mass = Chart::Rows { frame: Frame::new(up) }.check(
+            &format!("sky {stretch} {extend}"),
+            [32, 32],
+            |wi| f64::from(light.background_pdf(wi)),
+            |random| background(&light, random),
+        );
+        assert!((mass - 1.0).abs() < 1e-3, "{mass}");
+    }
+}
+
 /// Lamps of several sizes and sides, a point, a sky and a sun.
 fn many_lights() -> LightSet {
     let mut random = Random::new(21, 0, 0);
@@ -227,7 +267,10 @@ fn s01_photons_leave_in_the_directions_of_their_light() {
         if wi.z >= cutoff.cos() { 0.5 / std::f64::consts::PI / (1.0 - f64::from(cutoff).cos()) } else { 0.0 }
     };
     type Density<'a> = Box<dyn Fn(Vec3) -> f64 + Sync + 'a>;
-    let cases: [(&str, Light, Density); 6] = [
+    let sun = Sun::new(Vec3::Z, Vec3::ONE, 1.8);
+    let disk = Light::Sun(sun);
+    let cases: [(&str, Light, Density); 7] = [
+        ("sun", disk.clone(), Box::new(|wi: Vec3| f64::from(disk.background_pdf(-wi)))),
         ("triangle", Light::Area(AreaLight::new(down, Vec3::ONE)), Box::new(cosine)),
         ("ball", Light::Area(AreaLight::new(Shape::sphere(Vec3::ONE, 0.5, false), Vec3::ONE)), Box::new(uniform)),
         ("point", Light::Point(Point { position: Vec3::ONE, intensity: Vec3::ONE }), Box::new(uniform)),

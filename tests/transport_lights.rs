@@ -20,6 +20,7 @@ use fanal::lights::area::AreaLight;
 use fanal::lights::distant::{Constant, Directional};
 use fanal::lights::envmap::Envmap;
 use fanal::lights::point::{Point, Spot};
+use fanal::lights::sun::Sun;
 use fanal::lights::{BoundingSphere, Light};
 use fanal::materials::image::Image;
 use fanal::math::{Frame, channel_mean};
@@ -63,6 +64,8 @@ fn lights() -> Vec<(Light, Vec3)> {
         (Light::Point(Point { position: Vec3::ONE, intensity: color }), color * 4.0 * PI),
         (Light::Spot(Spot::new(axis, color, cutoff, beam)), color * 2.0 * PI * spot),
         (Light::Directional(Directional { direction: Vec3::NEG_Y, irradiance: color }), color * covered),
+        // Over its solid angle the disk has more than what crosses a plane: by the mean cosine, half of 1 + cos.
+        (Light::Sun(Sun::new(Vec3::NEG_Y, color, 1.0)), color * covered * 2.0 / (1.0 + 0.5f32.cos())),
         (Light::Constant(Constant { radiance: color }), color * 4.0 * PI * covered),
         (sky, (sum / f64::from(n)).as_vec3() * 4.0 * PI * covered),
     ]
@@ -172,6 +175,7 @@ fn s08_photons_bring_the_flux_that_paths_see() {
     let to_world = down.transpose().to_cols_array();
     let lights = [
         None,
+        Some(LightFile::Sun { direction: [0.5, -1.0, 0.3], irradiance: [2.0; 3], angle: 50.0 }),
         Some(LightFile::Constant { radiance: [2.0; 3] }),
         Some(LightFile::Point { position: [0.2, 0.6, -0.3], intensity: [2.0; 3] }),
         Some(LightFile::Spot { to_world, intensity: [2.0; 3], cutoff_angle: 40.0, beam_width: 15.0 }),
@@ -182,7 +186,7 @@ fn s08_photons_bring_the_flux_that_paths_see() {
         let expected = traced_flux(&scene, true);
         assert!(expected > 0.1);
         let mut fluxes = vec![emitted_flux(&scene)];
-        if i < 2 {
+        if i < 3 {
             fluxes.extend([false, true].map(|nee| deposited_flux(&scene, nee, DirectLight::All)));
             fluxes.push(traced_flux(&scene, false));
             let left_out = deposited_flux(&scene, true, DirectLight::Nothing);
@@ -281,6 +285,17 @@ fn s04_direct_light_has_its_closed_form() {
     let mut b = floor([32, 32], 1.0);
     b.add_light(LightFile::Constant { radiance: [2.0; 3] });
     direct("constant", &built(b.finish()), 2.0 * pi, true);
+    // A disk that is wholly above the floor has its irradiance times the cosine of its centre; before a sky both add up, although
+    // a ray that leaves meets both, and a lamp is chosen besides.
+    for (angle, sky) in [(60.0, None), (60.0, Some(2.0)), (70.0, Some(0.01))] {
+        let mut b = floor([32, 32], 1.0);
+        b.add_light(LightFile::Sun { direction: n.to_array(), irradiance: [2.0; 3], angle });
+        if let Some(radiance) = sky {
+            b.add_light(LightFile::Constant { radiance: [radiance; 3] });
+        }
+        let of_sky = f64::from(sky.unwrap_or(0.0)) * pi;
+        direct(&format!("sun and sky {sky:?}"), &built(b.finish()), 2.0 / 1.25f64.sqrt() + of_sky, true);
+    }
 }
 
 /// Radiance of a picture around the scene, in its own frame, by the convention that scene files document: u = atan2(x, −z)/2π and

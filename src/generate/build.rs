@@ -167,8 +167,11 @@ impl Builder {
                     *to_world = rigid(to_world);
                     *intensity = intensity.map(|i| i * scale * scale);
                 }
-                LightFile::Directional { direction, .. } => {
+                LightFile::Directional { direction, .. } | LightFile::Sun { direction, .. } => {
                     *direction = (turn * Vec3::from_array(*direction)).to_array()
+                }
+                LightFile::Sky { sun, up, .. } => {
+                    [sun, up].into_iter().for_each(|v| *v = (turn * Vec3::from_array(*v)).to_array())
                 }
                 LightFile::Envmap { to_world, .. } => *to_world = rigid(to_world),
                 LightFile::Constant { .. } => {}

@@ -369,8 +369,7 @@ impl PathTracer<'_> {
         }
         let lights = &self.scene.lights;
         let (choice, u) = (lights.choice(random), random.next_2d());
-        let Some((index, chosen)) = lights.choose(surface.point, choice) else { return nothing };
-        let Some(light) = lights.lights[index].sample(surface.point, u) else { return nothing };
+        let Some(light) = lights.sample(surface.point, choice, u) else { return nothing };
         let value = mixture.eval(light.wi);
         if value == Vec3::ZERO {
             return nothing;
@@ -382,7 +381,7 @@ impl PathTracer<'_> {
             return nothing;
         }
         // The density is not asked for before it is needed: most lights are hidden where guiding helps most.
-        let pdf = light.pdf * chosen * probability;
+        let pdf = light.pdf * probability;
         let (onward, bsdf_share) = if light.delta { (0.0, 1.0) } else { mixture.pdf(light.wi) };
         let weight = if light.delta { 1.0 } else { mis::balance(pdf, onward) };
         Direct { value: value * light.radiance * visible * (weight / pdf), bsdf_share, ratio: pdf / onward }

@@ -4,6 +4,8 @@ pub mod area;
 pub mod distant;
 pub mod envmap;
 pub mod point;
+pub mod sky;
+pub mod sun;
 pub mod tree;
 
 use glam::Vec3;
@@ -16,6 +18,7 @@ use area::AreaLight;
 use distant::{Constant, Directional};
 use envmap::Envmap;
 use point::{Point, Spot};
+use sun::Sun;
 use tree::{LightBounds, LightTree};
 
 /// A direction towards a light.
@@ -64,6 +67,8 @@ pub enum Light {
     Spot(Spot),
     /// Parallel light.
     Directional(Directional),
+    /// A disk of light infinitely far away.
+    Sun(Sun),
     /// The same radiance from everywhere.
     Constant(Constant),
     /// A picture around the scene.
@@ -79,6 +84,7 @@ impl Light {
             Self::Point(light) => light.sample(point),
             Self::Spot(light) => light.sample(point),
             Self::Directional(light) => Some(light.sample()),
+            Self::Sun(light) => Some(light.sample(u)),
             Self::Constant(light) => Some(light.sample(u)),
             Self::Envmap(light) => light.sample(u),
         }
@@ -86,17 +92,17 @@ impl Light {
 
     /// Whether a ray can reach the light, so that BSDF sampling or guiding can find it.
     pub fn is_reachable(&self) -> bool {
-        matches!(self, Self::Area(_) | Self::Constant(_) | Self::Envmap(_))
+        matches!(self, Self::Area(_) | Self::Sun(_) | Self::Constant(_) | Self::Envmap(_))
     }
 
     /// Whether the light has no position.
     pub fn is_at_infinity(&self) -> bool {
-        matches!(self, Self::Directional(_) | Self::Constant(_) | Self::Envmap(_))
+        matches!(self, Self::Directional(_) | Self::Sun(_) | Self::Constant(_) | Self::Envmap(_))
     }
 
     /// Whether rays that leave the scene may hit it.
     fn is_around(&self) -> bool {
-        matches!(self, Self::Constant(_) | Self::Envmap(_))
+        matches!(self, Self::Sun(_) | Self::Constant(_) | Self::Envmap(_))
     }
 
     /// Radiance from infinitely far away in direction `wi`, zero for lights that are not there.
@@ -104,6 +110,7 @@ impl Light {
         match self {
             Self::Constant(light) => light.radiance,
             Self::Envmap(light) => light.radiance(wi),
+            Self::Sun(light) => light.radiance(wi),
             _ => Vec3::ZERO,
         }
     }
@@ -113,6 +120,7 @@ impl Light {
         match self {
             Self::Constant(_) => Constant::pdf(),
             Self::Envmap(light) => light.pdf(wi),
+            Self::Sun(light) => light.pdf(wi),
             _ => 0.0,
         }
     }
@@ -124,6 +132,7 @@ impl Light {
             Self::Point(light) => Some(light.emit(u)),
             Self::Spot(light) => Some(light.emit(u)),
             Self::Directional(light) => Some(light.emit(bounds, u)),
+            Self::Sun(light) => Some(light.emit(bounds, u, v)),
             Self::Constant(light) => Some(light.emit(bounds, u, v)),
             Self::Envmap(light) => light.emit(bounds, u, v),
         }
@@ -135,7 +144,7 @@ impl Light {
             Self::Area(light) => Some(light.bounds()),
             Self::Point(light) => Some(light.bounds()),
             Self::Spot(light) => Some(light.bounds()),
-            Self::Directional(_) | Self::Constant(_) | Self::Envmap(_) => None,
+            Self::Directional(_) | Self::Sun(_) | Self::Constant(_) | Self::Envmap(_) => None,
         }
     }
 
@@ -146,6 +155,7 @@ impl Light {
             Self::Point(light) => light.power(),
             Self::Spot(light) => light.power(),
             Self::Directional(light) => light.power(bounds),
+            Self::Sun(light) => light.power(bounds),
             Self::Constant(light) => light.power(bounds),
             Self::Envmap(light) => light.power(bounds),
         }
@@ -162,7 +172,7 @@ pub struct LightSet {
     /// What lights with a place have of it in all.
     placed: f32,
     tree: LightTree,
-    /// Those that shine from infinitely far away over all directions.
+    /// Those infinitely far away that rays can meet.
     around: Vec<u32>,
     /// For photons: half evenly over all lights that shine, half by power, since a sky over a large ground has a million times the
     /// power of the lamp in the room that is looked at.
@@ -229,13 +239,19 @@ impl LightSet {
         }
     }
 
-    /// A sample of a chosen light; its density includes the choice.
+    /// A sample of a chosen light; its density includes the choice. Lights that rays meet together beyond the scene are sampled together.
     pub fn sample(&self, point: Vec3, choice: f64, u: [f32; 2]) -> Option<LightSample> {
         if self.lights.is_empty() {
             return None;
         }
         let (index, probability) = self.choose(point, choice)?;
-        let sample = self.lights[index].sample(point, u)?;
+        let light = &self.lights[index];
+        let sample = light.sample(point, u)?;
+        if self.around.len() > 1 && light.is_around() {
+            // A ray that leaves the scene meets all of them at once, so a sample of one is one of their sum.
+            let (radiance, pdf) = self.background(sample.wi);
+            return (pdf > 0.0).then_some(LightSample { radiance, pdf, ..sample });
+        }
         Some(LightSample { pdf: sample.pdf * probability, ..sample })
     }
 

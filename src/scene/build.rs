@@ -19,6 +19,8 @@ use crate::lights::area::AreaLight;
 use crate::lights::distant::{Constant, Directional};
 use crate::lights::envmap::Envmap;
 use crate::lights::point::{Point, Spot};
+use crate::lights::sky::{Atmosphere, Sky};
+use crate::lights::sun::Sun;
 use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::blend::Blend;
 use crate::materials::bump::{Bump, Map};
@@ -293,6 +295,23 @@ fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {
             direction: Vec3::from_array(*direction).normalize_or(Vec3::NEG_Y),
             irradiance: Vec3::from_array(*irradiance),
         }),
+        LightFile::Sun { direction, irradiance, angle } => Light::Sun(Sun::new(
+            Vec3::from_array(*direction).normalize_or(Vec3::NEG_Y),
+            Vec3::from_array(*irradiance),
+            angle.to_radians(),
+        )),
+        LightFile::Sky { sun, up, turbidity, albedo, scale, stretch, extend } => {
+            let air = Atmosphere {
+                sun: Vec3::from_array(*sun).normalize_or(Vec3::Y),
+                up: Vec3::from_array(*up).normalize_or(Vec3::Y),
+                turbidity: *turbidity,
+                albedo: Vec3::from_array(*albedo),
+                stretch: *stretch,
+                extend: *extend,
+            };
+            let undefined = || Error::malformed(Place::file(&loaded.directory), "a sky beyond what its model says");
+            Light::Envmap(Sky::new(&air).ok_or_else(undefined)?.envmap(*scale))
+        }
         LightFile::Constant { radiance } => Light::Constant(Constant { radiance: Vec3::from_array(*radiance) }),
         LightFile::Envmap { file, scale, to_world } => {
             let image = loaded.images.get(file).ok_or_else(|| unresolved(loaded, "picture", file))?;

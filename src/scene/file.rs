@@ -28,6 +28,18 @@ fn one() -> f32 {
     1.0
 }
 
+fn is_one(value: &f32) -> bool {
+    *value == 1.0
+}
+
+fn up() -> [f32; 3] {
+    [0.0, 1.0, 0.0]
+}
+
+fn is_up(direction: &[f32; 3]) -> bool {
+    *direction == up()
+}
+
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
@@ -742,6 +754,36 @@ pub enum LightFile {
         direction: [f32; 3],
         /// Irradiance on a plane across the direction, W·m⁻² per channel.
         irradiance: [f32; 3],
+    },
+    /// A disk of light infinitely far away, such as the sun, of the same radiance all over.
+    Sun {
+        /// World direction in which the light of its centre travels.
+        direction: [f32; 3],
+        /// Irradiance on a plane across the direction, W·m⁻² per channel.
+        irradiance: [f32; 3],
+        /// Angle that it fills, from edge to edge, in degrees: 0.1 to 180.
+        angle: f32,
+    },
+    /// The clear sky of Hošek and Wilkie 2012 without the sun's disk, in W·m⁻²·sr⁻¹·nm⁻¹; black below the horizon.
+    Sky {
+        /// World direction to the sun, which must not be below the horizon.
+        sun: [f32; 3],
+        /// World direction upwards.
+        #[serde(default = "up", skip_serializing_if = "is_up")]
+        up: [f32; 3],
+        /// How hazy the air is, in [1, 10].
+        turbidity: f32,
+        /// Albedo of the ground, which lights the sky, in [0, 1].
+        albedo: [f32; 3],
+        /// Factor on the radiance.
+        #[serde(default = "one")]
+        scale: f32,
+        /// Factor on angles from the zenith, in [1, 2]: 2 draws the sky down to the nadir.
+        #[serde(default = "one", skip_serializing_if = "is_one")]
+        stretch: f32,
+        /// The horizon's light goes on below it, fading out towards the nadir.
+        #[serde(default, skip_serializing_if = "is_default")]
+        extend: bool,
     },
     /// The same radiance from every direction.
     Constant {

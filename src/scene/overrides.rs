@@ -7,7 +7,9 @@ use std::str::FromStr;
 
 use super::effects::Needs;
 use super::file::{LightFile, MaterialFile, SceneFile, TextureFile};
-use super::plan::{EffectKind, EffectPlan, is_clear, is_coated, is_environment, is_glossy, is_mirror, is_pane};
+use super::plan::{
+    EffectKind, EffectPlan, is_clear, is_coated, is_directional, is_environment, is_glossy, is_mirror, is_pane,
+};
 
 /// `+name` or `-name`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,7 +74,7 @@ fn remove(scene: &mut SceneFile, kind: EffectKind) {
         K::AreaLights => scene.shapes.iter_mut().for_each(|shape| shape.emission = None),
         K::PointLights => scene.lights.retain(|light| !matches!(light, LightFile::Point { .. })),
         K::SpotLights => scene.lights.retain(|light| !matches!(light, LightFile::Spot { .. })),
-        K::DirectionalLights => scene.lights.retain(|light| !matches!(light, LightFile::Directional { .. })),
+        K::DirectionalLights => scene.lights.retain(|light| !is_directional(light)),
         K::Environment => scene.lights.retain(|light| !is_environment(light)),
         K::DepthOfField => scene.camera.aperture_radius = 0.0,
         K::Medium => remove_media(scene),

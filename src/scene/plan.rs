@@ -171,7 +171,7 @@ impl<'a> Survey<'a> {
             K::AreaLights => on("light from", &self.emitters(), "no shape emits"),
             K::PointLights => self.lights("point light", |l| matches!(l, LightFile::Point { .. })),
             K::SpotLights => self.lights("spot light", |l| matches!(l, LightFile::Spot { .. })),
-            K::DirectionalLights => self.lights("directional light", |l| matches!(l, LightFile::Directional { .. })),
+            K::DirectionalLights => self.lights("directional light", is_directional),
             K::Environment => self.lights("constant light or environment map", is_environment),
             K::Mirrors => on("smooth metal:", &self.having(is_mirror), "no smooth metal"),
             K::Transmission => on("clear material:", &self.having(is_clear), "no clear material"),
@@ -280,6 +280,8 @@ fn light_name(light: &LightFile) -> &'static str {
         LightFile::Point { .. } => "point light",
         LightFile::Spot { .. } => "spot light",
         LightFile::Directional { .. } => "directional light",
+        LightFile::Sun { .. } => "sun",
+        LightFile::Sky { .. } => "sky",
         LightFile::Constant { .. } => "constant light",
         LightFile::Envmap { .. } => "environment map",
     }
@@ -287,7 +289,12 @@ fn light_name(light: &LightFile) -> &'static str {
 
 /// Whether light comes from all around.
 pub(super) fn is_environment(light: &LightFile) -> bool {
-    matches!(light, LightFile::Constant { .. } | LightFile::Envmap { .. })
+    matches!(light, LightFile::Constant { .. } | LightFile::Envmap { .. } | LightFile::Sky { .. })
+}
+
+/// Whether light comes from one direction, or nearly so.
+pub(super) fn is_directional(light: &LightFile) -> bool {
+    matches!(light, LightFile::Directional { .. } | LightFile::Sun { .. })
 }
 
 /// Whether one of the parts passes.

@@ -228,7 +228,17 @@ fn xml() -> Reader {
          <emitter type='envmap'><string name='filename' value='sky.exr'/><float name='scale' value='0.1'/></emitter>",
     )
     .replace("3.0.0", "0.5.0");
-    let seeds = vec![files::XML.into(), files::xml_with(body).into(), old.into()];
+    let date = "<integer name='year' value='2010'/><integer name='month' value='7'/><float name='hour' value='9'/>\
+         <float name='latitude' value='35'/><float name='turbidity' value='3'/>";
+    let day = files::xml_with(&format!(
+        "<emitter type='sunsky'>{date}<rgb name='albedo' value='0.1 0.2 0.3'/><float name='sun_aperture' value='2'/></emitter>"
+    ));
+    let old_day = files::xml_with(
+        "<emitter type='sunsky'><vector name='sunDirection' x='-0.86' y='0.41' z='-0.27'/><float name='skyScale' value='6'/>\
+         <float name='sunRadiusScale' value='18.8'/><boolean name='extend' value='true'/></emitter>",
+    )
+    .replace("3.0.0", "0.5.0");
+    let seeds = vec![files::XML.into(), files::xml_with(body).into(), old.into(), day.into(), old_day.into()];
     let tokens = "<scene> </scene> <!-- --> <![CDATA[ ]]> <!DOCTYPE <!ENTITY &amp; &lt; &#0; &#x10FFFF; $side $ <?xml ?> /> xmlns= \
         path volpath direct prb thindielectric diffuse roughconductor normalmap checkerboard scale uvscale perspective hdrfilm box \
         gaussian tent bilinear repeat mirror clamp nearest beckmann ggx wavelength uniform d65 irregular interior exterior isotropic";

@@ -41,7 +41,8 @@ pub fn check(file: &SceneFile, meshes: &BTreeMap<String, Arc<Mesh>>, places: &Pl
         let place = match light {
             LightFile::Point { position, .. } => DVec3::from_array(position.map(f64::from)),
             LightFile::Spot { to_world, .. } => offset(to_world),
-            LightFile::Directional { .. } | LightFile::Constant { .. } | LightFile::Envmap { .. } => DVec3::ZERO,
+            LightFile::Directional { .. } | LightFile::Sun { .. } => DVec3::ZERO,
+            LightFile::Constant { .. } | LightFile::Envmap { .. } | LightFile::Sky { .. } => DVec3::ZERO,
         };
         within(&format!("lights[{index}]"), place.abs().max_element())?;
     }

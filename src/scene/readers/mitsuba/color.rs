@@ -171,7 +171,7 @@ fn black_body(element: &Element, temperature: &str, scale: f64, purpose: Use) ->
 
 /// Linear RGB of a spectrum, relative to one that is 1 everywhere and has luminance 1. What lies outside of what RGB can
 /// say is clamped.
-fn integrate(spectrum: impl Fn(f64) -> f64, purpose: Use) -> [f32; 3] {
+pub(super) fn integrate(spectrum: impl Fn(f64) -> f64, purpose: Use) -> [f32; 3] {
     /// Between two rows of the table.
     const STEPS: usize = 10;
     let (mut sum, mut white) = (DVec3::ZERO, 0.0);

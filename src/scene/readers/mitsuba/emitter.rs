@@ -7,10 +7,12 @@ use crate::scene::file::LightFile;
 
 use super::Reader;
 use super::color::Use;
+use super::daylight::OLD_SUNSKY;
 use super::element::Element;
 use super::object::{Object, kind};
 
-const KINDS: [&str; 6] = ["area (inside a shape)", "point", "spot", "directional", "constant", "envmap"];
+const KINDS: [&str; 9] =
+    ["area (inside a shape)", "point", "spot", "directional", "constant", "envmap", "sunsky", "sky", "sun"];
 
 impl<'a> Reader<'a> {
     /// The radiance of a shape's emitter.
@@ -32,11 +34,17 @@ impl<'a> Reader<'a> {
                 LightFile::Constant { radiance: object.color_for("radiance", Use::Light)?.unwrap_or([1.0; 3]) }
             }
             "envmap" => self.envmap(element)?,
+            "sunsky" | OLD_SUNSKY | "sky" | "sun" => return self.daylight(element),
             other => return Err(element.unsupported(format!("emitter \"{other}\" here"), &KINDS)),
         };
+        self.add_light(element, light);
+        Ok(())
+    }
+
+    /// Puts a light into the scene that `element` says.
+    pub(super) fn add_light(&mut self, element: &Element, light: LightFile) {
         self.places.set(format!("lights[{}]", self.file.lights.len()), element.place.clone());
         self.file.lights.push(light);
-        Ok(())
     }
 
     fn point(&self, element: &'a Element) -> Result<LightFile> {

@@ -3,6 +3,7 @@
 
 use crate::base::Result;
 
+use super::daylight::OLD_SUNSKY;
 use super::element::Element;
 
 /// Elements with another name.
@@ -66,6 +67,8 @@ fn upgrade(element: &mut Element, warnings: &mut Vec<String>) {
         }
         ("texture", _) => texture_transform(element),
         ("bsdf", "conductor" | "roughconductor") => copper(element),
+        // The same name, but another frame, another sun and other defaults.
+        ("emitter", "sunsky") => element.set("type", OLD_SUNSKY.to_owned()),
         ("spectrum", "") => plain_numbers(element),
         _ => {}
     }

@@ -1,9 +1,14 @@
 //! Checks of lights.
 
+use glam::DVec3;
+
 use crate::base::Result;
 use crate::scene::file::LightFile;
 
 use super::number::Checker;
+
+/// Smallest angle of a sun, degrees: of a smaller one, directions in singles do not tell the edge.
+pub const LEAST_ANGLE: f32 = 0.1;
 
 /// Checks one light.
 pub fn light(check: &Checker, key: &str, light: &LightFile) -> Result<()> {
@@ -19,11 +24,25 @@ pub fn light(check: &Checker, key: &str, light: &LightFile) -> Result<()> {
             cone(check, key, *cutoff_angle, *beam_width)
         }
         LightFile::Directional { direction, irradiance } => {
-            check.finite(&part("direction"), direction)?;
-            if direction.iter().all(|&x| x == 0.0) {
-                return check.fail(&part("direction"), "the direction is zero");
-            }
+            self::direction(check, &part("direction"), direction)?;
             check.color(&part("irradiance"), irradiance)
+        }
+        LightFile::Sun { direction, irradiance, angle } => {
+            self::direction(check, &part("direction"), direction)?;
+            check.color(&part("irradiance"), irradiance)?;
+            within(check, &part("angle"), *angle, [LEAST_ANGLE, 180.0])
+        }
+        LightFile::Sky { sun, up, turbidity, albedo, scale, stretch, .. } => {
+            direction(check, &part("sun"), sun)?;
+            direction(check, &part("up"), up)?;
+            let [sun, up] = [sun, up].map(|v| DVec3::from_array(v.map(f64::from)).normalize());
+            if sun.dot(up) < -1e-6 {
+                return check.fail(&part("sun"), "the sun is below the horizon");
+            }
+            within(check, &part("turbidity"), *turbidity, [1.0, 10.0])?;
+            check.albedo(&part("albedo"), albedo)?;
+            check.at_least(&part("scale"), *scale, 0.0)?;
+            within(check, &part("stretch"), *stretch, [1.0, 2.0])
         }
         LightFile::Constant { radiance } => check.color(&part("radiance"), radiance),
         LightFile::Envmap { scale, to_world, .. } => {
@@ -31,6 +50,22 @@ pub fn light(check: &Checker, key: &str, light: &LightFile) -> Result<()> {
             check.transform(&part("to_world"), to_world)
         }
     }
+}
+
+fn direction(check: &Checker, key: &str, direction: &[f32; 3]) -> Result<()> {
+    check.finite(key, direction)?;
+    if direction.iter().all(|&x| x == 0.0) {
+        return check.fail(key, "the direction is zero");
+    }
+    Ok(())
+}
+
+fn within(check: &Checker, key: &str, value: f32, [least, most]: [f32; 2]) -> Result<()> {
+    if value >= least && value <= most {
+        return Ok(());
+    }
+    let name = key.rsplit('.').next().unwrap_or(key);
+    check.fail(key, format!("{name} is {value}, expected a number from {least} to {most}"))
 }
 
 fn cone(check: &Checker, key: &str, cutoff: f32, beam: f32) -> Result<()> {

@@ -11,11 +11,13 @@ use crate::scene::file::{
     CameraFile, FilmFile, FilterFile, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, MeshFile, RenderFile,
     SceneFile, ShapeFile, VERSION,
 };
+use crate::scene::plan::is_environment;
 
 use super::json::unsupported_version;
 use super::places::Places;
 use number::Checker;
 
+pub use lights::LEAST_ANGLE;
 pub use number::linear;
 
 /// Longest side of a picture in pixels.
@@ -176,10 +178,9 @@ fn uniform_scale(check: &Checker, key: &str, matrix: &Matrix) -> Result<()> {
 }
 
 fn one_environment(check: &Checker, lights: &[LightFile]) -> Result<()> {
-    let is_environment = |light: &LightFile| matches!(light, LightFile::Constant { .. } | LightFile::Envmap { .. });
     match lights.iter().enumerate().filter(|(_, light)| is_environment(light)).nth(1) {
         Some((index, _)) => {
-            check.fail(&format!("lights[{index}]"), "a scene may have only one constant or envmap light")
+            check.fail(&format!("lights[{index}]"), "a scene may have only one constant, envmap or sky light")
         }
         None => Ok(()),
     }
