@@ -19,6 +19,7 @@ use fanal::materials::plastic::Plastic;
 use fanal::materials::principled::{Parameters, Principled};
 use fanal::materials::rough_conductor::RoughConductor;
 use fanal::materials::rough_dielectric::{LEAST_STEP, RoughDielectric};
+use fanal::materials::rough_diffuse::RoughDiffuse;
 use fanal::materials::texture::Texture;
 use fanal::materials::{BsdfSample, Kind, Material, Transport};
 use glam::{DVec3, Vec2, Vec3};
@@ -201,6 +202,48 @@ fn diffuse_and_smooth_plastic() {
     values.check(3 * INPUTS);
     pdfs.check(INPUTS);
     diffuse.check(3 * INPUTS);
+}
+
+/// Facets that are diffuse: Oren and Nayar's functional approximation (1994, §4.4) and their qualitative model (§4.5), with a variance
+/// of α²/2. No albedo above 0.9, so that nothing is bounded. Inherent: opposite to the light, and where both directions graze the
+/// surface, little is left of sums of terms that are rounded to singles, up to a factor tan β ≫ 1.
+#[test]
+fn rough_diffuse() {
+    let (mut whole, mut simple) = (Worst::new("facets"), Worst::new("facets, qualitative"));
+    let mut random = Random::new(15, 0, 0);
+    let materials = 40;
+    for i in 0..materials {
+        let (rho, alpha, qualitative) = (0.9 * colour(&mut random), random.range(0.02, 1.2), i % 2 == 0);
+        let made = RoughDiffuse::new(Texture::Constant(rho), alpha, qualitative);
+        let material: Material = Kind::RoughDiffuse(Box::new(made)).into();
+        let variance = f64::from(alpha).powi(2) / 2.0;
+        for _ in 0..INPUTS / materials {
+            let (wo, wi) = (in_front(&mut random), in_front(&mut random));
+            let (o, i) = (wo.as_dvec3(), wi.as_dvec3());
+            let angle = |w: DVec3| w.x.hypot(w.y).atan2(w.z);
+            let (a, b) = (angle(o).max(angle(i)), angle(o).min(angle(i)));
+            let cos_phi = (o.y.atan2(o.x) - i.y.atan2(i.x)).cos();
+            let steep = variance / (variance + 0.09);
+            let c1 = 1.0 - 0.5 * variance / (variance + 0.33);
+            let c2 = 0.45 * steep * if cos_phi >= 0.0 { a.sin() } else { a.sin() - (2.0 * b / PI).powi(3) };
+            let c3 = 0.125 * steep * (4.0 * a * b / (PI * PI)).powi(2);
+            let once = c1 + cos_phi * c2 * b.tan() + (1.0 - cos_phi.abs()) * c3 * (0.5 * (a + b)).tan();
+            let twice = 0.17 * variance / (variance + 0.13) * (1.0 - cos_phi * (2.0 * b / PI).powi(2));
+            let plain = c1 + 0.45 * steep * cos_phi.max(0.0) * a.sin() * b.tan();
+            for c in 0..3 {
+                let rho = f64::from(rho[c]);
+                let value = if qualitative { rho * plain } else { rho * once + rho * rho * twice };
+                let value = value.max(0.0) * i.z / PI;
+                let terms = rho * (1.0 + 0.45 * steep * b.tan() + c3 * (0.5 * (a + b)).tan()) * i.z / PI;
+                let inherent = 5e-7 * terms / value.max(1e-30);
+                let at = || format!("ρ {rho}, α {alpha}, {wo} {wi}");
+                let worst = if qualitative { &mut simple } else { &mut whole };
+                worst.compare(material.eval(Vec2::ZERO, wo, wi)[c], value, inherent, at);
+            }
+        }
+    }
+    whole.check(INPUTS);
+    simple.check(INPUTS);
 }
 
 fn sampled(kind: Kind, wo: Vec3, random: &mut Random) -> BsdfSample {

@@ -17,6 +17,7 @@ pub mod plastic;
 pub mod principled;
 pub mod rough_conductor;
 pub mod rough_dielectric;
+pub mod rough_diffuse;
 pub mod texture;
 
 use glam::{Vec2, Vec3};
@@ -30,6 +31,7 @@ use plastic::Plastic;
 use principled::Principled;
 use rough_conductor::RoughConductor;
 use rough_dielectric::RoughDielectric;
+use rough_diffuse::RoughDiffuse;
 use texture::Texture;
 
 use crate::base::random::Random;
@@ -92,6 +94,8 @@ impl Tint {
 pub enum Kind {
     /// Lambertian.
     Diffuse(Diffuse),
+    /// Diffuse facets.
+    RoughDiffuse(Box<RoughDiffuse>),
     /// Smooth metal.
     Conductor(Conductor),
     /// Rough metal.
@@ -136,7 +140,11 @@ impl Material {
             Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => 1.0,
             Kind::Plastic(m) => m.delta_probability(wo),
             Kind::Blend(m) => m.delta_probability(uv, wo),
-            Kind::Diffuse(_) | Kind::RoughConductor(_) | Kind::RoughDielectric(_) | Kind::Principled(_) => 0.0,
+            Kind::Diffuse(_)
+            | Kind::RoughDiffuse(_)
+            | Kind::RoughConductor(_)
+            | Kind::RoughDielectric(_)
+            | Kind::Principled(_) => 0.0,
         }
     }
 
@@ -166,6 +174,7 @@ impl Material {
         let (wo, wi) = self.to_front(wo, wi);
         let value = match &self.kind {
             Kind::Diffuse(m) => m.eval(uv, wo, wi),
+            Kind::RoughDiffuse(m) => m.eval(uv, wo, wi),
             Kind::RoughConductor(m) => m.eval(uv, wo, wi),
             Kind::RoughDielectric(m) => Vec3::splat(m.eval(wo, wi)),
             Kind::Plastic(m) => m.eval(uv, wo, wi),
@@ -181,6 +190,7 @@ impl Material {
         let (wo, wi) = self.to_front(wo, wi);
         match &self.kind {
             Kind::Diffuse(_) => Diffuse::pdf(wo, wi),
+            Kind::RoughDiffuse(_) => RoughDiffuse::pdf(wo, wi),
             Kind::RoughConductor(m) => m.pdf(wo, wi),
             Kind::RoughDielectric(m) => m.pdf(wo, wi),
             Kind::Plastic(m) => m.pdf(wo, wi),
@@ -197,6 +207,7 @@ impl Material {
         let wo = if flip { -wo } else { wo };
         let mut sample = match &self.kind {
             Kind::Diffuse(m) => m.sample(uv, wo, u),
+            Kind::RoughDiffuse(m) => m.sample(uv, wo, u),
             Kind::RoughConductor(m) => m.sample(uv, wo, u),
             Kind::Conductor(m) => m.sample(uv, wo),
             Kind::Dielectric(m) => m.sample(wo, u[0], transport),
@@ -217,6 +228,7 @@ impl Material {
     pub fn albedo(&self, uv: Vec2) -> Vec3 {
         match &self.kind {
             Kind::Diffuse(m) => m.reflectance.eval(uv),
+            Kind::RoughDiffuse(m) => m.albedo(uv),
             Kind::Conductor(m) => m.metal.albedo(uv),
             Kind::RoughConductor(m) => m.metal.albedo(uv),
             Kind::Plastic(m) => m.albedo(uv),

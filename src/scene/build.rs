@@ -35,6 +35,7 @@ use crate::materials::plastic::Plastic;
 use crate::materials::principled::{Parameters, Principled};
 use crate::materials::rough_conductor::RoughConductor;
 use crate::materials::rough_dielectric::{LEAST_STEP, RoughDielectric};
+use crate::materials::rough_diffuse::RoughDiffuse;
 use crate::materials::texture::Texture;
 use crate::materials::{Kind, Material, Tint};
 
@@ -215,6 +216,12 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
             parts: [material(&materials[0], loaded)?, material(&materials[1], loaded)?],
         })),
         MaterialFile::Diffuse { reflectance } => Kind::Diffuse(Diffuse { reflectance: texture(reflectance, loaded)? }),
+        MaterialFile::RoughDiffuse { reflectance, alpha, .. } if *alpha < SMOOTH => {
+            Kind::Diffuse(Diffuse { reflectance: texture(reflectance, loaded)? })
+        }
+        MaterialFile::RoughDiffuse { reflectance, alpha, qualitative } => {
+            Kind::RoughDiffuse(Box::new(RoughDiffuse::new(texture(reflectance, loaded)?, *alpha, *qualitative)))
+        }
         MaterialFile::Conductor { eta, k, specular_reflectance } => {
             Kind::Conductor(Conductor { metal: metal(eta, k, specular_reflectance)? })
         }

@@ -335,6 +335,16 @@ pub enum MaterialFile {
         /// Albedo in [0, 1].
         reflectance: TextureFile,
     },
+    /// Diffuse facets (Oren and Nayar 1994) on the front side; the back side is black.
+    RoughDiffuse {
+        /// Albedo of the facets in [0, 1].
+        reflectance: TextureFile,
+        /// Roughness, the root mean square slope of the facets; 0 is diffuse.
+        alpha: f32,
+        /// Use the simpler of the authors' two models, which leaves out light that facets throw at one another.
+        #[serde(default, skip_serializing_if = "is_default")]
+        qualitative: bool,
+    },
     /// A smooth metal.
     Conductor {
         /// Real part of the refractive index per channel.
@@ -504,7 +514,9 @@ pub struct PrincipledFile {
 macro_rules! textures {
     ($material:ident, $each:ident, $iter:ident) => {
         match $material {
-            Self::Diffuse { reflectance } => vec![("reflectance", reflectance)],
+            Self::Diffuse { reflectance } | Self::RoughDiffuse { reflectance, .. } => {
+                vec![("reflectance", reflectance)]
+            }
             Self::Conductor { specular_reflectance, .. } | Self::RoughConductor { specular_reflectance, .. } => {
                 vec![("specular_reflectance", specular_reflectance)]
             }

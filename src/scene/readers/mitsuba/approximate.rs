@@ -12,13 +12,6 @@ use super::object::{Object, kind};
 const MOST_SPECULAR: f32 = 0.5;
 
 impl<'a> Reader<'a> {
-    /// Oren and Nayar's surface without its roughness.
-    pub(super) fn rough_diffuse(&mut self, element: &'a Element) -> Result<MaterialFile> {
-        let object = Object::new(element, &self.ids, &["reflectance", "alpha", "use_fast_approx"], &[])?;
-        self.warn(element, "roughdiffuse is read as diffuse: its roughness is left out");
-        Ok(MaterialFile::Diffuse { reflectance: self.texture(&object, "reflectance", 0.5)? })
-    }
-
     /// What is under a coat.
     pub(super) fn coating(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let object = Object::lenient(element, &self.ids)?;

@@ -2,6 +2,7 @@
 
 use crate::base::{Error, Result};
 use crate::materials::texture::luminance;
+use crate::math::channel_mean;
 use crate::scene::file::{Distribution, Filter, MaterialFile, TextureFile};
 
 use super::Reader;
@@ -147,6 +148,15 @@ impl<'a> Reader<'a> {
         let result = read(self);
         self.depth -= 1;
         result
+    }
+
+    fn rough_diffuse(&mut self, element: &'a Element) -> Result<MaterialFile> {
+        let object = Object::new(element, &self.ids, &["reflectance", "alpha", "use_fast_approx"], &[])?;
+        Ok(MaterialFile::RoughDiffuse {
+            reflectance: self.texture(&object, "reflectance", 0.5)?,
+            alpha: self.mean_color(&object, "alpha", Use::Index)?.map_or(0.2, |alpha| channel_mean(alpha.into())),
+            qualitative: object.boolean("use_fast_approx")?.unwrap_or(false),
+        })
     }
 
     fn conductor(&mut self, element: &'a Element) -> Result<MaterialFile> {

@@ -10,8 +10,9 @@ use super::element::Element;
 const TAGS: [(&str, &str); 3] = [("lookAt", "lookat"), ("luminaire", "emitter"), ("camera", "sensor")];
 
 /// Element, its type (empty for any), the property's old name in snake case, and its new name.
-const PROPERTIES: [(&str, &str, &str, &str); 6] = [
+const PROPERTIES: [(&str, &str, &str, &str); 7] = [
     ("bsdf", "diffuse", "diffuse_reflectance", "reflectance"),
+    ("bsdf", "roughdiffuse", "diffuse_reflectance", "reflectance"),
     ("emitter", "area", "intensity", "radiance"),
     ("emitter", "constant", "intensity", "radiance"),
     ("emitter", "directional", "intensity", "irradiance"),

@@ -43,6 +43,7 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
         texture(check, &format!("{key}.{name}"), file)?;
     }
     match material_file {
+        MaterialFile::RoughDiffuse { alpha, .. } => check.at_least(&format!("{key}.alpha"), *alpha, 0.0),
         MaterialFile::Conductor { eta, k, .. } => index_of_metal(check, key, eta, k),
         MaterialFile::RoughConductor { alpha, eta, k, .. } => {
             check.at_least(&format!("{key}.alpha"), *alpha, 0.0)?;
