@@ -310,6 +310,34 @@ fn texture_coordinates_flip() {
     assert!(turned.iter().zip(&kept).all(|(a, b)| a.x == b.x && a.y == 1.0 - b.y) && kept[2].y == 1.0);
 }
 
+/// Colours fitted to spectra have negative indices of refraction here and there. Only squares count, so they are as good as positive
+/// ones: value of `roughconductor` in Mitsuba 3.7.1 (`scalar_rgb`), which is the same for both. An index around the metal divides.
+#[test]
+fn negative_indices_of_metals() {
+    let folder = folder();
+    let metal = |version: &str, kind: &str, body: &str| {
+        let text = format!("<bsdf type='{kind}' id='m'>{body}</bsdf><shape type='sphere'><ref id='m'/></shape>");
+        load_body(&folder, version, &text)
+    };
+    let value = |eta: &str, k: &str| {
+        let body =
+            format!("<float name='alpha' value='0.4'/><rgb name='eta' value='{eta}'/><rgb name='k' value='{k}'/>");
+        let loaded = metal("3.0.0", "roughconductor", &body).unwrap_or_else(|error| panic!("{error}"));
+        let scene = Scene::build(&loaded, [1, 1]).unwrap();
+        let [wo, wi] = [glam::Vec3::new(0.6, 0.0, 0.8), glam::Vec3::new(-0.5, 0.1, 0.86).normalize()];
+        scene.materials()[0].eval(glam::Vec2::ZERO, wo, wi)
+    };
+    let negative = value("-0.14 0.4 1.4", "3.9 -2.4 1.6");
+    assert_eq!(negative, value("0.14 0.4 1.4", "3.9 2.4 1.6"));
+    assert!((negative - glam::Vec3::new(0.582085, 0.47751, 0.199135)).abs().max_element() < 1e-3, "{negative}");
+    let index = "<rgb name='eta' value='-1.333, 2.666, 4'/><rgb name='k' value='1.333'/>";
+    let loaded = metal("0.6.0", "conductor", &format!("{index}<string name='extEta' value='water'/>")).unwrap();
+    let MaterialFile::Conductor { eta, k, .. } = loaded.file.materials["m"] else { panic!() };
+    assert!((eta[0] + 1.0).abs() < 1e-4 && (eta[1] - 2.0).abs() < 1e-4 && (k[2] - 1.0).abs() < 1e-4, "{eta:?} {k:?}");
+    let wrong = metal("3.0.0", "conductor", &format!("{index}<float name='ext_eta' value='0'/>"));
+    assert!(wrong.expect_err("an index of 0").to_string().contains("ext_eta is 0"));
+}
+
 /// Texture options survive the way through the JSON model's names.
 #[test]
 fn texture_options() {

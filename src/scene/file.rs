@@ -347,9 +347,9 @@ pub enum MaterialFile {
     },
     /// A smooth metal.
     Conductor {
-        /// Real part of the refractive index per channel.
+        /// Real part of the refractive index per channel. Colours fitted to spectra may be negative; only squares count.
         eta: [f32; 3],
-        /// Extinction coefficient per channel.
+        /// Extinction coefficient per channel, likewise.
         k: [f32; 3],
         /// Factor on the reflection.
         #[serde(default = "white")]
@@ -362,9 +362,9 @@ pub enum MaterialFile {
         /// Microfacet distribution.
         #[serde(default)]
         distribution: Distribution,
-        /// Real part of the refractive index per channel.
+        /// Real part of the refractive index per channel. Colours fitted to spectra may be negative; only squares count.
         eta: [f32; 3],
-        /// Extinction coefficient per channel.
+        /// Extinction coefficient per channel, likewise.
         k: [f32; 3],
         /// Factor on the reflection.
         #[serde(default = "white")]

@@ -274,6 +274,9 @@ fn metal_index(object: &Object) -> Result<([f32; 3], [f32; 3])> {
         Some(_) => index(object, "ext_eta", "vacuum")?,
         None => 1.0,
     };
+    if outside <= 0.0 {
+        return Err(object.element.malformed(format!("ext_eta is {outside}, expected a number above 0")));
+    }
     let relative = |color: [f32; 3]| color.map(|channel| channel / outside);
     let (eta, k) = (object.color_for("eta", Use::Index)?, object.color_for("k", Use::Index)?);
     if eta.is_none() && k.is_none() {

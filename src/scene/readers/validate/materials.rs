@@ -139,8 +139,9 @@ fn interface(check: &Checker, key: &str, alpha: f32, int_ior: f32, ext_ior: f32)
 }
 
 fn index_of_metal(check: &Checker, key: &str, eta: &[f32; 3], k: &[f32; 3]) -> Result<()> {
-    check.color(&format!("{key}.eta"), eta)?;
-    check.color(&format!("{key}.k"), k)
+    // Colours that were fitted to spectra may be negative, and only squares count.
+    check.finite(&format!("{key}.eta"), eta)?;
+    check.finite(&format!("{key}.k"), k)
 }
 
 /// All textures so far are factors on reflected light, hence at most 1.
