@@ -28,8 +28,17 @@ pub struct Envmap {
     mean: Vec3,
 }
 
+/// Where a direction lies in the picture.
+struct Position {
+    /// Grid coordinates in [0, 1)²: u shifted by half a texel, so that grid cells lie between texel centres.
+    grid: [f64; 2],
+    /// Sine of the angle to the poles.
+    sin: f32,
+}
+
 impl Envmap {
-    /// The picture times `scale`, turned by the rotation `to_world`. The picture has at least 1×1 pixels.
+    /// The picture times `scale`, turned by the rotation `to_world`. The picture has at least 1×1 pixels. Beside it ten to twelve bytes
+    /// per pixel are kept.
     pub fn new(image: Arc<Image>, scale: f32, to_world: Mat3) -> Self {
         Self::spanning(1.0, image, scale, to_world)
     }
@@ -56,22 +65,21 @@ impl Envmap {
     }
 
     fn spanning(span: f64, image: Arc<Image>, scale: f32, to_world: Mat3) -> Self {
-        let (width, height) = (image.width, image.height);
-        let rows = (height - 1).max(1);
-        let texel = |x: usize, y: usize| image.pixels[y.min(height - 1) * width + x % width];
-        let corners =
-            |x: usize, y: usize| (texel(x, y) + texel(x + 1, y) + texel(x, y + 1) + texel(x + 1, y + 1)) / 4.0;
+        let (width, rows) = (image.width, (image.height - 1).max(1));
         // ∫ sin θ over a row of cells; the mean of the corners is zero only where the whole cell is black.
         let row_area = |y: usize| {
             let angle = |row: usize| std::f64::consts::PI * span * row as f64 / rows as f64;
             angle(y).cos() - angle(y + 1).cos()
         };
-        let grid = Grid::new(width, rows, |x, y| f64::from(channel_mean(corners(x, y))) * row_area(y));
+        let grid = Grid::new(width, rows, |y, weights| {
+            let area = row_area(y);
+            let cells = weights.iter_mut().zip(cells(&image, y));
+            cells.for_each(|(weight, cell)| *weight = f64::from(channel_mean(cell)) * area);
+        });
         let mut mean = glam::DVec3::ZERO;
         for y in 0..rows {
-            for x in 0..width {
-                mean += corners(x, y).as_dvec3() * (row_area(y) / (2.0 * width as f64));
-            }
+            let part = row_area(y) / (2.0 * width as f64);
+            cells(&image, y).for_each(|cell| mean += cell.as_dvec3() * part);
         }
         Self {
             mean: mean.as_vec3() * scale,
@@ -84,41 +92,60 @@ impl Envmap {
         }
     }
 
-    /// Grid coordinates in [0, 1)²: u shifted by half a texel, so that grid cells lie between texel centres. None below the picture.
-    fn to_grid(&self, wi: Vec3) -> Option<[f64; 2]> {
+    /// None below the picture.
+    fn position(&self, wi: Vec3) -> Option<Position> {
         let d = self.to_local * wi;
         let u = f64::from(d.x.atan2(-d.z) / TAU) - 0.5 / self.image.width as f64;
         let v = f64::from(d.y.clamp(-1.0, 1.0).acos() / PI) / self.span;
         if v > 1.0 && self.span < 1.0 {
             return None;
         }
-        Some([(u - u.floor()).min(1.0 - f64::EPSILON), v.clamp(0.0, 1.0 - f64::EPSILON)])
+        Some(Position {
+            grid: [(u - u.floor()).min(1.0 - f64::EPSILON), v.clamp(0.0, 1.0 - f64::EPSILON)],
+            sin: (1.0 - d.y.powi(2)).max(0.0).sqrt(),
+        })
+    }
+
+    fn radiance_at(&self, position: &Position) -> Vec3 {
+        let (width, height) = (self.image.width, self.image.height);
+        let [u, v] = position.grid;
+        let (x, y) = (u * width as f64, v * (height - 1) as f64);
+        let (x0, y0) = ((x as usize).min(width - 1), y as usize);
+        let x1 = if x0 + 1 < width { x0 + 1 } else { 0 };
+        let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
+        let [top, bottom] = [y0, y0 + 1].map(|y| {
+            let row = row(&self.image, y);
+            row[x0].lerp(row[x1], fx)
+        });
+        top.lerp(bottom, fy) * self.scale
+    }
+
+    fn pdf_at(&self, position: &Position) -> f32 {
+        if position.sin <= 0.0 {
+            return 0.0;
+        }
+        let area = 2.0 * std::f64::consts::PI.powi(2) * self.span * f64::from(position.sin);
+        (self.grid.pdf(position.grid) / area) as f32
     }
 
     /// Radiance from direction `wi`.
     pub fn radiance(&self, wi: Vec3) -> Vec3 {
-        let (width, height) = (self.image.width, self.image.height);
-        let Some([u, v]) = self.to_grid(wi) else { return Vec3::ZERO };
-        let (x, y) = (u * width as f64, v * (height - 1) as f64);
-        let (x0, y0) = (x as usize, y as usize);
-        let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
-        let texel = |x: usize, y: usize| self.image.pixels[y.min(height - 1) * width + x % width];
-        let top = texel(x0, y0).lerp(texel(x0 + 1, y0), fx);
-        let bottom = texel(x0, y0 + 1).lerp(texel(x0 + 1, y0 + 1), fx);
-        top.lerp(bottom, fy) * self.scale
+        self.position(wi).map_or(Vec3::ZERO, |position| self.radiance_at(&position))
     }
 
     /// Density of [`Envmap::sample`] w.r.t. solid angle.
     pub fn pdf(&self, wi: Vec3) -> f32 {
-        let sin = (1.0 - (self.to_local * wi).y.powi(2)).max(0.0).sqrt();
-        if sin <= 0.0 {
-            return 0.0;
-        }
-        let Some(place) = self.to_grid(wi) else { return 0.0 };
-        (self.grid.pdf(place) / (2.0 * std::f64::consts::PI.powi(2) * self.span * f64::from(sin))) as f32
+        self.position(wi).map_or(0.0, |position| self.pdf_at(&position))
     }
 
-    fn sample_direction(&self, u: [f32; 2]) -> Option<(Vec3, f32)> {
+    /// [`Envmap::radiance`] and [`Envmap::pdf`], in less time than both take.
+    pub fn radiance_and_pdf(&self, wi: Vec3) -> (Vec3, f32) {
+        let Some(position) = self.position(wi) else { return (Vec3::ZERO, 0.0) };
+        (self.radiance_at(&position), self.pdf_at(&position))
+    }
+
+    /// A direction by radiance.
+    pub fn sample(&self, u: [f32; 2]) -> Option<LightSample> {
         let ([x, y], _) = self.grid.sample(u.map(f64::from));
         let phi = std::f64::consts::TAU * (x + 0.5 / self.image.width as f64);
         let theta = std::f64::consts::PI * self.span * y;
@@ -126,20 +153,14 @@ impl Envmap {
         let local = Vec3::new((sin * phi.sin()) as f32, cos as f32, (-sin * phi.cos()) as f32);
         let wi = self.to_world * local;
         // Looking the density up again keeps it equal to what `pdf` says for the rounded direction.
-        let pdf = self.pdf(wi);
-        (pdf > 0.0).then_some((wi, pdf))
-    }
-
-    /// A direction by radiance.
-    pub fn sample(&self, u: [f32; 2]) -> Option<LightSample> {
-        let (wi, pdf) = self.sample_direction(u)?;
-        Some(LightSample { wi, distance: f32::INFINITY, radiance: self.radiance(wi), pdf, delta: false })
+        let (radiance, pdf) = self.radiance_and_pdf(wi);
+        (pdf > 0.0).then_some(LightSample { wi, distance: f32::INFINITY, radiance, pdf, delta: false })
     }
 
     /// A photon through the scene.
     pub fn emit(&self, bounds: &BoundingSphere, u: [f32; 2], v: [f32; 2]) -> Option<Emission> {
-        let (wi, pdf) = self.sample_direction(u)?;
-        let power = self.radiance(wi) * (cross_section(bounds) / pdf);
+        let LightSample { wi, radiance, pdf, .. } = self.sample(u)?;
+        let power = radiance * (cross_section(bounds) / pdf);
         Some(Emission { ray: ray_through(bounds, -wi, v), power, normal: -wi })
     }
 
@@ -147,4 +168,18 @@ impl Envmap {
     pub fn power(&self, bounds: &BoundingSphere) -> Vec3 {
         self.mean * (4.0 * PI * cross_section(bounds))
     }
+}
+
+/// Texels of row `y`, or of the last row.
+fn row(image: &Image, y: usize) -> &[Vec3] {
+    &image.pixels[y.min(image.height - 1) * image.width..][..image.width]
+}
+
+/// Means of the corners of the grid cells of row `y`.
+fn cells(image: &Image, y: usize) -> impl Iterator<Item = Vec3> {
+    let (top, bottom) = (row(image, y), row(image, y + 1));
+    (0..image.width).map(move |x| {
+        let next = if x + 1 < image.width { x + 1 } else { 0 };
+        (top[x] + top[next] + bottom[x] + bottom[next]) / 4.0
+    })
 }

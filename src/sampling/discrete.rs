@@ -1,30 +1,63 @@
 //! Sampling of finite sets by weight.
 
+use super::cutpoints;
+
 /// A probability distribution over the indices 0..n.
 #[derive(Debug, Clone, Default)]
 pub struct Discrete {
     /// Cumulative weights, normalised; `cdf[i]` is the probability of an index ≤ i.
     cdf: Vec<f64>,
+    /// Where to search them.
+    table: Vec<u32>,
     total: f64,
+}
+
+/// Makes non-negative weights cumulative and normalised, and returns their sum. What is not finite counts as 0; where all are zero,
+/// they become those of the uniform distribution.
+pub fn accumulate(weights: &mut [f64]) -> f64 {
+    for w in weights.iter_mut() {
+        *w = if w.is_finite() { w.max(0.0) } else { 0.0 };
+    }
+    let total: f64 = weights.iter().sum();
+    if total <= 0.0 {
+        weights.fill(1.0);
+    }
+    let mut sum = 0.0;
+    for w in weights.iter_mut() {
+        sum += *w;
+        *w = sum;
+    }
+    for w in weights.iter_mut() {
+        *w /= sum;
+    }
+    total
+}
+
+/// Probability of index `i` under cumulative weights.
+#[inline]
+pub fn probability(cdf: &[f64], i: usize) -> f64 {
+    cdf[i] - if i == 0 { 0.0 } else { cdf[i - 1] }
+}
+
+/// The index that `u` in [0, 1) selects among cumulative weights with their table of [`cutpoints`], and `u` stretched to [0, 1)
+/// inside it. Needs at least one index.
+#[inline]
+pub fn sample(cdf: &[f64], table: &[u32], u: f64) -> (usize, f64) {
+    let i = cutpoints::find(cdf, table, u);
+    let low = if i == 0 { 0.0 } else { cdf[i - 1] };
+    let width = cdf[i] - low;
+    let inside = if width > 0.0 { (u - low) / width } else { 0.5 };
+    (i, inside.clamp(0.0, 1.0 - f64::EPSILON))
 }
 
 impl Discrete {
     /// From non-negative weights. Where all are zero, the distribution is uniform.
     pub fn new(weights: impl IntoIterator<Item = f64>) -> Self {
-        let mut cdf: Vec<f64> = weights.into_iter().map(|w| if w.is_finite() { w.max(0.0) } else { 0.0 }).collect();
-        let total: f64 = cdf.iter().sum();
-        if total <= 0.0 {
-            cdf.fill(1.0);
-        }
-        let mut sum = 0.0;
-        for w in &mut cdf {
-            sum += *w;
-            *w = sum;
-        }
-        for w in &mut cdf {
-            *w /= sum;
-        }
-        Self { cdf, total }
+        let mut cdf: Vec<f64> = weights.into_iter().collect();
+        let total = accumulate(&mut cdf);
+        let mut table = vec![0; cutpoints::table_len(cdf.len())];
+        cutpoints::fill(&cdf, &mut table);
+        Self { cdf, table, total }
     }
 
     /// Number of indices.
@@ -43,23 +76,15 @@ impl Discrete {
     }
 
     /// Probability of index `i`.
+    #[inline]
     pub fn probability(&self, i: usize) -> f64 {
-        self.cdf[i] - if i == 0 { 0.0 } else { self.cdf[i - 1] }
+        probability(&self.cdf, i)
     }
 
     /// The index that `u` in [0, 1) selects, and `u` stretched to [0, 1) inside it. Needs at least one index.
     #[inline]
     pub fn sample(&self, u: f64) -> (usize, f64) {
-        // A few are counted faster than searched: no branch depends on `u`.
-        let below = match self.cdf.len() {
-            0..=8 => self.cdf.iter().filter(|&&c| c <= u).count(),
-            _ => self.cdf.partition_point(|&c| c <= u),
-        };
-        let i = below.min(self.cdf.len() - 1);
-        let low = if i == 0 { 0.0 } else { self.cdf[i - 1] };
-        let width = self.cdf[i] - low;
-        let inside = if width > 0.0 { (u - low) / width } else { 0.5 };
-        (i, inside.clamp(0.0, 1.0 - f64::EPSILON))
+        sample(&self.cdf, &self.table, u)
     }
 }
 

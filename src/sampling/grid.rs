@@ -1,36 +1,116 @@
 //! Sampling of a piecewise-constant density on a grid over the unit square: rows by their sums, then columns.
 
-use super::discrete::Discrete;
+use rayon::prelude::*;
+
+use super::cutpoints;
+use super::discrete::{self, Discrete};
 
 /// A piecewise-constant density over [0, 1)².
 #[derive(Debug, Clone)]
 pub struct Grid {
     rows: Discrete,
-    columns: Vec<Discrete>,
+    width: usize,
+    /// Cumulative weights of each row, one after the other.
+    cdfs: Vec<f64>,
+    /// Where to search each of them: [`cutpoints::table_len`] numbers a row.
+    tables: Vec<u32>,
 }
 
 impl Grid {
-    /// From `height` rows of `width` non-negative weights.
-    pub fn new(width: usize, height: usize, weight: impl Fn(usize, usize) -> f64) -> Self {
-        let columns: Vec<Discrete> = (0..height).map(|y| Discrete::new((0..width).map(|x| weight(x, y)))).collect();
-        Self { rows: Discrete::new(columns.iter().map(Discrete::total)), columns }
+    /// From `height` rows of `width` non-negative weights, both at least 1; `weigh` fills in those of a row. Ten bytes of each are
+    /// kept where the width is a power of two, at most twelve elsewhere.
+    pub fn new(width: usize, height: usize, weigh: impl Fn(usize, &mut [f64]) + Sync) -> Self {
+        let entries = cutpoints::table_len(width);
+        let mut cdfs = vec![0.0; width * height];
+        let make_row = |(y, cdf): (usize, &mut [f64])| {
+            weigh(y, cdf);
+            discrete::accumulate(cdf)
+        };
+        let totals: Vec<f64> = cdfs.par_chunks_mut(width).enumerate().map(make_row).collect();
+        let mut tables = vec![0; entries * height];
+        if entries > 0 {
+            let rows = tables.par_chunks_mut(entries).zip(cdfs.par_chunks(width));
+            rows.for_each(|(table, cdf)| cutpoints::fill(cdf, table));
+        }
+        Self { rows: Discrete::new(totals), width, cdfs, tables }
+    }
+
+    /// Cumulative weights of row `y`.
+    #[inline]
+    fn row(&self, y: usize) -> &[f64] {
+        &self.cdfs[y * self.width..][..self.width]
     }
 
     /// A point of the square and its density w.r.t. area.
+    #[inline]
     pub fn sample(&self, [u, v]: [f64; 2]) -> ([f64; 2], f64) {
         let (y, v) = self.rows.sample(v);
-        let (x, u) = self.columns[y].sample(u);
-        let (width, height) = (self.columns[y].len() as f64, self.rows.len() as f64);
-        let pdf = self.rows.probability(y) * self.columns[y].probability(x) * width * height;
-        ([(x as f64 + u) / width, (y as f64 + v) / height], pdf)
+        let entries = self.tables.len() / self.rows.len();
+        let (x, u) = discrete::sample(self.row(y), &self.tables[y * entries..][..entries], u);
+        let (width, height) = (self.width as f64, self.rows.len() as f64);
+        ([(x as f64 + u) / width, (y as f64 + v) / height], self.density(x, y))
     }
 
     /// Density of [`Grid::sample`] at a point, w.r.t. area.
+    #[inline]
     pub fn pdf(&self, [u, v]: [f64; 2]) -> f64 {
         let height = self.rows.len();
         let y = ((v * height as f64) as usize).min(height - 1);
-        let width = self.columns[y].len();
-        let x = ((u * width as f64) as usize).min(width - 1);
-        self.rows.probability(y) * self.columns[y].probability(x) * (width * height) as f64
+        let x = ((u * self.width as f64) as usize).min(self.width - 1);
+        self.density(x, y)
+    }
+
+    fn density(&self, x: usize, y: usize) -> f64 {
+        self.rows.probability(y) * discrete::probability(self.row(y), x) * (self.width * self.rows.len()) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::Random;
+
+    /// The cell that `u` falls in and where in it, by halving.
+    fn halved(weights: &[f64], u: f64) -> (usize, f64) {
+        let mut cdf = weights.to_vec();
+        discrete::accumulate(&mut cdf);
+        let i = cdf.partition_point(|&c| c <= u).min(cdf.len() - 1);
+        let low = if i == 0 { 0.0 } else { cdf[i - 1] };
+        let inside = if cdf[i] > low { (u - low) / (cdf[i] - low) } else { 0.5 };
+        (i, inside.clamp(0.0, 1.0 - f64::EPSILON))
+    }
+
+    /// Points are those of two binary searches to the last bit, and their density is what the look-up says: also where rows are zero
+    /// or all is, and where there is one row, one column or one cell.
+    #[test]
+    fn same_points_as_by_halving() {
+        let mut random = Random::new(41, 0, 0);
+        for (width, height) in [(1, 1), (1, 40), (40, 1), (2, 2), (64, 33), (100, 7)] {
+            for kind in 0..3 {
+                let mut cell = |i: usize| match kind {
+                    0 => random.next_f64().powi(8),
+                    1 if i / width % 3 == 1 => random.next_f64(),
+                    _ => 0.0,
+                };
+                let weights: Vec<f64> = (0..width * height).map(&mut cell).collect();
+                let rows: Vec<&[f64]> = weights.chunks(width).collect();
+                let grid = Grid::new(width, height, |y, row| row.copy_from_slice(rows[y]));
+                let sums: Vec<f64> = rows.iter().map(|row| row.iter().sum()).collect();
+                for i in 0..2000 {
+                    let last = 1.0 - f64::EPSILON;
+                    let [u, v] = match i {
+                        0..4 => [[0.0, last][i % 2], [0.0, last][i / 2]],
+                        _ => [random.next_f64(), random.next_f64()],
+                    };
+                    let ([x, y], density) = grid.sample([u, v]);
+                    let (row, below) = halved(&sums, v);
+                    let (column, right) = halved(rows[row], u);
+                    let expected = [(column as f64 + right) / width as f64, (row as f64 + below) / height as f64];
+                    assert_eq!([x, y], expected, "{width}×{height}, kind {kind}, {u} {v}");
+                    assert_eq!(density, grid.density(column, row));
+                    assert!(density > 0.0, "{width}×{height}, kind {kind}, {u} {v}");
+                }
+            }
+        }
     }
 }
