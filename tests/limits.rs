@@ -1,5 +1,5 @@
-//! What a process holds at most: while it loads a mesh of a million triangles, while it renders and learns from ten million records,
-//! and for the field that guides. The figures are in STABILITY.md.
+//! What a process holds at most: while it loads a mesh of a million triangles, for pictures, while it renders and learns from ten
+//! million records, and for the field that guides. The figures are in STABILITY.md.
 
 #[path = "support/memory.rs"]
 mod memory;
@@ -12,13 +12,15 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use fanal::base::progress::Silent;
+use fanal::base::random::Random;
 use fanal::generate::build::{Builder, diffuse};
 use fanal::guiding::fraction::FractionRule;
+use fanal::lights::envmap::Envmap;
 use fanal::render::{Outcome, RenderSettings, Statistics, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{MeshFile, SceneFile};
-use fanal::scene::readers::resolve;
-use glam::Vec3;
+use fanal::scene::readers::{read_texels, resolve};
+use glam::{Mat3, Vec3};
 use memory::{held, peak};
 use scenes::{GUIDES, built, committed, reconstructor, room, settings};
 
@@ -85,6 +87,39 @@ fn limit_of_a_million_triangles() {
     assert!(most < LOADING * triangles, "{most} bytes for {triangles} triangles");
     assert!(kept < LOADED * triangles, "{kept} bytes for {triangles} triangles");
     drop(scene);
+}
+
+/// A picture of eight bits a channel: its bytes, and nothing more.
+const PICTURE: f64 = 3.1;
+/// What an environment map holds beside its picture.
+const SKY: f64 = 12.1;
+
+/// Bytes per pixel of a texture's picture, and of what environment sampling holds beside one.
+#[test]
+fn limit_of_pictures() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("noise.png");
+    let (width, height) = (1024usize, 512usize);
+    let mut random = Random::new(61, 0, 0);
+    let samples: Vec<u8> = (0..4 * width * height).map(|_| random.below(256) as u8).collect();
+    let mut encoder = png::Encoder::new(std::fs::File::create(&path).unwrap(), width as u32, height as u32);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.write_header().unwrap().write_image_data(&samples).unwrap();
+    let per_pixel = |bytes: usize| bytes as f64 / (width * height) as f64;
+    // A first picture makes the tables that all share.
+    drop(read_texels(&path, false).unwrap());
+    let before = held();
+    let texels = read_texels(&path, false).unwrap();
+    let picture = per_pixel(held() - before);
+    let image = texels.to_image();
+    let before = held();
+    let sky = Envmap::new(image, 1.0, Mat3::IDENTITY);
+    let beside = per_pixel(held() - before);
+    println!("{picture} bytes per pixel, {beside} of a sky beside its picture");
+    assert!(picture < PICTURE && beside < SKY, "{picture} and {beside}");
+    drop((texels, sky));
 }
 
 fn run(scene: &Scene, settings: &RenderSettings) -> (Outcome, usize) {

@@ -332,7 +332,7 @@ fn s04_a_sky_lights_by_its_integral() {
     let sky = LightFile::Envmap { file: "sky".into(), scale: 2.0, to_world };
     let scene = built_with(floor([32, 32], 1.0).finish(), |loaded| {
         loaded.file.lights.push(sky);
-        loaded.images.insert("sky".into(), Arc::new(image));
+        loaded.images.insert("sky".into(), Arc::new(image).into());
     });
     assert!((10.0..13.0).contains(&irradiance), "{irradiance}");
     direct("sky", &scene, irradiance, true);

@@ -118,7 +118,7 @@ mod tests {
 
     fn picture(width: usize, pixel: impl Fn(usize) -> Vec3) -> Texture {
         let image = Arc::new(Image { width, height: 1, pixels: (0..width).map(pixel).collect() });
-        Texture::Bitmap { image, to_uv: Affine2::IDENTITY, scale: 1.0, wrap: Wrap::Clamp, nearest: false }
+        Texture::Bitmap { image: image.into(), to_uv: Affine2::IDENTITY, scale: 1.0, wrap: Wrap::Clamp, nearest: false }
     }
 
     fn at(out: Vec3) -> Tangents {

@@ -18,6 +18,7 @@ pub mod principled;
 pub mod rough_conductor;
 pub mod rough_dielectric;
 pub mod rough_diffuse;
+pub mod texels;
 pub mod texture;
 
 use glam::{Vec2, Vec3};

@@ -3,13 +3,15 @@
 use std::borrow::Cow;
 use std::io::Cursor;
 use std::path::Path;
+use std::sync::Arc;
 
-use ::image::{ImageError, ImageFormat, ImageReader, Limits};
+use ::image::{DynamicImage, ImageError, ImageFormat, ImageReader, Limits, Rgb};
 use glam::Vec3;
 
 use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
 use crate::materials::image::Image;
+use crate::materials::texels::{ByteImage, Texels};
 use crate::math::srgb;
 
 use super::exr;
@@ -22,15 +24,23 @@ pub(super) const MOST_PIXELS: u64 = 1 << 27;
 const EXR_MAGIC: [u8; 4] = [0x76, 0x2F, 0x31, 0x01];
 const PNG_MAGIC: [u8; 4] = [0x89, b'P', b'N', b'G'];
 
-/// Reads a picture as linear RGB; the content decides, not the name, but for TGA, which says nothing of itself. What is neither EXR
+/// Reads a picture as linear RGB, see [`read_texels`].
+///
+/// # Errors
+/// Those of [`read_texels`].
+pub fn read_image(path: &Path, raw: bool) -> Result<Image> {
+    Ok(Arc::unwrap_or_clone(read_texels(path, raw)?.to_image()))
+}
+
+/// Reads a picture; the content decides, not the name, but for TGA, which says nothing of itself. What is neither EXR
 /// nor HDR holds sRGB values, unless `raw` says that they are data. Alpha is ignored.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] (also for NaN or infinite pixels), [`Error::Unsupported`].
-pub fn read_image(path: &Path, raw: bool) -> Result<Image> {
+pub fn read_texels(path: &Path, raw: bool) -> Result<Texels> {
     let bytes = read_bytes(path, LARGEST_FILE)?;
-    let image = match bytes.first_chunk() {
-        Some(&EXR_MAGIC) => exr::read_color(path, &bytes)?,
+    let texels = match bytes.first_chunk() {
+        Some(&EXR_MAGIC) => Texels::Float(Arc::new(exr::read_color(path, &bytes)?)),
         Some(&PNG_MAGIC) => read_png(path, &bytes, raw)?,
         _ => match other_format(path, &bytes) {
             Some(format) => read_other(path, &bytes, format, raw)?,
@@ -43,14 +53,16 @@ pub fn read_image(path: &Path, raw: bool) -> Result<Image> {
             }
         },
     };
-    if let Some(i) = image.pixels.iter().position(|pixel| !pixel.is_finite()) {
+    if let Texels::Float(image) = &texels
+        && let Some(i) = image.pixels.iter().position(|pixel| !pixel.is_finite())
+    {
         let (x, y) = (i % image.width, i / image.width);
         return Err(Error::malformed(Place::part(path, format!("pixel {x}, {y}")), "the pixel is not finite"));
     }
-    Ok(image)
+    Ok(texels)
 }
 
-fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Image> {
+fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Texels> {
     let fail = |why: String| Error::malformed(Place::file(path), format!("not a readable PNG file: {why}"));
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     // Palettes and fewer than 8 bits become 8 bits per channel.
@@ -73,22 +85,20 @@ fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Image> {
     let size = reader.output_buffer_size().ok_or_else(|| fail("it is too large".into()))?;
     let mut samples = vec![0; size];
     let frame = reader.next_frame(&mut samples).map_err(|error| fail(error.to_string()))?;
-    let value = |sample: f32| if raw { sample } else { srgb::linear(sample) };
-    let values: Vec<f32> = match frame.bit_depth {
-        png::BitDepth::Sixteen => {
-            let (pairs, _) = samples.as_chunks::<2>();
-            pairs.iter().map(|pair| value(f32::from(u16::from_be_bytes(*pair)) / 65535.0)).collect()
-        }
-        _ => {
-            let table: Vec<f32> = (0..=255u8).map(|sample| value(f32::from(sample) / 255.0)).collect();
-            samples.iter().map(|&sample| table[usize::from(sample)]).collect()
-        }
+    let (width, height, channels) = (frame.width as usize, frame.height as usize, frame.color_type.samples());
+    if frame.bit_depth != png::BitDepth::Sixteen {
+        let image = ByteImage::new(width, height, channels, samples, raw);
+        let image = image.ok_or_else(|| fail("it holds another number of pixels than it says".into()))?;
+        return Ok(Texels::Bytes(Arc::new(image)));
+    }
+    let decoded = |pair: &[u8]| f32::from(u16::from_be_bytes([pair[0], pair[1]])) / 65535.0;
+    let value = |pair: &[u8]| if raw { decoded(pair) } else { srgb::linear(decoded(pair)) };
+    let pixel = |v: &[u8]| match channels {
+        0..3 => Vec3::splat(value(v)),
+        _ => Vec3::new(value(v), value(&v[2..]), value(&v[4..])),
     };
-    let channels = frame.color_type.samples();
-    let grey = channels < 3;
-    let pixel = |v: &[f32]| if grey { Vec3::splat(v[0]) } else { Vec3::from_slice(v) };
-    let pixels = values.chunks_exact(channels).map(pixel).collect();
-    Ok(Image { width: frame.width as usize, height: frame.height as usize, pixels })
+    let pixels = samples.chunks_exact(2 * channels).map(pixel).collect();
+    Ok(Texels::Float(Arc::new(Image { width, height, pixels })))
 }
 
 /// The first line of an HDR file may name the program or the pixel format; the decoder knows one name.
@@ -109,7 +119,7 @@ fn other_format(path: &Path, bytes: &[u8]) -> Option<ImageFormat> {
     }
 }
 
-fn read_other(path: &Path, bytes: &[u8], format: ImageFormat, raw: bool) -> Result<Image> {
+fn read_other(path: &Path, bytes: &[u8], format: ImageFormat, raw: bool) -> Result<Texels> {
     let bytes = &*if format == ImageFormat::Hdr { radiance_header(bytes) } else { Cow::Borrowed(bytes) };
     let fail = |error: ImageError| Error::malformed(Place::file(path), format!("not a readable picture: {error}"));
     let mut limits = Limits::default();
@@ -132,10 +142,23 @@ fn read_other(path: &Path, bytes: &[u8], format: ImageFormat, raw: bool) -> Resu
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     reader.limits(limits);
-    let decoded = reader.decode().map_err(fail)?.into_rgb32f();
-    let value = |sample: f32| if raw || format == ImageFormat::Hdr { sample } else { srgb::linear(sample) };
-    let pixels = decoded.pixels().map(|pixel| Vec3::from_array(pixel.0.map(value))).collect();
-    Ok(Image { width: width as usize, height: height as usize, pixels })
+    let decoded = reader.decode().map_err(fail)?;
+    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+    let bytes = |channels: usize, samples: Vec<u8>| ByteImage::new(width, height, channels, samples, raw);
+    let image = match decoded {
+        DynamicImage::ImageLuma8(pixels) => bytes(1, pixels.into_raw()),
+        DynamicImage::ImageLumaA8(pixels) => bytes(2, pixels.into_raw()),
+        DynamicImage::ImageRgb8(pixels) => bytes(3, pixels.into_raw()),
+        DynamicImage::ImageRgba8(pixels) => bytes(4, pixels.into_raw()),
+        other => {
+            let value = |sample: f32| if raw || format == ImageFormat::Hdr { sample } else { srgb::linear(sample) };
+            let pixel = |pixel: &Rgb<f32>| Vec3::from_array(pixel.0.map(value));
+            let pixels = other.into_rgb32f().pixels().map(pixel).collect();
+            return Ok(Texels::Float(Arc::new(Image { width, height, pixels })));
+        }
+    };
+    let wrong = || Error::malformed(Place::file(path), "it holds another number of pixels than it says");
+    Ok(Texels::Bytes(Arc::new(image.ok_or_else(wrong)?)))
 }
 
 #[cfg(test)]

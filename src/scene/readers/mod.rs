@@ -28,13 +28,13 @@ use rayon::prelude::*;
 use crate::base::files::crc32;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
-use crate::materials::image::Image;
+use crate::materials::texels::Texels;
 use crate::scene::effects::Needs;
 use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
 use crate::scene::overrides::{self, Override};
 
 pub use exr::{Channels, read_exr_channels};
-pub use image::read_image;
+pub use image::{read_image, read_texels};
 pub use json::save;
 pub use textures::image_key;
 
@@ -50,7 +50,7 @@ pub struct LoadedScene {
     /// Meshes by their name in the scene file.
     pub meshes: BTreeMap<String, Arc<Mesh>>,
     /// Pictures by [`image_key`]: the `file` string of the scene file, with a mark where it is read as raw data.
-    pub images: BTreeMap<String, Arc<Image>>,
+    pub images: BTreeMap<String, Texels>,
     /// Triangles left out because they have no area or use a vertex twice.
     pub skipped_triangles: usize,
     /// What was understood in another way than it may have been meant.
@@ -68,7 +68,7 @@ impl LoadedScene {
             let (positions, normals) = (bytemuck::cast_slice(&mesh.positions), bytemuck::cast_slice(&mesh.normals));
             [positions, normals, bytemuck::cast_slice(&mesh.uvs), bytemuck::cast_slice(&mesh.triangles)]
         });
-        let images = self.images.values().map(|image| bytemuck::cast_slice(&image.pixels));
+        let images = self.images.values().map(Texels::bytes);
         crc32([file.as_slice(), needs.as_bytes()].into_iter().chain(meshes).chain(images))
     }
 }
@@ -176,15 +176,15 @@ fn load_images(
     directory: &Path,
     places: &Places,
     warnings: &mut Vec<String>,
-) -> Result<BTreeMap<String, Arc<Image>>> {
+) -> Result<BTreeMap<String, Texels>> {
     let mut images = BTreeMap::new();
-    let mut add = |file: &str, raw: bool, place: Place| -> Result<Arc<Image>> {
+    let mut add = |file: &str, raw: bool, place: Place| -> Result<Texels> {
         let key = image_key(file, raw);
         if let Some(image) = images.get(&key) {
-            return Ok(Arc::clone(image));
+            return Ok(Texels::clone(image));
         }
-        let image = Arc::new(read_image(&path::resolve(directory, file, &place)?, raw)?);
-        images.insert(key, Arc::clone(&image));
+        let image = read_texels(&path::resolve(directory, file, &place)?, raw)?;
+        images.insert(key, image.clone());
         Ok(image)
     };
     for (name, material) in &scene.materials {
@@ -204,14 +204,17 @@ fn load_images(
     Ok(images)
 }
 
-fn check_envmap(image: &Image, file: &str, place: Place, warnings: &mut Vec<String>) -> Result<()> {
+fn check_envmap(image: &Texels, file: &str, place: Place, warnings: &mut Vec<String>) -> Result<()> {
     // Rows are interpolated from pole to pole and columns around: fewer do not span the sphere.
-    if image.width < 2 || image.height < 3 {
-        let message =
-            format!("\"{file}\" has {}×{} pixels, an environment needs at least 2×3", image.width, image.height);
+    let [width, height] = image.size();
+    if width < 2 || height < 3 {
+        let message = format!("\"{file}\" has {width}×{height} pixels, an environment needs at least 2×3");
         return Err(Error::malformed(place, message));
     }
-    let negative = image.pixels.iter().filter(|pixel| pixel.min_element() < 0.0).count();
+    let negative = match image {
+        Texels::Float(image) => image.pixels.iter().filter(|pixel| pixel.min_element() < 0.0).count(),
+        Texels::Bytes(_) => 0,
+    };
     if negative > 0 {
         warnings.push(format!("{file}: {negative} pixels are negative"));
     }

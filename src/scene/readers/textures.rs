@@ -1,12 +1,11 @@
 //! From a texture in a scene file to one that can be evaluated. Here, because materials know nothing of scene files.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use glam::{Affine2, Mat2, Vec2, Vec3};
 
 use crate::base::{Error, Result};
-use crate::materials::image::Image;
+use crate::materials::texels::Texels;
 use crate::materials::texture::{Texture, Wrap};
 use crate::scene::file::{Filter, TextureFile, Wrap as WrapFile};
 
@@ -21,14 +20,14 @@ impl Texture {
     ///
     /// # Errors
     /// [`Error::Options`] if `images` lacks the picture; loading puts every picture there.
-    pub fn new(file: &TextureFile, images: &BTreeMap<String, Arc<Image>>) -> Result<Self> {
+    pub fn new(file: &TextureFile, images: &BTreeMap<String, Texels>) -> Result<Self> {
         Ok(match file {
             TextureFile::Rgb { value } => Self::Constant(Vec3::from_array(*value)),
             TextureFile::Bitmap { file, to_uv, raw, scale, wrap, filter } => {
                 let image = images.get(&image_key(file, *raw));
                 let image = image.ok_or_else(|| Error::Options(format!("the picture \"{file}\" was not loaded")))?;
                 Self::Bitmap {
-                    image: Arc::clone(image),
+                    image: image.clone(),
                     to_uv: affine(to_uv),
                     scale: *scale,
                     wrap: match wrap {

@@ -1,10 +1,10 @@
 //! Textures.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use crate::base::Result;
 use crate::scene::file::{Filter, TextureFile, Wrap, identity3};
-use crate::scene::readers::{path, read_image};
+use crate::scene::readers::{path, read_texels};
 
 use super::Reader;
 use super::color::Use;
@@ -42,9 +42,8 @@ impl<'a> Reader<'a> {
             TextureFile::Rgb { value } => *value,
             TextureFile::Checkerboard { color0, color1, .. } => [0, 1, 2].map(|i| (color0[i] + color1[i]) / 2.0),
             TextureFile::Bitmap { file, raw, scale, .. } => {
-                let image = read_image(&path::resolve(&self.folder, file, &element.place)?, *raw)?;
-                let sum: DVec3 = image.pixels.iter().map(|pixel| pixel.as_dvec3()).sum();
-                ((sum / image.pixels.len().max(1) as f64).as_vec3() * *scale).to_array()
+                let texels = read_texels(&path::resolve(&self.folder, file, &element.place)?, *raw)?;
+                (texels.mean() * *scale).to_array()
             }
         })
     }

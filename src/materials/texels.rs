@@ -1,0 +1,153 @@
+//! Pictures as textures keep them: those of eight bits a channel in these bytes, a twelfth to a quarter of what they become.
+
+use std::sync::{Arc, LazyLock};
+
+use glam::Vec3;
+
+use super::image::Image;
+use crate::math::srgb;
+
+/// The picture of a texture or of an environment.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Texels {
+    /// Any values.
+    Float(Arc<Image>),
+    /// Eight bits a channel.
+    Bytes(Arc<ByteImage>),
+}
+
+/// A picture of bytes, row by row from the top left, each of which stands for one of 256 values.
+#[derive(Debug, PartialEq)]
+pub struct ByteImage {
+    width: usize,
+    height: usize,
+    /// One byte a pixel (grey) or three (red, green, blue).
+    samples: Vec<u8>,
+    grey: bool,
+    /// What a byte means.
+    values: &'static [f32; 256],
+}
+
+/// Linear values of sRGB bytes.
+static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| DATA.map(srgb::linear));
+/// Values of bytes that are data: from 0 to 1.
+static DATA: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|byte| byte as f32 / 255.0));
+
+impl ByteImage {
+    /// From the samples of 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4 channels (with alpha, which is left out), either sRGB
+    /// values or, if `raw`, data. None where there are not as many samples as that takes.
+    pub fn new(width: usize, height: usize, channels: usize, samples: Vec<u8>, raw: bool) -> Option<Self> {
+        let expected = width.checked_mul(height)?.checked_mul(channels)?;
+        if samples.len() != expected {
+            return None;
+        }
+        let samples = match channels {
+            1 | 3 => samples,
+            2 => samples.into_iter().step_by(2).collect(),
+            4 => samples.as_chunks::<4>().0.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect(),
+            _ => return None,
+        };
+        let values = if raw { &*DATA } else { &*SRGB };
+        Some(Self { width, height, samples, grey: channels < 3, values })
+    }
+
+    /// Pixel number `index`, linear RGB.
+    #[inline]
+    fn pixel(&self, index: usize) -> Vec3 {
+        let value = |byte: u8| self.values[usize::from(byte)];
+        if self.grey {
+            return Vec3::splat(value(self.samples[index]));
+        }
+        let bytes = &self.samples[3 * index..][..3];
+        Vec3::new(value(bytes[0]), value(bytes[1]), value(bytes[2]))
+    }
+
+    fn pixels(&self) -> impl Iterator<Item = Vec3> {
+        (0..self.width * self.height).map(|index| self.pixel(index))
+    }
+}
+
+impl From<Arc<Image>> for Texels {
+    fn from(image: Arc<Image>) -> Self {
+        Self::Float(image)
+    }
+}
+
+impl Texels {
+    /// Columns and rows.
+    #[inline]
+    pub fn size(&self) -> [usize; 2] {
+        match self {
+            Self::Float(image) => [image.width, image.height],
+            Self::Bytes(image) => [image.width, image.height],
+        }
+    }
+
+    /// Pixels by their numbers, row by row from the top left.
+    #[inline]
+    pub fn pixels<const N: usize>(&self, indices: [usize; N]) -> [Vec3; N] {
+        match self {
+            Self::Float(image) => indices.map(|index| image.pixels[index]),
+            Self::Bytes(image) => indices.map(|index| image.pixel(index)),
+        }
+    }
+
+    /// The mean of all pixels, zero of none.
+    pub fn mean(&self) -> Vec3 {
+        let mean = |sum: glam::DVec3, count: usize| (sum / count.max(1) as f64).as_vec3();
+        match self {
+            Self::Float(image) => mean(image.pixels.iter().map(|pixel| pixel.as_dvec3()).sum(), image.pixels.len()),
+            Self::Bytes(image) => mean(image.pixels().map(|p| p.as_dvec3()).sum(), image.width * image.height),
+        }
+    }
+
+    /// The whole picture with its values.
+    pub fn to_image(&self) -> Arc<Image> {
+        match self {
+            Self::Float(image) => Arc::clone(image),
+            Self::Bytes(image) => {
+                Arc::new(Image { width: image.width, height: image.height, pixels: image.pixels().collect() })
+            }
+        }
+    }
+
+    /// What is in memory: equal for equal pictures.
+    pub fn bytes(&self) -> &[u8] {
+        match self {
+            Self::Float(image) => bytemuck::cast_slice(&image.pixels),
+            Self::Bytes(image) => &image.samples,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every byte, grey and coloured, with and without alpha, sRGB and raw, is what the transfer curve says, to the last bit.
+    #[test]
+    fn bytes_mean_what_the_curve_says() {
+        for raw in [false, true] {
+            let value = |byte: u8| {
+                let encoded = f32::from(byte) / 255.0;
+                if raw { encoded } else { srgb::linear(encoded) }
+            };
+            for channels in 1..=4usize {
+                let byte = |pixel: usize, channel: usize| (pixel * (1 + 2 * channel) % 256) as u8;
+                let samples = (0..256 * channels).map(|i| byte(i / channels, i % channels)).collect();
+                let texels = Texels::Bytes(Arc::new(ByteImage::new(32, 8, channels, samples, raw).unwrap()));
+                let image = texels.to_image();
+                for i in 0..256 {
+                    let rgb = if channels < 3 { [0; 3] } else { [0, 1, 2] };
+                    let expected = Vec3::from_array(rgb.map(|channel| value(byte(i, channel))));
+                    assert_eq!((texels.pixels([i]), image.pixels[i]), ([expected], expected), "{channels} channels");
+                }
+                assert_eq!(texels.mean(), Texels::Float(image).mean());
+                assert_eq!(texels.size(), [32, 8]);
+            }
+        }
+        assert!(ByteImage::new(2, 2, 3, vec![0; 11], false).is_none());
+        assert!(ByteImage::new(2, 2, 5, vec![0; 20], false).is_none());
+        assert!(ByteImage::new(usize::MAX, 2, 3, vec![0; 6], false).is_none());
+    }
+}
