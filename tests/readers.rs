@@ -316,6 +316,34 @@ fn a08_triangles_without_area_are_counted() {
     assert_eq!((loaded.skipped_triangles, loaded.warnings.len()), (1, 1));
 }
 
+/// Files are read side by side; of several broken ones the error is always that of the first, meshes before pictures.
+#[test]
+fn the_first_of_many_errors_is_told() {
+    let folder = folder();
+    std::fs::write(folder.path().join("broken.obj"), "v 0 0 0\nv 1\nf 1 2 3\n").unwrap();
+    let mesh = MeshFile::Obj { file: "broken.obj".into(), face_normals: false, flip_v: false };
+    let told = |mesh: Option<&MeshFile>, pictures: std::ops::Range<usize>| {
+        let mut scene = scene_with(mesh.cloned(), Some("grey.png"));
+        let good = scene.materials["t"].clone();
+        for i in pictures {
+            let name = format!("broken-{i}.png");
+            std::fs::write(folder.path().join(&name), "GIF89a").unwrap();
+            let mut material = good.clone();
+            for (_, texture) in material.textures_mut() {
+                if let TextureFile::Bitmap { file, .. } = texture {
+                    *file = name.clone();
+                }
+            }
+            scene.materials.insert(format!("m{i}"), material);
+        }
+        refused(resolve(scene, folder.path(), Path::new("scene")), "a file is broken").to_string()
+    };
+    for _ in 0..20 {
+        assert!(told(None, 3..9).contains("broken-3.png"));
+        assert!(told(Some(&mesh), 3..9).contains("broken.obj:2"));
+    }
+}
+
 #[test]
 fn shared_scenes() {
     let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/scenes");

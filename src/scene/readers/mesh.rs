@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
 
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
@@ -97,19 +98,19 @@ fn finish(mut mesh: Mesh, shading: Shading, place: &Place) -> Result<(Mesh, usiz
 fn check(mesh: &Mesh, place: &Place) -> Result<()> {
     let vertices = mesh.positions.len();
     let fail = |message: String| Err(Error::malformed(place.clone(), message));
-    if let Some(i) = mesh.positions.iter().position(|p| !p.is_finite()) {
+    if let Some(i) = mesh.positions.par_iter().position_first(|p| !p.is_finite()) {
         return fail(format!("vertex {i} has the position {}, which is not finite", mesh.positions[i]));
     }
-    if let Some(i) = mesh.positions.iter().position(|p| p.abs().max_element() > LARGEST) {
+    if let Some(i) = mesh.positions.par_iter().position_first(|p| p.abs().max_element() > LARGEST) {
         return fail(format!("vertex {i} has the position {}, the limit is {LARGEST:e} units", mesh.positions[i]));
     }
-    if let Some(i) = mesh.normals.iter().position(|n| !n.is_finite()) {
+    if let Some(i) = mesh.normals.par_iter().position_first(|n| !n.is_finite()) {
         return fail(format!("vertex {i} has the normal {}, which is not finite", mesh.normals[i]));
     }
-    if let Some(i) = mesh.uvs.iter().position(|uv| !uv.is_finite()) {
+    if let Some(i) = mesh.uvs.par_iter().position_first(|uv| !uv.is_finite()) {
         return fail(format!("vertex {i} has the texture coordinates {}, which are not finite", mesh.uvs[i]));
     }
-    if let Some(i) = mesh.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= vertices)) {
+    if let Some(i) = mesh.triangles.par_iter().position_first(|t| t.iter().any(|&v| v as usize >= vertices)) {
         return fail(format!("triangle {i} uses the vertices {:?}, but there are only {vertices}", mesh.triangles[i]));
     }
     Ok(())

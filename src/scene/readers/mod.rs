@@ -8,6 +8,7 @@ mod exr;
 mod extent;
 mod image;
 mod json;
+mod lines;
 mod mesh;
 mod mitsuba;
 mod normals;
@@ -134,7 +135,9 @@ fn resolve_at(
     let needs = overrides::apply(&mut file, overrides);
     let mut skipped_triangles = 0;
     let mut meshes = BTreeMap::new();
-    for (name, (mesh, skipped)) in load_meshes(&file.meshes, directory, places)? {
+    let (loaded, pictures) =
+        rayon::join(|| load_meshes(&file.meshes, directory, places), || read_pictures(&file, directory, places));
+    for (name, (mesh, skipped)) in loaded? {
         skipped_triangles += skipped;
         meshes.insert(name, Arc::new(mesh));
     }
@@ -142,7 +145,7 @@ fn resolve_at(
     if skipped_triangles > 0 {
         warnings.push(format!("{skipped_triangles} triangles without area were left out"));
     }
-    let images = load_images(&file, directory, places, &mut warnings)?;
+    let images = load_images(&file, pictures, places, &mut warnings)?;
     for (index, shape) in file.shapes.iter().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
         if file.materials.get(&shape.material).is_some_and(MaterialFile::is_masked) {
             let place = places.at(&format!("shapes[{index}]"));
@@ -170,35 +173,58 @@ fn load_meshes(
     loaded.into_iter().collect()
 }
 
-/// Each picture once per way of reading it.
-fn load_images(
-    scene: &SceneFile,
-    directory: &Path,
-    places: &Places,
-    warnings: &mut Vec<String>,
-) -> Result<BTreeMap<String, Texels>> {
-    let mut images = BTreeMap::new();
-    let mut add = |file: &str, raw: bool, place: Place| -> Result<Texels> {
-        let key = image_key(file, raw);
-        if let Some(image) = images.get(&key) {
-            return Ok(Texels::clone(image));
-        }
-        let image = read_texels(&path::resolve(directory, file, &place)?, raw)?;
-        images.insert(key, image.clone());
-        Ok(image)
-    };
+/// By [`image_key`].
+type Pictures = BTreeMap<String, Result<Texels>>;
+
+/// Reads all pictures of a scene in parallel, each once per way of reading it.
+fn read_pictures(scene: &SceneFile, directory: &Path, places: &Places) -> Pictures {
+    let mut files: BTreeMap<String, (&str, bool, String)> = BTreeMap::new();
     for (name, material) in &scene.materials {
         for (_, texture) in material.textures() {
             if let TextureFile::Bitmap { file, raw, .. } = texture {
-                add(file, *raw, places.at(&format!("materials.{name}")))?;
+                files.entry(image_key(file, *raw)).or_insert_with(|| (file, *raw, format!("materials.{name}")));
             }
         }
     }
     for (index, light) in scene.lights.iter().enumerate() {
         if let LightFile::Envmap { file, .. } = light {
-            let place = places.at(&format!("lights[{index}]"));
-            let image = add(file, false, place.clone())?;
-            check_envmap(&image, file, place, warnings)?;
+            files.entry(image_key(file, false)).or_insert_with(|| (file, false, format!("lights[{index}]")));
+        }
+    }
+    let read = |(key, (file, raw, part)): (String, (&str, bool, String))| {
+        let path = path::resolve(directory, file, &places.at(&part));
+        (key, path.and_then(|path| read_texels(&path, raw)))
+    };
+    files.into_par_iter().map(read).collect()
+}
+
+/// What was read of the pictures of a scene; of several errors the first in the order of materials and lights is reported.
+fn load_images(
+    scene: &SceneFile,
+    mut pictures: Pictures,
+    places: &Places,
+    warnings: &mut Vec<String>,
+) -> Result<BTreeMap<String, Texels>> {
+    let mut images = BTreeMap::new();
+    let mut add = |file: &str, raw: bool| -> Result<Option<Texels>> {
+        let key = image_key(file, raw);
+        if let Some(image) = pictures.remove(&key) {
+            images.insert(key.clone(), image?);
+        }
+        Ok(images.get(&key).cloned())
+    };
+    for material in scene.materials.values() {
+        for (_, texture) in material.textures() {
+            if let TextureFile::Bitmap { file, raw, .. } = texture {
+                add(file, *raw)?;
+            }
+        }
+    }
+    for (index, light) in scene.lights.iter().enumerate() {
+        if let LightFile::Envmap { file, .. } = light
+            && let Some(image) = add(file, false)?
+        {
+            check_envmap(&image, file, places.at(&format!("lights[{index}]")), warnings)?;
         }
     }
     Ok(images)

@@ -1,8 +1,12 @@
 //! Smooth vertex normals, made from the faces where a mesh has none.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use crate::geometry::mesh::Mesh;
+
+/// Triangles whose normals are made before they are added up, in the order of the mesh.
+const CHUNK: usize = 1 << 16;
 
 /// Normalizes the normals of `mesh`; zero and missing ones become the mean of the adjacent face normals, weighted by the
 /// faces' angles at the vertex (Thürmer and Wüthrich 1998). Every triangle must have an area.
@@ -18,19 +22,29 @@ pub fn complete(mesh: &mut Mesh) {
 }
 
 fn from_faces(mesh: &Mesh) -> Vec<Vec3> {
-    let mut sums = vec![glam::DVec3::ZERO; mesh.positions.len()];
-    for triangle in &mesh.triangles {
-        let corners = triangle.map(|i| mesh.positions[i as usize].as_dvec3());
-        let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
-        for i in 0..3 {
-            let to_next = corners[(i + 1) % 3] - corners[i];
-            let to_last = corners[(i + 2) % 3] - corners[i];
-            sums[triangle[i] as usize] += normal * to_next.angle_between(to_last);
+    let mut sums = vec![DVec3::ZERO; mesh.positions.len()];
+    for triangles in mesh.triangles.chunks(CHUNK) {
+        let shares: Vec<[DVec3; 3]> = triangles.par_iter().map(|triangle| shares(mesh, triangle)).collect();
+        for (triangle, shares) in triangles.iter().zip(shares) {
+            for (&vertex, share) in triangle.iter().zip(shares) {
+                sums[vertex as usize] += share;
+            }
         }
     }
     // A vertex that no triangle uses, or whose faces cancel, gets any unit vector: nothing is shaded with it, or nothing
     // better is known.
-    sums.iter().map(|sum| sum.try_normalize().map_or(Vec3::X, |n| n.as_vec3())).collect()
+    sums.par_iter().map(|sum| sum.try_normalize().map_or(Vec3::X, |n| n.as_vec3())).collect()
+}
+
+/// The normal of a triangle times its angle, at each corner.
+fn shares(mesh: &Mesh, triangle: &[u32; 3]) -> [DVec3; 3] {
+    let corners = triangle.map(|i| mesh.positions[i as usize].as_dvec3());
+    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+    [0, 1, 2].map(|i| {
+        let to_next = corners[(i + 1) % 3] - corners[i];
+        let to_last = corners[(i + 2) % 3] - corners[i];
+        normal * to_next.angle_between(to_last)
+    })
 }
 
 #[cfg(test)]

@@ -1,92 +1,186 @@
-//! Wavefront OBJ, by the crate `tobj`.
+//! Wavefront OBJ: the lines that make up geometry, as one mesh. Groups do not split it, so that smooth normals do not break where one
+//! ends; material files are not ours to open.
+//!
+//! Pieces of the text are read side by side, twice: first to count, so that each knows what the numbers of its faces mean.
+
+mod corners;
 
 use std::path::Path;
 
 use glam::{Vec2, Vec3};
-use tobj::{LoadError, LoadOptions};
+use rayon::prelude::*;
 
 use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 
+use super::lines::{lines, number, numbers, pieces, words};
 use super::mesh::LARGEST_FILE;
+use corners::{Corner, corner, weld};
 
-/// Reads all groups of an OBJ file as one mesh. v is turned around, because OBJ counts it from the bottom of a picture and we,
-/// like Mitsuba, from the top.
+/// Reads an OBJ file; polygons become fans of triangles, points and lines are left out. v is turned around, because OBJ counts it from
+/// the bottom of a picture and we, like Mitsuba, from the top.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the file.
+/// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the file and, where there is one, the line.
 pub fn read(path: &Path) -> Result<Mesh> {
     let bytes = read_bytes(path, LARGEST_FILE)?;
-    let text = geometry_lines(&bytes);
-    let options = LoadOptions { single_index: true, triangulate: true, ignore_points: true, ignore_lines: true };
-    let no_materials = |_: &Path| Ok((Vec::new(), Default::default()));
-    let fail = |why: &str| Error::malformed(Place::file(path), format!("not a readable OBJ file: {why}"));
-    let parsed = tobj::load_obj_buf(&mut text.as_slice(), &options, no_materials);
-    let (models, _) = parsed.map_err(|error| fail(explain(&error)))?;
-    let mut mesh = Mesh::default();
-    for model in models {
-        append(&mut mesh, &model.mesh).map_err(fail)?;
+    let fail = |place: Place, why: &str| Error::malformed(place, format!("not a readable OBJ file: {why}"));
+    let pieces = pieces(&bytes);
+    let counts: Vec<Counts> = pieces.par_iter().map(|piece| Counts::of(piece)).collect();
+    let mut total = Counts::default();
+    let mut begins = Vec::with_capacity(counts.len());
+    for counts in &counts {
+        begins.push(total);
+        total = total.plus(counts);
     }
-    Ok(mesh)
-}
-
-/// Only the lines that make up geometry. Without the group lines the parser returns one mesh, so that smooth normals do not
-/// break where a group ends; material files are not ours to open.
-fn geometry_lines(bytes: &[u8]) -> Vec<u8> {
-    let mut out = Vec::with_capacity(bytes.len() + 1);
-    for line in bytes.split(|&b| b == b'\n') {
-        let word = line.split(|b| b.is_ascii_whitespace()).find(|word| !word.is_empty());
-        if matches!(word, Some(b"v" | b"vn" | b"vt" | b"f")) {
-            out.extend_from_slice(line);
-            out.push(b'\n');
+    let parts: Vec<Result<Part, Broken>> = pieces
+        .par_iter()
+        .zip(begins.par_iter().zip(&counts))
+        .map(|(piece, (b, c))| part(piece, b, c, &total))
+        .collect();
+    let triangles = parts.iter().flatten().map(|part| part.triangles.len()).sum();
+    let mut whole = Part::with_capacity(&total, triangles);
+    for (part, begin) in parts.into_iter().zip(&begins) {
+        match part {
+            Ok(part) => whole.append(part),
+            Err((line, why)) => {
+                let line = u32::try_from(begin.lines + line + 1).unwrap_or(u32::MAX);
+                return Err(fail(Place::line(path, line), why));
+            }
         }
     }
-    out
+    weld(&whole).map_err(|why| fail(Place::file(path), why))
 }
 
-fn append(mesh: &mut Mesh, part: &tobj::Mesh) -> Result<(), &'static str> {
-    let first = u32::try_from(mesh.positions.len()).map_err(|_| "more than 2³² vertices")?;
-    let count = part.positions.len() / 3;
-    let (has_normals, has_uvs) = (!part.normals.is_empty(), !part.texcoords.is_empty());
-    if has_normals && part.normals.len() != 3 * count || has_uvs && part.texcoords.len() != 2 * count {
-        return Err("some faces have normals or texture coordinates and others do not");
+/// Number of a line in its piece, and what is wrong with it.
+type Broken = (usize, &'static str);
+
+/// How much of everything there is.
+#[derive(Debug, Clone, Copy, Default)]
+struct Counts {
+    lines: usize,
+    /// Positions, texture coordinates, normals.
+    values: [usize; 3],
+}
+
+impl Counts {
+    fn of(piece: &[u8]) -> Self {
+        let mut counts = Self::default();
+        for line in lines(piece) {
+            counts.lines += 1;
+            if let Some(kind) = words(line).next().and_then(kind) {
+                counts.values[kind] += 1;
+            }
+        }
+        counts
     }
-    mesh.positions.extend(part.positions.chunks_exact(3).map(Vec3::from_slice));
-    mesh.normals.extend(part.normals.chunks_exact(3).map(Vec3::from_slice));
-    mesh.uvs.extend(part.texcoords.chunks_exact(2).map(|uv| Vec2::new(uv[0], 1.0 - uv[1])));
-    for corner in part.indices.chunks_exact(3) {
-        let shift = |i: u32| i.checked_add(first).ok_or("more than 2³² vertices");
-        mesh.triangles.push([shift(corner[0])?, shift(corner[1])?, shift(corner[2])?]);
+
+    fn plus(&self, other: &Self) -> Self {
+        Self { lines: self.lines + other.lines, values: [0, 1, 2].map(|i| self.values[i] + other.values[i]) }
     }
-    // Several parts come only from a parser that splits anyway; their optional attributes must cover all vertices.
-    if has_normals || !mesh.normals.is_empty() {
-        mesh.normals.resize(mesh.positions.len(), Vec3::ZERO);
+}
+
+/// Which of positions, texture coordinates and normals a line that begins with `word` holds.
+fn kind(word: &[u8]) -> Option<usize> {
+    match word {
+        b"v" => Some(0),
+        b"vt" => Some(1),
+        b"vn" => Some(2),
+        _ => None,
     }
-    if has_uvs || !mesh.uvs.is_empty() {
-        mesh.uvs.resize(mesh.positions.len(), Vec2::ZERO);
+}
+
+/// What some lines hold.
+#[derive(Default)]
+struct Part {
+    positions: Vec<Vec3>,
+    uvs: Vec<Vec2>,
+    normals: Vec<Vec3>,
+    triangles: Vec<[Corner; 3]>,
+}
+
+impl Part {
+    fn with_capacity(counts: &Counts, triangles: usize) -> Self {
+        let [positions, uvs, normals] = counts.values;
+        Self {
+            positions: Vec::with_capacity(positions),
+            uvs: Vec::with_capacity(uvs),
+            normals: Vec::with_capacity(normals),
+            triangles: Vec::with_capacity(triangles),
+        }
+    }
+
+    fn append(&mut self, mut other: Self) {
+        self.positions.append(&mut other.positions);
+        self.uvs.append(&mut other.uvs);
+        self.normals.append(&mut other.normals);
+        self.triangles.append(&mut other.triangles);
+    }
+}
+
+/// Reads a piece of which `counts` are there, after those of `begin`, in a file of `total`.
+fn part(piece: &[u8], begin: &Counts, counts: &Counts, total: &Counts) -> Result<Part, Broken> {
+    let mut part = Part::with_capacity(counts, 0);
+    for (index, line) in lines(piece).enumerate() {
+        // What follows a # is a comment.
+        let mut words = words(line).take_while(|word| word[0] != b'#');
+        let Some(first) = words.next() else { continue };
+        let read = match first {
+            b"v" => position(&mut words).map(|position| part.positions.push(position)),
+            b"vt" => {
+                let uv = numbers(&mut words).ok_or("a line \"vt\" does not hold two numbers");
+                uv.map(|[u, v]| part.uvs.push(Vec2::new(u, 1.0 - v)))
+            }
+            b"vn" => {
+                let normal = numbers(&mut words).ok_or("a line \"vn\" does not hold three numbers");
+                normal.map(|normal| part.normals.push(Vec3::from_array(normal)))
+            }
+            b"f" => {
+                let here = [part.positions.len(), part.uvs.len(), part.normals.len()];
+                let before = [0, 1, 2].map(|i| begin.values[i] + here[i]);
+                fan(words.map(|word| corner(word, before, total.values)), &mut part.triangles)
+            }
+            _ => Ok(()),
+        };
+        read.map_err(|why| (index, why))?;
+    }
+    Ok(part)
+}
+
+/// Three numbers, divided by a fourth if that is all that follows; a colour may follow as well.
+fn position<'a>(words: &mut impl Iterator<Item = &'a [u8]>) -> Result<Vec3, &'static str> {
+    const WRONG: &str = "a line \"v\" does not hold three numbers";
+    let position = Vec3::from_array(numbers(words).ok_or(WRONG)?);
+    match (words.next(), words.next()) {
+        (Some(weight), None) => match number::<f32>(weight).ok_or(WRONG)? {
+            0.0 => Err("a line \"v\" holds a point at infinity"),
+            weight => Ok(position / weight),
+        },
+        _ => Ok(position),
+    }
+}
+
+/// Adds the triangles of a polygon.
+fn fan(
+    mut corners: impl Iterator<Item = Result<Corner, &'static str>>,
+    triangles: &mut Vec<[Corner; 3]>,
+) -> Result<(), &'static str> {
+    let first = corners.next().ok_or("a face has no vertices")??;
+    let Some(second) = corners.next() else { return Ok(()) };
+    let mut last = second?;
+    for corner in corners {
+        let corner = corner?;
+        triangles.push([first, last, corner]);
+        last = corner;
     }
     Ok(())
-}
-
-fn explain(error: &LoadError) -> &'static str {
-    match error {
-        LoadError::ReadError => "it is not text",
-        LoadError::PositionParseError => "a line \"v\" does not hold three numbers",
-        LoadError::NormalParseError => "a line \"vn\" does not hold three numbers",
-        LoadError::TexcoordParseError => "a line \"vt\" does not hold two numbers",
-        LoadError::FaceParseError => "a line \"f\" does not hold vertex indices",
-        LoadError::FaceVertexOutOfBounds => "a face uses a vertex that does not exist",
-        LoadError::FaceTexCoordOutOfBounds => "a face uses texture coordinates that do not exist",
-        LoadError::FaceNormalOutOfBounds => "a face uses a normal that does not exist",
-        LoadError::InvalidPolygon => "a face has no vertices",
-        _ => "unknown content",
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::random::Random;
 
     fn parse(text: &str) -> Result<Mesh> {
         let file = tempfile::NamedTempFile::new().unwrap();
@@ -107,17 +201,64 @@ mod tests {
     }
 
     #[test]
+    fn points_weights_colours_and_comments() {
+        let text = "\tv 2 4 6 2 # half\r\nv 1 0 0 0.5 0.5 0.5\r\nv 0 1 0\nv 9 9 9 # unused\np 1\nl 1 2\nf 1 2\nf 1 2 3 # all\n";
+        let mesh = parse(text).unwrap();
+        assert_eq!(mesh.positions, [Vec3::new(1.0, 2.0, 3.0), Vec3::X, Vec3::Y]);
+        assert_eq!(mesh.triangles, [[0, 1, 2]]);
+    }
+
+    #[test]
     fn bad_files_are_errors() {
-        for text in [
-            "v 0 0\n",
-            "v 0 0 x\n",
-            "v 0 0 0\nf 1 2 3\n",
-            "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/2 3/3\n",
-            "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//9 2//9 3//9\n",
-            "v 0 0 0\nv 1 0 0\nv 0 1 0\nf a b c\n",
-            "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -9 -8 -7\n",
+        for (line, text) in [
+            (1, "v 0 0\n"),
+            (1, "v 0 0 x\n"),
+            (2, "# a comment\nv 0 0 0 0\n"),
+            (2, "v 0 0 0\nf 1 2 3\n"),
+            (5, "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/2 3/3\n"),
+            (5, "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//9 2//9 3//9\n"),
+            (4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf a b c\n"),
+            (4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n"),
+            (4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/2/3/4 2 3\n"),
+            (4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf\n"),
+            (4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -9 -8 -7\n"),
+            (4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 99999999999999999999 1 2\nv x\n"),
         ] {
-            assert!(matches!(parse(text), Err(Error::Malformed { .. })), "{text}");
+            let error = parse(text).unwrap_err();
+            assert!(matches!(&error, Error::Malformed { .. }), "{text}");
+            assert!(error.to_string().contains(&format!(":{line}: ")), "{error}");
         }
+        let mixed = parse("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\nf 2 4 3\n").unwrap_err();
+        assert!(mixed.to_string().contains("and others do not"), "{mixed}");
+    }
+
+    /// A long file, so that it is cut, with numbers of faces from the beginning and from the end of what came before, and one wrong
+    /// line in the middle of it.
+    #[test]
+    fn pieces_make_one_mesh() {
+        let mut random = Random::new(51, 0, 0);
+        let (mut text, mut corners, mut places) = (String::new(), Vec::new(), Vec::new());
+        for line in 0..90_000 {
+            let count = places.len();
+            if line % 3 < 2 {
+                places.push(line as f32);
+                text += &format!("v {line} 0.5 {}\n", random.next_f32());
+                continue;
+            }
+            let face = [0; 3].map(|_| random.below(count as u32) as usize);
+            let word = |i: i64, v: usize| if i % 2 == 0 { v as i64 + 1 } else { v as i64 - count as i64 };
+            text += &format!("f {} {} {}\n", word(0, face[0]), word(1, face[1]), word(line, face[2]));
+            corners.extend(face);
+        }
+        assert!(pieces(text.as_bytes()).len() > 1);
+        let mesh = parse(&text).unwrap();
+        let expected: Vec<f32> = corners.iter().map(|&vertex| places[vertex]).collect();
+        let found: Vec<f32> = mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize].x).collect();
+        assert!(found == expected);
+        let end = text.len() - 1;
+        let begin = text[..end].rfind('\n').unwrap() + 1;
+        text.replace_range(begin..end, "f 1 2 z");
+        let error = parse(&text).unwrap_err();
+        assert!(error.to_string().contains(&format!(":{}: ", text.lines().count())), "{error}");
     }
 }

@@ -1,6 +1,7 @@
-//! PLY, text or binary, by the crate `ply-rs-bw`; the body of large files, in the layout that they usually have, by our own code.
+//! PLY, text or binary, by the crate `ply-rs-bw`; bodies in the layout that they usually have, by our own code.
 
 mod binary;
+mod text;
 
 use std::path::Path;
 
@@ -28,6 +29,10 @@ pub fn read(path: &Path) -> Result<Mesh> {
     check_counts(path, &header, reader.get_ref().len())?;
     if let Some(layout) = binary::Layout::of(&header) {
         return layout.read(path, reader.get_ref());
+    }
+    // The library says what is wrong with a text, and where.
+    if let Some(mesh) = text::Layout::of(&header).and_then(|layout| layout.read(reader.get_ref())) {
+        return Ok(mesh);
     }
     let (mut vertices, mut faces): (Vec<Vertex>, Vec<Face>) = (Vec::new(), Vec::new());
     for (name, element) in &header.elements {
@@ -76,6 +81,30 @@ fn smallest_size(element: &ElementDef, encoding: Encoding) -> u64 {
         (_, PropertyType::Scalar(scalar) | PropertyType::List(scalar, _)) => scalar_size(scalar),
     };
     element.properties.iter().map(|(_, property)| of(&property.data_type)).sum::<u64>().max(1)
+}
+
+/// Number of a property among x, y, z, nx, ny, nz, u and v.
+fn slot(name: &str) -> Option<usize> {
+    match name {
+        "x" => Some(0),
+        "y" => Some(1),
+        "z" => Some(2),
+        "nx" => Some(3),
+        "ny" => Some(4),
+        "nz" => Some(5),
+        "u" | "s" | "texture_u" => Some(6),
+        "v" | "t" | "texture_v" => Some(7),
+        _ => None,
+    }
+}
+
+/// The properties of vertices and the only one of faces, a list of indices; none for files in another layout.
+fn usual(header: &Header) -> Option<(&ElementDef, &ElementDef, &PropertyType)> {
+    let elements: Vec<(&str, &ElementDef)> = header.elements.iter().map(|(n, e)| (n.as_str(), e)).collect();
+    let [("vertex", vertex), ("face", face), ..] = elements[..] else { return None };
+    let mut properties = face.properties.iter();
+    let (Some((name, list)), None) = (properties.next(), properties.next()) else { return None };
+    matches!(name.as_str(), "vertex_index" | "vertex_indices").then_some((vertex, face, &list.data_type))
 }
 
 fn scalar_size(scalar: &ScalarType) -> u64 {
@@ -192,6 +221,7 @@ fn build(path: &Path, header: &Header, vertices: &[Vertex], faces: &[Face]) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::random::Random;
 
     fn parse(bytes: &[u8]) -> Result<Mesh> {
         let file = tempfile::NamedTempFile::new().unwrap();
@@ -279,6 +309,55 @@ mod tests {
         let end_of_second = body.len() - 9;
         body[end_of_second - 1] = 0xff;
         assert!(matches!(parse(&binary("int", &body)), Err(Error::Malformed { .. })));
+    }
+
+    /// A text of several pieces holds what the same file in binary does, in both kinds of numbers; a wrong line is named.
+    #[test]
+    fn long_texts_are_read_whole() {
+        let mut random = Random::new(53, 0, 0);
+        let count = 30_000;
+        let header = |format: &str| {
+            format!(
+                "ply\nformat {format} 1.0\nelement vertex {count}\nproperty float x\nproperty double y\nproperty float z\n\
+                property uchar red\nproperty float s\nproperty float t\nelement face {count}\n\
+                property list uchar int vertex_indices\nend_header\n"
+            )
+        };
+        let (mut text, mut binary) = (header("ascii"), header("binary_little_endian").into_bytes());
+        let lines = text.lines().count();
+        for _ in 0..count {
+            let [x, z, u, v] = [0; 4].map(|_| random.range(-10.0, 10.0));
+            let y = random.next_f64();
+            text += &format!("{x} {y} {z} 7 {u} {v}\n");
+            binary.extend(x.to_le_bytes());
+            binary.extend(y.to_le_bytes());
+            binary.extend(z.to_le_bytes());
+            binary.push(7);
+            [u, v].iter().for_each(|value| binary.extend(value.to_le_bytes()));
+        }
+        for _ in 0..count {
+            let corners: Vec<u32> = (0..3 + random.below(2)).map(|_| random.below(count)).collect();
+            text += &format!("{} {}\r\n", corners.len(), corners.iter().map(|i| format!("{i} ")).collect::<String>());
+            binary.push(corners.len() as u8);
+            corners.iter().for_each(|i| binary.extend(i.to_le_bytes()));
+        }
+        assert!(text.len() > 2 << 20);
+        let mesh = parse(text.as_bytes()).unwrap();
+        assert!(mesh == parse(&binary).unwrap());
+        let mut reader = Reader::new(text.as_bytes());
+        let header = Parser::<Ignored>::new().read_header(&mut reader).unwrap();
+        let own = text::Layout::of(&header).and_then(|layout| layout.read(reader.get_ref()));
+        assert!(own.as_ref() == Some(&mesh), "by our own code");
+        // Without the end of the last line, and with something after it.
+        assert!(mesh == parse(text.trim_end().as_bytes()).unwrap());
+        assert!(mesh == parse((text.clone() + "1 2 3\n").as_bytes()).unwrap());
+        let wrong: String = text
+            .lines()
+            .enumerate()
+            .map(|(i, l)| if i == lines + 777 { "1 x 2\n".into() } else { format!("{l}\n") })
+            .collect();
+        let error = parse(wrong.as_bytes()).unwrap_err().to_string();
+        assert!(error.contains(&format!(":{}: ", lines + 778)), "{error}");
     }
 
     #[test]

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use glam::{Vec2, Vec3};
-use ply_rs_bw::ply::{ElementDef, Encoding, Header, PropertyType, ScalarType};
+use ply_rs_bw::ply::{Encoding, Header, PropertyType, ScalarType};
 use rayon::prelude::*;
 
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 
-use super::scalar_size;
+use super::{scalar_size, slot, usual};
 
 /// Where a number lies in a vertex, and whether it takes eight bytes.
 #[derive(Clone, Copy)]
@@ -35,8 +35,7 @@ const TRIANGLE: usize = 13;
 impl Layout {
     /// None for a file that only the library reads.
     pub fn of(header: &Header) -> Option<Self> {
-        let elements: Vec<(&str, &ElementDef)> = header.elements.iter().map(|(n, e)| (n.as_str(), e)).collect();
-        let [("vertex", vertex), ("face", face), ..] = elements[..] else { return None };
+        let (vertex, face, list) = usual(header)?;
         if header.encoding != Encoding::BinaryLittleEndian {
             return None;
         }
@@ -44,18 +43,7 @@ impl Layout {
         let mut stride = 0;
         for (name, property) in vertex.properties.iter() {
             let PropertyType::Scalar(scalar) = &property.data_type else { return None };
-            let slot = match name.as_str() {
-                "x" => Some(0),
-                "y" => Some(1),
-                "z" => Some(2),
-                "nx" => Some(3),
-                "ny" => Some(4),
-                "nz" => Some(5),
-                "u" | "s" | "texture_u" => Some(6),
-                "v" | "t" | "texture_v" => Some(7),
-                _ => None,
-            };
-            if let Some(slot) = slot {
+            if let Some(slot) = slot(name) {
                 let double = match scalar {
                     ScalarType::Float => false,
                     ScalarType::Double => true,
@@ -65,15 +53,12 @@ impl Layout {
             }
             stride += scalar_size(scalar) as usize;
         }
-        let mut properties = face.properties.iter();
-        let (Some((name, list)), None) = (properties.next(), properties.next()) else { return None };
-        let signed = match &list.data_type {
+        let signed = match list {
             PropertyType::List(ScalarType::UChar, ScalarType::Int) => true,
             PropertyType::List(ScalarType::UChar, ScalarType::UInt) => false,
             _ => return None,
         };
-        let sound =
-            matches!(name.as_str(), "vertex_index" | "vertex_indices") && fields[..3].iter().all(Option::is_some);
+        let sound = fields[..3].iter().all(Option::is_some);
         sound.then_some(Self { vertices: vertex.count, stride, fields, faces: face.count, signed })
     }
 
