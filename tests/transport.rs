@@ -276,6 +276,25 @@ fn s05_guided_pictures_agree_with_none() {
     assert_eq!(compared, ((GUIDES.len() - 1) * COMPARED.len() - 4) * BLOCKS);
 }
 
+/// A guide is given up by what its passes contain, so they must stay in the picture whether it is or not: to keep them only where the
+/// verdict was good would be to keep those that found something by chance. All camera samples count but the three of the first two
+/// passes, which are left out of every picture.
+#[test]
+fn s05_giving_up_leaves_no_sample_out() {
+    let scene = committed("glass-caustic", [96, 72]);
+    let mut settings = settings(GUIDES[5], 64, 1);
+    (settings.gives_up, settings.keeps_spread) = (true, true);
+    let outcome = render(&scene, &settings, &Gaussian::default(), &Silent, &AtomicBool::new(false));
+    let outcome = outcome.expect("the settings are sound");
+    assert!(outcome.statistics.decisions[0].contains("guiding off"), "{:?}", outcome.statistics.decisions);
+    let learned: u32 = outcome.statistics.iterations.iter().map(|iteration| iteration.spp).sum();
+    assert!(learned > 3, "{learned}: nothing that could be left out");
+    let samples = outcome.spread.expect("it was asked for").samples;
+    let photons: f64 = outcome.statistics.iterations.iter().map(|i| f64::from(i.spp) * i.photon_share).sum();
+    let expected = 64 - 3 - photons.round() as u32;
+    assert!(samples.iter().all(|&samples| samples == expected), "{} instead of {expected}", samples[0]);
+}
+
 /// A block a tenth brighter would be seen on the diffuse box, at the level of the test above. Keeps it honest.
 #[test]
 fn s05_agreement_can_fail() {

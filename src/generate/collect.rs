@@ -180,7 +180,7 @@ struct Target {
 }
 
 impl Run<'_> {
-    fn pass(&mut self, spp: u32) {
+    fn pass(&mut self, spp: u32) -> Statistics {
         let field = self.learning.learner.field(Use::Learning);
         let picture = combine(&self.passes).ok().and_then(|picture| expected_values(&picture));
         let tracer = PassTracer {
@@ -197,9 +197,11 @@ impl Run<'_> {
             chunk: CHUNK,
         };
         let mut film = Pass::new(self.scene.size[0] as usize, self.scene.size[1] as usize);
-        tracer.run(&mut film, 0, Some(&mut self.learning), &mut Statistics::default(), &mut |_| true);
+        let mut statistics = Statistics::default();
+        tracer.run(&mut film, 0, Some(&mut self.learning), &mut statistics, &mut |_| true);
         self.first_sample += spp;
         self.passes.push(film.finish());
+        statistics
     }
 
     fn end_iteration(&mut self) -> Result<()> {
@@ -333,4 +335,30 @@ impl Target {
 /// Mass of a distribution in the leaves of another tree.
 fn mass_on(topology: &Topology, of: &Distribution) -> Vec<f32> {
     topology.leaves().map(|leaf| of.cell_mass(topology.level_of(leaf), topology.cell[leaf]) as f32).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Family, scene};
+    use super::*;
+
+    /// As in a render, a pass knows from those before what pixels will about be, and leaves out work that brings little: at least a
+    /// twentieth of the rays, with the same guides. Data of paths that are never judged would not be what renders have.
+    #[test]
+    fn data_are_collected_with_the_roulette_of_renders() {
+        let file = scene(Family::ALL[0], 3, [32, 32]);
+        let loaded = readers::resolve(file, Path::new("."), Path::new("test")).expect("a generated scene is sound");
+        let scene = Scene::build(&loaded, [32, 32]).expect("a generated scene builds");
+        let settings = RenderSettings::new(GuideMode::Gaussian, StopRule::Spp(1));
+        let learning = Learning::new(&settings, &scene.lights.emission);
+        let mut run = Run { scene: &scene, learning, settings, first_sample: 0, passes: vec![] };
+        for _ in 0..3 {
+            run.pass(4);
+            run.end_iteration().expect("smoothing does not fail");
+        }
+        let judged = run.pass(16).camera_rays as f64;
+        run.passes.clear();
+        let all = run.pass(16).camera_rays as f64;
+        assert!(judged < 0.95 * all, "{judged} rays against {all}");
+    }
 }

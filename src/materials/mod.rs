@@ -165,7 +165,7 @@ impl Material {
                 return m.parts.iter().map(|part| part.eta(wo, -wo)).find(|&eta| eta != 1.0).unwrap_or(1.0);
             }
             Kind::Diffuse(_) | Kind::Conductor(_) | Kind::RoughConductor(_) | Kind::ThinDielectric(_) => 1.0,
-            Kind::Plastic(_) | Kind::Null => 1.0,
+            Kind::RoughDiffuse(_) | Kind::Plastic(_) | Kind::Null => 1.0,
         };
         if wo.z > 0.0 { behind } else { 1.0 / behind }
     }
