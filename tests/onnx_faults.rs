@@ -10,6 +10,7 @@ mod network;
 mod scenes;
 
 use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
 use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
@@ -20,6 +21,7 @@ use fanal::reconstruct::Neural;
 use fanal::reconstruct::neural::reconstruct_batch;
 use fanal::reconstruct::onnx::OnnxBackend;
 use fanal::render::render;
+use fanal::scene::readers::read_image;
 use network::Tree;
 use scenes::{GUIDES, committed, settings};
 use tempfile::TempDir;
@@ -156,6 +158,39 @@ fn f05_models_that_fail_inside_onnxruntime() {
         }
         assert!(render(&scene, &settings, &Neural::embedded(folder.path()).unwrap(), &Silent, &stop).is_ok());
     }
+}
+
+/// Runs the program, copied away from the repository, with the library at `library`.
+fn far_away(folder: &Path, library: &Path, arguments: &[&str]) -> Output {
+    let program = folder.join("fanal");
+    if !program.exists() {
+        std::fs::copy(env!("CARGO_BIN_EXE_fanal"), &program).unwrap();
+    }
+    let mut command = Command::new(program);
+    command.args(arguments).current_dir(folder).env("ORT_DYLIB_PATH", library).output().unwrap()
+}
+
+/// The ONNX files of the program's model are in the program: with the library alone it makes the picture that it makes with those of
+/// the repository, and without, it is the library that it asks for.
+#[test]
+fn f05_the_program_carries_its_onnx_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let [scene, model] = ["scenes/door-ajar", "models/default"].map(|path| root.join(path).display().to_string());
+    let base = ["render", &scene, "--backend", "onnx", "--size", "32x24", "--spp", "64", "--quiet", "-o"];
+    let missing = far_away(folder.path(), Path::new("/missing.so"), &[&base[..], &["a.exr"]].concat());
+    let told = String::from_utf8_lossy(&missing.stderr);
+    assert!(missing.status.code() == Some(1) && told.contains("ORT_DYLIB_PATH"), "{told}");
+    let Some(library) = library() else { return };
+    let library = std::path::absolute(library).unwrap();
+    let picture = |file: &str, more: &[&str]| {
+        let output = far_away(folder.path(), &library, &[&base[..], &[file], more].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        read_image(&folder.path().join(file), false).unwrap()
+    };
+    let (carried, named) = (picture("a.exr", &[]), picture("b.exr", &["--model", &model]));
+    assert!(carried.pixels == named.pixels);
+    assert!(carried.pixels.iter().any(|pixel| pixel.max_element() > 0.0));
 }
 
 /// The file with every occurrence of a name replaced by one of the same length.

@@ -202,7 +202,7 @@ pub enum Backend {
     Embedded,
     /// The same in bfloat16: for wide networks a little faster on processors that have instructions for it, and a little less exact
     EmbeddedBf16,
-    /// onnxruntime, whose shared library must be installed
+    /// onnxruntime, whose shared library must be installed (ORT_DYLIB_PATH says where)
     Onnx,
 }
 

@@ -5,6 +5,7 @@ pub mod neural;
 #[cfg(feature = "onnx")]
 pub mod onnx;
 
+mod built_in;
 mod growth;
 
 use std::path::Path;
@@ -148,9 +149,7 @@ impl Neural {
     /// # Errors
     /// [`Error::Model`] where the model is of another version than the program.
     pub fn built_in() -> Result<Self> {
-        let config = include_bytes!("../../models/default/config.json");
-        let weights = include_bytes!("../../models/default/weights.safetensors");
-        Self::with_embedded(Model::from_bytes(config, weights)?)
+        Self::with_embedded(built_in::model()?)
     }
 
     /// The model in `folder`, run by the embedded backend.
@@ -178,6 +177,15 @@ impl Neural {
     pub fn onnx(folder: &Path) -> Result<Self> {
         let model = Model::load(folder)?;
         Ok(Self { model, backend: Box::new(onnx::OnnxBackend::load(folder)?) })
+    }
+
+    /// The model that was compiled into the program, run by onnxruntime.
+    ///
+    /// # Errors
+    /// As [`Neural::onnx`].
+    #[cfg(feature = "onnx")]
+    pub fn built_in_onnx() -> Result<Self> {
+        Ok(Self { model: built_in::model()?, backend: Box::new(onnx::OnnxBackend::built_in()?) })
     }
 
     fn with_embedded(model: Model) -> Result<Self> {

@@ -1,4 +1,4 @@
-//! The onnxruntime backend: runs a model folder's `encode_step.onnx` and `decode_step.onnx`.
+//! The onnxruntime backend: runs a model folder's `encode_step.onnx` and `decode_step.onnx`, or those inside the program.
 //!
 //! The shared library is loaded at run time. onnxruntime's sessions are not used from two threads at once: each step has a
 //! lock, and onnxruntime itself spreads a step over threads.
@@ -10,6 +10,7 @@ use ort::environment::Environment;
 use ort::session::{Session, SessionInputValue};
 use ort::value::TensorRef;
 
+use super::built_in;
 use crate::base::files::read_bytes;
 use crate::base::{Error, Result};
 use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
@@ -54,11 +55,7 @@ impl OnnxBackend {
     /// [`Error::Backend`] if the library is missing, too old or refuses the model; [`Error::Model`] and [`Error::Malformed`]
     /// for the folder's content, also where a checksum is wrong.
     pub fn load(folder: &Path) -> Result<Self> {
-        let library = match std::env::var_os(LIBRARY_VARIABLE).filter(|path| !path.is_empty()) {
-            Some(path) => PathBuf::from(path),
-            None => find_library().ok_or_else(|| missing("no onnxruntime library was found".into()))?,
-        };
-        Self::load_with(folder, &library)
+        Self::load_with(folder, &library()?)
     }
 
     /// As [`OnnxBackend::load`] with the library at `library`. A process keeps the first library that it loaded.
@@ -68,22 +65,53 @@ impl OnnxBackend {
     pub fn load_with(folder: &Path, library: &Path) -> Result<Self> {
         let model = Model::load(folder)?;
         let environment = environment(library)?;
-        let session = |file: &str| -> Result<Mutex<Session>> {
+        let step = |file: &str| {
             let path = folder.join(file);
             if !path.is_file() {
                 let message = format!("{file} is missing; `fanal-training export` writes it");
                 return Err(Error::Model { path: folder.to_owned(), message });
             }
-            let fail =
-                |e: ort::Error| Error::Model { path: path.clone(), message: format!("onnxruntime refuses it: {e}") };
-            let bytes = read_bytes(&path, MODEL_LIMIT)?;
-            seal::check(&path, &bytes)?;
-            let session =
-                Session::builder(&environment).and_then(|mut b| b.commit_from_memory(&bytes)).map_err(fail)?;
-            check_metadata(&session, &model, &path)?;
-            Ok(Mutex::new(session))
+            session(&environment, &model, &read_bytes(&path, MODEL_LIMIT)?, &path)
         };
-        Ok(Self { encode: session(ENCODE_FILE)?, decode: session(DECODE_FILE)?, config: model.config })
+        Ok(Self { encode: step(ENCODE_FILE)?, decode: step(DECODE_FILE)?, config: model.config })
+    }
+
+    /// The model that was compiled into the program, with the library that [`OnnxBackend::load`] would take.
+    ///
+    /// # Errors
+    /// As [`OnnxBackend::load`].
+    pub fn built_in() -> Result<Self> {
+        Self::built_in_with(&library()?)
+    }
+
+    /// As [`OnnxBackend::built_in`] with the library at `library`.
+    ///
+    /// # Errors
+    /// As [`OnnxBackend::load`].
+    pub fn built_in_with(library: &Path) -> Result<Self> {
+        let model = built_in::model()?;
+        let environment = environment(library)?;
+        let step =
+            |bytes: &[u8], file: &str| session(&environment, &model, bytes, &Path::new(built_in::NAME).join(file));
+        let (encode, decode) = (step(built_in::ENCODE, ENCODE_FILE)?, step(built_in::DECODE, DECODE_FILE)?);
+        Ok(Self { encode, decode, config: model.config })
+    }
+}
+
+/// A step of `model` from the content of its ONNX file; `path` is named in errors.
+fn session(environment: &Environment, model: &Model, bytes: &[u8], path: &Path) -> Result<Mutex<Session>> {
+    let fail = |e: ort::Error| Error::Model { path: path.to_owned(), message: format!("onnxruntime refuses it: {e}") };
+    seal::check(path, bytes)?;
+    let session = Session::builder(environment).and_then(|mut b| b.commit_from_memory(bytes)).map_err(fail)?;
+    check_metadata(&session, model, path)?;
+    Ok(Mutex::new(session))
+}
+
+/// The library that the user names, or else the first found.
+fn library() -> Result<PathBuf> {
+    match std::env::var_os(LIBRARY_VARIABLE).filter(|path| !path.is_empty()) {
+        Some(path) => Ok(PathBuf::from(path)),
+        None => find_library().ok_or_else(|| missing("no onnxruntime library was found".into())),
     }
 }
 

@@ -217,9 +217,7 @@ fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<(
         #[cfg(feature = "onnx")]
         (Some(folder), Backend::Onnx) => Neural::onnx(folder)?,
         #[cfg(feature = "onnx")]
-        (None, Backend::Onnx) => {
-            return Err(Error::Options("--backend onnx needs --model DIR, the folder with the ONNX files".into()));
-        }
+        (None, Backend::Onnx) => Neural::built_in_onnx()?,
         #[cfg(not(feature = "onnx"))]
         (_, Backend::Onnx) => {
             return Err(Error::Options("this program was built without the onnx feature".into()));
