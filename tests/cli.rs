@@ -36,6 +36,8 @@ fn every_help_has_examples() {
         let text = String::from_utf8_lossy(&result.stdout);
         assert!(result.status.success());
         assert!(text.contains("Examples:\n  fanal "), "{command:?}: {text}");
+        let ends_early = matches!(command, [] | ["render" | "compare" | "dataset"]);
+        assert_eq!(text.contains("75 ended early by Ctrl-C, SIGTERM or SIGHUP"), ends_early, "{command:?}: {text}");
     }
 }
 

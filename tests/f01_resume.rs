@@ -18,7 +18,10 @@ use fanal::base::random::Random;
 use fanal::base::{Error, Result};
 use fanal::film::Window;
 use fanal::guiding::field::GuideField;
+use fanal::guiding::learner::CountedTree;
+use fanal::guiding::proposal::Proposal;
 use fanal::materials::image::Image;
+use fanal::reconstruct::Reconstructor;
 use fanal::render::checkpoint::made_for;
 use fanal::render::{
     Checkpointing, Control, GuideMode, Outcome, RenderSettings, StopRule, learn, render_watched, render_with_field,
@@ -75,6 +78,7 @@ fn interrupted(scene: &Scene, settings: &RenderSettings, field: Option<&GuideFie
         interruptions += 1;
         assert!(interruptions < 500, "{:?}: it never ends", settings.guide);
     };
+    assert!(!outcome.interrupted);
     let what = (settings.guide, settings.stop, step);
     assert!(bits(&outcome.image) == bits(&whole.image), "{what:?}: another picture");
     assert_eq!(outcome.spread, whole.spread, "{what:?}");
@@ -124,6 +128,49 @@ fn f01_windows_target_errors_and_loaded_guides() {
     let learning = settings(GUIDES[1], 64, 1);
     let field = learn(&scene, &learning, reconstructor(learning.guide).as_ref(), &Control::new(&Silent, &stop));
     assert!(interrupted(&scene, &settings(GUIDES[1], 256, 4), Some(&field.unwrap()), 1) >= 2);
+}
+
+/// Reconstructs, and wishes for an end meanwhile.
+struct Stopping<'a>(Box<dyn Reconstructor>, &'a AtomicBool);
+
+impl Reconstructor for Stopping<'_> {
+    fn name(&self) -> &'static str {
+        self.0.name()
+    }
+
+    fn rays_per_node(&self) -> f64 {
+        self.0.rays_per_node()
+    }
+
+    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
+        self.1.store(true, Ordering::Relaxed);
+        self.0.reconstruct(trees)
+    }
+}
+
+/// A wish to stop that comes between two passes leaves a checkpoint too; without one to write, nothing is traced any more.
+#[test]
+fn f01_wishes_between_passes_are_kept() {
+    let scene = committed("door-ajar", [64, 48]);
+    let settings = settings(GUIDES[5], 192, 3);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.part");
+    let stopped = |checkpoint: &Checkpointing| {
+        let stop = AtomicBool::new(false);
+        let control = Control { checkpoint: Some(checkpoint), ..Control::new(&Silent, &stop) };
+        let outcome = render_watched(&scene, &settings, &Stopping(reconstructor(settings.guide), &stop), &control);
+        let outcome = outcome.unwrap();
+        assert!(outcome.interrupted && outcome.unkept.is_none());
+        assert!(u64::from(outcome.statistics.spp) <= outcome.statistics.samples.div_ceil(64 * 48));
+        outcome.statistics.samples
+    };
+    let none = Checkpointing { write: None, ..keeping(&path, &settings, &scene, false) };
+    let alone = stopped(&none);
+    assert!(stopped(&keeping(&path, &settings, &scene, false)) > alone && path.exists());
+    let (whole, _) = part(&scene, &settings, None, &none, i64::MAX).unwrap();
+    let (resumed, _) = part(&scene, &settings, None, &keeping(&path, &settings, &scene, true), i64::MAX).unwrap();
+    assert!(!whole.interrupted && !resumed.interrupted);
+    assert!(bits(&resumed.image) == bits(&whole.image));
 }
 
 /// A checkpoint is for one scene, one set of options and one program; the message says what differs.

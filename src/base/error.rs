@@ -118,6 +118,9 @@ pub enum Error {
         /// What failed, and what to install.
         message: String,
     },
+    /// The work was stopped, as asked for, before there was anything to keep.
+    #[error("{0}")]
+    Interrupted(String),
     /// Options that contradict one another or are out of range.
     #[error("{0}")]
     Options(String),

@@ -16,12 +16,23 @@ use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;
 use crate::scene::overrides::Override;
 
+/// What every help of a command that a signal can end says about that.
+macro_rules! exit_codes {
+    () => {
+        "\n\nExit codes: 0 done, 75 ended early by Ctrl-C, SIGTERM or SIGHUP with what there is kept, 1 failed, 2 wrong usage.\n\
+         A second such signal ends the program at once; under nohup SIGHUP is ignored (on Linux)."
+    };
+}
+
 /// A physically based renderer that learns where light comes from.
 #[derive(Debug, Parser)]
 #[command(
     name = "fanal",
     version,
-    after_help = "Examples:\n  fanal render scenes/door-ajar -o out.exr\n  fanal render --help"
+    after_help = concat!(
+        "Examples:\n  fanal render scenes/door-ajar -o out.exr\n  fanal render --help",
+        exit_codes!()
+    )
 )]
 pub struct Cli {
     /// What to do.
@@ -222,7 +233,8 @@ impl Switch {
     }
 }
 
-const RENDER_EXAMPLES: &str = "Examples:
+const RENDER_EXAMPLES: &str = concat!(
+    "Examples:
   fanal render scenes/door-ajar -o out.exr
   fanal render scenes/cornell/scene.json -o out.png --guide none --spp 256 --size 128x128
   fanal render scenes/lamp-room -o out.exr --target-error 0.01
@@ -230,7 +242,9 @@ const RENDER_EXAMPLES: &str = "Examples:
   fanal render scenes/lamp-room -o out.exr --model models/mine --backend onnx
   fanal render scenes/lamp-room -o out.exr --spp 4096 --checkpoint lamp.part
   fanal render scenes/lamp-room -o out.exr --spp 4096 --resume lamp.part
-  fanal render scene.xml --guide none --replay 120,45,17";
+  fanal render scene.xml --guide none --replay 120,45,17",
+    exit_codes!()
+);
 
 /// `fanal render`.
 #[derive(Debug, Clone, Args)]
@@ -324,7 +338,7 @@ pub struct RenderArgs {
     /// Who executes the network, for --guide neural
     #[arg(long, value_enum, default_value = "embedded")]
     pub backend: Backend,
-    /// Write the state of the render to this file from time to time, for --resume
+    /// Write the state of the render to this file from time to time and when a signal ends it, for --resume
     #[arg(long, value_name = "FILE")]
     pub checkpoint: Option<PathBuf>,
     /// Least time between two checkpoints; they may take a twentieth of all time at most
@@ -402,11 +416,14 @@ pub struct PlanArgs {
     pub common: Common,
 }
 
-const COMPARE_EXAMPLES: &str = "Examples:
+const COMPARE_EXAMPLES: &str = concat!(
+    "Examples:
   fanal compare scenes/door-ajar --time 5,10,20 -o out/door
   fanal compare scenes/cornell --methods none,neural --spp 16,64 --seeds 8 -o out/cornell
   fanal compare scene.xml --time 30 --reference ref.exr --reference-variance var.exr -o out/scene
-An interrupted comparison goes on where it was; so does one with more seeds or budgets.";
+An interrupted comparison goes on where it was; so does one with more seeds or budgets.",
+    exit_codes!()
+);
 
 /// `fanal compare`.
 #[derive(Debug, Clone, Args)]
@@ -504,9 +521,13 @@ pub struct ErrorArgs {
     pub common: Common,
 }
 
-const DATASET_EXAMPLES: &str = "Examples:
+const DATASET_EXAMPLES: &str = concat!(
+    "Examples:
   fanal dataset datasets/small.toml -o data/small
-  fanal dataset --check data/small";
+  fanal dataset --check data/small
+What was made is kept: the same command goes on after the last scene.",
+    exit_codes!()
+);
 
 /// `fanal dataset`.
 #[derive(Debug, Clone, Args)]

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::process::ExitCode;
 
+use super::interrupt::EXIT_EARLY;
 use crate::base::Error;
 
 /// Prints a parser's message. Help and version go to stdout and are no failure.
@@ -24,7 +25,7 @@ fn usage_message(text: &str) -> String {
     format!("{} (see --help)", words.join(" "))
 }
 
-/// Prints an error with its contexts, outermost first.
+/// Prints an error with its contexts, outermost first. The exit code is 1, or that of an early end where it tells of one.
 pub fn report(error: &anyhow::Error) -> ExitCode {
     let mut message = String::new();
     for cause in error.chain() {
@@ -38,7 +39,10 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
         }
     }
     paragraph(&message);
-    ExitCode::FAILURE
+    match error.downcast_ref() {
+        Some(Error::Interrupted(_)) => ExitCode::from(EXIT_EARLY),
+        _ => ExitCode::FAILURE,
+    }
 }
 
 fn paragraph(message: &str) {

@@ -14,31 +14,34 @@ use anyhow::Context;
 use clap::Parser;
 
 use args::{Cli, Command};
+use interrupt::Ended;
 
-/// Runs the command line of this process. The exit code is 0 on success, 2 for wrong usage, 1 for everything else.
+/// Runs the command line of this process. The exit code is 0 for whole results, 75 where a signal ended the work early, 2 for wrong
+/// usage, 1 for everything else.
 pub fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => return fail::usage(&error),
     };
     match execute(cli.command) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(ended) => ended.into(),
         Err(error) => fail::report(&error),
     }
 }
 
-fn execute(command: Command) -> anyhow::Result<()> {
+fn execute(command: Command) -> anyhow::Result<Ended> {
+    let whole = |()| Ended::Whole;
     match command {
         Command::Render(args) => {
             commands::render::run(&args).with_context(|| format!("cannot render {}", args.scene.display()))
         }
-        Command::Plan(args) => commands::plan::run(&args).context("cannot plan"),
+        Command::Plan(args) => commands::plan::run(&args).map(whole).context("cannot plan"),
         Command::Compare(args) => {
             commands::compare::run(&args).with_context(|| format!("cannot compare methods on {}", args.scene.display()))
         }
-        Command::Error(args) => commands::error::run(&args).context("cannot compare"),
+        Command::Error(args) => commands::error::run(&args).map(whole).context("cannot compare"),
         Command::Inspect(args) => {
-            commands::inspect::run(&args).with_context(|| format!("cannot inspect {}", args.guide.display()))
+            commands::inspect::run(&args).map(whole).with_context(|| format!("cannot inspect {}", args.guide.display()))
         }
         Command::Dataset(args) => commands::dataset::run(&args).context("no data set"),
     }

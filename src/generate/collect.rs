@@ -44,11 +44,12 @@ const RECIPE_FILE: &str = "recipe.json";
 const RECIPE_LIMIT: u64 = 1 << 20;
 
 /// Follows `recipe` into `folder`: one shard per scene and an index. Shards that the index already lists are kept, so an
-/// interrupted run goes on where it stopped, and a recipe may get more scenes. A folder that is refused stays as it was.
+/// interrupted run goes on where it stopped, and a recipe may get more scenes. A folder that is refused stays as it was. Returns how
+/// many scenes it did not come to before it was stopped.
 ///
 /// # Errors
 /// Whatever building a scene, rendering it or writing says; [`Error::Malformed`] for a folder that another recipe made.
-pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &AtomicBool) -> Result<()> {
+pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &AtomicBool) -> Result<usize> {
     let mut index =
         if folder.join(INDEX_FILE).exists() { DatasetIndex::read(folder)? } else { DatasetIndex::default() };
     let (jobs, mode) = (recipe.jobs(), render_settings(recipe).mode());
@@ -57,13 +58,15 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
         write_json(&folder.join(RECIPE_FILE), &of_scenes(recipe))?;
     }
     progress.start(jobs.len() as u64, "scenes");
+    let mut missing = 0;
     for (number, job) in (0u32..).zip(&jobs) {
-        if stop.load(std::sync::atomic::Ordering::Relaxed) {
-            break;
-        }
         let file = shard_name(number, job);
         let known = index.shards.iter().position(|shard| shard.file == file);
         if known.is_none() || !folder.join(&file).is_file() {
+            if stop.load(std::sync::atomic::Ordering::Relaxed) {
+                missing += 1;
+                continue;
+            }
             progress.message(&file);
             let samples = collect(recipe, job, number)?;
             write_shard(&folder.join(&file), &samples)?;
@@ -86,7 +89,7 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
         progress.advance(1);
     }
     progress.finish();
-    Ok(())
+    Ok(missing)
 }
 
 fn shard_name(number: u32, job: &Job) -> String {

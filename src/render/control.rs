@@ -117,6 +117,13 @@ impl<'a> Watcher<'a> {
         stopped
     }
 
+    /// The same between two passes. What checkpoints hold is a moment after a chunk, so where one is to be written, the next chunk is
+    /// the last, and not the one before.
+    pub fn stopped_between(&self) -> bool {
+        let keeps = self.control.checkpoint.is_some_and(|checkpoint| checkpoint.write.is_some());
+        if keeps && !self.cut_short.get() { false } else { self.stopped() }
+    }
+
     /// The next chunk begins now.
     pub fn begin_chunk(&mut self) {
         self.chunk_began = Instant::now();

@@ -53,6 +53,8 @@ pub struct Outcome {
     pub evidence: Evidence,
     /// Why the last checkpoint could not be written; none where it could.
     pub unkept: Option<String>,
+    /// Whether the wish to stop ended it before it was done.
+    pub interrupted: bool,
 }
 
 /// Renders `scene`. `reconstructor` makes the distributions of the guided modes and is not used by [`GuideMode::None`].
@@ -61,7 +63,8 @@ pub struct Outcome {
 /// Under [`StopRule::Spp`] the picture is the same bit for bit for any number of threads.
 ///
 /// # Errors
-/// [`Error::Options`] for a picture without pixels or a budget without samples; errors of the reconstructor.
+/// [`Error::Options`] for a picture without pixels or a budget without samples; [`Error::Interrupted`] where it was stopped before its
+/// first sample; errors of the reconstructor.
 pub fn render(
     scene: &Scene,
     settings: &RenderSettings,
@@ -176,6 +179,8 @@ struct Run<'a> {
     state: State,
     /// What an earlier process has left, until it is gone on with.
     resumed: Option<Resumed>,
+    /// Whether samples were left out because of the wish to stop.
+    interrupted: bool,
 }
 
 impl<'a> Run<'a> {
@@ -195,6 +200,7 @@ impl<'a> Run<'a> {
             evidence: Evidence::default(),
             state: State::default(),
             resumed: None,
+            interrupted: false,
         };
         let total = match settings.stop {
             StopRule::Spp(spp) => u64::from(spp) * run.pixels(),
@@ -271,21 +277,24 @@ impl<'a> Run<'a> {
             spp: *spp,
             chunk: chunk.max(LEAST_CHUNK).max(self.pixels().div_ceil(EVERY_ROW)),
         };
+        let pixels = self.pixels();
         let (watcher, state, evidence) = (&mut self.watcher, &self.state, &self.evidence);
         let field = field.map(|field| (field, evidence));
         watcher.begin_chunk();
         let so_far = |pass: &Pass| combine(&[state.passes.as_slice(), &[pass.finish()]].concat()).ok();
         let mut go_on = |chunk: &Chunk| {
             let Chunk { pass, samples, end: start, learning, statistics } = *chunk;
+            let reached = statistics.samples.div_ceil(pixels) as u32;
             let keep = |checkpoint: &Checkpointing, elapsed: f64, errors: &[ErrorPoint]| {
                 let Some((path, _)) = &checkpoint.write else { return Ok(()) };
                 let moment = Moment { state, pass, spp: *spp, start, statistics, learning, field, elapsed, errors };
                 moment.write(path, &checkpoint.made_for)
             };
-            watcher.end_chunk(samples, state.spent.ceil() as u32, || so_far(pass), keep)
+            watcher.end_chunk(samples, reached, || so_far(pass), keep)
         };
         let complete = tracer.run(pass, *start, learning, &mut self.statistics, &mut go_on);
         *start = 0;
+        self.interrupted |= !complete && self.watcher.stopped();
         complete
     }
 
@@ -338,7 +347,7 @@ impl<'a> Run<'a> {
         let earlier = self.statistics.iterations.iter().rev().nth(1).and_then(|iteration| iteration.gain);
         let hopeless = t >= self.patience() && !self.pays()
             || !self.is_always_guided() && self.state.trend.verdict.is_hopeless(earlier);
-        !hopeless && !self.watcher.stopped() && self.learns_on(1 << t, photon_share)
+        !hopeless && !self.watcher.stopped_between() && self.learns_on(1 << t, photon_share)
     }
 
     fn begin_iteration(&mut self, t: u32, learning: &Learning) -> Part {
@@ -474,10 +483,13 @@ impl<'a> Run<'a> {
             StopRule::Spp(_) | StopRule::Time(_) => self.final_pass(field.as_ref())?,
         };
         self.watcher.control.progress.finish();
+        let pixels = self.pixels() as f64;
         let mut statistics = self.statistics;
         statistics.seconds.total = self.watcher.elapsed();
         statistics.errors = self.watcher.errors;
-        statistics.describe(self.scene, self.settings, self.state.spent.ceil() as u32);
+        // A pass is spent when it begins.
+        let traced = if self.interrupted { statistics.samples as f64 / pixels } else { f64::INFINITY };
+        statistics.describe(self.scene, self.settings, self.state.spent.min(traced).ceil() as u32);
         Ok(Outcome {
             image,
             spread,
@@ -485,6 +497,7 @@ impl<'a> Run<'a> {
             field: field.unwrap_or_else(GuideField::empty),
             evidence: self.evidence,
             unkept: self.watcher.unkept,
+            interrupted: self.interrupted,
         })
     }
 
@@ -521,7 +534,11 @@ impl<'a> Run<'a> {
                     StopRule::Spp(spp) => (f64::from(spp) - self.state.spent).max(0.0) as u32,
                     _ => self.batch(self.state.position.batches),
                 };
-                if part.spp == 0 || self.watcher.stopped() {
+                if part.spp == 0 {
+                    break;
+                }
+                if self.watcher.stopped_between() {
+                    self.interrupted = true;
                     break;
                 }
                 self.state.position.batches += part.spp;
@@ -545,7 +562,7 @@ impl<'a> Run<'a> {
             self.state.passes = std::mem::take(&mut self.state.early);
         }
         let image = combine(&self.state.passes).map_err(|_| {
-            Error::Options("no sample was rendered: the render was stopped before its first pass".into())
+            Error::Interrupted("no sample was rendered: the render was stopped before its first pass".into())
         })?;
         Ok((image, self.spread(&self.state.passes, None)?))
     }

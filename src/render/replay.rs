@@ -25,7 +25,7 @@ pub struct Sample {
 /// does not know that yet.
 ///
 /// # Errors
-/// [`Error::Options`] for a pixel outside of the picture, or a sample before its pass; errors of rendering.
+/// [`Error::Options`] for a pixel outside of the picture, or a sample before its pass; [`Error::Interrupted`]; errors of rendering.
 pub fn replay(
     scene: &Scene,
     settings: &RenderSettings,
@@ -42,6 +42,9 @@ pub fn replay(
     let mut picture = None;
     if let Some(field) = &field {
         run.look(field, None);
+        if run.interrupted {
+            return Err(Error::Interrupted("the replay was stopped before it knew what the render knew".into()));
+        }
         picture = run.pixel_values().filter(|_| sample.number >= u64::from(run.state.rendered));
     }
     let window = settings.window(scene.size);

@@ -40,8 +40,11 @@ impl Run<'_> {
         let picture = field.and_then(|_| self.pixel_values());
         let (mut each, begun) = (self.state.position.each, self.state.position.began);
         let mut estimate = f64::NAN;
-        while self.state.halves.iter().any(|h| h.done.is_none()) && each < MOST && !(each > 0 && self.watcher.stopped())
-        {
+        while self.state.halves.iter().any(|h| h.done.is_none()) && each < MOST {
+            if each > 0 && self.watcher.stopped_between() {
+                self.interrupted = true;
+                break;
+            }
             let next = if each == 0 { FIRST } else { ((f64::from(each) * GROWTH).ceil() as u32).min(MOST) };
             let first = resumed.as_ref().map_or(0, |_| self.state.position.half);
             for half in first..2 {

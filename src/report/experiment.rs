@@ -162,7 +162,7 @@ impl Experiment<'_> {
     /// is then missing.
     ///
     /// # Errors
-    /// Whatever reading, rendering and writing says; [`Error::Options`] where no run was finished.
+    /// Whatever reading, rendering and writing says; [`Error::Interrupted`] where no run was finished.
     pub fn run(&self, progress: &dyn Progress, stop: &AtomicBool) -> Result<Comparison> {
         for folder in ["runs", "data", "plots"].map(|f| self.folder.join(f)) {
             std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
@@ -209,7 +209,7 @@ impl Experiment<'_> {
         }
         progress.finish();
         if runs.is_empty() {
-            return Err(Error::Options("the comparison was stopped before its first run".into()));
+            return Err(Error::Interrupted("the comparison was stopped before its first run".into()));
         }
         let methods: Vec<String> = self.methods.iter().map(|m| m.name().to_owned()).collect();
         let summary = summarise(&methods, self.budgets.len(), &runs);
@@ -298,12 +298,17 @@ impl Experiment<'_> {
         };
         let cpu = cpu_seconds();
         let outcome = match (method, oracle) {
-            (Method::Guide(guide), _) => self.render(scene, guide, stop, seed, control)?,
+            (Method::Guide(guide), _) => self.render(scene, guide, stop, seed, control),
             (Method::Oracle, Some(field)) => {
                 let settings = RenderSettings { stop, seed, ..self.settings.with_guide(ORACLE_GUIDE) };
-                render_with_field(scene, &settings, field.clone(), control)?
+                render_with_field(scene, &settings, field.clone(), control)
             }
-            (Method::Oracle, None) => return Err(Error::Options("the oracle has learned nothing".into())),
+            (Method::Oracle, None) => Err(Error::Options("the oracle has learned nothing".into())),
+        };
+        // The runs before it are worth a page all the same.
+        let outcome = match outcome {
+            Err(Error::Interrupted(_)) => return Ok(None),
+            outcome => outcome?,
         };
         let cpu_seconds = cpu.and_then(|before| Some(cpu_seconds()? - before));
         if control.stop.load(Ordering::Relaxed) {
@@ -426,7 +431,7 @@ impl Experiment<'_> {
             let stop = StopRule::Spp(self.reference_spp);
             parts.push(self.render(scene, GuideMode::Neural, stop, REFERENCE_SEED + part, control)?.image);
             if control.stop.load(Ordering::Relaxed) {
-                return Err(Error::Options("the comparison was stopped while its reference was made".into()));
+                return Err(Error::Interrupted("the comparison was stopped while its reference was made".into()));
             }
         }
         mean_and_variance(&parts)

@@ -2,12 +2,13 @@
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use burn::tensor::Device;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use fanal::cli::interrupt::{self, Ended};
+use fanal::cli::print::line;
 use fanal::generate::dataset::{DatasetIndex, ShardEntry, read_dataset, read_datasets};
 use fanal::generate::shard::{VERSION, write_shard};
 use fanal::network::weights::Model;
@@ -33,7 +34,7 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Train a model on a data folder. Ctrl-C stops and keeps a checkpoint.
+    /// Train a model on a data folder. Ctrl-C, SIGTERM and SIGHUP stop and keep a checkpoint; the exit code is then 75.
     ///
     /// Example: fanal-training train --data data/rooms -o models/rooms --minutes 30
     Train(TrainArgs),
@@ -201,25 +202,24 @@ struct EvalArgs {
 ///
 /// # Errors
 /// Whatever went wrong, in words for the user.
-pub fn run(cli: Cli) -> Result<()> {
+pub fn run(cli: Cli) -> Result<Ended> {
     match cli.command {
-        Command::Train(args) => run_train(args),
-        Command::Eval(args) => run_eval(&args),
+        Command::Train(args) => return run_train(args),
+        Command::Eval(args) => run_eval(&args)?,
         Command::Statistics { data, output } => {
             let folders = data.iter().map(|folder| read_dataset(folder)).collect::<fanal::base::Result<Vec<_>>>()?;
             let statistics = Statistics::new(&folders)?;
             statistics.write(&output)?;
-            print(&statistics, false)
+            print(&statistics, false)?;
         }
-        Command::Export { model } => export(&model),
-        Command::Synthetic { output, trees, seed } => write_synthetic(&output, trees, seed),
+        Command::Export { model } => export(&model)?,
+        Command::Synthetic { output, trees, seed } => write_synthetic(&output, trees, seed)?,
     }
+    Ok(Ended::Whole)
 }
 
-static INTERRUPTED: AtomicBool = AtomicBool::new(false);
-
-fn run_train(args: TrainArgs) -> Result<()> {
-    ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed)).context("cannot listen for Ctrl-C")?;
+fn run_train(args: TrainArgs) -> Result<Ended> {
+    let interrupt = interrupt::flag()?;
     let unlimited = args.minutes.is_none() && args.epochs.is_none();
     let settings = Settings {
         data: args.data,
@@ -243,10 +243,10 @@ fn run_train(args: TrainArgs) -> Result<()> {
         stop_after: args.stop_after,
         quiet: args.quiet,
     };
-    let outcome = train(&settings, &INTERRUPTED)?;
+    let outcome = train(&settings, &interrupt)?;
     let (step, best, speed) = (outcome.step, outcome.best, outcome.trees_per_second);
-    println!("{step} steps, best validation ln(1 + V) {best:.4}, {speed:.0} trees/s");
-    Ok(())
+    line(&format!("{step} steps, best validation ln(1 + V) {best:.4}, {speed:.0} trees/s"))?;
+    Ok(if outcome.finished { Ended::Whole } else { Ended::Early })
 }
 
 /// Parts of a step: a processor computes one on each core, a graphics card all trees together.

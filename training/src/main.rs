@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     match fanal_training::cli::run(fanal_training::cli::Cli::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(ended) => ended.into(),
         Err(error) => {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE

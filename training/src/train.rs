@@ -78,6 +78,8 @@ pub struct Outcome {
     pub best: f64,
     /// Trees per second of training in this part of the run.
     pub trees_per_second: f64,
+    /// Whether the budget was spent, or patience; otherwise it was interrupted.
+    pub finished: bool,
 }
 
 /// Trains until the budget is spent or `interrupt` is set; writes the model folder.
@@ -128,7 +130,7 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     }
     let best = run.state.best.unwrap_or(f64::NAN);
     let seconds = run.state.seconds - run.seconds_before;
-    Ok(Outcome { step: run.state.step, best, trees_per_second: trees as f64 / seconds.max(1e-9) })
+    Ok(Outcome { step: run.state.step, best, trees_per_second: trees as f64 / seconds.max(1e-9), finished })
 }
 
 /// The checksum of what the data folders' indices say: shards, seeds of their scenes, numbers of trees.

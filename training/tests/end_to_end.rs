@@ -111,3 +111,29 @@ fn trains_on_the_committed_shard_with_ndarray_and_renders() {
     let mean = |image: &Image| image.pixels.iter().map(|p| f64::from(p.element_sum())).sum::<f64>();
     assert!((mean(&onnx) / mean(&embedded) - 1.0).abs() < 0.05);
 }
+
+/// SIGTERM ends training as Ctrl-C does: with a checkpoint that was not due yet, from which it goes on, and an exit code of its own.
+#[cfg(unix)]
+#[test]
+fn f08_training() {
+    use std::process::{Command, Stdio};
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("model");
+    let (data, output) = (root("datasets/test").display().to_string(), model.display().to_string());
+    let arguments = ["train", "--data", &data, "-o", &output, "--width", "8", "--every", "100000"];
+    let mut command = Command::new(env!("CARGO_BIN_EXE_fanal-training"));
+    let command = command.args(arguments).args(["--minutes", "1000", "--quiet"]);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    // The folder is made when training begins.
+    while !model.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it ended before it could be interrupted");
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    assert!(Command::new("sh").args(["-c", &format!("kill -TERM {}", child.id())]).status().unwrap().success());
+    let ended = child.wait_with_output().unwrap();
+    assert_eq!(ended.status.code(), Some(75), "{}", String::from_utf8_lossy(&ended.stderr));
+    assert!(String::from_utf8_lossy(&ended.stdout).contains("steps, best validation"));
+    assert!(model.join("checkpoint.safetensors").exists());
+    training(&[&arguments[..], &["--epochs", "1", "--resume", "--quiet"]].concat());
+    assert!(model.join("report.json").exists());
+}

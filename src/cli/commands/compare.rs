@@ -5,6 +5,7 @@ use std::time::Instant;
 use super::{in_pool, load_scene};
 use crate::base::{Error, Result};
 use crate::cli::args::CompareArgs;
+use crate::cli::interrupt::Ended;
 use crate::cli::{interrupt, print, progress};
 use crate::film::check_size;
 use crate::reconstruct::Neural;
@@ -16,7 +17,7 @@ use crate::report::{Budget, Experiment, page};
 ///
 /// # Errors
 /// Everything that reading, rendering and writing can say.
-pub fn run(args: &CompareArgs) -> Result<()> {
+pub fn run(args: &CompareArgs) -> Result<Ended> {
     std::fs::create_dir_all(&args.output).map_err(|e| Error::io(&args.output, e))?;
     in_pool(&args.common, || {
         let begun = Instant::now();
@@ -67,7 +68,8 @@ pub fn run(args: &CompareArgs) -> Result<()> {
         if let Some(text) = comparison.interruption() {
             print::line(&text)?;
         }
-        print::line(&format!("{}", args.output.join("index.html").display()))
+        print::line(&format!("{}", args.output.join("index.html").display()))?;
+        Ok(if comparison.missing > 0 { Ended::Early } else { Ended::Whole })
     })
 }
 

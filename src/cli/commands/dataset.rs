@@ -3,6 +3,7 @@
 use super::in_pool;
 use crate::base::{Error, Result};
 use crate::cli::args::DatasetArgs;
+use crate::cli::interrupt::Ended;
 use crate::cli::{interrupt, print, progress};
 use crate::film::check_folder;
 use crate::generate::collect::generate;
@@ -13,16 +14,22 @@ use crate::generate::recipe::Recipe;
 ///
 /// # Errors
 /// Everything that recipe, generation and data folder can say.
-pub fn run(args: &DatasetArgs) -> Result<()> {
+pub fn run(args: &DatasetArgs) -> Result<Ended> {
     let watcher = progress::progress(args.common.quiet);
     match (&args.check, &args.recipe, &args.output) {
-        (Some(folder), _, _) => told(&in_pool(&args.common, || check(folder))?),
+        (Some(folder), _, _) => told(&in_pool(&args.common, || check(folder))?).map(|()| Ended::Whole),
         (None, Some(recipe), Some(output)) => {
             let recipe = Recipe::read(recipe)?;
             std::fs::create_dir_all(output).map_err(|e| Error::io(output, e))?;
             check_folder(&output.join("index.jsonl"))?;
             let stop = interrupt::flag()?;
-            in_pool(&args.common, || generate(&recipe, output, &*watcher, &stop))
+            let missing = in_pool(&args.common, || generate(&recipe, output, &*watcher, &stop))?;
+            if missing == 0 {
+                return Ok(Ended::Whole);
+            }
+            let early = format!("interrupted, scenes that are missing: {missing}; the same command goes on");
+            print::warnings(&[early], args.common.quiet);
+            Ok(Ended::Early)
         }
         _ => Err(Error::Options("give a recipe and -o DIR, or --check DIR".into())),
     }

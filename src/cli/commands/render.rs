@@ -7,6 +7,7 @@ use super::{in_pool, load_scene, replay};
 use crate::base::files::{crc32, read_bytes, write_json};
 use crate::base::{Error, Progress, Result};
 use crate::cli::args::{Backend, RenderArgs};
+use crate::cli::interrupt::Ended;
 use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::{interrupt, print, progress};
 use crate::film::exr::Attribute;
@@ -34,9 +35,9 @@ const REFRESH: Duration = Duration::from_secs(2);
 ///
 /// # Errors
 /// Everything that reading, rendering and writing can say.
-pub fn run(args: &RenderArgs) -> Result<()> {
+pub fn run(args: &RenderArgs) -> Result<Ended> {
     if let Some(sample) = args.replay {
-        return replay::run(args, sample);
+        return replay::run(args, sample).map(|()| Ended::Whole);
     }
     args.output.as_deref().map_or(Ok(()), check_writable)?;
     // What is gone on from is kept up to date unless another checkpoint is written.
@@ -54,15 +55,16 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         let stop = interrupt::flag()?;
         let progress = progress::progress(args.common.quiet);
         let made = render(&request, &loaded, begun, reference.as_ref(), &*progress, &stop)?;
-        let Made { mut statistics, written, unkept } = made;
-        let unkept: Vec<String> =
-            unkept.map(|why| format!("no checkpoint could be written: {why}")).into_iter().collect();
-        print::warnings(&unkept, args.common.quiet);
+        let Made { mut statistics, written, unkept, interrupted } = made;
+        let unkept = unkept.map(|why| format!("no checkpoint could be written: {why}"));
+        let early = interrupted.then(|| format!("interrupted after {} samples per pixel", statistics.spp));
+        print::warnings(&unkept.into_iter().chain(early).collect::<Vec<_>>(), args.common.quiet);
         statistics.seconds.load = load;
         // A picture that had to be saved elsewhere has statistics all the same.
         let reported = report(&request, &statistics);
         // Where both fail, the message that says where the picture is matters more.
-        written.and(reported)
+        written.and(reported)?;
+        Ok(if interrupted { Ended::Early } else { Ended::Whole })
     })
 }
 
@@ -124,6 +126,8 @@ struct Made {
     written: Result<()>,
     /// Why the last checkpoint is not.
     unkept: Option<String>,
+    /// Whether it was ended before it was done.
+    interrupted: bool,
 }
 
 /// Renders and writes the picture; the command began at `started`.
@@ -173,9 +177,11 @@ fn render(
     let header: Vec<Attribute> = header.into_iter().chain(results(&statistics)).collect();
     let picture = Picture { image: &outcome.image, channels: &channels, window: request.placed(), attributes: &header };
     let written = write_or_rescue(&request.output, &picture, request.exposure);
+    let interrupted = outcome.interrupted;
     let saved = request.save_guide.as_deref().map(|path| file::save(path, &outcome.field, &outcome.evidence));
     statistics.seconds.write = begun.elapsed().as_secs_f64();
-    Ok(Made { statistics, written: written.and(saved.unwrap_or(Ok(()))), unkept: outcome.unkept })
+    let written = written.and(saved.unwrap_or(Ok(())));
+    Ok(Made { statistics, written, unkept: outcome.unkept, interrupted })
 }
 
 /// Writes the statistics where they are wanted.
