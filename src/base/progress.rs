@@ -8,6 +8,8 @@ pub trait Progress: Sync {
     fn advance(&self, n: u64);
     /// What is being done now.
     fn message(&self, text: &str);
+    /// How far the work is: its part that is done, 0 to 1, where counting units does not tell, and what there is so far ("37 spp").
+    fn reached(&self, _part: Option<f64>, _what: &str) {}
     /// The work begun by the last [`Progress::start`] has ended.
     fn finish(&self);
 }

@@ -63,7 +63,7 @@ pub struct Common {
     /// Threads to use [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// No progress and no warnings
+    /// No progress and no warnings. Otherwise a terminal shows a bar, and a file or a pipe gets a line every ten seconds, on stderr
     #[arg(long)]
     pub quiet: bool,
 }

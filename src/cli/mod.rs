@@ -1,9 +1,10 @@
-//! The command line: parse (`args`), resolve against the scene (`resolve`), work (`commands`), report (`print`, `progress`).
+//! The command line: parse (`args`), resolve against the scene (`resolve`), work (`commands`), report (`print`, `progress`, `lines`).
 
 pub mod args;
 pub mod commands;
 pub mod fail;
 pub mod interrupt;
+pub mod lines;
 pub mod print;
 pub mod progress;
 pub mod resolve;

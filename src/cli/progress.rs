@@ -1,14 +1,19 @@
-//! Progress on a terminal.
+//! Progress of this process.
 
 use std::io::IsTerminal;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::lines::Lines;
 use crate::base::{Progress, Silent};
 
-/// What fits this process: a bar on a terminal, nothing in a pipe or when `quiet`.
+/// What fits this process: a bar on a terminal, lines elsewhere, nothing when `quiet`.
 pub fn progress(quiet: bool) -> Box<dyn Progress> {
-    if quiet || !std::io::stderr().is_terminal() { Box::new(Silent) } else { Box::new(Bar::default()) }
+    match (quiet, std::io::stderr().is_terminal()) {
+        (true, _) => Box::new(Silent),
+        (false, true) => Box::new(Bar::default()),
+        (false, false) => Box::new(Lines::begin()),
+    }
 }
 
 /// A bar with rate and remaining time on stderr.

@@ -54,6 +54,8 @@ pub(super) struct Watcher<'a> {
     pub before: f64,
     /// Seconds after which no chunk may begin that would end later.
     pub deadline: Option<f64>,
+    /// Seconds that the render may take in all, where it ends by time.
+    pub budget: Option<f64>,
     /// Errors of the pictures shown.
     pub errors: Vec<ErrorPoint>,
     /// Why the last checkpoint could not be written; none where it could.
@@ -97,6 +99,7 @@ impl<'a> Watcher<'a> {
             started: now,
             before: 0.0,
             deadline: None,
+            budget: None,
             errors: Vec::new(),
             unkept: None,
             cut_short: Cell::new(false),
@@ -134,6 +137,12 @@ impl<'a> Watcher<'a> {
         self.deadline.is_some_and(|end| end - self.elapsed() < every.as_secs_f64())
     }
 
+    /// Says how far the render is, `seconds` after its beginning.
+    fn tell(&self, spp: u32, seconds: f64) {
+        let error = self.errors.last().map_or(String::new(), |error| format!(", relMSE {:.3e}", error.relmse));
+        self.control.progress.reached(self.budget.map(|budget| seconds / budget), &format!("{spp} spp{error}"));
+    }
+
     /// After a chunk of `samples`: shows the picture and writes a checkpoint where it is time, and says whether there is time for
     /// another chunk. `keep` writes a checkpoint, given the seconds so far and the errors of the pictures shown.
     pub fn end_chunk(
@@ -149,6 +158,7 @@ impl<'a> Watcher<'a> {
         if let Some((refresh, image)) = refresh.and_then(|r| Some((r, picture()?))) {
             self.errors.extend(self.shown.time(|| (refresh.show)(Snapshot { image, spp, seconds })));
         }
+        self.tell(spp, seconds);
         let whole = !self.cut_short.get();
         let stopped = self.stopped();
         let checkpoint = self.control.checkpoint.filter(|c| {

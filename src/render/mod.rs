@@ -206,6 +206,9 @@ impl<'a> Run<'a> {
             StopRule::Spp(spp) => u64::from(spp) * run.pixels(),
             StopRule::Time(_) | StopRule::TargetError(_) => 0,
         };
+        if let StopRule::Time(seconds) = settings.stop {
+            run.watcher.budget = Some(seconds);
+        }
         control.progress.start(total, "samples");
         run.read_checkpoint()?;
         Ok(run)

@@ -150,7 +150,7 @@ struct TrainArgs {
     /// Interrupt after this step, as Ctrl-C would.
     #[arg(long, hide = true)]
     stop_after: Option<u64>,
-    /// No progress bar.
+    /// No progress: neither a bar, nor a line every ten seconds where there is no terminal.
     #[arg(long)]
     quiet: bool,
 }

@@ -1,5 +1,6 @@
 //! The training loop.
 
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,7 +8,9 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use burn::tensor::Device;
+use fanal::base::Progress;
 use fanal::base::files::crc32;
+use fanal::cli::lines::Lines;
 use fanal::generate::dataset::{Dataset, DatasetIndex, read_datasets};
 use fanal::generate::shard::TreeSample;
 use fanal::network::weights::Model;
@@ -63,7 +66,7 @@ pub struct Settings {
     pub every: Duration,
     /// Interrupt after this step, as Ctrl-C would.
     pub stop_after: Option<u64>,
-    /// No progress bar.
+    /// No progress.
     pub quiet: bool,
 }
 
@@ -103,19 +106,18 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
         config: run.state.config.clone(),
     };
     let batches = loader::start(Arc::new(training), plan.clone(), run.state.step);
-    let bar = progress_bar(settings.quiet);
+    let shown = Shown::new(settings.quiet);
     let mut trees = 0;
     while run.progress(&plan) < 1.0 && !run.exhausted() {
         let batch = batches.recv().context("the thread that prepares data has stopped")?.map_err(|e| anyhow!(e))?;
         trees += batch.iter().map(HostBatch::trees).sum::<usize>();
         run.step(&batch, &plan)?;
-        bar.set_position((1000.0 * run.progress(&plan)) as u64);
-        bar.set_message(run.message());
+        shown.step(run.progress(&plan), run.message());
         if interrupt.load(Ordering::Relaxed) || settings.stop_after.is_some_and(|s| run.state.step >= s) {
             break;
         }
     }
-    bar.finish_and_clear();
+    shown.finish();
     let finished = run.progress(&plan) >= 1.0 || run.exhausted();
     let unimproved = run.state.unimproved;
     run.validate()?;
@@ -156,11 +158,37 @@ fn divide(data: Dataset) -> Result<(Vec<TreeSample>, Vec<TreeSample>)> {
     Ok((training, validation))
 }
 
-fn progress_bar(quiet: bool) -> ProgressBar {
-    use std::io::IsTerminal;
-    if quiet || !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
+/// Progress on stderr: a bar on a terminal, elsewhere a line from time to time.
+struct Shown {
+    bar: ProgressBar,
+    lines: Option<Lines>,
+}
+
+impl Shown {
+    fn new(quiet: bool) -> Self {
+        if quiet || !std::io::stderr().is_terminal() {
+            let lines = (!quiet).then(Lines::begin);
+            lines.iter().for_each(|lines| lines.start(0, "steps"));
+            return Self { bar: ProgressBar::hidden(), lines };
+        }
+        let style = ProgressStyle::with_template("{wide_bar} {percent} %, {eta} left, {msg}");
+        let bar = ProgressBar::new(1000).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        Self { bar, lines: None }
     }
-    let style = ProgressStyle::with_template("{wide_bar} {percent} %, {eta} left, {msg}");
-    ProgressBar::new(1000).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+
+    /// After a step, with the part of the budget that is spent.
+    fn step(&self, part: f64, message: String) {
+        if let Some(lines) = &self.lines {
+            lines.message("training");
+            lines.advance(1);
+            lines.reached(Some(part), &message);
+        }
+        self.bar.set_position((1000.0 * part) as u64);
+        self.bar.set_message(message);
+    }
+
+    fn finish(&self) {
+        self.bar.finish_and_clear();
+        self.lines.iter().for_each(Lines::finish);
+    }
 }
