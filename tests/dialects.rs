@@ -243,6 +243,100 @@ fn approximations_are_named() {
     assert!(message.contains("orthographic") && message.contains("thinlens"), "{message}");
 }
 
+/// A default holds from where it stands to the end of the scene, wherever that is; the first one of a name stands.
+#[test]
+fn defaults_hold_inside_objects() {
+    let folder = folder();
+    for version in ["0.6.0", "3.0.0"] {
+        let body = r#"<bsdf type="diffuse" id="a"><default name="grey" value="0.25"/><rgb name="reflectance" value="$grey"/></bsdf>
+            <shape type="sphere"><emitter type="area"><default name="grey" value="0.75"/><default name="power" value="7"/>
+            <rgb name="radiance" value="$power"/></emitter></shape>
+            <bsdf type="twosided" id="b"><bsdf type="diffuse"><rgb name="reflectance" value="$grey"/></bsdf></bsdf>"#;
+        let loaded = load_body(&folder, version, body).unwrap_or_else(|error| panic!("{error}"));
+        let grey = MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.25; 3]) };
+        assert_eq!((&loaded.file.materials["a"], loaded.file.materials["b"].innermost()), (&grey, &grey));
+        assert_eq!(loaded.file.shapes[0].emission, Some([7.0; 3]));
+        assert_eq!(loaded.warnings, Vec::<String>::new());
+        let early =
+            r#"<bsdf type="diffuse"><rgb name="reflectance" value="$grey"/></bsdf><default name="grey" value="1"/>"#;
+        let message = load_body(&folder, version, early).expect_err("used before it is there").to_string();
+        assert!(message.contains("tested.xml:3: ") && message.contains("$grey"), "{message}");
+    }
+}
+
+/// What an object has no use for is said, once for all that are alike; what looks like a slip of the pen is an error.
+#[test]
+fn unused_properties_are_named() {
+    let folder = folder();
+    let body = "<bsdf type='diffuse' id='d'><float name='sheen' value='1'/>\
+            <texture type='bitmap' name='dirt'><string name='filename' value='none.png'/></texture></bsdf>
+        <shape type='cube'><integer name='importance' value='2'/><ref id='d'/></shape>
+        <shape type='cube'><integer name='importance' value='many'/><ref id='d'/></shape>
+        <emitter type='point'><ref name='glow' id='c'/><spectrum name='intensity' value='1'/></emitter>
+        <rgb id='c' value='1'/>";
+    for version in ["0.6.0", "3.0.0"] {
+        let mut warnings = load_body(&folder, version, body).unwrap_or_else(|error| panic!("{error}")).warnings;
+        let place = folder.path().join("tested.xml").display().to_string();
+        warnings.iter_mut().for_each(|warning| *warning = warning.replacen(&place, "tested.xml", 1));
+        let told = [
+            "tested.xml:3: the property \"sheen\" of the bsdf \"diffuse\" is not used",
+            "tested.xml:3: the property \"dirt\" of the bsdf \"diffuse\" is not used",
+            "tested.xml:4: the property \"importance\" of the shape \"cube\" is not used, nor are 1 more like it",
+            "tested.xml:6: the property \"glow\" of the emitter \"point\" is not used",
+        ];
+        assert_eq!(warnings, told, "{version}");
+    }
+    for (version, wrong, near) in [
+        ("3.0.0", "<bsdf type='diffuse'><rgb name='relfectance' value='1'/></bsdf>", "reflectance"),
+        ("3.0.0", "<shape type='sphere'><transform name='toWorld'/></shape>", "to_world"),
+        ("0.6.0", "<shape type='sphere'><transform name='toWolrd'/></shape>", "to_world"),
+        ("0.6.0", "<bsdf type='roughplastic'><float name='alhpa' value='1'/></bsdf>", "alpha"),
+        ("0.6.0", "<integrator type='path'><integer name='maxdepth' value='1'/></integrator>", "max_depth"),
+        ("3.0.0", "<emitter type='point'><ref name='intensety' id='c'/></emitter><rgb id='c' value='1'/>", "intensity"),
+    ] {
+        let message = load_body(&folder, version, wrong).expect_err(near).to_string();
+        assert!(message.contains("tested.xml:3: ") && message.contains(&format!("\"{near}\" seems")), "{message}");
+    }
+}
+
+/// Shapes without area are left out, with their lines; instances with that of the instance.
+#[test]
+fn shapes_without_area_are_left_out() {
+    let folder = folder();
+    std::fs::write(folder.path().join("line.obj"), "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n").unwrap();
+    std::fs::write(folder.path().join("bare.obj"), "v 0 0 0\nv 1 0 0\n").unwrap();
+    let body = "<shape type='obj' id='line'><string name='filename' value='line.obj'/></shape>
+        <shape type='obj'><string name='filename' value='bare.obj'/><emitter type='area'/></shape>
+        <shape type='cylinder'><float name='radius' value='0'/></shape>
+        <shape type='cylinder'><point name='p1' x='0' y='0' z='0'/></shape>
+        <shape type='rectangle'><transform name='to_world'><scale x='0'/></transform></shape>
+        <shape type='sphere'><float name='radius' value='0'/><emitter type='area'/></shape>
+        <shape type='shapegroup' id='g'><shape type='obj'><string name='filename' value='line.obj'/></shape></shape>
+        <shape type='instance'><ref id='g'/></shape>
+        <shape type='obj' id='kept'><string name='filename' value='one.obj'/></shape>";
+    let loaded = load_body(&folder, "3.0.0", body).unwrap_or_else(|error| panic!("{error}"));
+    let names: Vec<&str> = loaded.file.shapes.iter().map(|shape| shape.name.as_str()).collect();
+    assert_eq!(names, ["kept"]);
+    assert_eq!(loaded.meshes.keys().collect::<Vec<_>>(), ["cylinder", "one.obj", "rectangle"]);
+    assert!(loaded.file.meshes.keys().eq(loaded.meshes.keys()));
+    for (line, told) in [
+        (3, "the shape \"line\" is left out: "),
+        (3, "line.obj: the mesh has no triangles with an area (1 without)"),
+        (4, "the shape, which emits light, is left out: "),
+        (4, "bare.obj: the mesh has no triangles"),
+        (5, "the shape is left out: it has no area"),
+        (6, "the shape is left out: it has no area"),
+        (7, "the shape is left out: it has no area"),
+        (8, "the shape, which emits light, is left out: it has no area"),
+        (10, "line.obj: the mesh has no triangles with an area (1 without)"),
+    ] {
+        let place = format!("tested.xml:{line}: ");
+        let said = loaded.warnings.iter().any(|warning| warning.contains(&place) && warning.contains(told));
+        assert!(said, "{line}, {told}: {:#?}", loaded.warnings);
+    }
+    assert!(Scene::build(&loaded, [4, 4]).is_ok());
+}
+
 /// A picture comes back from every format, within what the format loses; damage to any byte is an error or other values.
 #[test]
 fn picture_formats() {

@@ -12,7 +12,7 @@ use fanal::scene::Scene;
 use fanal::scene::file::{
     Distribution, FilterFile, GeometryFile, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile,
 };
-use fanal::scene::readers::{LoadedScene, load, read_exr_channels, read_image, resolve, save};
+use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking, read_exr_channels, read_image, resolve, save};
 use glam::{Mat4, Vec3};
 
 #[path = "support/files.rs"]
@@ -221,7 +221,7 @@ fn unknown_or_wrong_xml_is_refused_with_its_line() {
     load_xml(&folder, &xml_with("")).unwrap();
     for body in [
         "<bsdf type='velvet' id='a'/>",
-        "<bsdf type='diffuse'><float name='sheen' value='1'/></bsdf>",
+        "<bsdf type='diffuse'><float name='reflectence' value='1'/></bsdf>",
         "<bsdf type='diffuse'><rgb name='reflectance' value='0.1 0.2'/></bsdf>",
         "<bsdf type='diffuse'><rgb name='reflectance' value='nan'/></bsdf>",
         "<bsdf type='diffuse' id='a'><rgb name='reflectance' value='2'/></bsdf>",
@@ -235,11 +235,12 @@ fn unknown_or_wrong_xml_is_refused_with_its_line() {
         "<bsdf type='mask' id='a'/>",
         "<bsdf type='mask' id='a'><float name='opacity' value='2'/><bsdf type='diffuse'/></bsdf>",
         "<bsdf type='plastic' id='a'><float name='int_ior' value='-1'/></bsdf>",
-        "<bsdf type='plastic' id='a'><float name='alpha' value='0.1'/></bsdf>",
+        "<bsdf type='plastic' id='a'><float name='intIor' value='1.1'/></bsdf>",
         "<bsdf type='roughplastic' id='a'><string name='alpha' value='rough'/></bsdf>",
         "<bsdf type='roughdielectric' id='a'><string name='distribution' value='cosine'/></bsdf>",
-        "<shape type='cylinder'><float name='radius' value='0'/></shape>",
-        "<shape type='cylinder'><point name='p1' x='0' y='0' z='0'/></shape>",
+        "<shape type='cylinder'><float name='radius' value='-1'/></shape>",
+        "<shape type='cube'><float name='size'/><default name='a' value='b'/></shape><shape type='$a'/>",
+        "<shape type='cube'><float name='size' value='1'><default name='a' value='b'/></float></shape>$a",
         "<shape type='torus'/>",
         "<shape type='cube'><ref id='nothing'/></shape>",
         "<shape type='cube'><transform name='to_world'><matrix value='1 0 0 0 0 1 0 0 0 0 nan 0 0 0 0 1'/></transform></shape>",
@@ -266,7 +267,7 @@ fn unknown_or_wrong_xml_is_refused_with_its_line() {
     refused(load_xml(&folder, &xml_with("<include filename='grey.png'/>")), "not XML");
     let missing = "<bsdf type='diffuse' id='a'><texture name='reflectance' type='bitmap'>\
         <string name='filename' value='none.png'/></texture></bsdf>";
-    assert!(matches!(refused(load_xml(&folder, &xml_with(missing)), missing), Error::Io { .. }));
+    assert!(matches!(refused(load_xml(&folder, &xml_with(missing)), missing), Error::Missing { .. }));
 }
 
 #[test]
@@ -342,6 +343,87 @@ fn the_first_of_many_errors_is_told() {
         assert!(told(None, 3..9).contains("broken-3.png"));
         assert!(told(Some(&mesh), 3..9).contains("broken.obj:2"));
     }
+}
+
+/// A scene in XML whose fourth and fifth line lack a mesh each, whose sixth and later lines lack pictures.
+const LACKING: &str = r#"<shape type="obj" id="lost"><string name="filename" value="lost.obj"/></shape>
+<shape type="ply" id="lamp"><string name="filename" value="a/lamp.ply"/><emitter type="area"/></shape>
+<bsdf type="diffuse" id="wall"><texture name="reflectance" type="bitmap"><string name="filename" value="wall.png"/></texture></bsdf>
+<bsdf type="roughplastic" id="coat"><texture name="alpha" type="bitmap"><string name="filename" value="alpha.png"/></texture></bsdf>
+<bsdf type="normalmap" id="bent"><texture type="bitmap"><string name="filename" value="bent.png"/></texture>
+    <bsdf type="diffuse"><texture name="reflectance" type="bitmap"><string name="filename" value="wall.png"/></texture></bsdf></bsdf>
+<shape type="sphere" id="kept"><ref id="wall"/></shape>
+<emitter type="envmap"><string name="filename" value="lost.exr"/><float name="scale" value="3"/></emitter>"#;
+
+/// All files that are not there are named at once, with their lines.
+#[test]
+fn missing_files_are_named_together() {
+    let folder = folder();
+    let message = refused(load_xml(&folder, &xml_with(LACKING)), "missing").to_string();
+    let files =
+        [("lost.obj", 3), ("a/lamp.ply", 4), ("wall.png", 5), ("alpha.png", 6), ("bent.png", 7), ("lost.exr", 10)];
+    let mut rest = message.as_str();
+    for (file, line) in files {
+        let told = format!("{file} (named at {}:{line})", folder.path().join("tested.xml").display());
+        let at = rest.find(&told).unwrap_or_else(|| panic!("{told}, or its order: {message}"));
+        rest = &rest[at + told.len()..];
+    }
+    assert!(message.contains("6 files are missing") && message.matches("wall.png").count() == 1, "{message}");
+    let path = folder.path().join("scene.json");
+    let lost = JSON
+        .replace("\"file\": \"triangle.ply\"", "\"file\": \"lost.ply\"")
+        .replace("\"file\": \"sky.exr\"", "\"file\": \"lost.exr\"");
+    std::fs::write(&path, lost).unwrap();
+    let message = refused(load(&path), "missing").to_string();
+    for told in
+        ["lost.ply (named at", "scene.json (meshes.triangle.ply))", "lost.exr (named at", "scene.json (lights[3]))"]
+    {
+        assert!(message.contains(told), "{told}: {message}");
+    }
+}
+
+/// Without its missing files a scene is one of its own: shapes are gone, colours stand for pictures, and each is said.
+#[test]
+fn missing_files_are_skipped() {
+    let folder = folder();
+    let path = folder.path().join("tested.xml");
+    std::fs::write(&path, xml_with(LACKING)).unwrap();
+    let skip = || load_lacking(&path, &[], Missing::Skip).unwrap_or_else(|error| panic!("{error}"));
+    let loaded = skip();
+    assert_eq!(loaded.missing, ["lost.obj", "a/lamp.ply", "wall.png", "alpha.png", "bent.png", "lost.exr"]);
+    let names: Vec<&str> = loaded.file.shapes.iter().map(|shape| shape.name.as_str()).collect();
+    assert_eq!((names, loaded.file.meshes.len(), loaded.images.len()), (vec!["kept"], 0, 0));
+    assert_eq!(loaded.file.lights, [LightFile::Constant { radiance: [1.5; 3] }]);
+    let grey = MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.5; 3]) };
+    assert_eq!(loaded.file.materials["wall"], grey);
+    let bent = MaterialFile::NormalMap { texture: TextureFile::rgb([0.5, 0.5, 1.0]), material: Box::new(grey) };
+    assert_eq!(loaded.file.materials["bent"], bent);
+    assert!(matches!(loaded.file.materials["coat"], MaterialFile::Plastic { alpha, .. } if (alpha - 0.5).abs() < 1e-6));
+    for told in [
+        "tested.xml:3: the shape \"lost\" is left out: its mesh \"lost.obj\" is missing",
+        "tested.xml:4: the shape \"lamp\", which emits light, is left out: its mesh \"a/lamp.ply\" is missing",
+        "tested.xml:5: the picture \"wall.png\" is missing: the constant 0.5 is used instead",
+        "tested.xml:6: the picture \"alpha.png\" is missing: the constant 0.5 is used instead",
+        "tested.xml:7: the picture \"bent.png\" is missing: the constant 0.5, 0.5, 1 is used instead",
+        "tested.xml:10: the picture \"lost.exr\" is missing: the constant 1.5 is used instead",
+    ] {
+        assert_eq!(loaded.warnings.iter().filter(|w| w.contains(told)).count(), 1, "{told}: {:#?}", loaded.warnings);
+    }
+    let scene = Scene::build(&loaded, [6, 4]).unwrap();
+    let image = scenes::picture(&scene, &scenes::settings(scenes::GUIDES[0], 4, 1));
+    assert!(image.pixels.iter().all(|pixel| pixel.is_finite()));
+    // With any of the files back the scene is another one.
+    std::fs::copy(folder.path().join("tetrahedron.obj"), folder.path().join("lost.obj")).unwrap();
+    let more = skip();
+    assert!(more.crc32() != loaded.crc32() && more.file.shapes.len() == 2);
+    std::fs::copy(folder.path().join("grey.png"), folder.path().join("wall.png")).unwrap();
+    assert!(skip().crc32() != more.crc32());
+    // What is there and unsound is no missing file, nor is a path that leads out.
+    std::fs::write(folder.path().join("lost.exr"), "no picture").unwrap();
+    refused(load_lacking(&path, &[], Missing::Skip), "not a picture");
+    std::fs::write(&path, xml_with(&LACKING.replace("a/lamp.ply", "../lamp.ply"))).unwrap();
+    let message = refused(load_lacking(&path, &[], Missing::Skip), "out of the folder").to_string();
+    assert!(message.contains("climbs out"), "{message}");
 }
 
 #[test]

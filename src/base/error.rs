@@ -102,6 +102,14 @@ pub enum Error {
         /// The largest accepted value.
         limit: u64,
     },
+    /// A scene names meshes or pictures that are not there.
+    #[error("{}", told(scene, files))]
+    Missing {
+        /// The scene.
+        scene: PathBuf,
+        /// The files as the scene names them, and where.
+        files: Vec<(String, Place)>,
+    },
     /// A model does not fit what it is asked to do (features, target, mode, version).
     #[error("model {}: {message}", path.display())]
     Model {
@@ -124,6 +132,13 @@ pub enum Error {
     /// Options that contradict one another or are out of range.
     #[error("{0}")]
     Options(String),
+}
+
+/// Every missing file with its place.
+fn told(scene: &Path, files: &[(String, Place)]) -> String {
+    let each: Vec<String> = files.iter().map(|(file, place)| format!("{file} (named at {place})")).collect();
+    let count = if files.len() == 1 { "1 file is".to_owned() } else { format!("{} files are", files.len()) };
+    format!("{}: {count} missing: {}; --missing skip does without", scene.display(), each.join(", "))
 }
 
 impl Error {

@@ -9,5 +9,5 @@ pub mod random;
 mod sobol;
 pub mod tensors;
 
-pub use error::{Error, Place, Result};
+pub use error::{At, Error, Place, Result};
 pub use progress::{Progress, Silent};

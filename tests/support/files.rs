@@ -166,8 +166,14 @@ pub const JSON: &str = r#"{
 
 pub fn refused(result: Result<LoadedScene, Error>, why: &str) -> Error {
     let error = result.expect_err(why);
-    let typed =
-        matches!(error, Error::Io { .. } | Error::Malformed { .. } | Error::Unsupported { .. } | Error::Limit { .. });
+    let typed = matches!(
+        error,
+        Error::Io { .. }
+            | Error::Malformed { .. }
+            | Error::Unsupported { .. }
+            | Error::Limit { .. }
+            | Error::Missing { .. }
+    );
     assert!(typed, "{why}: {error:?}");
     error
 }

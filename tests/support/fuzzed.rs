@@ -19,7 +19,7 @@ use fanal::reconstruct::neural::reconstruct_batch;
 use fanal::render::{Control, render, render_watched};
 use fanal::report::{Budget, Experiment, Method, Results, page};
 use fanal::scene::Scene;
-use fanal::scene::readers::{LoadedScene, load, read_exr_channels, read_image, resolve};
+use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking, read_exr_channels, read_image, resolve};
 use glam::Vec3;
 use image::{DynamicImage, ImageFormat, RgbImage};
 
@@ -81,8 +81,13 @@ fn picture(loaded: &LoadedScene) {
     }
 }
 
+/// A scene that lacks files is rendered without them.
 fn scene(path: &Path) -> Result<()> {
-    load(path).map(|loaded| picture(&loaded))
+    let loaded = match load(path) {
+        Err(Error::Missing { .. }) => load_lacking(path, &[], Missing::Skip),
+        other => other,
+    };
+    loaded.map(|loaded| picture(&loaded))
 }
 
 /// A scene of what was read as the good file `name` is.
@@ -238,7 +243,17 @@ fn xml() -> Reader {
          <float name='sunRadiusScale' value='18.8'/><boolean name='extend' value='true'/></emitter>",
     )
     .replace("3.0.0", "0.5.0");
-    let seeds = vec![files::XML.into(), files::xml_with(body).into(), old.into(), day.into(), old_day.into()];
+    let left_behind = files::xml_with(
+        "<bsdf type='diffuse' id='a'><default name='grey' value='0.5'/><rgb name='reflectance' value='$grey'/>\
+         <float name='sheen' value='1'/></bsdf><shape type='sphere'><float name='radius' value='0'/><emitter type='area'/></shape>\
+         <shape type='rectangle'><ref id='a'/><transform name='to_world'><scale x='0'/></transform></shape>\
+         <shape type='cylinder'><float name='radius' value='0'/></shape><shape type='cube'><ref id='b'/></shape>\
+         <shape type='obj'><string name='filename' value='lost.obj'/></shape>\
+         <bsdf type='normalmap' id='b'><texture type='bitmap'><string name='filename' value='lost.png'/></texture>\
+         <bsdf type='roughplastic'><texture type='bitmap' name='alpha'><string name='filename' value='lost.exr'/></texture></bsdf></bsdf>\
+         <emitter type='envmap'><string name='filename' value='lost.hdr'/></emitter>",
+    );
+    let seeds = vec![files::XML.into(), files::xml_with(body).into(), old.into(), left_behind.into(), day.into(), old_day.into()];
     let tokens = "<scene> </scene> <!-- --> <![CDATA[ ]]> <!DOCTYPE <!ENTITY &amp; &lt; &#0; &#x10FFFF; $side $ <?xml ?> /> xmlns= \
         path volpath direct prb thindielectric diffuse roughconductor normalmap checkerboard scale uvscale perspective hdrfilm box \
         gaussian tent bilinear repeat mirror clamp nearest beckmann ggx wavelength uniform d65 irregular interior exterior isotropic";

@@ -28,12 +28,33 @@ enum Shading {
     AsGiven,
 }
 
-/// Loads a mesh of the scene in `directory`, and counts the triangles that were left out. `place` is that of the mesh in the
-/// scene file.
+/// A mesh made sound. It may have no triangle left.
+#[derive(Debug)]
+pub struct Cleaned {
+    /// The mesh.
+    pub mesh: Mesh,
+    /// How many of its triangles were left out.
+    pub skipped: usize,
+    /// Where it comes from.
+    pub place: Place,
+}
+
+impl Cleaned {
+    /// What is said of a mesh that nothing can be seen of.
+    pub fn emptiness(&self) -> Option<String> {
+        let Self { mesh, skipped, place } = self;
+        mesh.triangles.is_empty().then(|| match skipped {
+            0 => format!("{place}: the mesh has no triangles"),
+            _ => format!("{place}: the mesh has no triangles with an area ({skipped} without)"),
+        })
+    }
+}
+
+/// Loads a mesh of the scene in `directory`. `place` is that of the mesh in the scene file.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`], [`Error::Unsupported`], [`Error::Limit`].
-pub fn load(file: &MeshFile, directory: &Path, place: &Place) -> Result<(Mesh, usize)> {
+pub fn load(file: &MeshFile, directory: &Path, place: &Place) -> Result<Cleaned> {
     let flat_if = |face_normals: bool| if face_normals { Shading::Flat } else { Shading::Smooth };
     let open = |file: &str| path::resolve(directory, file, place);
     match file {
@@ -74,25 +95,18 @@ fn turned(mut mesh: Mesh, flip_v: bool) -> Mesh {
     mesh
 }
 
-fn finish(mut mesh: Mesh, shading: Shading, place: &Place) -> Result<(Mesh, usize)> {
+fn finish(mut mesh: Mesh, shading: Shading, place: &Place) -> Result<Cleaned> {
     check(&mesh, place)?;
     let before = mesh.triangles.len();
     let positions = &mesh.positions;
     mesh.triangles.retain(|triangle| has_area(triangle.map(|i| positions[i as usize])));
     let skipped = before - mesh.triangles.len();
-    if mesh.triangles.is_empty() {
-        let message = match skipped {
-            0 => "the mesh has no triangles".to_owned(),
-            _ => format!("the mesh has no triangles with an area ({skipped} without)"),
-        };
-        return Err(Error::malformed(place.clone(), message));
-    }
     match shading {
         Shading::Flat => mesh.normals = Vec::new(),
         Shading::AsGiven if mesh.normals.is_empty() => {}
         Shading::AsGiven | Shading::Smooth => normals::complete(&mut mesh),
     }
-    Ok((mesh, skipped))
+    Ok(Cleaned { mesh, skipped, place: place.clone() })
 }
 
 fn check(mesh: &Mesh, place: &Place) -> Result<()> {
@@ -128,7 +142,7 @@ fn has_area(corners: [Vec3; 3]) -> bool {
 mod tests {
     use super::*;
 
-    fn inline(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<(Mesh, usize)> {
+    fn inline(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Cleaned> {
         let file = MeshFile::Inline { positions, normals: vec![], uvs: vec![], triangles };
         load(&file, Path::new(""), &Place::part("scene.json", "meshes.m"))
     }
@@ -136,10 +150,13 @@ mod tests {
     #[test]
     fn a08_drops_and_counts_triangles_without_area() {
         let corners = vec![[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [2., 0., 0.]];
-        let (mesh, skipped) = inline(corners.clone(), vec![[0, 1, 2], [0, 1, 1], [0, 1, 3]]).unwrap();
-        assert_eq!((mesh.triangles, skipped), (vec![[0, 1, 2]], 2));
-        assert!(mesh.normals.is_empty(), "written out without normals means flat");
-        assert!(matches!(inline(corners, vec![[0, 1, 3]]), Err(Error::Malformed { .. })));
+        let cleaned = inline(corners.clone(), vec![[0, 1, 2], [0, 1, 1], [0, 1, 3]]).unwrap();
+        assert!(cleaned.emptiness().is_none());
+        assert!(cleaned.mesh.normals.is_empty(), "written out without normals means flat");
+        assert_eq!((cleaned.mesh.triangles, cleaned.skipped), (vec![[0, 1, 2]], 2));
+        let told = |triangles| inline(corners.clone(), triangles).unwrap().emptiness().unwrap();
+        assert_eq!(told(vec![[0, 1, 3]]), "scene.json (meshes.m): the mesh has no triangles with an area (1 without)");
+        assert_eq!(told(vec![]), "scene.json (meshes.m): the mesh has no triangles");
     }
 
     #[test]
@@ -147,7 +164,6 @@ mod tests {
         let corners = vec![[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]];
         for (positions, triangles) in [
             (corners.clone(), vec![[0, 1, 3]]),
-            (corners.clone(), vec![]),
             (vec![[0., 0., 0.], [f32::NAN, 0., 0.], [0., 1., 0.]], vec![[0, 1, 2]]),
             (vec![[0., 0., 0.], [f32::INFINITY, 0., 0.], [0., 1., 0.]], vec![[0, 1, 2]]),
         ] {

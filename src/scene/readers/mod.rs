@@ -8,8 +8,10 @@ mod exr;
 mod extent;
 mod image;
 mod json;
+mod left_out;
 mod lines;
 mod mesh;
+mod missing;
 mod mitsuba;
 mod normals;
 mod obj;
@@ -37,8 +39,12 @@ use crate::scene::overrides::{self, Override};
 pub use exr::{Channels, read_exr_channels};
 pub use image::{read_image, read_texels};
 pub use json::save;
+pub use missing::Missing;
 pub use textures::image_key;
 
+use left_out::Reasons;
+use mesh::Cleaned;
+use missing::Absent;
 use places::Places;
 
 /// A scene file with everything that it refers to.
@@ -54,6 +60,8 @@ pub struct LoadedScene {
     pub images: BTreeMap<String, Texels>,
     /// Triangles left out because they have no area or use a vertex twice.
     pub skipped_triangles: usize,
+    /// Meshes and pictures that were not there, as the scene names them; something else stands for them.
+    pub missing: Vec<String>,
     /// What was understood in another way than it may have been meant.
     pub warnings: Vec<String>,
     /// Effects that were switched on although nothing in the file calls for them.
@@ -77,7 +85,7 @@ impl LoadedScene {
 /// Loads a scene: a `.json` file in our own format, a Mitsuba `.xml` file, or a folder that holds `scene.json` or `scene.xml`.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Malformed`], [`Error::Unsupported`] and [`Error::Limit`], naming file and place.
+/// [`Error::Io`], [`Error::Malformed`], [`Error::Unsupported`], [`Error::Limit`] and [`Error::Missing`], naming file and place.
 pub fn load(path: &Path) -> Result<LoadedScene> {
     load_with(path, &[])
 }
@@ -87,20 +95,50 @@ pub fn load(path: &Path) -> Result<LoadedScene> {
 /// # Errors
 /// As [`load`].
 pub fn load_with(path: &Path, overrides: &[Override]) -> Result<LoadedScene> {
+    load_lacking(path, overrides, Missing::Refuse)
+}
+
+/// [`load_with`] of a scene that may lack meshes and pictures. What only an effect refers to which is off is not missed.
+///
+/// # Errors
+/// As [`load`]; no [`Error::Missing`] where they are skipped.
+pub fn load_lacking(path: &Path, overrides: &[Override], missing: Missing) -> Result<LoadedScene> {
     let path = document(path)?;
     let directory = path.parent().unwrap_or(Path::new("")).to_owned();
+    let how = How { overrides, missing };
     match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
-        Some("json") => resolve_at(json::read(&path)?, &directory, &Places::new(&path), Vec::new(), overrides),
-        Some("xml") => {
-            let mitsuba::Translation { file, places, warnings } = mitsuba::read(&path)?;
-            resolve_at(file, &directory, &places, warnings, overrides)
-        }
+        Some("json") => resolve_at(Read::plain(json::read(&path)?, &path), &directory, &how),
+        Some("xml") => resolve_at(mitsuba::read(&path)?, &directory, &how),
         _ => Err(Error::Unsupported {
             place: Place::file(&path),
             what: "this kind of scene file".into(),
             supported: ".json (fanal), .xml (Mitsuba), or a folder with scene.json or scene.xml".into(),
         }),
     }
+}
+
+/// A document that was read, unchecked, without the files that it names.
+struct Read {
+    file: SceneFile,
+    /// Places of its parts.
+    places: Places,
+    /// What is done in another way than the document says.
+    warnings: Vec<String>,
+    /// Files that were looked for already and are not there.
+    absent: Vec<Absent>,
+}
+
+impl Read {
+    /// One whose parts are named by their key paths.
+    fn plain(file: SceneFile, source: &Path) -> Self {
+        Self { file, places: Places::new(source), warnings: Vec::new(), absent: Vec::new() }
+    }
+}
+
+/// How a scene is loaded.
+struct How<'a> {
+    overrides: &'a [Override],
+    missing: Missing,
 }
 
 /// The scene document that `path` means.
@@ -121,56 +159,61 @@ fn document(path: &Path) -> Result<PathBuf> {
 /// # Errors
 /// As [`load`]; places are key paths such as `shapes[3].material`.
 pub fn resolve(file: SceneFile, directory: &Path, source: &Path) -> Result<LoadedScene> {
-    resolve_at(file, directory, &Places::new(source), Vec::new(), &[])
+    resolve_at(Read::plain(file, source), directory, &How { overrides: &[], missing: Missing::Refuse })
 }
 
-fn resolve_at(
-    mut file: SceneFile,
-    directory: &Path,
-    places: &Places,
-    mut warnings: Vec<String>,
-    overrides: &[Override],
-) -> Result<LoadedScene> {
-    validate::validate(&file, places)?;
-    let needs = overrides::apply(&mut file, overrides);
-    let mut skipped_triangles = 0;
-    let mut meshes = BTreeMap::new();
-    let (loaded, pictures) =
-        rayon::join(|| load_meshes(&file.meshes, directory, places), || read_pictures(&file, directory, places));
-    for (name, (mesh, skipped)) in loaded? {
-        skipped_triangles += skipped;
-        meshes.insert(name, Arc::new(mesh));
-    }
-    extent::check(&file, &meshes, places)?;
+fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
+    let Read { mut file, places, mut warnings, absent } = read;
+    validate::validate(&file, &places)?;
+    let needs = overrides::apply(&mut file, how.overrides);
+    let (mut reasons, missing) = missing::settle(&mut file, directory, &places, absent, how.missing, &mut warnings)?;
+    let (loaded, pictures) = rayon::join(
+        || load_meshes(&file.meshes, directory, &places, &mut reasons),
+        || read_pictures(&file, directory, &places),
+    );
+    let (meshes, skipped_triangles) = loaded?;
+    extent::check(&file, &meshes, &places)?;
     if skipped_triangles > 0 {
         warnings.push(format!("{skipped_triangles} triangles without area were left out"));
     }
-    let images = load_images(&file, pictures, places, &mut warnings)?;
+    let images = load_images(&file, pictures, &places, &mut warnings)?;
     for (index, shape) in file.shapes.iter().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
         if file.materials.get(&shape.material).is_some_and(MaterialFile::is_masked) {
             let place = places.at(&format!("shapes[{index}]"));
             warnings.push(format!("{place}: a shape that shines has no holes: its mask is left out"));
         }
     }
-    Ok(LoadedScene { file, directory: directory.to_owned(), meshes, images, skipped_triangles, warnings, needs })
+    left_out::take_out(&mut file, &meshes, &reasons, &places, &mut warnings)?;
+    let directory = directory.to_owned();
+    Ok(LoadedScene { file, directory, meshes, images, skipped_triangles, missing, warnings, needs })
 }
 
-type Cleaned = (Mesh, usize);
-
-/// In parallel; of several errors the first by name is reported, whatever the scheduling.
+/// All meshes but those that are missing for one of the `reasons`, and how many triangles were left out of them; a mesh that has
+/// none left is one more reason. In parallel; of several errors the first by name is reported, whatever the scheduling.
 fn load_meshes(
     files: &BTreeMap<String, MeshFile>,
     directory: &Path,
     places: &Places,
-) -> Result<Vec<(String, Cleaned)>> {
-    let loaded: Vec<Result<(String, Cleaned)>> = files
+    reasons: &mut Reasons,
+) -> Result<(BTreeMap<String, Arc<Mesh>>, usize)> {
+    let loaded: Vec<Result<(&String, Cleaned)>> = files
         .par_iter()
+        .filter(|(name, _)| !reasons.contains_key(*name))
         .map(|(name, file)| {
             let place = places.at(&format!("meshes.{name}"));
-            mesh::load(file, directory, &place).map(|cleaned| (name.clone(), cleaned))
+            mesh::load(file, directory, &place).map(|cleaned| (name, cleaned))
         })
         .collect();
-    loaded.into_iter().collect()
+    let (mut meshes, mut skipped) = (BTreeMap::new(), 0);
+    for result in loaded {
+        let (name, cleaned) = result?;
+        skipped += cleaned.skipped;
+        match cleaned.emptiness() {
+            Some(why) => drop(reasons.insert(name.clone(), why)),
+            None => drop(meshes.insert(name.clone(), Arc::new(cleaned.mesh))),
+        }
+    }
+    Ok((meshes, skipped))
 }
 
 /// By [`image_key`].
@@ -178,21 +221,23 @@ type Pictures = BTreeMap<String, Result<Texels>>;
 
 /// Reads all pictures of a scene in parallel, each once per way of reading it.
 fn read_pictures(scene: &SceneFile, directory: &Path, places: &Places) -> Pictures {
-    let mut files: BTreeMap<String, (&str, bool, String)> = BTreeMap::new();
+    let mut files: BTreeMap<String, (&str, bool, Place)> = BTreeMap::new();
     for (name, material) in &scene.materials {
         for (_, texture) in material.textures() {
             if let TextureFile::Bitmap { file, raw, .. } = texture {
-                files.entry(image_key(file, *raw)).or_insert_with(|| (file, *raw, format!("materials.{name}")));
+                let place = || places.of_picture(file, &format!("materials.{name}"));
+                files.entry(image_key(file, *raw)).or_insert_with(|| (file, *raw, place()));
             }
         }
     }
     for (index, light) in scene.lights.iter().enumerate() {
         if let LightFile::Envmap { file, .. } = light {
-            files.entry(image_key(file, false)).or_insert_with(|| (file, false, format!("lights[{index}]")));
+            let place = || places.at(&format!("lights[{index}]"));
+            files.entry(image_key(file, false)).or_insert_with(|| (file, false, place()));
         }
     }
-    let read = |(key, (file, raw, part)): (String, (&str, bool, String))| {
-        let path = path::resolve(directory, file, &places.at(&part));
+    let read = |(key, (file, raw, place)): (String, (&str, bool, Place))| {
+        let path = path::resolve(directory, file, &place);
         (key, path.and_then(|path| read_texels(&path, raw)))
     };
     files.into_par_iter().map(read).collect()

@@ -23,6 +23,21 @@ impl Places {
         self.known.insert(key.into(), place);
     }
 
+    /// The document.
+    pub fn source(&self) -> &Path {
+        &self.source
+    }
+
+    /// Where the picture `file` of the part `owner` is named first.
+    pub fn of_picture(&self, file: &str, owner: &str) -> Place {
+        self.known.get(&picture(file)).cloned().unwrap_or_else(|| self.at(owner))
+    }
+
+    /// The picture `file` is named at `place`; the first place stands.
+    pub fn set_picture(&mut self, file: &str, place: Place) {
+        self.known.entry(picture(file)).or_insert(place);
+    }
+
     /// The place of `key`, or of the innermost known part that holds it.
     pub fn at(&self, key: &str) -> Place {
         let mut prefix = key;
@@ -36,6 +51,11 @@ impl Places {
             }
         }
     }
+}
+
+/// The key of a picture.
+fn picture(file: &str) -> String {
+    format!("pictures.{file}")
 }
 
 #[cfg(test)]

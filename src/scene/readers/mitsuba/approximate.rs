@@ -14,7 +14,7 @@ const MOST_SPECULAR: f32 = 0.5;
 impl<'a> Reader<'a> {
     /// What is under a coat.
     pub(super) fn coating(&mut self, element: &'a Element) -> Result<MaterialFile> {
-        let object = Object::lenient(element, &self.ids)?;
+        let object = Object::lenient(element, &self.ids, &[])?;
         self.warn(element, format_args!("the {} is left out: what is under it is used", kind(element)?));
         self.inside(&object)
     }

@@ -88,6 +88,25 @@ impl Element {
     }
 }
 
+/// Whether an element, in any dialect, is a property that is no object: nothing can stand inside but what it is made of.
+fn is_value(element: &Element) -> bool {
+    const VALUES: [&str; 12] = [
+        "float",
+        "integer",
+        "boolean",
+        "string",
+        "rgb",
+        "srgb",
+        "spectrum",
+        "blackbody",
+        "point",
+        "vector",
+        "transform",
+        "ref",
+    ];
+    VALUES.contains(&element.tag.as_str()) && (element.tag != "spectrum" || element.attribute("type").is_none())
+}
+
 /// Reads the scene document at `path` with all that it includes, in the words of Mitsuba 3, and what was lost in upgrading to it.
 pub fn read(path: &Path) -> Result<(Element, Vec<String>)> {
     let root = path.parent().unwrap_or(Path::new(""));
@@ -164,7 +183,8 @@ impl Source<'_> {
             }
             let inner = self.element(child, lines, depth + 1)?;
             match (inner.tag.as_str(), depth) {
-                ("default", 0) => self.default(&inner)?,
+                // Inside any object, as in Mitsuba: it holds from there on to the end of the scene.
+                ("default", _) if !is_value(&element) => self.default(&inner)?,
                 ("include", 0) => element.children.extend(self.include(&inner)?),
                 _ => element.children.push(inner),
             }

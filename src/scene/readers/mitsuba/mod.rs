@@ -1,5 +1,6 @@
-//! Mitsuba scenes in XML (3.x, and 0.4 to 0.6), the part that [`SceneFile`] can express. Nothing is ignored in silence: what is unknown is an
-//! error with file, line and what could stand there; what is done in another way is a warning.
+//! Mitsuba scenes in XML (3.x, and 0.4 to 0.6), the part that [`SceneFile`] can express. Nothing is ignored in silence: an unknown object is
+//! an error with file, line and what could stand there; a property that its object has no use for, and what is done in another way,
+//! is a warning.
 
 mod approximate;
 mod cie;
@@ -18,6 +19,7 @@ mod solar;
 mod sunlight;
 mod texture;
 mod transform;
+mod unused;
 mod upgrade;
 
 use std::collections::BTreeMap;
@@ -26,19 +28,11 @@ use std::path::{Path, PathBuf};
 use crate::base::Result;
 use crate::scene::file::{CameraFile, FilmFile, FilterFile, IDENTITY, RenderFile, SceneFile, VERSION};
 
+use super::Read;
+use super::missing::Absent;
 use super::places::Places;
 use element::Element;
 use object::Ids;
-
-/// A translated scene, with the lines that its parts come from.
-pub struct Translation {
-    /// The scene file, unchecked.
-    pub file: SceneFile,
-    /// Places of its parts.
-    pub places: Places,
-    /// What is done in another way than the document says.
-    pub warnings: Vec<String>,
-}
 
 /// Integrators count -1 as no limit; light that has bounced this often is long gone.
 const UNLIMITED_DEPTH: u32 = 1024;
@@ -47,9 +41,9 @@ const UNLIMITED_DEPTH: u32 = 1024;
 ///
 /// # Errors
 /// [`Error::Io`](crate::base::Error::Io), `Malformed`, `Unsupported`, `Limit`, each with file and line.
-pub fn read(path: &Path) -> Result<Translation> {
+pub(super) fn read(path: &Path) -> Result<Read> {
     let (scene, warnings) = element::read(path)?;
-    let mut ids = Ids::new();
+    let mut ids = Ids::default();
     collect_ids(&scene, &mut ids)?;
     let mut reader = Reader { warnings, ..Reader::new(path, ids) };
     for child in &scene.children {
@@ -70,8 +64,8 @@ fn collect_ids<'a>(element: &'a Element, ids: &mut Ids<'a>) -> Result<()> {
         collect_ids(child, ids)?;
         if child.tag == "alias" {
             let target = child.required("id")?;
-            let found = ids.get(target).copied();
-            let found = found.ok_or_else(|| child.malformed(format!("nothing before has the id \"{target}\"")))?;
+            let found =
+                ids.get(target).ok_or_else(|| child.malformed(format!("nothing before has the id \"{target}\"")))?;
             ids.insert(child.required("as")?, found);
         }
     }
@@ -85,6 +79,8 @@ struct Reader<'a> {
     file: SceneFile,
     places: Places,
     warnings: Vec<String>,
+    /// Pictures that were looked for and are not there.
+    absent: Vec<Absent>,
     has_sensor: bool,
     has_integrator: bool,
     /// Names given to materials without an id, by their element.
@@ -122,6 +118,7 @@ impl<'a> Reader<'a> {
             file,
             places: Places::new(path),
             warnings: Vec::new(),
+            absent: Vec::new(),
             has_sensor: false,
             has_integrator: false,
             unnamed: BTreeMap::new(),
@@ -176,7 +173,7 @@ impl<'a> Reader<'a> {
         }
         let kind = object::kind(element)?;
         // How paths end early and how they are sampled does not belong to a scene's radiance.
-        let object = object::Object::lenient(element, &self.ids)?;
+        let object = object::Object::lenient(element, &self.ids, &["max_depth", "hide_emitters"])?;
         // Integrators that measure something beside radiance hold the one that computes it.
         if let Some(inner) = object.nested.iter().find(|inner| inner.tag == "integrator") {
             self.warn(element, format_args!("the integrator \"{kind}\" is left out, the one inside is kept"));
@@ -202,10 +199,12 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn finish(self, scene: &Element) -> Result<Translation> {
+    fn finish(self, scene: &Element) -> Result<Read> {
         if !self.has_sensor {
             return Err(scene.malformed("the scene has no sensor"));
         }
-        Ok(Translation { file: self.file, places: self.places, warnings: self.warnings })
+        let Self { file, places, mut warnings, absent, ids, .. } = self;
+        warnings.extend(ids.unused.into_warnings());
+        Ok(Read { file, places, warnings, absent })
     }
 }

@@ -1,4 +1,5 @@
-//! An element that stands for an object, with its named properties and the objects inside it. What is not expected is refused.
+//! An element that stands for an object, with its named properties and the objects inside it. Objects that are not expected are
+//! refused, properties warned of.
 
 use std::collections::BTreeMap;
 
@@ -10,12 +11,30 @@ use crate::scene::file::Matrix;
 use super::color::{self, Use};
 use super::element::Element;
 use super::transform;
+use super::unused::{Unused, meant};
 
 const PROPERTY_TAGS: [&str; 11] =
     ["float", "integer", "boolean", "string", "rgb", "srgb", "spectrum", "blackbody", "point", "vector", "transform"];
 
-/// Elements by their id.
-pub type Ids<'a> = BTreeMap<&'a str, &'a Element>;
+/// Elements by their id, and what reading objects finds out about the document.
+#[derive(Default)]
+pub struct Ids<'a> {
+    elements: BTreeMap<&'a str, &'a Element>,
+    /// Properties that nothing was done with.
+    pub unused: Unused,
+}
+
+impl<'a> Ids<'a> {
+    /// The element with this id.
+    pub fn get(&self, id: &str) -> Option<&'a Element> {
+        self.elements.get(id).copied()
+    }
+
+    /// Gives `element` an id; returns what had it before.
+    pub fn insert(&mut self, id: &'a str, element: &'a Element) -> Option<&'a Element> {
+        self.elements.insert(id, element)
+    }
+}
 
 /// An object with its parts sorted out.
 pub struct Object<'a> {
@@ -33,7 +52,7 @@ pub fn kind(element: &Element) -> Result<&str> {
 
 impl<'a> Object<'a> {
     /// Sorts the children of `element`: `properties` are the names that it may have, `nested` the tags of objects. Textures may be
-    /// either.
+    /// either. Other properties are noted as unused, but one that is a slip of the pen is an error.
     pub fn new(element: &'a Element, ids: &Ids<'a>, properties: &[&str], nested: &[&str]) -> Result<Self> {
         element.only_attributes(&["type", "id", "name"])?;
         let mut object = Self { element, nested: Vec::new(), properties: BTreeMap::new() };
@@ -43,7 +62,13 @@ impl<'a> Object<'a> {
             let is_texture = tag == "texture" && !nested.contains(&tag);
             if PROPERTY_TAGS.contains(&tag) || is_texture {
                 // A reference is named where it stands, not where it points.
-                object.add_property(child.required("name")?, target, properties)?;
+                let name = child.required("name")?;
+                if properties.contains(&name) {
+                    object.add_property(name, target)?;
+                } else {
+                    object.refuse_slip(name, child, properties)?;
+                    ids.unused.note(child, format!("the property \"{name}\" of {} is not used", object.called()));
+                }
             } else if nested.contains(&tag) {
                 object.nested.push(target);
             } else {
@@ -55,13 +80,14 @@ impl<'a> Object<'a> {
         Ok(object)
     }
 
-    /// Takes every property and object as it is: for what is read only in part.
-    pub fn lenient(element: &'a Element, ids: &Ids<'a>) -> Result<Self> {
+    /// Takes every property and object as it is: for what is read only in part, the properties `used`.
+    pub fn lenient(element: &'a Element, ids: &Ids<'a>, used: &[&str]) -> Result<Self> {
         let mut object = Self { element, nested: Vec::new(), properties: BTreeMap::new() };
         for child in &element.children {
             let target = follow(child, ids)?;
             match child.attribute("name") {
                 Some(name) if PROPERTY_TAGS.contains(&target.tag.as_str()) => {
+                    object.refuse_slip(name, child, used)?;
                     object.properties.insert(name, target);
                 }
                 _ => object.nested.push(target),
@@ -70,16 +96,25 @@ impl<'a> Object<'a> {
         Ok(object)
     }
 
-    fn add_property(&mut self, name: &'a str, value: &'a Element, known: &[&str]) -> Result<()> {
-        if !known.contains(&name) {
-            let kind = self.element.attribute("type").unwrap_or_default();
-            let what = format!("property \"{name}\" of the {} \"{kind}\"", self.element.tag);
-            return Err(value.unsupported(what, if known.is_empty() { &["none"] } else { known }));
-        }
+    fn add_property(&mut self, name: &'a str, value: &'a Element) -> Result<()> {
         match self.properties.insert(name, value) {
             Some(_) => Err(value.malformed(format!("property \"{name}\" is given twice"))),
             None => Ok(()),
         }
+    }
+
+    /// Refuses a property whose name is nearly one of `known`.
+    fn refuse_slip(&self, name: &str, property: &Element, known: &[&str]) -> Result<()> {
+        match meant(name, known) {
+            Some(near) => Err(property
+                .malformed(format!("{} has no property \"{name}\"; \"{near}\" seems to be meant", self.called()))),
+            None => Ok(()),
+        }
+    }
+
+    /// How the object is spoken of.
+    fn called(&self) -> String {
+        format!("the {} \"{}\"", self.element.tag, self.element.attribute("type").unwrap_or_default())
     }
 
     /// The only nested object with this tag, if any.
@@ -179,7 +214,7 @@ pub fn follow<'a>(element: &'a Element, ids: &Ids<'a>) -> Result<&'a Element> {
     element.only_attributes(&["id", "name"])?;
     element.no_children()?;
     let id = element.required("id")?;
-    ids.get(id).copied().ok_or_else(|| element.malformed(format!("nothing has the id \"{id}\"")))
+    ids.get(id).ok_or_else(|| element.malformed(format!("nothing has the id \"{id}\"")))
 }
 
 /// The `value` of a property.

@@ -57,7 +57,7 @@ impl<'a> Reader<'a> {
     fn sampler(&mut self, element: &'a Element) -> Result<()> {
         // Which numbers are drawn is the renderer's own affair; how many samples is the scene's wish.
         kind(element)?;
-        let object = Object::lenient(element, &self.ids)?;
+        let object = Object::lenient(element, &self.ids, &["sample_count"])?;
         if let Some(count) = object.integer("sample_count")? {
             let invalid = |_| element.malformed(format!("sample_count is {count}, expected at least 1"));
             self.file.render.spp = u32::try_from(count).map_err(invalid)?;
@@ -72,7 +72,7 @@ impl<'a> Reader<'a> {
             other => return Err(element.unsupported(format!("film \"{other}\""), &["hdrfilm", "ldrfilm", "mfilm"])),
         }
         // How the file is written is chosen when rendering.
-        let object = Object::lenient(element, &self.ids)?;
+        let object = Object::lenient(element, &self.ids, &["width", "height"])?;
         if ["crop_width", "crop_height", "crop_offset_x", "crop_offset_y"].iter().any(|n| object.property(n).is_some())
         {
             self.warn(element, "the whole picture is rendered: the film's crop is left out (see --crop)");
@@ -93,7 +93,8 @@ impl<'a> Reader<'a> {
     fn filter(&mut self, element: &'a Element) -> Result<FilterFile> {
         let kind = kind(element)?;
         let known: &[&str] = match kind {
-            "box" | "catmullrom" => &[],
+            "box" => &["radius"],
+            "catmullrom" => &[],
             "tent" => &["radius"],
             "gaussian" => &["stddev"],
             "mitchell" => &["A", "B", "C"],
@@ -107,6 +108,9 @@ impl<'a> Reader<'a> {
         self.places.set("film.filter", element.place.clone());
         let number = |name: &str, default: f64| Ok(object.float(name)?.unwrap_or(default) as f32);
         Ok(match kind {
+            "box" if object.float("radius")?.is_some_and(|radius| radius != 0.5) => {
+                return Err(element.unsupported("a box filter with another radius than 0.5", &["tent", "gaussian"]));
+            }
             "box" => FilterFile::default(),
             "tent" => FilterFile::Tent { radius: number("radius", 1.0)? },
             "gaussian" => FilterFile::Gaussian { stddev: number("stddev", 0.5)?, radius: None },

@@ -35,7 +35,7 @@ impl<'a> Reader<'a> {
                 return Err(member.unsupported(format!("a {} inside a shapegroup", kind(member)?), &KINDS[..8]));
             }
             let emits = |child: &Element| {
-                let target = child.attribute("id").and_then(|id| self.ids.get(id)).copied().unwrap_or(child);
+                let target = child.attribute("id").and_then(|id| self.ids.get(id)).unwrap_or(child);
                 target.tag == "emitter"
             };
             if member.children.iter().any(emits) {
@@ -158,7 +158,7 @@ impl<'a> Reader<'a> {
     /// A name that no id of the document takes.
     pub(super) fn free_name(&self, wanted: &str) -> String {
         let mut name = wanted.to_owned();
-        while self.ids.contains_key(name.as_str()) {
+        while self.ids.get(&name).is_some() {
             name.push('_');
         }
         name
@@ -175,10 +175,11 @@ fn placement(object: &Object) -> Result<DMat4> {
     let (p0, p1) = (end("p0", [0.0; 3])?, end("p1", [0.0, 0.0, 1.0])?);
     let radius = object.float("radius")?.unwrap_or(1.0);
     let axis = p1 - p0;
-    if !(radius > 0.0 && axis.length() > 0.0) {
-        return Err(object.element.malformed("a cylinder needs a length and a radius above 0"));
+    if radius < 0.0 {
+        return Err(object.element.malformed(format!("the radius is {radius}, expected at least 0")));
     }
-    let (s, t) = axis.normalize().any_orthonormal_pair();
+    // Without length or radius this flattens space: the shape is left out later.
+    let (s, t) = axis.normalize_or(DVec3::Z).any_orthonormal_pair();
     let local = DMat4::from_cols((s * radius).extend(0.0), (t * radius).extend(0.0), axis.extend(0.0), p0.extend(1.0));
     Ok(to_world * local)
 }

@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use crate::base::Result;
 use crate::scene::file::{Filter, TextureFile, Wrap, identity3};
+use crate::scene::readers::missing::{self, Absent};
 use crate::scene::readers::{path, read_texels};
 
 use super::Reader;
@@ -41,6 +42,11 @@ impl<'a> Reader<'a> {
         Ok(match texture {
             TextureFile::Rgb { value } => *value,
             TextureFile::Checkerboard { color0, color1, .. } => [0, 1, 2].map(|i| (color0[i] + color1[i]) / 2.0),
+            TextureFile::Bitmap { file, scale, .. } if missing::is_absent(&self.folder, file) => {
+                let color = [missing::GREY * *scale; 3];
+                self.absent.push(Absent::picture(file, element.place.clone(), color));
+                color
+            }
             TextureFile::Bitmap { file, raw, scale, .. } => {
                 let texels = read_texels(&path::resolve(&self.folder, file, &element.place)?, *raw)?;
                 (texels.mean() * *scale).to_array()
@@ -120,8 +126,10 @@ impl<'a> Reader<'a> {
                 return Err(element.unsupported(format!("wrap_mode \"{other}\""), &["repeat", "mirror", "clamp"]));
             }
         };
+        let file = object.required_string("filename")?.to_owned();
+        self.places.set_picture(&file, element.place.clone());
         Ok(TextureFile::Bitmap {
-            file: object.required_string("filename")?.to_owned(),
+            file,
             to_uv: to_uv(&object)?,
             raw: object.boolean("raw")?.unwrap_or(false),
             scale: 1.0,

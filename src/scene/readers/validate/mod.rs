@@ -18,7 +18,7 @@ use super::places::Places;
 use number::Checker;
 
 pub use lights::LEAST_ANGLE;
-pub use number::linear;
+pub use number::{FLATTENS, has_inverse, linear};
 
 /// Longest side of a picture in pixels.
 const LARGEST_SIDE: u32 = 16384;
@@ -139,7 +139,8 @@ fn inline_mesh(check: &Checker, key: &str, mesh: &MeshFile) -> Result<()> {
 }
 
 fn shape(check: &Checker, key: &str, shape: &ShapeFile, file: &SceneFile) -> Result<()> {
-    check.transform(&format!("{key}.to_world"), &shape.to_world)?;
+    // One that flattens space may leave nothing to be seen, which is known once the mesh is read.
+    check.affine(&format!("{key}.to_world"), &shape.to_world)?;
     if !file.materials.contains_key(&shape.material) {
         return check.fail(&format!("{key}.material"), format!("there is no material \"{}\"", shape.material));
     }
@@ -159,7 +160,7 @@ fn shape(check: &Checker, key: &str, shape: &ShapeFile, file: &SceneFile) -> Res
         GeometryFile::Mesh { .. } => Ok(()),
         GeometryFile::Sphere { center, radius } => {
             check.finite(&format!("{key}.geometry.center"), center)?;
-            check.positive(&format!("{key}.geometry.radius"), *radius)?;
+            check.at_least(&format!("{key}.geometry.radius"), *radius, 0.0)?;
             uniform_scale(check, &format!("{key}.to_world"), &shape.to_world)
         }
     }

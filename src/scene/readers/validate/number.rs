@@ -72,18 +72,29 @@ impl<'a> Checker<'a> {
 
     /// A finite affine matrix with an inverse.
     pub fn transform(&self, key: &str, matrix: &Matrix) -> Result<()> {
+        self.affine(key, matrix)?;
+        if has_inverse(matrix) { Ok(()) } else { self.fail(key, FLATTENS) }
+    }
+
+    /// A finite affine matrix.
+    pub fn affine(&self, key: &str, matrix: &Matrix) -> Result<()> {
         self.finite(key, matrix)?;
         if matrix[12..] != [0.0, 0.0, 0.0, 1.0] {
             return self.fail(key, "the last row of a transform must be 0 0 0 1");
         }
-        let m = linear(matrix);
-        let size = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
-        // Relative to the axes' lengths, so that a small but sound scale passes.
-        if m.determinant().abs() > 1e-9 * size {
-            return Ok(());
-        }
-        self.fail(key, "the transform has no inverse: it flattens space")
+        Ok(())
     }
+}
+
+/// What is said of a transform without inverse.
+pub const FLATTENS: &str = "the transform has no inverse: it flattens space";
+
+/// Whether an affine matrix can be undone.
+pub fn has_inverse(matrix: &Matrix) -> bool {
+    let m = linear(matrix);
+    let size = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
+    // Relative to the axes' lengths, so that a small but sound scale passes.
+    m.determinant().abs() > 1e-9 * size
 }
 
 /// The part of a transform that acts on vectors.

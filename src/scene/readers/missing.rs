@@ -1,0 +1,159 @@
+//! Files that a scene names and that are not there: all of them in one message, or a scene without them.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::ErrorKind;
+use std::path::Path;
+
+use crate::base::{At, Error, Place, Result};
+use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
+
+use super::left_out::Reasons;
+use super::path;
+use super::places::Places;
+
+/// What becomes of a scene that names meshes and pictures which are not there.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Missing {
+    /// It is refused.
+    #[default]
+    Refuse,
+    /// Shapes without mesh are left out, and grey stands for pictures.
+    Skip,
+}
+
+impl Missing {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Refuse => "refuse",
+            Self::Skip => "skip",
+        }
+    }
+}
+
+/// What stands for a picture.
+pub(super) const GREY: f32 = 0.5;
+/// What stands for a normal map: the surface's own normal.
+const STRAIGHT: [f32; 3] = [0.5, 0.5, 1.0];
+
+/// A file that is not there.
+#[derive(Debug, Clone)]
+pub(super) struct Absent {
+    /// As the scene names it.
+    pub file: String,
+    /// Where.
+    pub place: Place,
+    /// What is used instead of a picture; nothing for a mesh, whose shapes tell.
+    pub instead: Option<String>,
+}
+
+impl Absent {
+    /// A picture for which a colour stands.
+    pub fn picture(file: &str, place: Place, color: [f32; 3]) -> Self {
+        let [r, g, b] = color;
+        let told = if r == g && g == b { r.to_string() } else { format!("{r}, {g}, {b}") };
+        Self { file: file.to_owned(), place, instead: Some(format!("the constant {told} is used instead")) }
+    }
+}
+
+/// Whether there is nothing at the path that the scene in `folder` calls `file`.
+pub(super) fn is_absent(folder: &Path, file: &str) -> bool {
+    match path::resolve(folder, file, &Place::file(folder)) {
+        Err(Error::Io { source, .. }) => matches!(source.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory),
+        _ => false,
+    }
+}
+
+/// Finds what the scene in `folder` lacks beside `found`, and puts something else in its place; shapes of the returned meshes are
+/// left to be taken out. Every picture is warned of. The names of all files come second.
+///
+/// # Errors
+/// [`Error::Missing`] with all absent files unless they are to be skipped.
+pub(super) fn settle(
+    scene: &mut SceneFile,
+    folder: &Path,
+    places: &Places,
+    mut found: Vec<Absent>,
+    missing: Missing,
+    warnings: &mut Vec<String>,
+) -> Result<(Reasons, Vec<String>)> {
+    let reasons = absent_meshes(scene, folder, places, &mut found);
+    replace_pictures(scene, folder, places, &mut found);
+    found.sort_by_key(|absent| (absent.place.path.clone(), line(&absent.place)));
+    let mut files: Vec<(String, Place)> = Vec::new();
+    let (mut seen, mut told) = (BTreeSet::new(), BTreeSet::new());
+    for Absent { file, place, instead } in found {
+        if let Some(instead) = instead {
+            let text = format!("{place}: the picture \"{file}\" is missing: {instead}");
+            if told.insert(text.clone()) {
+                warnings.push(text);
+            }
+        }
+        if seen.insert(file.clone()) {
+            files.push((file, place));
+        }
+    }
+    if missing == Missing::Refuse && !files.is_empty() {
+        return Err(Error::Missing { scene: places.source().to_owned(), files });
+    }
+    Ok((reasons, files.into_iter().map(|(file, _)| file).collect()))
+}
+
+fn line(place: &Place) -> u32 {
+    if let Some(At::Line(line)) = place.at { line } else { u32::MAX }
+}
+
+/// Why meshes are missing, by name.
+fn absent_meshes(scene: &SceneFile, folder: &Path, places: &Places, found: &mut Vec<Absent>) -> Reasons {
+    let mut reasons = Reasons::new();
+    for (name, mesh) in &scene.meshes {
+        let (MeshFile::Obj { file, .. } | MeshFile::Ply { file, .. } | MeshFile::Serialized { file, .. }) = mesh else {
+            continue;
+        };
+        if is_absent(folder, file) {
+            let place = places.at(&format!("meshes.{name}"));
+            found.push(Absent { file: file.clone(), place, instead: None });
+            reasons.insert(name.clone(), format!("its mesh \"{file}\" is missing"));
+        }
+    }
+    reasons
+}
+
+/// Puts colours in the place of pictures that are not there.
+fn replace_pictures(scene: &mut SceneFile, folder: &Path, places: &Places, found: &mut Vec<Absent>) {
+    let mut known = BTreeMap::new();
+    let mut absent = |file: &str| *known.entry(file.to_owned()).or_insert_with(|| is_absent(folder, file));
+    for (name, material) in &mut scene.materials {
+        let mut replace = |texture: &mut TextureFile, color: Option<[f32; 3]>| {
+            let TextureFile::Bitmap { file, scale, .. } = texture else { return };
+            if absent(file) {
+                let color = color.unwrap_or([(GREY * *scale).clamp(0.0, 1.0); 3]);
+                let place = places.of_picture(file, &format!("materials.{name}"));
+                found.push(Absent::picture(file, place, color));
+                *texture = TextureFile::rgb(color);
+            }
+        };
+        straighten(material, &mut |texture| replace(texture, Some(STRAIGHT)));
+        material.textures_mut().into_iter().for_each(|(_, texture)| replace(texture, None));
+    }
+    for (index, light) in scene.lights.iter_mut().enumerate() {
+        let LightFile::Envmap { file, scale, .. } = light else { continue };
+        if absent(file) {
+            let radiance = [GREY * *scale; 3];
+            found.push(Absent::picture(file, places.at(&format!("lights[{index}]")), radiance));
+            *light = LightFile::Constant { radiance };
+        }
+    }
+}
+
+/// Shows the texture of every normal map, wherever it is in the material.
+fn straighten(material: &mut MaterialFile, replace: &mut impl FnMut(&mut TextureFile)) {
+    if let MaterialFile::NormalMap { texture, .. } = material {
+        replace(texture);
+    }
+    if let MaterialFile::Blend { materials, .. } = material {
+        materials.iter_mut().for_each(|part| straighten(part, replace));
+    } else if let Some(inside) = material.inside_mut() {
+        straighten(inside, replace);
+    }
+}
