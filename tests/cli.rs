@@ -172,6 +172,49 @@ fn effects_are_switched() {
     assert!(!refused.status.success() && String::from_utf8_lossy(&refused.stderr).contains("medium"));
 }
 
+/// A scene without some of its files is refused with all their names, or rendered without them where that is asked for; then the
+/// picture and the statistics say so, and no checkpoint of it is taken for one of the whole scene.
+#[test]
+fn missing_files_are_named_or_skipped() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    let body = "<scene version='3.0.0'>\n<sensor type='perspective'/>\n<emitter type='constant'/>\n\
+        <shape type='obj'><string name='filename' value='lost.obj'/></shape>\n<shape type='rectangle'><bsdf type='diffuse'>\n\
+        <texture type='bitmap' name='reflectance'><string name='filename' value='lost.png'/></texture></bsdf></shape></scene>";
+    std::fs::write(folder.path().join("scene.xml"), body).unwrap();
+    let (scene, picture, stats, part) = (file("scene.xml"), file("out.exr"), file("stats.json"), file("out.part"));
+    let render = ["render", &scene, "-o", &picture, "--size", "8x6", "--guide", "none", "--spp", "2"];
+    let words = [
+        "2 files are missing",
+        "lost.obj (named at",
+        "scene.xml:4)",
+        "lost.png (named at",
+        "scene.xml:6)",
+        "--missing skip",
+    ];
+    fails(1, &render, Some(Path::new(&picture)), &words);
+    fails(1, &["plan", &scene], None, &words);
+    fails(1, &["compare", &scene, "--spp", "1", "-o", &file("compared")], None, &words);
+    fails(2, &[&render[..], &["--missing", "what"]].concat(), None, &["--missing", "refuse", "skip"]);
+    fails(2, &["inspect", "a.guide", "--missing", "skip"], None, &["--scene"]);
+    let skip =
+        [&render[..], &["--missing", "skip", "--stats", &stats, "--checkpoint", &part, "--every", "1e-9"]].concat();
+    let result = fanal(&skip);
+    let told = String::from_utf8_lossy(&result.stderr);
+    assert!(result.status.success(), "{told}");
+    assert!(told.contains("scene.xml:4: ") && told.contains("scene.xml:6: ") && told.contains("0.5 is used"), "{told}");
+    let stats: serde_json::Value = serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap();
+    assert_eq!(stats["missing_files"], serde_json::json!(["lost.obj", "lost.png"]));
+    let header = exr::meta::MetaData::read_from_file(&picture, false).unwrap().headers.remove(0).own_attributes.other;
+    let missing = header.iter().find(|(name, _)| *name == "missingFiles");
+    assert!(matches!(missing, Some((_, exr::meta::attribute::AttributeValue::Text(text))) if *text == *"2"));
+    assert!(fanal(&["plan", &scene, "--missing", "skip"]).status.success());
+    let resume = [&render[..], &["--missing", "skip", "--resume", &part]].concat();
+    assert!(fanal(&resume).status.success(), "the same scene goes on");
+    std::fs::write(folder.path().join("lost.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    fails(1, &[&resume[..], &["--quiet"]].concat(), None, &["out.part", "scene"]);
+}
+
 /// A saved field guides another render and can be looked into; a damaged one is refused with its name.
 #[test]
 fn guides_are_saved_loaded_and_drawn() {

@@ -15,6 +15,7 @@ use crate::render::{Aov, GuideMode, Reconstruction, Sample, SampleKinds};
 use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;
 use crate::scene::overrides::Override;
+use crate::scene::readers::Missing;
 
 /// What every help of a command that a signal can end says about that.
 macro_rules! exit_codes {
@@ -136,6 +137,12 @@ words!(
     Off: "Not before nothing is left of them",
     Throughput: "By how much is left of them",
     Window: "By what is expected of them, light sampling likewise (Vorba and Křivánek 2016)",
+);
+
+words!(
+    Missing,
+    Refuse: "The scene is refused, with a list of them",
+    Skip: "Shapes without their mesh are left out, grey stands for a picture",
 );
 
 /// Pixel filters, as wide as usual.
@@ -306,6 +313,9 @@ pub struct RenderArgs {
     /// Effects to switch on (+) or off (-) against `fanal plan`, whose names they have
     #[arg(long, value_name = "+NAME,-NAME,…", value_delimiter = ',', allow_hyphen_values = true)]
     pub effects: Vec<Override>,
+    /// What to do about meshes and pictures that the scene names and that are not there
+    #[arg(long, value_enum, default_value = "refuse")]
+    pub missing: Missing,
     /// Next event estimation
     #[arg(long, value_enum, default_value = "on")]
     pub nee: Switch,
@@ -386,6 +396,9 @@ pub struct InspectArgs {
     /// Size of that picture in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = size, requires = "scene")]
     pub size: Option<[u32; 2]>,
+    /// What to do about meshes and pictures that the scene names and that are not there
+    #[arg(long, value_enum, default_value = "refuse", requires = "scene")]
+    pub missing: Missing,
     /// Picture to write, .png or .exr
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
@@ -408,6 +421,9 @@ pub struct PlanArgs {
     /// Effects to switch on (+) or off (-) against the plan
     #[arg(long, value_name = "+NAME,-NAME,…", value_delimiter = ',', allow_hyphen_values = true)]
     pub effects: Vec<Override>,
+    /// What to do about meshes and pictures that the scene names and that are not there
+    #[arg(long, value_enum, default_value = "refuse")]
+    pub missing: Missing,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -465,6 +481,9 @@ pub struct CompareArgs {
     /// 1 = emission only, 2 = direct light, n = n-1 bounces [default: the scene's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     pub max_depth: Option<u32>,
+    /// What to do about meshes and pictures that the scene names and that are not there
+    #[arg(long, value_enum, default_value = "refuse")]
+    pub missing: Missing,
     /// Folder of the network's model [default: the model inside this program]
     #[arg(long, value_name = "DIR")]
     pub model: Option<PathBuf>,

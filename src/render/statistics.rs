@@ -138,6 +138,8 @@ pub struct Statistics {
     pub dropped: Drops,
     /// Triangles of the scene that have no area and were left out.
     pub skipped_triangles: usize,
+    /// Meshes and pictures of the scene that were not there, as it names them; it was rendered without.
+    pub missing_files: Vec<String>,
     /// Guiding.
     pub guide: GuideStatistics,
     /// Learning.

@@ -21,7 +21,7 @@ pub fn run(args: &CompareArgs) -> Result<Ended> {
     std::fs::create_dir_all(&args.output).map_err(|e| Error::io(&args.output, e))?;
     in_pool(&args.common, || {
         let begun = Instant::now();
-        let mut loaded = load_scene(&args.scene, &[], &args.common)?;
+        let mut loaded = load_scene(&args.scene, &[], args.missing, &args.common)?;
         let load_seconds = begun.elapsed().as_secs_f64();
         let size = args.size.unwrap_or([loaded.file.film.width, loaded.file.film.height]);
         check_size(size[0], size[1])?;

@@ -24,7 +24,7 @@ pub fn run(args: &InspectArgs) -> Result<()> {
         let (field, evidence) = file::load(&args.guide)?;
         let mut told = summary(&field, &evidence).to_vec();
         let image = if let Some(path) = &args.scene {
-            let loaded = load_scene(path, &[], &args.common)?;
+            let loaded = load_scene(path, &[], args.missing, &args.common)?;
             let size = args.size.unwrap_or([loaded.file.film.width, loaded.file.film.height]);
             check_size(size[0], size[1])?;
             Some(inspect::gains(&Scene::build(&loaded, size)?, &field, &evidence))

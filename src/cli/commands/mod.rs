@@ -12,11 +12,11 @@ use super::args::Common;
 use super::print;
 use crate::base::{Error, Result};
 use crate::scene::overrides::Override;
-use crate::scene::readers::{LoadedScene, load_with};
+use crate::scene::readers::{LoadedScene, Missing, load_lacking};
 
 /// Loads a scene and passes its warnings on.
-fn load_scene(path: &std::path::Path, effects: &[Override], common: &Common) -> Result<LoadedScene> {
-    let loaded = load_with(path, effects)?;
+fn load_scene(path: &std::path::Path, effects: &[Override], missing: Missing, common: &Common) -> Result<LoadedScene> {
+    let loaded = load_lacking(path, effects, missing)?;
     print::warnings(&loaded.warnings, common.quiet);
     Ok(loaded)
 }

@@ -12,7 +12,8 @@ use crate::scene::plan::plan;
 /// # Errors
 /// What reading the scene says.
 pub fn run(args: &PlanArgs) -> Result<()> {
-    let mut plan = plan(&in_pool(&args.common, || load_scene(&args.scene, &args.effects, &args.common))?.file);
+    let mut plan =
+        plan(&in_pool(&args.common, || load_scene(&args.scene, &args.effects, args.missing, &args.common))?.file);
     decide(&mut plan, &args.effects);
     if args.json {
         return print::json(&plan);

@@ -47,7 +47,7 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
     }
     in_pool(&args.common, || {
         let begun = Instant::now();
-        let mut loaded = load_scene(&args.scene, &args.effects, &args.common)?;
+        let mut loaded = load_scene(&args.scene, &args.effects, args.missing, &args.common)?;
         let load = begun.elapsed().as_secs_f64();
         let request = resolve(args, &loaded.file)?;
         loaded.file.render.max_depth = request.max_depth;
@@ -169,6 +169,7 @@ fn render(
     statistics.seconds.build = build;
     statistics.effects = plan.effects;
     statistics.skipped_triangles = loaded.skipped_triangles;
+    statistics.missing_files.clone_from(&loaded.missing);
     if let Some(reference) = reference {
         let measures = measure(&outcome.image, reference)?;
         statistics.errors.push(ErrorPoint::new(statistics.seconds.total, statistics.spp, &measures));
@@ -259,8 +260,10 @@ fn attributes(request: &RenderRequest, settings: &RenderSettings) -> Vec<Attribu
 }
 
 /// What it says once it is made. Of all attributes only `seconds` and `threads` differ between two makings of the same picture.
-fn results(statistics: &Statistics) -> [Attribute; 5] {
+fn results(statistics: &Statistics) -> Vec<Attribute> {
     let causes: Vec<String> = statistics.dropped.counted().map(|(cause, count)| format!("{cause} {count}")).collect();
+    let missing = statistics.missing_files.len();
+    let missing = (missing > 0).then(|| ("missingFiles", missing.to_string()));
     [
         ("spp", statistics.spp.to_string()),
         ("droppedSamples", statistics.dropped_samples.to_string()),
@@ -268,5 +271,8 @@ fn results(statistics: &Statistics) -> [Attribute; 5] {
         ("seconds", format!("{:.3}", statistics.seconds.total)),
         ("threads", statistics.threads.to_string()),
     ]
+    .into_iter()
+    .chain(missing)
     .map(|(key, value)| (key.to_owned(), value))
+    .collect()
 }

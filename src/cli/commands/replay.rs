@@ -25,7 +25,7 @@ pub fn run(args: &RenderArgs, sample: Sample) -> Result<()> {
         ));
     }
     in_pool(&args.common, || {
-        let mut loaded = load_scene(&args.scene, &args.effects, &args.common)?;
+        let mut loaded = load_scene(&args.scene, &args.effects, args.missing, &args.common)?;
         let request = resolve(args, &loaded.file)?;
         loaded.file.render.max_depth = request.max_depth;
         let (_, settings) = settled(&request, &loaded);
