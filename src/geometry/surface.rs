@@ -91,6 +91,22 @@ impl Surface {
     pub fn leave(&self, direction: Vec3) -> Ray {
         Ray { origin: offset_origin(self.point, self.error, self.normal, direction), direction }
     }
+
+    /// The ray from this point to the one at `distance` in the unit direction `wi`, and where it stops. It is aimed from its offset
+    /// origin, since at grazing angles the offset would otherwise carry it past the end, and stops short of that by the rounding of
+    /// both ends.
+    #[inline(always)]
+    pub fn towards(&self, wi: Vec3, distance: f32) -> (Ray, f32) {
+        let ray = self.leave(wi);
+        if distance.is_infinite() {
+            return (ray, distance);
+        }
+        let target = self.point + wi * distance;
+        let to = target - ray.origin;
+        let length = to.length();
+        let rounding = gamma(16) * (self.point.abs() + target.abs()).max_element();
+        (Ray { origin: ray.origin, direction: to / length }, length * (1.0 - gamma(256)) - rounding)
+    }
 }
 
 /// ∂p/∂u and ∂p/∂v at `surface`, which is the one at `hit` on `shape`, in world units; none where the texture coordinates do not

@@ -21,7 +21,6 @@ use crate::lights::Light;
 use crate::materials::Transport;
 use crate::materials::medium::MediumId;
 use crate::math::channel_mean;
-use crate::math::error_bound::gamma;
 use crate::sampling::mis;
 use crate::scene::Scene;
 use crate::scene::effects::{Effects, Everything, With};
@@ -374,7 +373,7 @@ impl PathTracer<'_> {
         if value == Vec3::ZERO {
             return nothing;
         }
-        let (ray, t_max) = shadow_ray(surface, light.wi, light.distance);
+        let (ray, t_max) = surface.towards(light.wi, light.distance);
         count.rays += 1;
         let visible = self.scene.passes::<E>(surface, &ray, t_max, medium);
         if visible == Vec3::ZERO {
@@ -386,22 +385,6 @@ impl PathTracer<'_> {
         let weight = if light.delta { 1.0 } else { mis::balance(pdf, onward) };
         Direct { value: value * light.radiance * visible * (weight / pdf), bsdf_share, ratio: pdf / onward }
     }
-}
-
-/// The ray from `surface` to the light point at `distance` in direction `wi`, and where it stops. It is aimed from its offset
-/// origin, since at grazing angles the offset would otherwise carry it past the light, and ends short of the light by the
-/// rounding of both ends.
-#[inline(always)]
-fn shadow_ray(surface: &Surface, wi: Vec3, distance: f32) -> (Ray, f32) {
-    let ray = surface.leave(wi);
-    if distance.is_infinite() {
-        return (ray, distance);
-    }
-    let target = surface.point + wi * distance;
-    let to = target - ray.origin;
-    let length = to.length();
-    let rounding = gamma(16) * (surface.point.abs() + target.abs()).max_element();
-    (Ray { origin: ray.origin, direction: to / length }, length * (1.0 - gamma(256)) - rounding)
 }
 
 /// Light that a path ran into.

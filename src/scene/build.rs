@@ -102,7 +102,7 @@ impl Scene {
                 || !file.media.is_empty()
                 || used().any(|material| matches!(material.kind, Kind::Null)),
         };
-        Ok(Self {
+        let mut scene = Self {
             has_masks,
             has_bumps,
             needs,
@@ -120,7 +120,9 @@ impl Scene {
             shape_material,
             shape_light,
             materials,
-        })
+        };
+        scene.order_for_shadows(file.render.max_depth);
+        Ok(scene)
     }
 }
 

@@ -7,6 +7,7 @@ pub mod media;
 pub mod overrides;
 pub mod plan;
 pub mod readers;
+mod shadows;
 
 use glam::Vec3;
 

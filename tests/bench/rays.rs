@@ -2,10 +2,14 @@
 //!
 //!     cargo bench --bench rays                           all of it
 //!     cargo bench --bench rays -- queries [--raw DIR]    one round of queries; writes the scene, the rays and the hits
+//!     cargo bench --bench rays -- shadows SCENE...       shadow rays of scenes, before and after an order is learned
 //!
 //! The scene is procedural: displaced ground, closed lumps and loose triangles, about 300,000 triangles in all. Rays start
 //! anywhere in its box in any direction, one after the other on one thread; any-hit queries end at a random point of the box.
 //! Times are the thread's own seconds on the processor. `rays_embree.py` asks Embree the same.
+
+#[path = "rays/shadows.rs"]
+mod shadows;
 
 use std::f32::consts::PI;
 use std::io::Write;
@@ -44,14 +48,25 @@ enum What {
         #[arg(long)]
         raw: Option<PathBuf>,
     },
+    /// Shadow rays per second (millions) of scenes, before and after the hierarchy has learned an order from others, whose making
+    /// and learning take the processors the milliseconds in the last column.
+    Shadows {
+        /// Scenes.
+        scenes: Vec<PathBuf>,
+    },
 }
 
 fn main() {
+    let what = Options::parse().what;
+    match &what {
+        Some(What::Shadows { scenes }) => return shadows::compare(scenes),
+        Some(What::Queries { .. }) | None => {}
+    }
     let mesh = scene();
     let rays = rays();
     let shapes = [Shape::mesh(Arc::new(mesh.clone()), Affine3A::IDENTITY, false)];
     let accel = Accel::new(&shapes);
-    match Options::parse().what {
+    match what {
         Some(What::Queries { raw }) => {
             // A first round fills the caches, as those of a peer are that answers again and again.
             queries(&accel, &rays);
@@ -61,7 +76,7 @@ fn main() {
                 write_raw(&folder, &mesh, &rays, &accel).expect("the folder can be written");
             }
         }
-        None => {
+        _ => {
             let rounds: Vec<[f64; 2]> = (0..ROUNDS).map(|_| queries(&accel, &rays)).collect();
             let speed = |kind: usize| RAYS as f64 * 1e-6 / median(rounds.iter().map(|round| round[kind]));
             println!("{} triangles, {RAYS} incoherent rays, one thread, median of {ROUNDS}", mesh.triangles.len());
@@ -210,6 +225,16 @@ fn cpu_seconds() -> f64 {
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanoseconds = told.and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
     nanoseconds.map_or_else(|| START.elapsed().as_secs_f64(), |ns| ns * 1e-9)
+}
+
+/// Seconds that all threads spent on processors; not a number where the system does not tell.
+fn process_seconds() -> f64 {
+    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    let told = tasks.filter_map(|task| {
+        let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
+        text.split(' ').next()?.parse::<f64>().ok()
+    });
+    told.reduce(|a, b| a + b).map_or(f64::NAN, |ns| ns * 1e-9)
 }
 
 fn median(values: impl Iterator<Item = f64>) -> f64 {

@@ -11,8 +11,10 @@
 mod avx2;
 mod build;
 mod node;
+mod order;
 mod portable;
 mod query;
+mod search;
 #[cfg(test)]
 mod tests;
 #[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]

@@ -82,6 +82,14 @@ impl Node {
             self.planes[3 + axis][slot] = high[axis];
         }
     }
+
+    /// The same node with the child of slot `from[i]` in slot i.
+    pub fn permuted(&self, from: [usize; WIDTH]) -> Self {
+        Self {
+            planes: self.planes.map(|plane| from.map(|slot| plane[slot])),
+            children: from.map(|slot| self.children[slot]),
+        }
+    }
 }
 
 /// Up to four triangles.

@@ -6,18 +6,18 @@ use crate::geometry::triangle::Shear;
 use crate::sampling::warp;
 
 /// Both kinds of tests, where the processor has them.
-fn kernels() -> Vec<Kernel> {
+pub(super) fn kernels() -> Vec<Kernel> {
     match Kernel::detect() {
         Kernel::Portable => vec![Kernel::Portable],
         fastest => vec![Kernel::Portable, fastest],
     }
 }
 
-fn point(random: &mut Random) -> Vec3 {
+pub(super) fn point(random: &mut Random) -> Vec3 {
     Vec3::new(random.next_f32(), random.next_f32(), random.next_f32())
 }
 
-fn soup(random: &mut Random, triangles: usize, size: f32) -> Mesh {
+pub(super) fn soup(random: &mut Random, triangles: usize, size: f32) -> Mesh {
     let mut mesh = Mesh::default();
     for i in 0..triangles as u32 {
         let center = point(random);
@@ -30,7 +30,7 @@ fn soup(random: &mut Random, triangles: usize, size: f32) -> Mesh {
 }
 
 /// A closed sphere of `2 · turns · (rings − 1)` triangles, whose vertices are shared.
-fn closed_sphere(rings: u32, turns: u32, radius: f32, center: Vec3) -> Mesh {
+pub(super) fn closed_sphere(rings: u32, turns: u32, radius: f32, center: Vec3) -> Mesh {
     let mut mesh = Mesh::default();
     let mut push = |direction: Vec3| mesh.positions.push(center + radius * direction);
     push(Vec3::Z);
@@ -89,7 +89,7 @@ fn brute_force(shapes: &[Shape], ray: &Ray, instanced: &HashSet<*const Mesh>) ->
     best.found()
 }
 
-fn random_ray(random: &mut Random, i: usize) -> Ray {
+pub(super) fn random_ray(random: &mut Random, i: usize) -> Ray {
     let origin = 2.0 * warp::square_to_sphere(random.next_2d()) + Vec3::splat(0.5);
     let mut direction = (point(random) - origin).normalize();
     if i.is_multiple_of(10) {

@@ -32,10 +32,12 @@ impl Kernel {
     }
 }
 
+/// Proof of nothing: plain Rust runs anywhere.
 #[derive(Clone, Copy)]
-struct Portable;
+pub struct Portable;
 
-trait Tests: Copy {
+/// The tests of one kind; see [`portable`].
+pub trait Tests: Copy {
     fn boxes(self, node: &Node, slabs: &Slabs, t_max: f32, distances: &mut [f32; WIDTH]) -> u32;
     fn closest(self, packet: &Packet, shear: &Shear, best: &mut Hit);
     fn occluded(self, packet: &Packet, shear: &Shear, t_max: f32) -> bool;
@@ -110,11 +112,11 @@ impl Others for NoOthers {
 
 /// Nodes and packets to walk through.
 pub struct Hierarchy {
-    nodes: Vec<Node>,
-    packets: Vec<Packet>,
-    root: Child,
+    pub(super) nodes: Vec<Node>,
+    pub(super) packets: Vec<Packet>,
+    pub(super) root: Child,
     depth: usize,
-    kernel: Kernel,
+    pub(super) kernel: Kernel,
 }
 
 /// Children that wait, for hierarchies of usual depth; deeper ones need memory from the heap.
@@ -242,6 +244,7 @@ impl Hierarchy {
         }
     }
 
+    /// The last child first, see [`super::order`].
     #[inline(always)]
     fn walk_occluded<T: Tests>(
         &self,

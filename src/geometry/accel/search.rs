@@ -1,0 +1,147 @@
+//! Occlusion queries that count where occluders are found and what looking for them costs, to learn an order from.
+//!
+//! A node's children are tried in random order, so that each is tried first now and then, and what is found there does not
+//! depend on what the others would have hidden from it.
+
+use super::node::{Child, Kind, WIDTH};
+use super::query::Query;
+use super::traverse::{Hierarchy, Kernel, Portable, Tests};
+use super::{Accel, Primitive, to_local};
+use crate::base::random::Random;
+use crate::geometry::Ray;
+
+/// Costs in halves of that of a packet: as in [`super::build`], a node costs three.
+const NODE_COST: u32 = 3;
+const LEAF_COST: u32 = 2;
+
+/// Makes the choice of children differ from other random numbers.
+const SEED: u64 = 0x0CC1_0DE5;
+
+/// A child that was looked into.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Visit {
+    /// Number of the hierarchy: 0 for that of the scene, then those of instanced meshes.
+    pub tree: u32,
+    /// Index of the node.
+    pub node: u32,
+    /// Which of its children it was.
+    pub lane: u8,
+    /// Whether there was an occluder.
+    pub found: bool,
+    /// What looking cost.
+    pub cost: u32,
+}
+
+/// Looks for occluders.
+pub struct Search<'a> {
+    accel: &'a Accel,
+    random: Random,
+    /// Nodes on the way down, through both levels of hierarchies.
+    way: Vec<Waiting>,
+    /// Sum of costs so far.
+    cost: u32,
+    visits: Vec<Visit>,
+}
+
+/// A node on the way down, of which `visit.lane` is being looked into.
+struct Waiting {
+    visit: Visit,
+    /// The children that are left, one bit each.
+    mask: u32,
+    /// The cost before that child.
+    before: u32,
+}
+
+impl<'a> Search<'a> {
+    /// `block` makes its random numbers differ from those of others.
+    pub fn new(accel: &'a Accel, block: u64) -> Self {
+        Self { accel, random: Random::new(SEED, block, 0), way: Vec::new(), cost: 0, visits: Vec::new() }
+    }
+
+    /// Every child that was looked into.
+    pub fn run(mut self, samples: &[(Ray, f32)]) -> Vec<Visit> {
+        for (ray, t_max) in samples {
+            self.cost = 0;
+            Query::with(ray, |query| match self.accel.hierarchy.kernel {
+                Kernel::Portable => self.search(Portable, 0, query, *t_max),
+                #[cfg(target_arch = "x86_64")]
+                Kernel::Avx2(tests) => self.search(tests, 0, query, *t_max),
+            });
+        }
+        self.visits
+    }
+
+    /// Whether there is an occluder in hierarchy `number`.
+    fn search<T: Tests>(&mut self, tests: T, number: u32, query: &Query, t_max: f32) -> bool {
+        let accel = self.accel;
+        let tree = number.checked_sub(1).map_or(&accel.hierarchy, |mesh| &accel.others.meshes[mesh as usize]);
+        let begin = self.way.len();
+        let mut current = tree.root;
+        let mut distances = [0.0; WIDTH];
+        loop {
+            if let Kind::Node(node) = current.kind() {
+                self.cost += NODE_COST;
+                let mask = tests.boxes(&tree.nodes[node], &query.slabs, t_max, &mut distances);
+                let visit = Visit { tree: number, node: node as u32, lane: 0, found: false, cost: 0 };
+                self.way.push(Waiting { visit, mask, before: 0 });
+            } else {
+                let found = self.leaf(tests, tree, current, query, t_max);
+                self.end_child(begin, found);
+                if found {
+                    return true;
+                }
+            }
+            let Some(child) = self.next_child(tree, begin) else { return false };
+            current = child;
+        }
+    }
+
+    fn leaf<T: Tests>(&mut self, tests: T, tree: &Hierarchy, leaf: Child, query: &Query, t_max: f32) -> bool {
+        self.cost += LEAF_COST;
+        match leaf.kind() {
+            Kind::Packet(packet) => tests.occluded(&tree.packets[packet], &query.shear, t_max),
+            Kind::Other(other) => match self.accel.others.primitives.get(other) {
+                Some(Primitive::Sphere { sphere, .. }) => {
+                    sphere.intersect(query.origin, query.direction, t_max).is_some()
+                }
+                Some(Primitive::Instance { mesh, to_mesh, .. }) => {
+                    let ray = to_local(to_mesh, query);
+                    Query::with(&ray, |local| self.search(tests, mesh + 1, local, t_max)).unwrap_or(false)
+                }
+                None => false,
+            },
+            Kind::Node(_) => false,
+        }
+    }
+
+    /// Writes down what came of a child, and where an occluder was `found`, of all children that it lies in.
+    fn end_child(&mut self, begin: usize, found: bool) {
+        let all = if found { begin } else { begin.max(self.way.len().saturating_sub(1)) };
+        for Waiting { visit, before, .. } in &self.way[all..] {
+            self.visits.push(Visit { found, cost: self.cost - before, ..*visit });
+        }
+        if found {
+            self.way.truncate(begin);
+        }
+    }
+
+    /// The child to be tried next, of the lowest node on the way that has one left.
+    fn next_child(&mut self, tree: &Hierarchy, begin: usize) -> Option<Child> {
+        while self.way.len() > begin {
+            let Waiting { visit, mask, before } = self.way.last_mut()?;
+            if *mask != 0 {
+                let mut lanes = *mask;
+                for _ in 0..self.random.below(mask.count_ones()) {
+                    lanes &= lanes - 1;
+                }
+                visit.lane = lanes.trailing_zeros() as u8;
+                *mask &= !(1 << visit.lane);
+                *before = self.cost;
+                return Some(tree.nodes[visit.node as usize].children[usize::from(visit.lane)]);
+            }
+            self.way.pop();
+            self.end_child(begin, false);
+        }
+        None
+    }
+}
