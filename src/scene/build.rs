@@ -92,6 +92,11 @@ impl Scene {
         }
         let used = || shape_material.iter().map(|&index| &materials[index as usize]);
         let has_masks = used().any(|material| material.opacity.is_some() || matches!(material.kind, Kind::Null));
+        let is_solid = |(index, light): (&u32, &Option<u32>)| {
+            let material = &materials[*index as usize];
+            !matches!(material.kind, Kind::Null) && (material.opacity.is_none() || light.is_some())
+        };
+        let shape_solid = shape_material.iter().zip(&shape_light).map(is_solid).collect();
         let has_bumps = used().any(|material| material.bump.is_some());
         let needs = Needs {
             materials: loaded.needs.materials
@@ -119,6 +124,7 @@ impl Scene {
             shapes,
             shape_material,
             shape_light,
+            shape_solid,
             materials,
         };
         scene.order_for_shadows(file.render.max_depth);

@@ -41,6 +41,8 @@ pub struct Scene {
     pub shapes: Vec<Shape>,
     shape_material: Vec<u32>,
     shape_light: Vec<Option<u32>>,
+    /// Whether a shape lets no light pass anywhere; see [`Scene::opacity`].
+    shape_solid: Vec<bool>,
     materials: Vec<Material>,
     /// Whether any shape has holes or is only the border of a medium.
     has_masks: bool,

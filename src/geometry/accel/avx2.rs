@@ -169,7 +169,15 @@ pub fn closest(packet: &Packet, shear: &Shear, best: &mut Hit) {
 #[target_feature(enable = "avx2,fma")]
 pub fn occluded(packet: &Packet, shear: &Shear, t_max: f32) -> bool {
     let Found { mask, on_edge, .. } = test::<false>(packet, shear, t_max);
-    mask != 0 || on_edge != 0 && occluded_on_edge(packet, shear, on_edge, t_max)
+    mask != 0 || on_edge != 0 && occluders_on_edge(packet, shear, on_edge, t_max) != 0
+}
+
+/// See [`super::portable::occluders`].
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub fn occluders(packet: &Packet, shear: &Shear, t_max: f32) -> u32 {
+    let Found { mask, on_edge, .. } = test::<false>(packet, shear, t_max);
+    if on_edge == 0 { mask } else { mask | occluders_on_edge(packet, shear, on_edge, t_max) }
 }
 
 /// Asks for all of `value` before it is needed.
@@ -195,6 +203,7 @@ fn closest_on_edge(packet: &Packet, shear: &Shear, mask: u32, best: &mut Hit) {
 }
 
 #[cold]
-fn occluded_on_edge(packet: &Packet, shear: &Shear, mask: u32, t_max: f32) -> bool {
-    lanes(mask).any(|lane| shear.intersect(&packet.triangle(lane), t_max).is_some())
+fn occluders_on_edge(packet: &Packet, shear: &Shear, mask: u32, t_max: f32) -> u32 {
+    let meets = |lane: &usize| shear.intersect(&packet.triangle(*lane), t_max).is_some();
+    lanes(mask).filter(meets).fold(0, |mask, lane| mask | 1 << lane)
 }

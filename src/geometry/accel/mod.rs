@@ -33,7 +33,7 @@ use super::shape::{Geometry, Shape, to_mesh};
 use super::sphere::Sphere;
 use node::Triangle;
 use query::Query;
-use traverse::{Hierarchy, Kernel, NoOthers, Others};
+use traverse::{Anything, Hierarchy, Kernel, NoOthers, Others, Shapes};
 
 /// The nearest intersection of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -161,7 +161,14 @@ impl Accel {
     /// Whether anything lies on the ray before distance `t_max`.
     #[inline(always)]
     pub fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
-        Query::with(ray, |query| self.hierarchy.occluded(query, t_max, &self.others)).unwrap_or(false)
+        Query::with(ray, |query| self.hierarchy.occluded(query, t_max, &self.others, &mut Anything)).unwrap_or(false)
+    }
+
+    /// Whether a shape that `stops`, by its index, lies on the ray before distance `t_max`. All that lie there are asked about, in
+    /// any order and maybe more than once, until one does.
+    pub fn occluded_by(&self, ray: &Ray, t_max: f32, stops: impl FnMut(u32) -> bool) -> bool {
+        let mut stop = Shapes(stops);
+        Query::with(ray, |query| self.hierarchy.occluded(query, t_max, &self.others, &mut stop)).unwrap_or(false)
     }
 }
 
@@ -194,9 +201,17 @@ impl Others for Placed {
             Some(Primitive::Sphere { sphere, .. }) => sphere.intersect(query.origin, query.direction, t_max).is_some(),
             Some(Primitive::Instance { mesh, to_mesh, .. }) => {
                 let mesh = &self.meshes[*mesh as usize];
-                Query::with(&to_local(to_mesh, query), |local| mesh.occluded(local, t_max, &NoOthers)).unwrap_or(false)
+                let any = |local: &Query| mesh.occluded(local, t_max, &NoOthers, &mut Anything);
+                Query::with(&to_local(to_mesh, query), any).unwrap_or(false)
             }
             None => false,
+        }
+    }
+
+    fn shape(&self, index: usize) -> u32 {
+        match self.primitives.get(index) {
+            Some(Primitive::Sphere { shape, .. } | Primitive::Instance { shape, .. }) => *shape,
+            None => u32::MAX,
         }
     }
 }

@@ -37,3 +37,9 @@ pub fn closest(packet: &Packet, shear: &Shear, best: &mut Hit) {
 pub fn occluded(packet: &Packet, shear: &Shear, t_max: f32) -> bool {
     (0..LANES).any(|lane| shear.intersect(&packet.triangle(lane), t_max).is_some())
 }
+
+/// The triangles of the packet that the ray meets before `t_max`, one bit each.
+pub fn occluders(packet: &Packet, shear: &Shear, t_max: f32) -> u32 {
+    let meets = |lane: &usize| shear.intersect(&packet.triangle(*lane), t_max).is_some();
+    (0..LANES).filter(meets).fold(0, |mask, lane| mask | 1 << lane)
+}

@@ -57,8 +57,18 @@ pub(super) fn closed_sphere(rings: u32, turns: u32, radius: f32, center: Vec3) -
 
 /// The nearest hit by testing everything, as the hierarchy defines it.
 fn brute_force(shapes: &[Shape], ray: &Ray, instanced: &HashSet<*const Mesh>) -> Option<Hit> {
+    brute_force_among(shapes, ray, instanced, |_| true)
+}
+
+/// The same among the shapes that `counts`.
+fn brute_force_among(
+    shapes: &[Shape],
+    ray: &Ray,
+    instanced: &HashSet<*const Mesh>,
+    counts: impl Fn(u32) -> bool,
+) -> Option<Hit> {
     let mut best = Hit::NONE;
-    for (shape, index) in shapes.iter().zip(0..) {
+    for (shape, index) in shapes.iter().zip(0..).filter(|(_, index)| counts(*index)) {
         match &shape.geometry {
             Geometry::Sphere(sphere) => {
                 if let Some(distance) = sphere.intersect(ray.origin, ray.direction, f32::INFINITY) {
@@ -128,6 +138,8 @@ fn s07_hierarchy_equals_brute_force() {
         let ray = random_ray(&mut random, i);
         let brute = brute_force(&shapes, &ray, &instanced);
         hits += usize::from(brute.is_some());
+        let third = |shape: u32| shape % 3 == i as u32 % 3;
+        let among_third = brute_force_among(&shapes, &ray, &instanced, third).is_some_and(|hit| hit.distance < 2.0);
         for accel in &accels {
             assert_eq!(accel.intersect(&ray), brute, "{ray:?}");
             assert_eq!(accel.occluded(&ray, f32::INFINITY), brute.is_some(), "{ray:?}");
@@ -135,6 +147,7 @@ fn s07_hierarchy_equals_brute_force() {
                 assert!(accel.occluded(&ray, hit.distance.next_up()), "{ray:?}");
                 assert!(!accel.occluded(&ray, hit.distance), "{ray:?}");
             }
+            assert_eq!(accel.occluded_by(&ray, 2.0, third), among_third, "{ray:?}");
         }
     }
     assert!((10_000..100_000).contains(&hits), "{hits}");

@@ -1,7 +1,7 @@
 //! The walk down the hierarchy, written once for both kinds of tests.
 
 use super::Hit;
-use super::node::{Child, Kind, Node, Packet, WIDTH};
+use super::node::{Child, Kind, LANES, Node, Packet, WIDTH};
 use super::portable;
 use super::query::{Query, Slabs};
 use crate::geometry::triangle::Shear;
@@ -41,6 +41,7 @@ pub trait Tests: Copy {
     fn boxes(self, node: &Node, slabs: &Slabs, t_max: f32, distances: &mut [f32; WIDTH]) -> u32;
     fn closest(self, packet: &Packet, shear: &Shear, best: &mut Hit);
     fn occluded(self, packet: &Packet, shear: &Shear, t_max: f32) -> bool;
+    fn occluders(self, packet: &Packet, shear: &Shear, t_max: f32) -> u32;
     fn prefetch<T>(self, value: *const T);
 }
 
@@ -58,6 +59,11 @@ impl Tests for Portable {
     #[inline(always)]
     fn occluded(self, packet: &Packet, shear: &Shear, t_max: f32) -> bool {
         portable::occluded(packet, shear, t_max)
+    }
+
+    #[inline(always)]
+    fn occluders(self, packet: &Packet, shear: &Shear, t_max: f32) -> u32 {
+        portable::occluders(packet, shear, t_max)
     }
 
     #[inline(always)]
@@ -85,6 +91,12 @@ impl Tests for Avx2 {
     }
 
     #[inline(always)]
+    fn occluders(self, packet: &Packet, shear: &Shear, t_max: f32) -> u32 {
+        // SAFETY: `self` proves that the processor has the features.
+        unsafe { avx2::occluders(packet, shear, t_max) }
+    }
+
+    #[inline(always)]
     fn prefetch<T>(self, value: *const T) {
         // SAFETY: `self` proves that the processor has the features.
         unsafe { avx2::prefetch(value) }
@@ -97,6 +109,8 @@ pub trait Others {
     fn closest(&self, index: usize, query: &Query, best: &mut Hit);
     /// Whether the ray meets primitive `index` before `t_max`.
     fn occluded(&self, index: usize, query: &Query, t_max: f32) -> bool;
+    /// The shape of primitive `index`.
+    fn shape(&self, index: usize) -> u32;
 }
 
 /// A mesh has triangles only.
@@ -107,6 +121,49 @@ impl Others for NoOthers {
 
     fn occluded(&self, _: usize, _: &Query, _: f32) -> bool {
         false
+    }
+
+    fn shape(&self, _: usize) -> u32 {
+        u32::MAX
+    }
+}
+
+/// What an occlusion query stops at.
+pub trait Stop {
+    /// Whether it stops at a triangle of the packet before `t_max`.
+    fn at_packet<T: Tests>(&mut self, tests: T, packet: &Packet, shear: &Shear, t_max: f32) -> bool;
+    /// Whether it stops at `shape`, which the ray meets.
+    fn at_shape(&mut self, shape: u32) -> bool;
+}
+
+/// It stops at anything.
+pub struct Anything;
+
+impl Stop for Anything {
+    #[inline(always)]
+    fn at_packet<T: Tests>(&mut self, tests: T, packet: &Packet, shear: &Shear, t_max: f32) -> bool {
+        tests.occluded(packet, shear, t_max)
+    }
+
+    #[inline(always)]
+    fn at_shape(&mut self, _: u32) -> bool {
+        true
+    }
+}
+
+/// It stops at the shapes that this says.
+pub struct Shapes<F>(pub F);
+
+impl<F: FnMut(u32) -> bool> Stop for Shapes<F> {
+    #[inline(always)]
+    fn at_packet<T: Tests>(&mut self, tests: T, packet: &Packet, shear: &Shear, t_max: f32) -> bool {
+        let mask = tests.occluders(packet, shear, t_max);
+        mask != 0 && (0..LANES).any(|lane| mask >> lane & 1 == 1 && (self.0)(packet.shapes[lane]))
+    }
+
+    #[inline(always)]
+    fn at_shape(&mut self, shape: u32) -> bool {
+        (self.0)(shape)
     }
 }
 
@@ -162,25 +219,32 @@ impl Hierarchy {
         }
     }
 
-    /// Whether the ray meets anything before `t_max`.
-    pub fn occluded(&self, query: &Query, t_max: f32, others: &impl Others) -> bool {
+    /// Whether the ray meets anything before `t_max` that makes the query stop.
+    pub fn occluded(&self, query: &Query, t_max: f32, others: &impl Others, stop: &mut impl Stop) -> bool {
         let size = self.stack();
         if size <= SMALL_STACK {
-            self.occluded_with(query, t_max, others, &mut [Child::EMPTY; SMALL_STACK])
+            self.occluded_with(query, t_max, others, stop, &mut [Child::EMPTY; SMALL_STACK])
         } else if size <= USUAL_STACK {
-            self.occluded_with(query, t_max, others, &mut [Child::EMPTY; USUAL_STACK])
+            self.occluded_with(query, t_max, others, stop, &mut [Child::EMPTY; USUAL_STACK])
         } else {
-            self.occluded_with(query, t_max, others, &mut vec![Child::EMPTY; size])
+            self.occluded_with(query, t_max, others, stop, &mut vec![Child::EMPTY; size])
         }
     }
 
     #[inline]
-    fn occluded_with(&self, query: &Query, t_max: f32, others: &impl Others, stack: &mut [Child]) -> bool {
+    fn occluded_with(
+        &self,
+        query: &Query,
+        t_max: f32,
+        others: &impl Others,
+        stop: &mut impl Stop,
+        stack: &mut [Child],
+    ) -> bool {
         match self.kernel {
-            Kernel::Portable => self.walk_occluded(Portable, query, t_max, others, stack),
+            Kernel::Portable => self.walk_occluded(Portable, query, t_max, others, stop, stack),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: an `Avx2` exists only where the processor has the features.
-            Kernel::Avx2(tests) => unsafe { self.occluded_avx2(tests, query, t_max, others, stack) },
+            Kernel::Avx2(tests) => unsafe { self.occluded_avx2(tests, query, t_max, others, stop, stack) },
         }
     }
 
@@ -192,8 +256,16 @@ impl Hierarchy {
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma")]
-    fn occluded_avx2(&self, tests: Avx2, query: &Query, t_max: f32, others: &impl Others, stack: &mut [Child]) -> bool {
-        self.walk_occluded(tests, query, t_max, others, stack)
+    fn occluded_avx2(
+        &self,
+        tests: Avx2,
+        query: &Query,
+        t_max: f32,
+        others: &impl Others,
+        stop: &mut impl Stop,
+        stack: &mut [Child],
+    ) -> bool {
+        self.walk_occluded(tests, query, t_max, others, stop, stack)
     }
 
     /// Asks for the children of `mask` before they are needed.
@@ -252,6 +324,7 @@ impl Hierarchy {
         query: &Query,
         t_max: f32,
         others: &impl Others,
+        stop: &mut impl Stop,
         stack: &mut [Child],
     ) -> bool {
         let mut waiting = 0;
@@ -270,8 +343,8 @@ impl Hierarchy {
                     }
                     false
                 }
-                Kind::Packet(index) => tests.occluded(&self.packets[index], &query.shear, t_max),
-                Kind::Other(index) => others.occluded(index, query, t_max),
+                Kind::Packet(index) => stop.at_packet(tests, &self.packets[index], &query.shear, t_max),
+                Kind::Other(index) => others.occluded(index, query, t_max) && stop.at_shape(others.shape(index)),
             };
             if found {
                 return true;
