@@ -3,11 +3,14 @@
 //!     cargo bench --bench rays                           all of it
 //!     cargo bench --bench rays -- queries [--raw DIR]    one round of queries; writes the scene, the rays and the hits
 //!     cargo bench --bench rays -- shadows SCENE...       shadow rays of scenes, before and after an order is learned
+//!     cargo bench --bench rays -- build SCENE...         building hierarchies: seconds that pass, and of all processors
 //!
 //! The scene is procedural: displaced ground, closed lumps and loose triangles, about 300,000 triangles in all. Rays start
 //! anywhere in its box in any direction, one after the other on one thread; any-hit queries end at a random point of the box.
 //! Times are the thread's own seconds on the processor. `rays_embree.py` asks Embree the same.
 
+#[path = "rays/build.rs"]
+mod build;
 #[path = "rays/shadows.rs"]
 mod shadows;
 
@@ -48,6 +51,11 @@ enum What {
         #[arg(long)]
         raw: Option<PathBuf>,
     },
+    /// Seconds to build the hierarchies of a million triangles and of scenes.
+    Build {
+        /// Scenes.
+        scenes: Vec<PathBuf>,
+    },
     /// Shadow rays per second (millions) of scenes, before and after the hierarchy has learned an order from others, whose making
     /// and learning take the processors the milliseconds in the last column.
     Shadows {
@@ -60,6 +68,7 @@ fn main() {
     let what = Options::parse().what;
     match &what {
         Some(What::Shadows { scenes }) => return shadows::compare(scenes),
+        Some(What::Build { scenes }) => return build::time(scenes),
         Some(What::Queries { .. }) | None => {}
     }
     let mesh = scene();

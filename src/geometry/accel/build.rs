@@ -1,25 +1,21 @@
 //! Building: a binary hierarchy by `obvhs` (parallel locally ordered clustering, Meister and Bittner 2018, and reinsertion,
-//! Meister and Bittner 2018), then the cut of it into nodes of eight that costs least by surface area (Ylitie, Karras, Laine
-//! 2017, §3.1).
+//! Meister and Bittner 2018), which is cut into nodes of eight.
 
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
+use smallvec::SmallVec;
 
-use super::node::{Child, LANES, Node, Packet, Triangle, WIDTH};
+use super::cut::{Cut, Leaf};
+use super::node::{Child, Node, Packet, Triangle, WIDTH};
 
-/// Cost of a node, relative to that of a packet, by measurement.
-const NODE_COST: f32 = 1.5;
-/// Cost of a packet of triangles, however many.
-const PACKET_COST: f32 = 1.0;
-/// What the memory of a packet or a node costs, in areas of the scene's box divided by the number of triangles. It joins
-/// triangles that few rays reach into fuller packets.
-const MEMORY_COST: f32 = 2.0;
 /// Part of the nodes that the first round of reinsertion tries; later rounds try fewer.
 const REINSERTION: f32 = 0.05;
+
+/// Levels of nodes whose subtrees are made in parallel: up to 64.
+const PARALLEL_LEVELS: usize = 2;
 
 /// Nodes and packets, in depth-first order.
 pub struct Tree {
@@ -33,13 +29,19 @@ pub struct Tree {
 /// A tree over `boxes`, of which the first `triangles` bound what `triangle` gives; the others are numbered from 0 after them.
 pub fn build(boxes: &[Aabb], triangles: usize, triangle: impl Fn(usize) -> Triangle + Sync) -> Tree {
     let binary = binary(boxes);
-    let cut = Cut::new(&binary, triangles);
-    let mut tree = Tree { nodes: Vec::new(), packets: Vec::new(), root: Child::EMPTY, depth: 0 };
     if binary.nodes.is_empty() {
-        return tree;
+        return Tree { nodes: Vec::new(), packets: Vec::new(), root: Child::EMPTY, depth: 0 };
     }
-    let leaves = cut.write(&mut tree);
-    tree.packets = (leaves.par_iter())
+    let cut = Cut::new(&binary, triangles);
+    let mut part = Part::default();
+    let root = match cut.leaf(0) {
+        Some(leaf) => part.leaf(leaf),
+        None => {
+            part = Part::of(&cut, 0, PARALLEL_LEVELS);
+            Child::node(0)
+        }
+    };
+    let packets = (part.leaves.par_iter())
         .map(|&leaf| {
             let mut packet = Packet::EMPTY;
             let mut slot = 0;
@@ -50,7 +52,7 @@ pub fn build(boxes: &[Aabb], triangles: usize, triangle: impl Fn(usize) -> Trian
             packet
         })
         .collect();
-    tree
+    Tree { nodes: part.nodes, packets, root, depth: part.depth }
 }
 
 fn binary(boxes: &[Aabb]) -> Bvh2 {
@@ -64,177 +66,114 @@ fn binary(boxes: &[Aabb]) -> Bvh2 {
     bvh
 }
 
-/// What a subtree of the binary hierarchy costs at best as at most 1, 2, … 8 children of one node, in units of area.
-type Costs = [f32; WIDTH];
-
-/// The choice of the binary nodes that become children of wide nodes.
-struct Cut<'a> {
-    binary: &'a Bvh2,
-    costs: Vec<Costs>,
-    /// Triangles of each subtree; more than a packet holds where they may not become one.
-    counts: Vec<u8>,
-    triangles: usize,
-    /// What the memory of a packet or a node costs.
-    memory: f32,
+/// A subtree with its own count of nodes and packets.
+#[derive(Default)]
+struct Part {
+    nodes: Vec<Node>,
+    /// The binary node of each packet.
+    leaves: Vec<usize>,
+    depth: usize,
 }
 
-impl<'a> Cut<'a> {
-    fn new(binary: &'a Bvh2, triangles: usize) -> Self {
-        let nodes = &binary.nodes;
-        let area = nodes.first().map_or(0.0, |root| root.aabb().half_area());
-        let memory = MEMORY_COST * area / triangles.max(1) as f32;
-        let (costs, counts) = (vec![[0.0; WIDTH]; nodes.len()], vec![0; nodes.len()]);
-        let mut cut = Self { binary, costs, counts, triangles, memory };
-        let mut order = Vec::with_capacity(nodes.len());
-        order.extend((!nodes.is_empty()).then_some(0));
-        let mut next = 0;
-        while let Some(&node) = order.get(next) {
-            if let Some(children) = children(&nodes[node]) {
-                order.extend(children);
-            }
-            next += 1;
+impl Part {
+    /// The node that binary node `index` becomes, and after it the subtrees of its children, the last first. Those of the
+    /// first `levels` are made in parallel.
+    fn of(cut: &Cut, index: usize, levels: usize) -> Self {
+        let mut part = Self::default();
+        if levels == 0 {
+            part.fill(cut, index);
+            return part;
         }
-        for &node in order.iter().rev() {
-            cut.visit(node);
+        let inner = part.push(cut, index);
+        part.depth = 1;
+        let below: Vec<Self> = inner.par_iter().rev().map(|&(_, root)| Self::of(cut, root, levels - 1)).collect();
+        for ((slot, _), below) in inner.into_iter().rev().zip(below) {
+            part.nodes[0].children[slot] = Child::node(part.nodes.len());
+            part.append(below);
         }
-        cut
+        part
     }
 
-    fn visit(&mut self, index: usize) {
-        const TOO_MANY: u8 = LANES as u8 + 1;
-        let node = &self.binary.nodes[index];
-        let area = node.aabb().half_area();
-        let Some([left, right]) = children(node) else {
-            let is_triangle = self.primitive(node) < self.triangles;
-            self.counts[index] = if is_triangle { 1 } else { TOO_MANY };
-            self.costs[index] = [self.packet_cost(area); WIDTH];
-            return;
-        };
-        self.counts[index] = (self.counts[left] + self.counts[right]).min(TOO_MANY);
-        let mut costs = [0.0; WIDTH];
-        for roots in 2..=WIDTH {
-            let shared = self.split(left, right, roots).1;
-            costs[roots - 1] = shared;
-        }
-        let node_cost = area * NODE_COST + self.memory + costs[WIDTH - 1];
-        let packet = if self.counts[index] < TOO_MANY { self.packet_cost(area) } else { f32::INFINITY };
-        costs[0] = node_cost.min(packet);
-        for roots in 1..WIDTH {
-            costs[roots] = costs[roots].min(costs[roots - 1]);
-        }
-        self.costs[index] = costs;
-    }
-
-    fn packet_cost(&self, area: f32) -> f32 {
-        area * PACKET_COST + self.memory
-    }
-
-    /// How many of `roots` children the left subtree gets at best, and the cost.
-    fn split(&self, left: usize, right: usize, roots: usize) -> (usize, f32) {
-        let (left, right) = (&self.costs[left], &self.costs[right]);
-        let mut best = (1, f32::INFINITY);
-        for k in 1..roots {
-            let cost = left[k - 1] + right[roots - k - 1];
-            if cost < best.1 {
-                best = (k, cost);
-            }
-        }
-        best
-    }
-
-    fn primitive(&self, leaf: &Bvh2Node) -> usize {
-        self.binary.primitive_indices[leaf.first_index as usize] as usize
-    }
-
-    /// Whether a child of a node is a leaf.
-    fn is_leaf(&self, index: usize) -> bool {
-        let node = &self.binary.nodes[index];
-        children(node).is_none()
-            || usize::from(self.counts[index]) <= LANES
-                && self.costs[index][0] == self.packet_cost(node.aabb().half_area())
-    }
-
-    /// Appends the roots into which a subtree falls when it may have at most `roots`.
-    fn gather(&self, index: usize, mut roots: usize, out: &mut Vec<usize>) {
-        while roots > 1 && self.costs[index][roots - 2] <= self.costs[index][roots - 1] {
-            roots -= 1;
-        }
-        match children(&self.binary.nodes[index]) {
-            Some([left, right]) if roots > 1 => {
-                let (k, _) = self.split(left, right, roots);
-                self.gather(left, k, out);
-                self.gather(right, roots - k, out);
-            }
-            _ => out.push(index),
-        }
-    }
-
-    /// Writes the nodes, and returns the binary node of each packet.
-    fn write(&self, tree: &mut Tree) -> Vec<usize> {
-        let mut leaves = Vec::new();
-        let mut roots = Vec::with_capacity(WIDTH);
-        let mut leaf = |index: usize| {
-            let node = &self.binary.nodes[index];
-            match children(node) {
-                None if self.primitive(node) >= self.triangles => Child::other(self.primitive(node) - self.triangles),
-                _ => {
-                    leaves.push(index);
-                    Child::packet(leaves.len() - 1)
-                }
-            }
-        };
-        if self.is_leaf(0) {
-            tree.root = leaf(0);
-            return leaves;
-        }
-        tree.root = Child::node(0);
+    /// The same without other threads.
+    fn fill(&mut self, cut: &Cut, index: usize) {
         // Binary node, the slot of the parent that refers to it, and its depth.
-        let mut pending = vec![(0, None, 1)];
+        let mut pending = vec![(index, None, 1)];
         while let Some((index, parent, depth)) = pending.pop() {
-            let at = tree.nodes.len();
-            tree.nodes.push(Node::EMPTY);
-            tree.depth = tree.depth.max(depth);
+            let at = self.nodes.len();
+            self.depth = self.depth.max(depth);
             if let Some((parent, slot)) = parent {
-                let parent: &mut Node = &mut tree.nodes[parent];
+                let parent: &mut Node = &mut self.nodes[parent];
                 parent.children[slot] = Child::node(at);
             }
-            roots.clear();
-            if let Some([left, right]) = children(&self.binary.nodes[index]) {
-                let (k, _) = self.split(left, right, WIDTH);
-                self.gather(left, k, &mut roots);
-                self.gather(right, WIDTH - k, &mut roots);
-            }
-            for (slot, &root) in roots.iter().enumerate() {
-                let b = self.binary.nodes[root].aabb();
-                let child = if self.is_leaf(root) {
-                    leaf(root)
-                } else {
-                    pending.push((root, Some((at, slot)), depth + 1));
-                    Child::EMPTY
-                };
-                tree.nodes[at].set(slot, child, b.min.into(), b.max.into());
-            }
+            pending.extend(self.push(cut, index).into_iter().map(|(slot, root)| (root, Some((at, slot)), depth + 1)));
         }
-        leaves
     }
 
-    fn for_each_primitive(&self, leaf: usize, mut visit: impl FnMut(usize)) {
-        let mut pending = [leaf; LANES];
-        let mut count = 1;
-        while count > 0 {
-            count -= 1;
-            let node = &self.binary.nodes[pending[count]];
-            match children(node) {
-                None => visit(self.primitive(node)),
-                Some(both) => {
-                    pending[count..count + 2].copy_from_slice(&both);
-                    count += 2;
+    /// Appends a node with its boxes and leaves. Returns slots and binary nodes of its other children.
+    fn push(&mut self, cut: &Cut, index: usize) -> SmallVec<[(usize, usize); WIDTH]> {
+        let mut node = Node::EMPTY;
+        let mut inner = SmallVec::new();
+        for (slot, root) in cut.roots(index).into_iter().enumerate() {
+            let b = cut.binary.nodes[root].aabb();
+            let child = match cut.leaf(root) {
+                Some(leaf) => self.leaf(leaf),
+                None => {
+                    inner.push((slot, root));
+                    Child::EMPTY
                 }
+            };
+            node.set(slot, child, b.min.into(), b.max.into());
+        }
+        self.nodes.push(node);
+        inner
+    }
+
+    fn leaf(&mut self, leaf: Leaf) -> Child {
+        match leaf {
+            Leaf::Other(index) => Child::other(index),
+            Leaf::Packet(index) => {
+                self.leaves.push(index);
+                Child::packet(self.leaves.len() - 1)
             }
         }
+    }
+
+    fn append(&mut self, below: Self) {
+        let (nodes, packets) = (self.nodes.len(), self.leaves.len());
+        self.nodes.extend(below.nodes.into_iter().map(|mut node| {
+            for child in &mut node.children {
+                *child = child.moved(nodes, packets);
+            }
+            node
+        }));
+        self.leaves.extend(below.leaves);
+        self.depth = self.depth.max(below.depth + 1);
     }
 }
 
-fn children(node: &Bvh2Node) -> Option<[usize; 2]> {
-    (!node.is_leaf()).then_some([node.first_index as usize, node.first_index as usize + 1])
+#[cfg(test)]
+mod tests {
+    use super::super::tests::soup;
+    use super::super::{box_of, sphere_box};
+    use super::*;
+    use crate::base::random::Random;
+    use crate::geometry::sphere::Sphere;
+
+    /// However a tree is shared out, it is written as one thread writes it.
+    #[test]
+    fn parts_make_the_whole() {
+        let mesh = soup(&mut Random::new(51, 0, 0), 6000, 0.03);
+        let mut boxes: Vec<Aabb> =
+            mesh.triangles.iter().map(|t| box_of(&t.map(|vertex| mesh.positions[vertex as usize]))).collect();
+        boxes.extend(mesh.positions[..500].iter().map(|&center| sphere_box(&Sphere { center, radius: 0.01 })));
+        let binary = binary(&boxes);
+        let cut = Cut::new(&binary, mesh.triangles.len());
+        let whole = Part::of(&cut, 0, 0);
+        assert!(whole.nodes.len() > 500 && whole.depth > 4, "{} nodes, depth {}", whole.nodes.len(), whole.depth);
+        for levels in 1..8 {
+            let parts = Part::of(&cut, 0, levels);
+            assert!(parts.nodes == whole.nodes && parts.leaves == whole.leaves, "{levels} levels");
+            assert_eq!(parts.depth, whole.depth, "{levels} levels");
+        }
+    }
 }

@@ -10,6 +10,7 @@
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 mod build;
+mod cut;
 mod node;
 mod order;
 mod portable;
@@ -117,14 +118,9 @@ impl Accel {
                     }
                 }
                 Geometry::Mesh { mesh, .. } => {
-                    let count = mesh.triangles.len() as u32;
-                    let sound = (0..count).into_par_iter().filter_map(|i| {
-                        let vertices = shape.triangle(i);
-                        has_area(&vertices).then(|| ((index, i), box_of(&vertices)))
-                    });
-                    let (ids, own): (Vec<_>, Vec<_>) = sound.unzip();
-                    triangles.extend(ids);
-                    boxes.extend(own);
+                    let sound = sound_triangles(mesh, |i| shape.triangle(i));
+                    triangles.par_extend(sound.par_iter().map(|&i| (index, i)));
+                    boxes.par_extend(sound.par_iter().map(|&i| box_of(&shape.triangle(i))));
                 }
             }
         }
@@ -227,15 +223,18 @@ const INSTANCED: u32 = 1;
 /// The hierarchy of one mesh.
 fn mesh_hierarchy(mesh: &Mesh, kernel: Kernel) -> Hierarchy {
     let corners = |i: u32| mesh.triangles[i as usize].map(|v| mesh.positions[v as usize]);
-    let (triangles, boxes): (Vec<u32>, Vec<Aabb>) = (0..mesh.triangles.len() as u32)
-        .into_par_iter()
-        .filter_map(|i| has_area(&corners(i)).then(|| (i, box_of(&corners(i)))))
-        .unzip();
+    let triangles = sound_triangles(mesh, corners);
+    let boxes: Vec<Aabb> = triangles.par_iter().map(|&i| box_of(&corners(i))).collect();
     let tree = build::build(&boxes, triangles.len(), |i| {
         let index = triangles[i];
         Triangle { vertices: corners(index), shape: INSTANCED, index }
     });
     Hierarchy::new(tree, kernel)
+}
+
+/// The triangles of a mesh that have an area, by their `corners`.
+fn sound_triangles(mesh: &Mesh, corners: impl Fn(u32) -> [Vec3; 3] + Sync) -> Vec<u32> {
+    (0..mesh.triangles.len() as u32).into_par_iter().filter(|&i| has_area(&corners(i))).collect()
 }
 
 fn has_area([a, b, c]: &[Vec3; 3]) -> bool {

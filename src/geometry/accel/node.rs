@@ -44,6 +44,15 @@ impl Child {
         Self(index as u32 | Self::LEAF | Self::OTHER)
     }
 
+    /// The same where it belongs once its nodes and packets come after so many others.
+    pub fn moved(self, nodes: usize, packets: usize) -> Self {
+        match self.kind() {
+            Kind::Node(index) => Self::node(index + nodes),
+            Kind::Packet(index) => Self::packet(index + packets),
+            Kind::Other(_) => self,
+        }
+    }
+
     /// What this refers to.
     #[inline(always)]
     pub fn kind(self) -> Kind {
