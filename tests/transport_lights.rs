@@ -150,12 +150,11 @@ fn emitted_flux(scene: &Scene) -> f64 {
     })
 }
 
-/// The same by the photon tracer, which keeps photons straight from lights where there is no light sampling, or trees learn what it
-/// finds from paths too.
-fn deposited_flux(scene: &Scene, nee: bool, direct: DirectLight) -> f64 {
+/// The same by the photon tracer, which keeps photons straight from lights where there is no light sampling.
+fn deposited_flux(scene: &Scene, nee: bool) -> f64 {
     let emission = EmissionGuide::new(&scene.lights.emission);
     let settings = TransportSettings { max_depth: 2, nee, roulette: Roulette::Throughput };
-    let tracer = PhotonTracer { scene, settings, direct, emission: &emission };
+    let tracer = PhotonTracer { scene, settings, emission: &emission };
     mean_of_parts(|part| {
         let (mut records, mut count) = (vec![], RayCount::default());
         for i in 0..PART {
@@ -187,12 +186,10 @@ fn s08_photons_bring_the_flux_that_paths_see() {
         assert!(expected > 0.1);
         let mut fluxes = vec![emitted_flux(&scene)];
         if i < 3 {
-            fluxes.extend([false, true].map(|nee| deposited_flux(&scene, nee, DirectLight::All)));
-            fluxes.push(traced_flux(&scene, false));
-            let left_out = deposited_flux(&scene, true, DirectLight::Nothing);
-            assert_eq!(left_out, 0.0, "light sampling finds light {i}, and trees learn nothing of what it finds");
+            fluxes.extend([deposited_flux(&scene, false), traced_flux(&scene, false)]);
+            assert_eq!(deposited_flux(&scene, true), 0.0, "light sampling finds what comes straight from light {i}");
         } else {
-            let found = deposited_flux(&scene, false, DirectLight::All);
+            let found = deposited_flux(&scene, false);
             assert_eq!(found, 0.0, "no camera ray can find light {i}: its photons teach nothing");
         }
         for flux in fluxes {
@@ -213,7 +210,7 @@ fn s08_photons_of_several_lights_carry_their_sum() {
     let scene = built(b.finish());
     let emission = EmissionGuide::new(&scene.lights.emission);
     let settings = TransportSettings { max_depth: 2, nee: false, roulette: Roulette::Throughput };
-    let tracer = PhotonTracer { scene: &scene, settings, direct: DirectLight::All, emission: &emission };
+    let tracer = PhotonTracer { scene: &scene, settings, emission: &emission };
     let (mut records, mut count) = (vec![], RayCount::default());
     let n = 100_000;
     (0..n).for_each(|i| _ = tracer.trace(&mut Random::new(6, 0, i), (0, n), &mut records, &mut count));

@@ -198,8 +198,7 @@ impl PassTracer<'_> {
     ) {
         let begun = Instant::now();
         statistics.samples += range.end - range.start;
-        let (settings, direct) = (self.settings.transport, self.settings.learner.direct);
-        let tracer = PhotonTracer { scene: self.scene, settings, direct, emission };
+        let tracer = PhotonTracer { scene: self.scene, settings: self.settings.transport, emission };
         let start = range.start;
         let first = u64::from(self.first_sample) * self.pixels();
         let blocks = self.blocks(range, |i, _, block| {

@@ -253,7 +253,14 @@ fn xml() -> Reader {
          <bsdf type='roughplastic'><texture type='bitmap' name='alpha'><string name='filename' value='lost.exr'/></texture></bsdf></bsdf>\
          <emitter type='envmap'><string name='filename' value='lost.hdr'/></emitter>",
     );
-    let seeds = vec![files::XML.into(), files::xml_with(body).into(), old.into(), left_behind.into(), day.into(), old_day.into()];
+    let seeds = vec![
+        files::XML.into(),
+        files::xml_with(body).into(),
+        old.into(),
+        left_behind.into(),
+        day.into(),
+        old_day.into(),
+    ];
     let tokens = "<scene> </scene> <!-- --> <![CDATA[ ]]> <!DOCTYPE <!ENTITY &amp; &lt; &#0; &#x10FFFF; $side $ <?xml ?> /> xmlns= \
         path volpath direct prb thindielectric diffuse roughconductor normalmap checkerboard scale uvscale perspective hdrfilm box \
         gaussian tent bilinear repeat mirror clamp nearest beckmann ggx wavelength uniform d65 irregular interior exterior isotropic";
