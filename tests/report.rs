@@ -329,10 +329,10 @@ fn the_plan_knows_of_another_depth() {
     let out = folder.path().join("out");
     let compared = |more: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_fanal"));
-        command.args(["compare", scene.to_str().unwrap(), "-o", out.to_str().unwrap(), "--methods", "variance"]);
+        command.args(["compare", scene.to_str().unwrap(), "-o", out.to_str().unwrap(), "--methods", "hybrid"]);
         command.args(["--spp", "64", "--seeds", "1", "--size", "24x18", "--reference-spp", "1", "--quiet"]).args(more);
         assert!(command.status().unwrap().success());
-        let text = std::fs::read_to_string(out.join("runs/variance-64spp-guide.json")).unwrap();
+        let text = std::fs::read_to_string(out.join("runs/hybrid-64spp-guide.json")).unwrap();
         let guide: serde_json::Value = serde_json::from_str(&text).unwrap();
         guide["maps"].as_array().unwrap().iter().filter(|map| !map.is_null()).count()
     };
