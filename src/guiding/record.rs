@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::leaves::DirectLight;
 use super::moments::Estimate;
 
 /// A camera path's sampled direction at one vertex, with what the rest of the path brought back along it.
@@ -70,6 +71,22 @@ impl PathRecord {
         let [onward, direct] =
             [self.estimate, self.direct].map(|x| (f64::from(self.importance) * f64::from(x)).powi(2));
         [onward, onward + direct]
+    }
+
+    /// The part of `value` that photons may show too, where trees learn `direct` light: photons straight from lights that light
+    /// sampling finds are left out where they are traced.
+    pub fn shown(&self, direct: DirectLight) -> f64 {
+        let (all, emitted) = (f64::from(self.estimate), f64::from(self.emitted));
+        if emitted <= 0.0 || all <= 0.0 {
+            return f64::from(self.value);
+        }
+        let learned = match direct {
+            DirectLight::Nothing => 0.0,
+            DirectLight::Weighted => emitted,
+            DirectLight::All => emitted + emitted * f64::from(self.light_ratio),
+        };
+        let onward = (all - emitted).max(0.0);
+        if onward > 0.0 { f64::from(self.value) * (onward / (onward + learned)) } else { 0.0 }
     }
 
     /// What the vertex sent back, by how it was found: the rest of the path, light that the path ran into, light sampling.

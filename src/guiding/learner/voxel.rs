@@ -6,7 +6,7 @@ use super::super::cache::Bounds;
 use super::super::effort::Returns;
 use super::super::features::Traits;
 use super::super::fraction::{Adam, FractionRule};
-use super::super::leaves::{Layout, Target};
+use super::super::leaves::{DirectLight, Layout, Target};
 use super::super::moments::{FRACTIONS, Moments, PATH_SHARES};
 use super::super::parallax::Parallax;
 use super::super::past::Past;
@@ -100,7 +100,7 @@ impl Voxel {
     }
 
     /// Learns from a path sample what it says about the guide that drew it.
-    pub fn judge(&mut self, record: &PathRecord, rule: FractionRule) {
+    pub fn judge(&mut self, record: &PathRecord, rule: FractionRule, direct: DirectLight) {
         let brought = f64::from(record.importance) * f64::from(record.estimate);
         self.contribution += brought;
         let [onward, all] = record.squares();
@@ -110,7 +110,7 @@ impl Voxel {
         if record.is_directed() && (self.kinds.is_some() || self.judged.is_some()) {
             let seen = self.guide_parallax.to_centre(record.point, record.direction);
             let cell = cylindrical::to_cell(seen.direction);
-            self.weigh_kinds(record, cell, f64::from(seen.density));
+            self.weigh_kinds(record.shown(direct), cell, f64::from(seen.density));
             self.weigh_proposals(record, cell);
         }
         if self.guide.is_some() {
@@ -218,15 +218,16 @@ impl Voxel {
     }
 
     /// Judges the last iteration's trees of path samples and photons, and mixtures of them, by a path sample of this iteration:
-    /// its V over the density q estimates ∫f²/q. q is that of its cell of level 20 as seen from the centre, times `carried`, dω/dω'
-    /// of the [`Parallax`]: near a lamp that differs between the points of a voxel by far more than the candidates do.
-    fn weigh_kinds(&mut self, record: &PathRecord, cell: [u32; 2], carried: f64) {
+    /// its V over the density q estimates ∫f²/q. Of V that is what photons may show too: by light that they never show, path samples
+    /// would always be better. q is that of its cell of level 20 as seen from the centre, times `carried`, dω/dω' of the
+    /// [`Parallax`]: near a lamp that differs between the points of a voxel by far more than the candidates do.
+    fn weigh_kinds(&mut self, shown: f64, cell: [u32; 2], carried: f64) {
         let Some(kinds) = &self.kinds else { return };
-        if self.tree.target() == Target::Radiance || record.value <= 0.0 {
+        if self.tree.target() == Target::Radiance || shown <= 0.0 {
             return;
         }
         let [path, photon] = [0, 1].map(|kind| f64::from(kinds[kind].pdf_at(cell)));
-        let square = f64::from(record.value).powi(2) / carried;
+        let square = shown.powi(2) / carried;
         self.shares.add(PATH_SHARES.map(|share| square / (share * path + (1.0 - share) * photon)));
     }
 
@@ -247,15 +248,21 @@ mod tests {
     use crate::base::random::Random;
     use crate::guiding::distribution::Distribution;
 
+    /// A voxel of which path samples and photons have known everything to be uniform, as seen from the centre of the unit sphere.
+    fn uniform() -> Voxel {
+        let mut voxel = Voxel::new(Layout::Values, Target::Variance);
+        voxel.guide_parallax = Parallax { centre: Vec3::ZERO, curvature: 1.0 };
+        let uniform = SamplingTree::new(&Distribution::uniform(), 1.0, usize::MAX);
+        voxel.kinds = Some(Box::new([uniform.clone(), uniform]));
+        voxel
+    }
+
     /// Whatever is sampled by itself has the second moment 1, wherever in the voxel: samples of an integrand that both kinds' trees
     /// know exactly must say so of every mixture. Half a radius off the centre, light of one direction would else be counted up to
     /// twice, other light a quarter. Five standard errors of 20,000 samples are 0.02.
     #[test]
     fn kinds_are_weighed_where_their_samples_are() {
-        let mut voxel = Voxel::new(Layout::Values, Target::Variance);
-        voxel.guide_parallax = Parallax { centre: Vec3::ZERO, curvature: 1.0 };
-        let uniform = SamplingTree::new(&Distribution::uniform(), 1.0, usize::MAX);
-        voxel.kinds = Some(Box::new([uniform.clone(), uniform]));
+        let mut voxel = uniform();
         let (mut random, sphere) = (Random::new(1, 0, 0), 4.0 * std::f32::consts::PI);
         for _ in 0..20_000 {
             let direction = cylindrical::to_direction([random.next_f64(), random.next_f64()]);
@@ -263,9 +270,35 @@ mod tests {
             // The density of the trees there is the integrand; what drew the direction is uniform.
             let integrand = voxel.guide_parallax.to_centre(point, direction).density / sphere;
             let value = integrand * sphere.sqrt();
-            voxel.judge(&PathRecord { direction, value, ..PathRecord::absorbed(point, Vec3::Y) }, FractionRule::Half);
+            let record = PathRecord { direction, value, ..PathRecord::absorbed(point, Vec3::Y) };
+            voxel.judge(&record, FractionRule::Half, DirectLight::All);
         }
         let means = voxel.shares.means().expect("20,000 samples");
         assert!(means.iter().all(|mean| (mean - 1.0).abs() < 0.02), "{means:?}");
+    }
+
+    /// A path brought back 1 from surfaces and 2 from a lamp that it hit, a quarter of the lamp's light since light sampling had three
+    /// times its density. Of the 9 that trees learn, photons may show 1.
+    #[test]
+    fn kinds_are_weighed_by_what_photons_may_show() {
+        let lamp = PathRecord {
+            direction: Vec3::Y,
+            estimate: 3.0,
+            emitted: 2.0,
+            light_ratio: 3.0,
+            value: 9.0,
+            ..PathRecord::absorbed(Vec3::ZERO, Vec3::Y)
+        };
+        let [nothing, weighted, all] = [DirectLight::Nothing, DirectLight::Weighted, DirectLight::All];
+        assert_eq!([nothing, weighted, all].map(|direct| lamp.shown(direct)), [9.0, 3.0, 1.0]);
+        let seen = |record: PathRecord| {
+            let mut voxel = uniform();
+            voxel.judge(&record, FractionRule::Half, all);
+            voxel.shares.sums()[0]
+        };
+        let without = PathRecord { emitted: 0.0, ..lamp };
+        assert!((81.0 * seen(lamp) / seen(without) - 1.0).abs() < 1e-6);
+        assert_eq!(seen(PathRecord { emitted: 3.0, ..lamp }), 0.0, "nothing but the lamp");
+        assert_eq!(seen(PathRecord { emitted: 0.0, light_ratio: f32::INFINITY, ..lamp }), seen(without));
     }
 }
