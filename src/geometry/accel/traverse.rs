@@ -199,14 +199,7 @@ impl Hierarchy {
 
     /// Replaces `best` by the nearest hit that precedes it.
     pub fn closest(&self, query: &Query, best: &mut Hit, others: &impl Others) {
-        let size = self.stack();
-        if size <= SMALL_STACK {
-            self.closest_with(query, best, others, &mut [0; SMALL_STACK]);
-        } else if size <= USUAL_STACK {
-            self.closest_with(query, best, others, &mut [0; USUAL_STACK]);
-        } else {
-            self.closest_with(query, best, others, &mut vec![0; size]);
-        }
+        self.with_stack(0, |stack| self.closest_with(query, best, others, stack));
     }
 
     #[inline]
@@ -221,13 +214,19 @@ impl Hierarchy {
 
     /// Whether the ray meets anything before `t_max` that makes the query stop.
     pub fn occluded(&self, query: &Query, t_max: f32, others: &impl Others, stop: &mut impl Stop) -> bool {
+        self.with_stack(Child::EMPTY, |stack| self.occluded_with(query, t_max, others, stop, stack))
+    }
+
+    /// Walks with a stack that is deep enough, of `empty` places: on the machine's own where that is possible.
+    #[inline(always)]
+    fn with_stack<T: Copy, R>(&self, empty: T, walk: impl FnOnce(&mut [T]) -> R) -> R {
         let size = self.stack();
         if size <= SMALL_STACK {
-            self.occluded_with(query, t_max, others, stop, &mut [Child::EMPTY; SMALL_STACK])
+            walk(&mut [empty; SMALL_STACK])
         } else if size <= USUAL_STACK {
-            self.occluded_with(query, t_max, others, stop, &mut [Child::EMPTY; USUAL_STACK])
+            walk(&mut [empty; USUAL_STACK])
         } else {
-            self.occluded_with(query, t_max, others, stop, &mut vec![Child::EMPTY; size])
+            walk(&mut vec![empty; size])
         }
     }
 

@@ -1,0 +1,415 @@
+//! Materials and their textures, as a scene file has them.
+
+use serde::{Deserialize, Serialize};
+
+use super::{is_default, one};
+
+/// A spatially varying or constant colour.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum TextureFile {
+    /// One colour everywhere.
+    Rgb {
+        /// Linear RGB.
+        value: [f32; 3],
+    },
+    /// A picture (EXR, PNG, JPEG, TGA, BMP, HDR) over the texture coordinates; (0, 0) is its top left.
+    Bitmap {
+        /// Path relative to the scene file.
+        file: String,
+        /// Texture coordinates to picture coordinates, 3×3 row by row.
+        #[serde(default = "identity3")]
+        to_uv: [f32; 9],
+        /// Data, not colour: what is not a float format is not converted from sRGB.
+        #[serde(default, skip_serializing_if = "is_default")]
+        raw: bool,
+        /// Factor on every value.
+        #[serde(default = "one")]
+        scale: f32,
+        /// What is beyond the picture.
+        #[serde(default, skip_serializing_if = "is_default")]
+        wrap: Wrap,
+        /// What is between pixel centres.
+        #[serde(default, skip_serializing_if = "is_default")]
+        filter: Filter,
+    },
+    /// Two colours in squares of half a texture unit.
+    Checkerboard {
+        /// Colour where the two half-unit indices are equal.
+        color0: [f32; 3],
+        /// The other colour.
+        color1: [f32; 3],
+        /// Texture coordinates to board coordinates, 3×3 row by row.
+        #[serde(default = "identity3")]
+        to_uv: [f32; 9],
+    },
+}
+
+/// What is beyond the edges of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Wrap {
+    /// The picture again.
+    #[default]
+    Repeat,
+    /// The picture mirrored.
+    Mirror,
+    /// The pixels of its edge.
+    Clamp,
+}
+
+/// What is between the pixel centres of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Filter {
+    /// The four nearest pixels, bilinearly.
+    #[default]
+    Bilinear,
+    /// The nearest pixel.
+    Nearest,
+}
+
+/// The 3×3 matrix that changes nothing.
+pub fn identity3() -> [f32; 9] {
+    [1., 0., 0., 0., 1., 0., 0., 0., 1.]
+}
+
+impl TextureFile {
+    /// A constant colour.
+    pub fn rgb(value: [f32; 3]) -> Self {
+        Self::Rgb { value }
+    }
+}
+
+/// Microfacet distribution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Distribution {
+    /// Beckmann and Spizzichino 1963.
+    #[default]
+    Beckmann,
+    /// Walter et al. 2007, Trowbridge and Reitz 1975.
+    Ggx,
+}
+
+fn white() -> TextureFile {
+    TextureFile::rgb([1.0; 3])
+}
+
+fn grey() -> TextureFile {
+    TextureFile::rgb([0.5; 3])
+}
+
+fn black() -> TextureFile {
+    TextureFile::rgb([0.0; 3])
+}
+
+fn glass_index() -> f32 {
+    1.5
+}
+
+/// How a surface scatters light.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum MaterialFile {
+    /// Lambertian reflection on the front side; the back side is black.
+    Diffuse {
+        /// Albedo in [0, 1].
+        reflectance: TextureFile,
+    },
+    /// Diffuse facets (Oren and Nayar 1994) on the front side; the back side is black.
+    RoughDiffuse {
+        /// Albedo of the facets in [0, 1].
+        reflectance: TextureFile,
+        /// Roughness, the root mean square slope of the facets; 0 is diffuse.
+        alpha: f32,
+        /// Use the simpler of the authors' two models, which leaves out light that facets throw at one another.
+        #[serde(default, skip_serializing_if = "is_default")]
+        qualitative: bool,
+    },
+    /// A smooth metal.
+    Conductor {
+        /// Real part of the refractive index per channel. Colours fitted to spectra may be negative; only squares count.
+        eta: [f32; 3],
+        /// Extinction coefficient per channel, likewise.
+        k: [f32; 3],
+        /// Factor on the reflection.
+        #[serde(default = "white")]
+        specular_reflectance: TextureFile,
+    },
+    /// A rough metal (Walter et al. 2007).
+    RoughConductor {
+        /// Roughness, the root mean square slope of the microfacets.
+        alpha: f32,
+        /// Microfacet distribution.
+        #[serde(default)]
+        distribution: Distribution,
+        /// Real part of the refractive index per channel. Colours fitted to spectra may be negative; only squares count.
+        eta: [f32; 3],
+        /// Extinction coefficient per channel, likewise.
+        k: [f32; 3],
+        /// Factor on the reflection.
+        #[serde(default = "white")]
+        specular_reflectance: TextureFile,
+    },
+    /// Smooth glass, water: reflects and refracts.
+    Dielectric {
+        /// Refractive index on the side that the normal points away from.
+        int_ior: f32,
+        /// Refractive index on the side that the normal points to.
+        ext_ior: f32,
+    },
+    /// A thin pane of smooth glass: nothing is bent.
+    ThinDielectric {
+        /// Refractive index of the pane.
+        int_ior: f32,
+        /// Refractive index around it.
+        ext_ior: f32,
+    },
+    /// Rough glass (Walter et al. 2007).
+    RoughDielectric {
+        /// Roughness, the root mean square slope of the microfacets.
+        alpha: f32,
+        /// Microfacet distribution.
+        #[serde(default)]
+        distribution: Distribution,
+        /// Refractive index on the side that the normal points away from.
+        int_ior: f32,
+        /// Refractive index on the side that the normal points to.
+        ext_ior: f32,
+    },
+    /// A clear coat over a diffuse base; the back side is black.
+    Plastic {
+        /// Roughness of the coat, the root mean square slope of its microfacets; 0 is smooth.
+        #[serde(default)]
+        alpha: f32,
+        /// Microfacet distribution.
+        #[serde(default)]
+        distribution: Distribution,
+        /// Refractive index of the coat.
+        int_ior: f32,
+        /// Refractive index outside.
+        ext_ior: f32,
+        /// Albedo of the base.
+        diffuse_reflectance: TextureFile,
+        /// Factor on the coat's reflection.
+        #[serde(default = "white")]
+        specular_reflectance: TextureFile,
+        /// Whether light that the coat throws back to the base takes on its colour each time.
+        #[serde(default)]
+        nonlinear: bool,
+    },
+    /// No surface: only the border between two media.
+    Null,
+    /// Burley's mixture of lobes.
+    Principled(PrincipledFile),
+    /// Two materials mixed: (1 − weight) of the first, weight of the second.
+    Blend {
+        /// Weight in [0, 1]; the luminance of a colour.
+        weight: TextureFile,
+        /// The two materials, without masks.
+        materials: Box<[MaterialFile; 2]>,
+    },
+    /// A clear material whose light takes on colour, more than Fresnel's equations have it.
+    Tinted {
+        /// Factor on what is reflected.
+        #[serde(default = "white")]
+        specular_reflectance: TextureFile,
+        /// Factor on what is let through.
+        #[serde(default = "white")]
+        specular_transmittance: TextureFile,
+        /// The material.
+        material: Box<MaterialFile>,
+    },
+    /// Another material whose shading normals are those of a surface displaced along its normals (Blinn 1978). Only bilinear pictures
+    /// have slopes.
+    BumpMap {
+        /// Height: the luminance of the texture.
+        texture: TextureFile,
+        /// Scene units per unit of height.
+        #[serde(default = "one")]
+        scale: f32,
+        /// The material.
+        material: Box<MaterialFile>,
+    },
+    /// Another material whose shading normals come from a texture.
+    NormalMap {
+        /// Normals n as (n + 1)/2 in the tangent frame, z along the surface's own; a picture should be `raw`.
+        texture: TextureFile,
+        /// The material.
+        material: Box<MaterialFile>,
+    },
+    /// Another material with holes.
+    Mask {
+        /// Probability in [0, 1] that the surface is there; the luminance of a colour.
+        opacity: TextureFile,
+        /// The material where it is.
+        material: Box<MaterialFile>,
+    },
+    /// Another material on both sides.
+    TwoSided {
+        /// The material; its front is used on both sides.
+        material: Box<MaterialFile>,
+    },
+}
+
+/// Burley's mixture of lobes (2012, 2015) with the formulas of Mitsuba's `principled`, bounded so that it never scatters more than
+/// arrives. Numbers are in [0, 1]; of the textures of numbers the luminance counts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PrincipledFile {
+    /// Albedo of the base, colour of a metal.
+    pub base_color: TextureFile,
+    /// Square root of the facets' roughness.
+    #[serde(default = "grey")]
+    pub roughness: TextureFile,
+    /// From dielectric to metal.
+    #[serde(default = "black")]
+    pub metallic: TextureFile,
+    /// Refractive index relative to the outside, at least 1.
+    #[serde(default = "glass_index")]
+    pub eta: f32,
+    /// How much the dielectric's reflection takes on the base's hue.
+    #[serde(default)]
+    pub spec_tint: f32,
+    /// Grazing reflection as of cloth.
+    #[serde(default)]
+    pub sheen: f32,
+    /// How much the sheen takes on the base's hue.
+    #[serde(default)]
+    pub sheen_tint: f32,
+    /// Strength of a clear coat.
+    #[serde(default)]
+    pub clearcoat: f32,
+    /// How glossy the coat is.
+    #[serde(default)]
+    pub clearcoat_gloss: f32,
+    /// How much the base looks like scattering below the surface.
+    #[serde(default)]
+    pub flatness: f32,
+    /// Part of the dielectric that lets light through instead of having a base.
+    #[serde(default)]
+    pub spec_trans: f32,
+}
+
+/// The one list of textures, for shared and for changing access.
+macro_rules! textures {
+    ($material:ident, $each:ident, $iter:ident) => {
+        match $material {
+            Self::Diffuse { reflectance } | Self::RoughDiffuse { reflectance, .. } => {
+                vec![("reflectance", reflectance)]
+            }
+            Self::Conductor { specular_reflectance, .. } | Self::RoughConductor { specular_reflectance, .. } => {
+                vec![("specular_reflectance", specular_reflectance)]
+            }
+            Self::Plastic { diffuse_reflectance, specular_reflectance, .. } => {
+                vec![("diffuse_reflectance", diffuse_reflectance), ("specular_reflectance", specular_reflectance)]
+            }
+            Self::Principled(PrincipledFile { base_color, roughness, metallic, .. }) => {
+                vec![("base_color", base_color), ("roughness", roughness), ("metallic", metallic)]
+            }
+            Self::Mask { opacity, material } => {
+                let mut textures = material.$each();
+                textures.push(("opacity", opacity));
+                textures
+            }
+            Self::BumpMap { texture, material, .. } | Self::NormalMap { texture, material } => {
+                let mut textures = material.$each();
+                textures.push(("texture", texture));
+                textures
+            }
+            Self::Tinted { specular_reflectance, specular_transmittance, material } => {
+                let mut textures = material.$each();
+                textures.push(("specular_reflectance", specular_reflectance));
+                textures.push(("specular_transmittance", specular_transmittance));
+                textures
+            }
+            Self::TwoSided { material } => material.$each(),
+            Self::Blend { weight, materials } => {
+                let mut textures: Vec<_> = materials.$iter().flat_map(Self::$each).collect();
+                textures.push(("weight", weight));
+                textures
+            }
+            Self::Null | Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
+        }
+    };
+}
+
+/// The one list of what is put on a material, for shared and for changing access.
+macro_rules! inside {
+    ($material:ident) => {
+        match $material {
+            Self::Mask { material, .. }
+            | Self::Tinted { material, .. }
+            | Self::BumpMap { material, .. }
+            | Self::NormalMap { material, .. }
+            | Self::TwoSided { material } => Some(material),
+            _ => None,
+        }
+    };
+}
+
+impl MaterialFile {
+    /// Its textures, those of the materials inside too, with the names that they have in a file.
+    pub fn textures(&self) -> Vec<(&'static str, &TextureFile)> {
+        textures!(self, textures, iter)
+    }
+
+    /// [`MaterialFile::textures`] to be changed.
+    pub fn textures_mut(&mut self) -> Vec<(&'static str, &mut TextureFile)> {
+        textures!(self, textures_mut, iter_mut)
+    }
+
+    /// The material that a mask, bump, tint or the like is put on.
+    pub fn inside(&self) -> Option<&Self> {
+        inside!(self)
+    }
+
+    /// [`MaterialFile::inside`] to be changed.
+    pub fn inside_mut(&mut self) -> Option<&mut Self> {
+        inside!(self)
+    }
+
+    /// Whether it has holes.
+    pub fn is_masked(&self) -> bool {
+        matches!(self, Self::Mask { .. }) || self.inside().is_some_and(Self::is_masked)
+    }
+
+    /// Whether a texture turns its shading normals.
+    pub fn is_bumped(&self) -> bool {
+        matches!(self, Self::BumpMap { .. } | Self::NormalMap { .. }) || self.inside().is_some_and(Self::is_bumped)
+    }
+
+    /// Whether both its sides are fronts.
+    pub fn is_two_sided(&self) -> bool {
+        match self {
+            Self::TwoSided { .. } => true,
+            Self::Blend { materials, .. } => materials.iter().all(Self::is_two_sided),
+            other => other.inside().is_some_and(Self::is_two_sided),
+        }
+    }
+
+    /// The material inside masks, bumps, tints and two-sided ones.
+    pub fn innermost(&self) -> &Self {
+        self.inside().map_or(self, Self::innermost)
+    }
+
+    /// What scatters: the materials inside masks, bumps, tints, two-sided ones and blends.
+    pub fn parts(&self) -> Vec<&Self> {
+        match self.innermost() {
+            Self::Blend { materials, .. } => materials.iter().flat_map(Self::parts).collect(),
+            other => vec![other],
+        }
+    }
+
+    /// Changes every part.
+    pub fn change_parts(&mut self, change: &mut impl FnMut(&mut Self)) {
+        if let Some(inside) = self.inside_mut() {
+            inside.change_parts(change);
+        } else if let Self::Blend { materials, .. } = self {
+            materials.iter_mut().for_each(|material| material.change_parts(change));
+        } else {
+            change(self);
+        }
+    }
+}
