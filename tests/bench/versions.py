@@ -2,13 +2,14 @@
 """What a change is worth: several builds of fanal (or one build with several options) on the same scenes, in turns.
 
     python3 tests/bench/versions.py SCENE_FOLDER... --build before=PATH --build 'after=PATH --roulette off' \\
-        [--methods none,gaussian,neural] [--spp 64 | --time 10] [--seeds 4] [--size WxH] [--json FILE]
+        [--methods none,gaussian,neural] [--spp 64 | --time 10] [--seeds 4] [--size WxH] [--json FILE] [--mitsuba llvm_ad_rgb]
 
 Each folder holds a scene.xml or scene.json and a reference.exr. The first build is the one that others are measured against. For every
 scene and method the table has the first build's trimmed relMSE (the mean over the seeds), and of every other build: the ratio of errors
 at equal budgets, of CPU seconds, and of errors times CPU seconds, which is about the ratio of errors at equal time where budgets are
 samples. Means are geometric over the seeds, which are paired, with the standard error of their logarithm. Only Python's own library is
-needed.
+needed, but with --mitsuba (pip install mitsuba numpy; for llvm_ad_rgb LLVM 19), which needs --time: Mitsuba 3 renders the same scenes
+for as long, loading counted, compiling not, and every build's error is given over its, too.
 """
 
 import argparse
@@ -47,6 +48,41 @@ def run(command, scene, method, budget, seed, folder):
     return {"trimmed": error["relmse_trimmed"], "all": error["relmse"], "cpu": cpu}
 
 
+# Renders in parts for as long as there is time, since what a part takes is only known once one was rendered.
+MITSUBA = r"""
+import sys, time
+begun = time.perf_counter()
+import mitsuba as mi
+mi.set_variant(sys.argv[1])
+import numpy as np
+mi.set_log_level(mi.LogLevel.Error)
+imported = time.perf_counter()
+scene = mi.load_file(sys.argv[2])
+loaded = time.perf_counter() - imported
+seconds, seed, out = float(sys.argv[3]) - loaded, int(sys.argv[4]), sys.argv[5]
+integrator = mi.load_dict({"type": "path", "max_depth": 20})
+part = 16
+render = lambda number: np.array(mi.render(scene, integrator=integrator, spp=part, seed=100000 * seed + number))[..., :3]
+render(99999)
+begun, sums, parts, slowest = time.perf_counter(), 0.0, 0, 0.0
+while parts == 0 or time.perf_counter() - begun + slowest < seconds:
+    before = time.perf_counter()
+    sums, parts = sums + render(parts), parts + 1
+    slowest = max(slowest, time.perf_counter() - before)
+mi.util.write_bitmap(out, mi.TensorXf((sums / parts).astype(np.float32)), write_async=False)
+print(part * parts)
+"""
+
+
+def mitsuba(variant, fanal, scene, seconds, seed, folder):
+    """Trimmed relMSE of a render of so many seconds, and its samples per pixel."""
+    out = folder / "peer.exr"
+    words = [sys.executable, "-c", MITSUBA, variant, scene / "scene.xml", seconds, seed, out]
+    spp = int(subprocess.run(list(map(str, words)), check=True, capture_output=True, text=True).stdout)
+    measured = subprocess.run([fanal, "error", out, scene / "reference.exr", "--json"], check=True, capture_output=True)
+    return json.loads(measured.stdout)["relmse_trimmed"], spp
+
+
 def ratio(pairs):
     """Geometric mean of ratios, and the standard error of its logarithm."""
     logs = [math.log(after / before) for before, after in pairs]
@@ -64,13 +100,23 @@ def main():
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--size")
     parser.add_argument("--json", type=pathlib.Path)
+    parser.add_argument("--mitsuba", metavar="VARIANT")
     args = parser.parse_args()
+    if args.mitsuba and not args.time:
+        parser.error("--mitsuba needs --time")
     builds = [build.split("=", 1) for build in args.build]
     budget = ["--time", args.time] if args.time else ["--spp", args.spp or 64]
     budget += ["--size", args.size] if args.size else []
     sums, rows = {}, []
     print("scene method | trimmed relMSE | per build: error, CPU, error x CPU (+- standard error of the logarithm)")
     for scene in args.scenes:
+        peer = []
+        with tempfile.TemporaryDirectory() as folder:
+            for seed in range(1, args.seeds + 1) if args.mitsuba else ():
+                fanal = shlex.split(builds[0][1])[0]
+                peer.append(mitsuba(args.mitsuba, fanal, scene, args.time, seed, pathlib.Path(folder)))
+        if peer:
+            print(f"{scene.name:14} mitsuba  | {statistics.mean(p[0] for p in peer):.3g} ({peer[0][1]} spp)", flush=True)
         for method in args.methods.split(","):
             runs = {name: [] for name, _ in builds}
             with tempfile.TemporaryDirectory() as folder:
@@ -84,7 +130,10 @@ def main():
                 (error, spread), (cpu, _) = of(lambda r: r["trimmed"]), of(lambda r: r["cpu"])
                 cells.append(f"{name} {error:.3f} +-{spread:.3f}, {cpu:.3f}, {error * cpu:.3f}")
                 sums.setdefault((method, name), []).append((error, cpu))
-            rows.append({"scene": scene.name, "method": method, "runs": runs})
+            if peer:
+                over = [ratio([(p[0], r["trimmed"]) for p, r in zip(peer, runs[name])])[0] for name, _ in builds]
+                cells.append("over mitsuba " + ", ".join(f"{x:.2f}" for x in over))
+            rows.append({"scene": scene.name, "method": method, "runs": runs, "mitsuba": peer})
             print(f"{scene.name:14} {method:9}| " + " | ".join(cells), flush=True)
     for (method, name), values in sums.items():
         error, cpu = (math.exp(statistics.mean(math.log(v[i]) for v in values)) for i in (0, 1))
