@@ -59,7 +59,7 @@ impl Verdict {
         }
     }
 
-    /// Whether a guide of which this is known is worth its price: it is not only where the gain was measured and is too small.
+    /// Whether a guide of which this is known is worth its price: all are but those whose gain was measured and is too small.
     pub fn pays(self) -> bool {
         self.gain().is_none_or(pays)
     }

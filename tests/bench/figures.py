@@ -20,7 +20,7 @@ import subprocess
 import sys
 
 import numpy
-import OpenEXR
+from noise import read
 from PIL import Image
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -76,12 +76,7 @@ def side_by_side(rows):
 
 def developed(path):
     """An EXR file as sRGB."""
-    channels = OpenEXR.File(str(path)).channels()
-    if "RGB" in channels:
-        linear = numpy.asarray(channels["RGB"].pixels, numpy.float64)
-    else:
-        linear = numpy.stack([numpy.asarray(channels[c].pixels, numpy.float64) for c in "RGB"], -1)
-    linear = linear.clip(0, 1)
+    linear = read(path).clip(0, 1)
     encoded = numpy.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return Image.fromarray((255 * encoded + 0.5).astype(numpy.uint8))
 

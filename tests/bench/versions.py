@@ -6,7 +6,7 @@
 
 Each folder holds a scene.xml or scene.json and a reference.exr. The first build is the one that others are measured against. For every
 scene and method the table has the first build's trimmed relMSE (the mean over the seeds), and of every other build: the ratio of errors
-at equal budgets, of CPU seconds, and of errors times CPU seconds, which is about the ratio of errors at equal time where budgets are
+at equal budgets (in brackets without trimming: who finds more rare light has more bright pixels than are trimmed), of CPU seconds, and of errors times CPU seconds, which is about the ratio of errors at equal time where budgets are
 samples. Means are geometric over the seeds, which are paired, with the standard error of their logarithm. Only Python's own library is
 needed, but with --mitsuba (pip install mitsuba numpy; for llvm_ad_rgb LLVM 19), which needs --time: Mitsuba 3 renders the same scenes
 for as long, loading counted, compiling not, and every build's error is given over its, too.
@@ -51,14 +51,13 @@ def run(command, scene, method, budget, seed, folder):
 # Renders in parts for as long as there is time, since what a part takes is only known once one was rendered.
 MITSUBA = r"""
 import sys, time
-begun = time.perf_counter()
 import mitsuba as mi
 mi.set_variant(sys.argv[1])
 import numpy as np
 mi.set_log_level(mi.LogLevel.Error)
-imported = time.perf_counter()
+begun = time.perf_counter()
 scene = mi.load_file(sys.argv[2])
-loaded = time.perf_counter() - imported
+loaded = time.perf_counter() - begun
 seconds, seed, out = float(sys.argv[3]) - loaded, int(sys.argv[4]), sys.argv[5]
 integrator = mi.load_dict({"type": "path", "max_depth": 20})
 part = 16
@@ -108,7 +107,7 @@ def main():
     budget = ["--time", args.time] if args.time else ["--spp", args.spp or 64]
     budget += ["--size", args.size] if args.size else []
     sums, rows = {}, []
-    print("scene method | trimmed relMSE | per build: error, CPU, error x CPU (+- standard error of the logarithm)")
+    print("scene method | trimmed relMSE | per build: error +- standard error of its logarithm (untrimmed), CPU, error x CPU")
     for scene in args.scenes:
         peer = []
         with tempfile.TemporaryDirectory() as folder:
@@ -128,7 +127,8 @@ def main():
             for name, _ in builds[1:]:
                 of = lambda what: ratio([(what(a), what(b)) for a, b in zip(first, runs[name])])
                 (error, spread), (cpu, _) = of(lambda r: r["trimmed"]), of(lambda r: r["cpu"])
-                cells.append(f"{name} {error:.3f} +-{spread:.3f}, {cpu:.3f}, {error * cpu:.3f}")
+                untrimmed, _ = of(lambda r: r["all"])
+                cells.append(f"{name} {error:.3f} +-{spread:.3f} ({untrimmed:.3f}), {cpu:.3f}, {error * cpu:.3f}")
                 sums.setdefault((method, name), []).append((error, cpu))
             if peer:
                 over = [ratio([(p[0], r["trimmed"]) for p, r in zip(peer, runs[name])])[0] for name, _ in builds]
