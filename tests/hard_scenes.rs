@@ -506,7 +506,8 @@ fn a11_smooth_means_delta() {
             let scene = ball_under_sky(material, None);
             assert_eq!(scene.materials()[0].is_delta(), delta, "{alpha}");
             let mut random = Random::new(2, 0, 0);
-            let sample = tested(&scene).sample(Vec2::ZERO, Vec3::Z, &mut random, Transport::Radiance);
+            let sample =
+                tested(&scene).sample(Vec2::ZERO, Vec3::Z, random.next_f32(), random.next_2d(), Transport::Radiance);
             assert!(sample.is_none_or(|sample| sample.delta == delta));
         }
     }
@@ -523,11 +524,15 @@ fn a11_total_reflection_is_total() {
     let scene = ball_under_sky(MaterialFile::Dielectric { int_ior: 1.5, ext_ior: 1.0 }, None);
     let mut random = Random::new(3, 0, 0);
     for _ in 0..10_000 {
-        let sample = tested(&scene).sample(Vec2::ZERO, wo, &mut random, Transport::Radiance).expect("reflected");
+        let sample = tested(&scene)
+            .sample(Vec2::ZERO, wo, random.next_f32(), random.next_2d(), Transport::Radiance)
+            .expect("reflected");
         assert!(sample.wi == Vec3::new(-wo.x, 0.0, wo.z) && sample.weight == Vec3::ONE && sample.pdf == 1.0);
     }
     let scene = ball_under_sky(rough_glass(0.05, 1.5), None);
-    let samples = (0..10_000).filter_map(|_| tested(&scene).sample(Vec2::ZERO, wo, &mut random, Transport::Radiance));
+    let samples = (0..10_000).filter_map(|_| {
+        tested(&scene).sample(Vec2::ZERO, wo, random.next_f32(), random.next_2d(), Transport::Radiance)
+    });
     let (mut weight, mut passed) = (0.0, 0);
     for sample in samples {
         weight += f64::from(sample.weight.x) / 1e4;

@@ -75,7 +75,7 @@ fn a01_density_of_a_sample_is_the_one_returned() {
     let n = 1_000_000;
     let mut over_an_edge = 0;
     for _ in 0..n {
-        let (direction, pdf) = tree.sample(&mut random);
+        let (direction, pdf) = tree.sample(random.next_2d_f64());
         let again = tree.pdf(direction);
         assert!((direction.length() - 1.0).abs() < 1e-6 && pdf > 0.0 && pdf.is_finite());
         if (again - pdf).abs() > 1e-4 * pdf {
@@ -121,7 +121,7 @@ fn a01_density_of_a_sample_in_the_deepest_leaves() {
         let n = 50_000;
         let (mut deep, mut over_an_edge) = (0, 0);
         for _ in 0..n {
-            let (direction, pdf) = tree.sample(&mut random);
+            let (direction, pdf) = tree.sample(random.next_2d_f64());
             let again = tree.pdf(direction);
             // Leaves above the deepest level have less.
             deep += usize::from(pdf > 5e9);
@@ -189,7 +189,7 @@ fn a02_deepest_leaves_are_exact() {
             assert!((found / expected - 1.0).abs() < 1e-5, "{share}: {found} instead of {expected}");
             assert!((mass(&tree, &topology) - 1.0).abs() < 1e-5);
             for _ in 0..50_000 {
-                let (place, relative) = tree.sample_square(&mut random);
+                let (place, relative) = tree.sample_square(random.next_2d_f64());
                 let again = f64::from(tree.pdf_at(cylindrical::cell_of(place))) * 4.0 * PI;
                 assert!((again / relative - 1.0).abs() < 1e-5, "{share}: {place:?} has {again}, not {relative}");
             }
@@ -218,7 +218,7 @@ fn a03_no_energy_is_uniform() {
         assert_eq!(counted, Distribution::uniform());
         let guide = SamplingTree::new(&counted, 0.0, usize::MAX);
         for _ in 0..1000 {
-            let (drawn, pdf) = guide.sample(&mut random);
+            let (drawn, pdf) = guide.sample(random.next_2d_f64());
             for pdf in [pdf, guide.pdf(drawn)] {
                 assert!((f64::from(pdf) * 4.0 * PI - 1.0).abs() < 1e-6, "{pdf}");
             }
@@ -415,15 +415,14 @@ fn a11_delta_lobes_are_not_guided() {
         let field = field(&surface, out, Some(tree), alpha);
         let guide = field.at(surface.point, surface.normal_towards(out));
         let mixture = Mixture::<Everything>::new(&surface, Scattering::Material(&material), out, guide);
-        let mut random = Random::new(6, 0, 0);
         let n = 200_000;
         let (mut mirror, mut all) = (0.0, 0.0);
-        for _ in 0..n {
-            let Some(sample) = mixture.sample(&mut random, Transport::Radiance) else { continue };
-            all += f64::from(sample.weight.x) / f64::from(n);
+        for i in 0..n {
+            let Some(sample) = mixture.sample(&Random::new(6, 0, i), Transport::Radiance) else { continue };
+            all += f64::from(sample.weight.x) / n as f64;
             if sample.delta {
                 assert!(sample.direction.distance(mirrored) < 1e-5 && sample.value == Vec3::ZERO);
-                mirror += f64::from(sample.weight.x) / f64::from(n);
+                mirror += f64::from(sample.weight.x) / n as f64;
             }
         }
         // Five standard errors and more at α = 0.1, where the chalk may weigh 10.
@@ -443,18 +442,18 @@ fn a19_a_wrong_guide_costs_little() {
         let field = field(&surface, out, Some(peaked(towards, 1e-3)), alpha);
         let guide = field.at(surface.point, surface.normal_towards(out));
         let mixture = Mixture::<Everything>::new(&surface, Scattering::Material(&material), out, guide);
-        let mut random = Random::new(7, 0, 0);
         let n = 200_000;
         let (mut sum, mut squares) = (0.0, 0.0);
-        for _ in 0..n {
+        for i in 0..n {
             // Light that a diffuse wall reflects best: radiance 1 everywhere, for which BSDF sampling has no variance.
-            let weight = mixture.sample(&mut random, Transport::Radiance).map_or(0.0, |s| f64::from(s.weight.x));
-            sum += weight / f64::from(n);
-            squares += weight * weight / f64::from(n);
+            let weight =
+                mixture.sample(&Random::new(7, 0, i), Transport::Radiance).map_or(0.0, |s| f64::from(s.weight.x));
+            sum += weight / n as f64;
+            squares += weight * weight / n as f64;
         }
         let limit = 1.0 / f64::from(alpha);
         assert!(squares < 1.02 * limit, "{towards} α {alpha}: {squares} against {limit}");
-        let error = ((squares - sum * sum) / f64::from(n)).sqrt();
+        let error = ((squares - sum * sum) / n as f64).sqrt();
         assert!((sum - 1.0).abs() < 5.0 * error + 1e-4, "{towards} α {alpha}: {sum} ± {error}");
     }
 }

@@ -243,7 +243,8 @@ fn a19_the_better_proposal_is_sampled() {
                 let uniform = path(&mut random);
                 let guide = field.at(point, Vec3::Y).and_then(|voxel| voxel.directions(point));
                 let Some(guide) = guide else { return uniform };
-                let drawn = if random.next_f64() < 0.5 { uniform.direction } else { guide.sample(&mut random).0 };
+                let drawn =
+                    if random.next_f64() < 0.5 { uniform.direction } else { guide.sample(random.next_2d_f64()).0 };
                 let [bsdf, guided] = [0.25 / std::f32::consts::PI, guide.pdf(drawn)];
                 let estimate = bright(drawn) / (0.5 * (bsdf + guided));
                 PathRecord { direction: drawn, estimate, bsdf_share: bsdf / (bsdf + guided), ..uniform }

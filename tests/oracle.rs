@@ -108,7 +108,7 @@ fn quadtree_densities() {
         let uniform = [1e-4, 0.02, 0.5][seed as usize % 3];
         let guide = SamplingTree::new(&distribution, uniform, usize::MAX);
         for i in 0..2 * INPUTS / trees as usize {
-            let direction = if i % 2 == 0 { guide.sample(&mut random).0 } else { any_direction(&mut random) };
+            let direction = if i % 2 == 0 { guide.sample(random.next_2d_f64()).0 } else { any_direction(&mut random) };
             let (relative, from_border) = leaf_density(&distribution, direction.as_dvec3());
             // On a border the last bit of the angle decides.
             if from_border > 1e-14 {
@@ -203,7 +203,7 @@ fn drawn_or_any(mixture: &Mixture<Everything>, random: &mut Random) -> Option<Ve
     if random.below(2) == 0 {
         return Some(any_direction(random));
     }
-    mixture.sample(random, Transport::Radiance).map(|sample| sample.direction)
+    mixture.sample(&Random::new(random.next_u64(), 0, 0), Transport::Radiance).map(|sample| sample.direction)
 }
 
 /// Roughness is above 0.05, since a turn between world and surface moves a direction by 1e-7, which narrower lobes would show as

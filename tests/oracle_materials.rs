@@ -57,7 +57,9 @@ fn both_shapes(mut check: impl FnMut(Shape, &mut Random)) {
 /// Half of the directions drawn by the material, so that narrow lobes are met, half anywhere.
 fn pair(material: &Material, wo: Vec3, random: &mut Random, any: impl Fn(&mut Random) -> Vec3) -> Option<Vec3> {
     if random.below(2) == 0 {
-        return material.sample(Vec2::ZERO, wo, random, Transport::Radiance).map(|sample| sample.wi);
+        return material
+            .sample(Vec2::ZERO, wo, random.next_f32(), random.next_2d(), Transport::Radiance)
+            .map(|sample| sample.wi);
     }
     Some(any(random))
 }
@@ -247,7 +249,7 @@ fn rough_diffuse() {
 }
 
 fn sampled(kind: Kind, wo: Vec3, random: &mut Random) -> BsdfSample {
-    let sample = Material::from(kind).sample(Vec2::ZERO, wo, random, Transport::Radiance);
+    let sample = Material::from(kind).sample(Vec2::ZERO, wo, random.next_f32(), random.next_2d(), Transport::Radiance);
     let sample = sample.unwrap_or_else(|| panic!("nothing comes back to {wo}"));
     assert!(sample.delta, "{wo}");
     sample

@@ -119,7 +119,7 @@ fn check(name: &str, material: &Material, wo: Vec3, alpha: f32) -> f64 {
         [32, 32],
         |wi| f64::from(material.pdf(Vec2::ZERO, wo, wi)),
         |random| {
-            let sample = material.sample(Vec2::ZERO, wo, random, Transport::Radiance);
+            let sample = material.sample(Vec2::ZERO, wo, random.next_f32(), random.next_2d(), Transport::Radiance);
             sample.filter(|s| !s.delta).map(|s| s.wi)
         },
     )
@@ -231,7 +231,13 @@ fn s01_rough_diffuse_follows_its_density() {
             assert!((mass - 1.0).abs() < 1e-5, "{mass}");
             let mut random = Random::new(26, 0, 0);
             let mut weight = || {
-                let sample = material.sample(Vec2::ZERO, direction(cos, 0.7), &mut random, Transport::Radiance);
+                let sample = material.sample(
+                    Vec2::ZERO,
+                    direction(cos, 0.7),
+                    random.next_f32(),
+                    random.next_2d(),
+                    Transport::Radiance,
+                );
                 sample.map_or(0.0, |sample| sample.weight.x)
             };
             let weights: Vec<f32> = (0..100_000).map(|_| weight()).collect();
@@ -419,7 +425,11 @@ fn samples_agree_with_density_and_value() {
     let glass = glass.chain(clear.flat_map(|(_, p)| [0.6, -0.6].map(|cos| (made(p.clone()), direction(cos, 2.0)))));
     for (material, wo) in cases().into_iter().chain(glass) {
         for _ in 0..1000 {
-            let Some(sample) = material.sample(Vec2::ZERO, wo, &mut random, Transport::Radiance) else { continue };
+            let Some(sample) =
+                material.sample(Vec2::ZERO, wo, random.next_f32(), random.next_2d(), Transport::Radiance)
+            else {
+                continue;
+            };
             kept += 1;
             let (pdf, value) = (material.pdf(Vec2::ZERO, wo, sample.wi), material.eval(Vec2::ZERO, wo, sample.wi));
             assert!(!sample.delta && (pdf - sample.pdf).abs() <= 1e-4 * pdf, "{pdf} {}", sample.pdf);
@@ -479,7 +489,11 @@ fn albedo(material: &Material, wo: Vec3, transport: Transport) -> f64 {
     let (parts, n) = (16, 100_000);
     let part = |part: u64| {
         let mut random = Random::new(19, part, 0);
-        let sample = |_| material.sample(Vec2::ZERO, wo, &mut random, transport).map_or(0.0, |s| f64::from(s.weight.x));
+        let sample = |_| {
+            material
+                .sample(Vec2::ZERO, wo, random.next_f32(), random.next_2d(), transport)
+                .map_or(0.0, |s| f64::from(s.weight.x))
+        };
         (0..n).map(sample).sum::<f64>() / f64::from(n)
     };
     let means: Vec<f64> = (0..parts).into_par_iter().map(part).collect();
@@ -517,7 +531,8 @@ fn s06_glass_keeps_power() {
     // At normal incidence F = 0.04, and 2F/(1 + F) is mirrored.
     let mut random = Random::new(20, 0, 0);
     let mirrored = (0..100_000).filter(|_| {
-        pane.sample(Vec2::ZERO, Vec3::Z, &mut random, Transport::Radiance).is_some_and(|s| s.wi == Vec3::Z)
+        pane.sample(Vec2::ZERO, Vec3::Z, random.next_f32(), random.next_2d(), Transport::Radiance)
+            .is_some_and(|s| s.wi == Vec3::Z)
     });
     assert!((mirrored.count() as f64 / 1e5 - 0.08 / 1.04).abs() < 0.004);
 }
@@ -534,8 +549,10 @@ fn s06_radiance_is_squeezed_by_the_square_of_eta() {
         let mut refracted = 0;
         for n in 0..1000 {
             let wo = direction(if n % 2 == 0 { 0.7 } else { -0.8 }, 0.3);
+            let mut random = Random::new(21, n, 0);
+            let (lobe, u) = (random.next_f32(), random.next_2d());
             let [radiance, power] = [Transport::Radiance, Transport::Importance]
-                .map(|transport| material.sample(Vec2::ZERO, wo, &mut Random::new(21, n, 0), transport));
+                .map(|transport| material.sample(Vec2::ZERO, wo, lobe, u, transport));
             let (Some(radiance), Some(power)) = (radiance, power) else { continue };
             let eta = material.eta(wo, radiance.wi);
             assert_eq!(eta != 1.0, radiance.wi.z * wo.z < 0.0, "{i}: {wo} {}", radiance.wi);

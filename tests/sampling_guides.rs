@@ -111,7 +111,7 @@ fn check(name: &str, distribution: &Distribution, uniform: f32, merge: usize) {
     let n = 1_000_000;
     let mut counts = vec![0.0; topology.len()];
     for _ in 0..n {
-        let (direction, _) = tree.sample(&mut random);
+        let (direction, _) = tree.sample(random.next_2d_f64());
         let (node, level) = leaf(topology, direction);
         let expected = mass(distribution, f64::from(uniform), node, level) * 4f64.powi(level as i32) / (4.0 * PI);
         let pdf = f64::from(tree.pdf(direction));
@@ -143,7 +143,7 @@ fn s01_quadtrees_follow_their_density() {
     }
     check("zero quadrants", &random_tree(7, 1, 0.0), 1e-4, MAX_LEVEL);
     let root = SamplingTree::new(&Distribution::uniform(), 0.1, usize::MAX);
-    let sample = |random: &mut Random| Some(root.sample(random).0);
+    let sample = |random: &mut Random| Some(root.sample(random.next_2d_f64()).0);
     Chart::around(Vec3::X, 1.0).check("root alone", [16, 16], |wi| f64::from(root.pdf(wi)), sample);
     check("only uniform", &random_tree(8, 3, 0.6), 1.0, MAX_LEVEL);
     // At z = 0 and φ = 0 single precision resolves a cell of level 20.
@@ -252,7 +252,8 @@ fn s01_mixture_follows_its_density() {
         // Rounded to singles a direction may fall into the next leaf of the guide's tree.
         let moved = AtomicU32::new(0);
         Chart::around(Vec3::Z, 1.0).check(&format!("mixture with {name}"), cells, density, |random| {
-            let sample = mixture.sample(random, Transport::Radiance).filter(|sample| !sample.delta)?;
+            let numbers = Random::new(random.next_u64(), 0, 0);
+            let sample = mixture.sample(&numbers, Transport::Radiance).filter(|sample| !sample.delta)?;
             let (value, pdf) = (mixture.eval(sample.direction), mixture.pdf(sample.direction).0);
             if (pdf - sample.pdf).abs() > 1e-3 * pdf {
                 moved.fetch_add(1, Ordering::Relaxed);

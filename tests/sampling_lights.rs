@@ -301,7 +301,8 @@ fn s01_rays_start_evenly_all_over_the_lens() {
     let mut counts = vec![0.0; 64];
     for _ in 0..n {
         let [x, y] = random.next_2d();
-        let ray = camera.ray([x * size[0] as f32, y * size[1] as f32], camera.lens(&mut random));
+        let ray =
+            camera.ray([x * size[0] as f32, y * size[1] as f32], camera.lens(&Random::new(random.next_u64(), 0, 0)));
         let start = to_local.transform_point3(ray.origin) / radius;
         assert!(start.z.abs() < 1e-5 && start.length() < 1.0 + 1e-5, "{start}");
         let turn = (start.y.atan2(start.x) / std::f32::consts::TAU).rem_euclid(1.0);

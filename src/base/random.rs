@@ -11,10 +11,48 @@ use super::sobol;
 /// start of the sequence is a hash of the key, so distinct keys read distant parts of the period.
 #[derive(Debug, Clone)]
 pub struct Random {
+    /// Where the sequence starts.
+    key: u64,
+    /// The vertex of a path that numbers are drawn for, counted from 1; 0 is the camera.
+    vertex: u32,
     state: u64,
     /// Where there are any, the sequences that the next numbers come from.
     sequence: Option<Sequence>,
 }
+
+/// What a number of a path's vertex is for. What is drawn for one purpose, or not drawn, changes nothing for the others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Dimension(u32);
+
+impl Dimension {
+    /// At the camera: the place on the film.
+    pub const FILM: Self = Self(0);
+    /// At the camera: the place on the lens.
+    pub const LENS: Self = Self(1);
+    /// The segment that leads to the vertex: holes that it passes, where a medium scatters it.
+    pub const SEGMENT: Self = Self(0);
+    /// Whether light sampling is tried.
+    pub const CONNECTION: Self = Self(1);
+    /// The light that is sampled.
+    pub const LIGHT: Self = Self(2);
+    /// The point on it.
+    pub const LIGHT_POINT: Self = Self(3);
+    /// Whether the BSDF or the guide chooses the direction, and the guide's direction.
+    pub const GUIDE: Self = Self(4);
+    /// The lobe of a BSDF.
+    pub const LOBE: Self = Self(5);
+    /// Its direction.
+    pub const DIRECTION: Self = Self(6);
+    /// Whether the path goes on.
+    pub const ROULETTE: Self = Self(7);
+}
+
+/// Number of names that each vertex has.
+const PER_VERTEX: u32 = 8;
+/// Vertices whose first numbers are points of sequences. What is scattered more often is so mixed that sequences gain nothing.
+const VERTICES: u32 = 6;
+/// Counters from one dimension to the next: more than are ever drawn for one purpose.
+const APART: u32 = 24;
 
 /// A place in a family of sequences, one per dimension.
 #[derive(Debug, Clone, Copy)]
@@ -25,15 +63,9 @@ struct Sequence {
     index: u32,
     /// The next dimension.
     dimension: u32,
-    /// The first that this vertex may not use.
+    /// The first that may not be used: what takes more, like a ray through many holes, goes on with independent numbers.
     end: u32,
 }
-
-/// Dimensions that each vertex of a path has to itself: lights, the choice of a lobe and a direction, roulette. What takes more,
-/// like a ray through many holes, goes on with independent numbers.
-const PER_VERTEX: u32 = 12;
-/// Vertices with dimensions of their own. What is scattered more often is so mixed that sequences gain nothing.
-const VERTICES: u32 = 6;
 
 const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
 
@@ -48,7 +80,8 @@ impl Random {
     pub fn new(seed: u64, stream: u64, index: u64) -> Self {
         let a = mix(seed.wrapping_add(GOLDEN));
         let b = mix(a ^ stream.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(GOLDEN));
-        Self { state: mix(b ^ index.wrapping_mul(0xAF25_1AF3_B0F0_25B5).wrapping_add(GOLDEN)), sequence: None }
+        let key = mix(b ^ index.wrapping_mul(0xAF25_1AF3_B0F0_25B5).wrapping_add(GOLDEN));
+        Self { key, vertex: 0, state: key, sequence: None }
     }
 
     /// The same, with the first numbers from point `point` of the sequences of `family`.
@@ -57,24 +90,22 @@ impl Random {
         Self { sequence: Some(sequence), ..self }
     }
 
-    /// Begins vertex `depth` of a path, counted from 1: its numbers come from the same dimensions in every path, whatever the
-    /// vertices before took.
+    /// Begins vertex `depth` of a path, counted from 1.
     pub fn begin_vertex(&mut self, depth: u32) {
+        self.vertex = depth;
         if depth > VERTICES {
             self.sequence = None;
-        } else if let Some(sequence) = &mut self.sequence {
-            sequence.dimension = depth * PER_VERTEX;
-            sequence.end = sequence.dimension + PER_VERTEX;
         }
     }
 
-    /// Leaves out the next number.
+    /// The numbers of one dimension of this vertex: always the same, whatever else was drawn. The first is a point of a sequence where
+    /// there are any, the others are independent.
     #[inline(always)]
-    pub fn skip(&mut self) {
-        match self.sequence.as_mut().filter(|sequence| sequence.dimension < sequence.end) {
-            Some(sequence) => sequence.dimension += 1,
-            None => self.state = self.state.wrapping_add(GOLDEN),
-        }
+    pub fn at(&self, dimension: Dimension) -> Self {
+        let number = self.vertex * PER_VERTEX + dimension.0;
+        let sequence = self.sequence.map(|of| Sequence { dimension: number, end: number + 1, ..of });
+        let state = self.key.wrapping_add(GOLDEN.wrapping_mul(u64::from(number) << APART));
+        Self { state, sequence, ..*self }
     }
 
     /// The next point of the plane from the sequences, if there are any left. Where one coordinate is enough, the compiler leaves
@@ -126,6 +157,18 @@ impl Random {
         [(bits >> 40) as f32, ((bits >> 8) & 0xFF_FFFF) as f32].map(|x| x * (1.0 / 16_777_216.0))
     }
 
+    /// The same, as multiples of 2⁻⁵³.
+    #[inline(always)]
+    pub fn next_2d_f64(&mut self) -> [f64; 2] {
+        const STEP: f64 = 1.0 / 9_007_199_254_740_992.0;
+        if let Some(point) = self.next_point() {
+            let bits = self.next_u64();
+            let [low, high] = [bits >> 43, (bits >> 22) & 0x1F_FFFF];
+            return [(u64::from(point[0]) << 21 | low) as f64 * STEP, (u64::from(point[1]) << 21 | high) as f64 * STEP];
+        }
+        [0; 2].map(|_| (self.next_u64() >> 11) as f64 * STEP)
+    }
+
     /// Uniform integer in [0, n); `n` must not be 0.
     pub fn below(&mut self, n: u32) -> u32 {
         ((u128::from(self.next_u64()) * u128::from(n)) >> 64) as u32
@@ -169,16 +212,25 @@ mod tests {
         }
     }
 
+    /// Whatever was drawn before, a dimension of a vertex has its own numbers, which no other has.
     #[test]
-    fn skipping_leaves_one_out() {
+    fn dimensions_have_numbers_of_their_own() {
         let independent = Random::new(1, 2, 3);
         let within = independent.clone().in_sequences(4, 5);
         for start in [independent, within] {
-            let (mut drawn, mut skipped) = (start.clone(), start);
-            for _ in 0..2 * PER_VERTEX {
-                drawn.next_f64();
-                skipped.skip();
-                assert_eq!(drawn.next_2d(), skipped.next_2d());
+            let mut seen = std::collections::BTreeSet::new();
+            let (mut one, mut other) = (start.clone(), start);
+            for depth in 1..2 * VERTICES {
+                one.begin_vertex(depth);
+                other.begin_vertex(depth);
+                for dimension in (0..PER_VERTEX).map(Dimension) {
+                    let mut numbers = one.at(dimension);
+                    let first = numbers.next_2d();
+                    let drawn = [first, numbers.next_2d()].map(|u| u.map(f32::to_bits));
+                    assert_eq!(first, other.at(dimension).next_2d());
+                    assert!(drawn.into_iter().all(|u| seen.insert(u)));
+                    other.next_u64();
+                }
             }
         }
     }

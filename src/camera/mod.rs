@@ -2,7 +2,7 @@
 
 use glam::{Affine3A, Vec3};
 
-use crate::base::random::Random;
+use crate::base::random::{Dimension, Random};
 use crate::geometry::Ray;
 use crate::sampling::warp;
 
@@ -37,14 +37,10 @@ impl Camera {
         self.to_world.translation.into()
     }
 
-    /// The next numbers for the lens, left out by a pinhole.
+    /// The numbers for the lens, which a pinhole does not need.
     #[inline]
-    pub fn lens(&self, random: &mut Random) -> [f32; 2] {
-        if self.aperture_radius > 0.0 {
-            return random.next_2d();
-        }
-        random.skip();
-        [0.5; 2]
+    pub fn lens(&self, random: &Random) -> [f32; 2] {
+        if self.aperture_radius > 0.0 { random.at(Dimension::LENS).next_2d() } else { [0.5; 2] }
     }
 
     /// The ray through pixel coordinates `film` (columns from the left, rows from the top), and `lens` in [0, 1)².

@@ -64,7 +64,7 @@ impl EmissionGuide {
         let mut probability = self.choice.probability(light);
         let mut square = |which: usize| {
             let Some(trees) = self.squares.get(light) else { return [random.next_f64(), random.next_f64()] };
-            let (place, relative) = trees[which].sample_square(random);
+            let (place, relative) = trees[which].sample_square([random.next_f64(), random.next_f64()]);
             probability *= relative;
             place
         };

@@ -6,7 +6,6 @@ use super::cache::SpatialCache;
 use super::effort::Effort;
 use super::parallax::Parallax;
 use super::sampler::SamplingTree;
-use crate::base::random::Random;
 
 /// What is known of one voxel.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,9 +39,9 @@ impl VoxelGuide {
 }
 
 impl DirectionGuide<'_> {
-    /// Draws a direction; returns it with its density w.r.t. solid angle.
-    pub fn sample(&self, random: &mut Random) -> (Vec3, f32) {
-        let (direction, pdf) = self.tree.sample(random);
+    /// The direction that a point of the unit square stands for, and its density w.r.t. solid angle.
+    pub fn sample(&self, u: [f64; 2]) -> (Vec3, f32) {
+        let (direction, pdf) = self.tree.sample(u);
         let seen = self.parallax.from_centre(self.point, direction);
         (seen.direction, pdf * seen.density)
     }

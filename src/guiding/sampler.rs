@@ -11,12 +11,14 @@ use glam::Vec3;
 
 use super::distribution::Distribution;
 use super::topology::{MAX_LEVEL, MAX_NODES, NO_CHILD};
-use crate::base::random::Random;
 use crate::math::cylindrical;
 
 /// What the shares of a node's children add up to. Sixteen bits are enough: what is drawn and what a density says are the same
 /// rounded shares, so nothing is biased, and a child below 1/65536 of its parent is left to the uniform part.
 const WHOLE: f64 = 65536.0;
+
+/// What rounding must not carry a coordinate beyond, or it would select a child of no share.
+const BELOW_ONE: f64 = 1.0 - 1.0 / (1u64 << 36) as f64;
 
 /// An inner node: the probability of each child given the node, and where the children that are inner nodes themselves are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,9 +38,19 @@ impl Node {
         (self.inner >> k & 1 == 1).then_some((self.first + before) as usize)
     }
 
-    /// The child that a number below 2¹⁶ selects, without branches that nobody could predict.
-    fn choose(self, u: u16) -> usize {
-        self.begin.iter().map(|&b| usize::from(u >= b)).sum()
+    /// The child that a point of the unit square selects, and where in it the point lies (Clarberg 2005, *Wavelet Importance
+    /// Sampling*, §4): a row by the second coordinate, then a column by the first. Points that are spread evenly stay so.
+    fn choose(self, [u, v]: [f64; 2]) -> (usize, [f64; 2]) {
+        let [a, b, c] = self.begin.map(f64::from);
+        let row = v * WHOLE;
+        let lower = row >= b;
+        let (begin, middle, end) = if lower { (b, c, WHOLE) } else { (0.0, a, b) };
+        let v = if lower { (row - b) / (WHOLE - b) } else { row / b };
+        let column = begin + u * (end - begin);
+        let right = column >= middle;
+        let (begin, end) = if right { (middle, end) } else { (begin, middle) };
+        let u = (column - begin) / (end - begin);
+        (usize::from(right) + 2 * usize::from(lower), [u, v].map(|x| x.min(BELOW_ONE)))
     }
 
     /// Density of child `k` relative to that of the node.
@@ -131,35 +143,34 @@ impl SamplingTree {
         self.nodes.is_empty()
     }
 
-    /// Draws a direction; returns it with its density w.r.t. solid angle.
-    pub fn sample(&self, random: &mut Random) -> (Vec3, f32) {
-        let (place, relative) = self.sample_square(random);
+    /// The direction that a point of the unit square stands for, and its density w.r.t. solid angle.
+    pub fn sample(&self, u: [f64; 2]) -> (Vec3, f32) {
+        let (place, relative) = self.sample_square(u);
         // Rounding to three f32 may carry the direction over the edge of its cell; it was drawn with this cell's density.
         (cylindrical::to_direction(place), (relative / (4.0 * PI)) as f32)
     }
 
-    /// Draws a point of the unit square; returns it with its density.
-    pub fn sample_square(&self, random: &mut Random) -> ([f64; 2], f64) {
-        if random.next_f32() < self.uniform || self.nodes.is_empty() {
-            let place = [random.next_f64(), random.next_f64()];
+    /// The point of the unit square that an evenly distributed one becomes, and its density.
+    pub fn sample_square(&self, [u, v]: [f64; 2]) -> ([f64; 2], f64) {
+        let uniform = f64::from(self.uniform);
+        if u < uniform || self.nodes.is_empty() {
+            let place = [if self.nodes.is_empty() { u } else { u / uniform }, v];
             return (place, self.relative_at(cylindrical::cell_of(place)));
         }
+        let mut within = [((u - uniform) / (1.0 - uniform)).min(BELOW_ONE), v.min(BELOW_ONE)];
         let (mut x, mut y, mut level) = (0u32, 0u32, 0u32);
-        let (mut relative, mut bits) = (1.0, 0u64);
+        let mut relative = 1.0;
         let mut node = self.nodes[0];
         loop {
-            if level % 4 == 0 {
-                bits = random.next_u64();
-            }
-            let k = node.choose(bits as u16);
-            bits >>= 16;
+            let k;
+            (k, within) = node.choose(within);
             relative *= node.relative(k);
             (x, y, level) = (2 * x + (k as u32 & 1), 2 * y + (k as u32 >> 1), level + 1);
             let Some(child) = node.child(k) else { break };
             node = self.nodes[child];
         }
         let side = 1.0 / f64::from(1u32 << level);
-        let place = [(f64::from(x) + random.next_f64()) * side, (f64::from(y) + random.next_f64()) * side];
+        let place = [(f64::from(x) + within[0]) * side, (f64::from(y) + within[1]) * side];
         (place, self.mixed(relative))
     }
 

@@ -9,7 +9,7 @@ use std::marker::PhantomData;
 
 use glam::Vec3;
 
-use crate::base::random::Random;
+use crate::base::random::{Dimension, Random};
 use crate::geometry::Surface;
 use crate::guiding::field::{DirectionGuide, VoxelGuide};
 use crate::materials::bump::Shadowing;
@@ -153,23 +153,27 @@ impl<'a, E: Effects> Mixture<'a, E> {
 
     /// A direction in the world by the surface or medium alone, less what bumps hide, which may be all.
     #[inline(always)]
-    fn draw(&self, random: &mut Random, transport: Transport) -> Option<(Vec3, BsdfSample)> {
+    fn draw(&self, random: &Random, transport: Transport) -> Option<(Vec3, BsdfSample)> {
+        let direction = || random.at(Dimension::DIRECTION).next_2d();
         if !E::MATERIALS {
             let (diffuse, back) = self.plain?;
-            let sample = diffuse.sample(self.surface.uv, turned(self.wo, back), random.next_2d())?;
+            let sample = diffuse.sample(self.surface.uv, turned(self.wo, back), direction())?;
             let wi = turned(sample.wi, back);
             return Some((self.surface.frame.to_world(wi), BsdfSample { wi, delta: false, ..sample }));
         }
         let sample = match self.scattering {
-            Scattering::Material(material) => material.sample(self.surface.uv, self.wo, random, transport)?,
+            Scattering::Material(material) => {
+                let lobe = random.at(Dimension::LOBE).next_f32();
+                material.sample(self.surface.uv, self.wo, lobe, direction(), transport)?
+            }
             Scattering::Phase(phase) => {
-                let wi = phase.sample(random.next_2d());
+                let wi = phase.sample(direction());
                 BsdfSample { wi, weight: Vec3::ONE, pdf: phase.pdf(wi), delta: false }
             }
         };
-        let direction = self.surface.frame.to_world(sample.wi);
-        let unhidden = self.unhidden(direction, sample.wi);
-        Some((direction, BsdfSample { weight: sample.weight * unhidden, ..sample }))
+        let wi = self.surface.frame.to_world(sample.wi);
+        let unhidden = self.unhidden(wi, sample.wi);
+        Some((wi, BsdfSample { weight: sample.weight * unhidden, ..sample }))
     }
 
     /// Index on the side of the world direction `wi` over that on the side that light leaves to, see [`Material::eta`].
@@ -202,9 +206,9 @@ impl<'a, E: Effects> Mixture<'a, E> {
         (both, if both > 0.0 { bsdf / both } else { 1.0 })
     }
 
-    /// Draws a direction; none where the surface absorbs.
+    /// Draws a direction by the numbers of this vertex; none where the surface absorbs.
     #[inline(always)]
-    pub fn sample(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
+    pub fn sample(&self, random: &Random, transport: Transport) -> Option<MixtureSample> {
         let Some(guide) = self.guide else { return self.sample_bsdf(random, transport) };
         let alpha = guide.bsdf_fraction;
         // Whether it is a delta lobe is only known once the BSDF was sampled.
@@ -214,13 +218,15 @@ impl<'a, E: Effects> Mixture<'a, E> {
         {
             return self.delta(*direction, sample);
         }
-        if random.next_f32() < alpha {
+        // One point of the plane chooses the strategy and the guide's direction, so that directions are spread evenly.
+        let (alpha64, [u, v]) = (f64::from(alpha), random.at(Dimension::GUIDE).next_2d_f64());
+        if u < alpha64 {
             let drawn = if let Some(drawn) = drawn { drawn } else { self.draw(random, transport) };
             let (direction, sample) = drawn?;
             let pdfs = [sample.pdf, guide.pdf(direction)];
             return self.combine(direction, sample.weight * sample.pdf, sample.wi, pdfs, alpha);
         }
-        let (direction, guide_pdf) = guide.sample(random);
+        let (direction, guide_pdf) = guide.sample([(u - alpha64) / (1.0 - alpha64), v]);
         let local = self.surface.frame.to_local(direction);
         let value = self.value(direction, local);
         let bsdf_pdf = self.density(local);
@@ -252,7 +258,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
     }
 
     #[inline(always)]
-    fn sample_bsdf(&self, random: &mut Random, transport: Transport) -> Option<MixtureSample> {
+    fn sample_bsdf(&self, random: &Random, transport: Transport) -> Option<MixtureSample> {
         let (direction, sample) = self.draw(random, transport)?;
         if sample.delta {
             return self.delta(direction, &sample);

@@ -11,7 +11,7 @@ use super::mixture::{Mixture, MixtureSample, Scattering};
 use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
-use crate::base::random::Random;
+use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
 use crate::guiding::effort::{Effort, Roulette};
 use crate::guiding::field::GuideField;
@@ -231,7 +231,8 @@ impl PathTracer<'_> {
             random.begin_vertex(depth);
             let (surface, scattering, passed);
             if E::MEDIA || E::MATERIALS {
-                let (arrival, factor) = self.scene.advance::<E>(&ray, &mut medium, throughput, random);
+                let (arrival, factor) =
+                    self.scene.advance::<E>(&ray, &mut medium, throughput, &mut random.at(Dimension::SEGMENT));
                 let Some(found) = Scattering::at(self.scene, arrival) else {
                     return self.background(&ray, previous).dimmed(factor);
                 };
@@ -293,7 +294,7 @@ impl PathTracer<'_> {
                 squeezed *= mixture.eta(sample.direction).powi(2);
             }
             let survival = worth.unwrap_or_else(|| self.survival(depth, judged * squeezed));
-            let survives = survival >= 1.0 || random.next_f32() < survival;
+            let survives = survival >= 1.0 || random.at(Dimension::ROULETTE).next_f32() < survival;
             (vertex.weight, vertex.survival) = (sample.weight, survival);
             details.step = (survives || !sample.delta).then_some(Step { sample, survival });
             scratch.push::<RECORDS>(vertex, details);
@@ -359,15 +360,15 @@ impl PathTracer<'_> {
         mixture: &Mixture<E>,
         medium: Option<MediumId>,
         probability: f32,
-        random: &mut Random,
+        random: &Random,
         count: &mut RayCount,
     ) -> Direct {
         let nothing = Direct::default();
-        if E::GUIDING && probability < 1.0 && random.next_f32() >= probability {
+        if E::GUIDING && probability < 1.0 && random.at(Dimension::CONNECTION).next_f32() >= probability {
             return nothing;
         }
         let lights = &self.scene.lights;
-        let (choice, u) = (lights.choice(random), random.next_2d());
+        let (choice, u) = (lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
         let Some(light) = lights.sample(surface.point, choice, u) else { return nothing };
         let value = mixture.eval(light.wi);
         if value == Vec3::ZERO {

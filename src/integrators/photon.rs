@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::mixture::{Mixture, Scattering};
 use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
-use crate::base::random::Random;
+use crate::base::random::{Dimension, Random};
 use crate::geometry::Surface;
 use crate::guiding::effort::Roulette;
 use crate::guiding::emission::{EmissionGuide, Start};
@@ -96,7 +96,9 @@ impl PhotonTracer<'_> {
         // A light path of n segments continues to the camera with at least one more: n + 1 vertices after the light.
         for depth in 1..self.settings.max_depth {
             count.rays += 1;
-            let (arrival, passed) = self.scene.advance::<E>(&ray, &mut medium, photon.power, random);
+            random.begin_vertex(depth);
+            let (arrival, passed) =
+                self.scene.advance::<E>(&ray, &mut medium, photon.power, &mut random.at(Dimension::SEGMENT));
             photon.power *= passed;
             if !photon.is_finite(count) {
                 return;
@@ -116,7 +118,7 @@ impl PhotonTracer<'_> {
                 return;
             }
             let survival = self.survival(depth, channel_mean(photon.power) / begun);
-            if !(survival > 0.0 && random.next_f32() < survival) {
+            if !(survival > 0.0 && random.at(Dimension::ROULETTE).next_f32() < survival) {
                 return;
             }
             photon.power /= survival;

@@ -10,7 +10,7 @@ pub mod tree;
 
 use glam::Vec3;
 
-use crate::base::random::Random;
+use crate::base::random::{Dimension, Random};
 use crate::geometry::Ray;
 use crate::math::channel_mean;
 use crate::sampling::discrete::Discrete;
@@ -218,14 +218,10 @@ impl LightSet {
         }
     }
 
-    /// The next number for [`LightSet::choose`]. It is left out where there is nothing to choose.
+    /// The number for [`LightSet::choose`], which is not needed where there is nothing to choose.
     #[inline(always)]
-    pub fn choice(&self, random: &mut Random) -> f64 {
-        if self.lights.len() > 1 {
-            return random.next_f64();
-        }
-        random.skip();
-        0.0
+    pub fn choice(&self, random: &Random) -> f64 {
+        if self.lights.len() > 1 { random.at(Dimension::LIGHT).next_f64() } else { 0.0 }
     }
 
     /// Chooses a light for `point`; returns its index and the probability of the choice.

@@ -4,7 +4,6 @@ use glam::{Vec2, Vec3};
 
 use super::texture::Texture;
 use super::{BsdfSample, Material, Transport};
-use crate::base::random::Random;
 
 /// (1 − w)·first + w·second.
 #[derive(Debug, Clone)]
@@ -40,11 +39,13 @@ impl Blend {
         self.parts[0].delta_probability(uv, wo) * a + self.parts[1].delta_probability(uv, wo) * b
     }
 
-    /// Samples one of the two, chosen by weight.
-    pub fn sample(&self, uv: Vec2, wo: Vec3, random: &mut Random, transport: Transport) -> Option<BsdfSample> {
+    /// Samples one of the two, chosen by weight; what is left of the number that chose it, chooses its lobe.
+    pub fn sample(&self, uv: Vec2, wo: Vec3, lobe: f32, u: [f32; 2], transport: Transport) -> Option<BsdfSample> {
         let weights = self.weights(uv);
-        let chosen = usize::from(random.next_f32() < weights[1]);
-        let sample = self.parts[chosen].sample(uv, wo, random, transport)?;
+        let (chosen, left) =
+            if lobe < weights[1] { (1, lobe / weights[1]) } else { (0, (lobe - weights[1]) / weights[0]) };
+        let left = left.min(1.0 - f32::EPSILON / 2.0);
+        let sample = self.parts[chosen].sample(uv, wo, left, u, transport)?;
         if sample.delta {
             return Some(BsdfSample { pdf: sample.pdf * weights[chosen], ..sample });
         }

@@ -35,8 +35,6 @@ use rough_dielectric::RoughDielectric;
 use rough_diffuse::RoughDiffuse;
 use texture::Texture;
 
-use crate::base::random::Random;
-
 /// What a path carries: radiance from the lights to the camera, or importance the other way (photons). Refraction scales
 /// only radiance (Veach 1997, §5.2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -201,9 +199,9 @@ impl Material {
         }
     }
 
-    /// Samples `wi`; none where the surface absorbs.
-    pub fn sample(&self, uv: Vec2, wo: Vec3, random: &mut Random, transport: Transport) -> Option<BsdfSample> {
-        let u = random.next_2d();
+    /// Samples `wi` by numbers in [0, 1), the first for the lobe where there are several, the others for its direction; none where the
+    /// surface absorbs.
+    pub fn sample(&self, uv: Vec2, wo: Vec3, lobe: f32, u: [f32; 2], transport: Transport) -> Option<BsdfSample> {
         let flip = self.two_sided && wo.z < 0.0;
         let wo = if flip { -wo } else { wo };
         let mut sample = match &self.kind {
@@ -213,11 +211,11 @@ impl Material {
             Kind::Conductor(m) => m.sample(uv, wo),
             Kind::Dielectric(m) => m.sample(wo, u[0], transport),
             Kind::ThinDielectric(m) => m.sample(wo, u[0]),
-            Kind::RoughDielectric(m) => m.sample(wo, u, random.next_f32(), transport),
+            Kind::RoughDielectric(m) => m.sample(wo, u, lobe, transport),
             Kind::Plastic(m) => m.sample(uv, wo, u),
             Kind::Null => Some(BsdfSample { wi: -wo, weight: Vec3::ONE, pdf: 1.0, delta: true }),
-            Kind::Principled(m) => m.sample(uv, wo, u, random.next_f32(), transport),
-            Kind::Blend(m) => m.sample(uv, wo, random, transport),
+            Kind::Principled(m) => m.sample(uv, wo, u, lobe, transport),
+            Kind::Blend(m) => m.sample(uv, wo, lobe, u, transport),
         }?;
         if let Some(tint) = &self.tint {
             sample.weight *= tint.factor(uv, wo, sample.wi);

@@ -11,6 +11,7 @@ use super::Outcome;
 use super::pass::{CameraSample, camera_ray};
 use super::settings::RenderSettings;
 use crate::base::Result;
+use crate::base::random::Dimension;
 use crate::film::{Channel, PixelFilter};
 use crate::guiding::field::GuideField;
 use crate::scene::Scene;
@@ -153,7 +154,8 @@ fn seen(
 ) -> Option<Features> {
     let sample = CameraSample { place, number: sample, sequences_from: Some(0) };
     let (ray, mut random) = camera_ray(scene, settings, filter, sample);
-    let surface = scene.trace(&ray, &mut random)?;
+    random.begin_vertex(1);
+    let surface = scene.trace(&ray, &mut random.at(Dimension::SEGMENT))?;
     let material = scene.material(&surface);
     let normal = surface.normal_towards(-ray.direction);
     let guide = field.filter(|_| !material.is_delta()).and_then(|field| field.at(surface.point, normal));

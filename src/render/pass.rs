@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::learning::Learning;
 use super::settings::RenderSettings;
 use super::statistics::{Dropped, Statistics};
-use crate::base::random::Random;
+use crate::base::random::{Dimension, Random};
 use crate::film::{Pass, PixelFilter, Window};
 use crate::geometry::Ray;
 use crate::guiding::emission::{EmissionGuide, Start};
@@ -308,10 +308,10 @@ pub(super) fn camera_ray(
 ) -> (Ray, Random) {
     let [column, row] = sample.place;
     let pixel = u64::from(row) * u64::from(scene.size[0]) + u64::from(column);
-    let mut random = sample.random(settings.seed, pixel);
-    let [dx, dy] = filter.sample(random.next_2d());
+    let random = sample.random(settings.seed, pixel);
+    let [dx, dy] = filter.sample(random.at(Dimension::FILM).next_2d());
     let film = [column as f32 + dx, row as f32 + dy];
-    (scene.camera.ray(film, scene.camera.lens(&mut random)), random)
+    (scene.camera.ray(film, scene.camera.lens(&random)), random)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::Scene;
-use crate::base::random::Random;
+use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
 use crate::materials::Transport;
 
@@ -57,9 +57,9 @@ impl Scene {
         let mut rays = Vec::new();
         for path in block * BLOCK..(block + 1) * BLOCK {
             let mut random = Random::new(seed, 0, path);
-            let [x, y] = random.next_2d();
+            let [x, y] = random.at(Dimension::FILM).next_2d();
             let film = [x * self.size[0] as f32, y * self.size[1] as f32];
-            let ray = self.camera.ray(film, self.camera.lens(&mut random));
+            let ray = self.camera.ray(film, self.camera.lens(&random));
             self.shadows_of_path(ray, max_depth, &mut random, &mut rays);
         }
         rays
@@ -69,17 +69,20 @@ impl Scene {
         let mut throughput = 1.0;
         // The last vertex is not connected to lights.
         for depth in 1..max_depth.min(MOST_SEGMENTS) {
-            let Some(surface) = self.trace(&ray, random) else { return };
+            random.begin_vertex(depth);
+            let Some(surface) = self.trace(&ray, &mut random.at(Dimension::SEGMENT)) else { return };
             let material = self.material(&surface);
             let wo = surface.frame.to_local(-ray.direction);
             if !material.is_delta() {
                 rays.extend(self.shadow_of(&surface, wo, random));
             }
-            let Some(sample) = material.sample(surface.uv, wo, random, Transport::Radiance) else { return };
+            let lobe = random.at(Dimension::LOBE).next_f32();
+            let u = random.at(Dimension::DIRECTION).next_2d();
+            let Some(sample) = material.sample(surface.uv, wo, lobe, u, Transport::Radiance) else { return };
             throughput *= sample.weight.max_element();
             if depth >= SURE_VERTICES {
                 let survival = throughput.clamp(0.05, 1.0);
-                if random.next_f32() >= survival {
+                if random.at(Dimension::ROULETTE).next_f32() >= survival {
                     return;
                 }
                 throughput /= survival;
@@ -89,8 +92,8 @@ impl Scene {
     }
 
     /// The shadow ray of a light that is chosen and sampled as the path tracer does, if there is one to be asked about.
-    fn shadow_of(&self, surface: &Surface, wo: Vec3, random: &mut Random) -> Option<(Ray, f32)> {
-        let (choice, u) = (self.lights.choice(random), random.next_2d());
+    fn shadow_of(&self, surface: &Surface, wo: Vec3, random: &Random) -> Option<(Ray, f32)> {
+        let (choice, u) = (self.lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
         let light = self.lights.sample(surface.point, choice, u)?;
         let value = self.material(surface).eval(surface.uv, wo, surface.frame.to_local(light.wi));
         let (ray, t_max) = surface.towards(light.wi, light.distance);

@@ -42,7 +42,7 @@ use std::process::{Command, ExitCode};
 use clap::{Parser, ValueEnum};
 use glam::Vec3;
 
-use base::random::Random;
+use base::random::{Dimension, Random};
 use film::PixelFilter;
 use geometry::Ray;
 use guiding::effort::Roulette;
@@ -172,8 +172,8 @@ fn samples(scene: &Scene, tracer: Tracer, per_pixel: u64) -> Vec<Vec3> {
 /// The camera ray of a sample and its random numbers, as `render` makes them for the samples of one pass.
 fn camera_ray(scene: &Scene, pixel: u64, sample: u64) -> (Ray, Random) {
     let family = Random::new(0x5EED, pixel, sample % 2);
-    let mut random = Random::new(0, pixel, sample).in_sequences(family.key(), (sample / 2) as u32);
-    let [dx, dy] = PixelFilter::default().sample(random.next_2d());
+    let random = Random::new(0, pixel, sample).in_sequences(family.key(), (sample / 2) as u32);
+    let [dx, dy] = PixelFilter::default().sample(random.at(Dimension::FILM).next_2d());
     let film = [(pixel % u64::from(SIZE)) as f32 + dx, (pixel / u64::from(SIZE)) as f32 + dy];
-    (scene.camera.ray(film, scene.camera.lens(&mut random)), random)
+    (scene.camera.ray(film, scene.camera.lens(&random)), random)
 }

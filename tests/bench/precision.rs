@@ -204,7 +204,7 @@ fn densities() {
     }
     let tree = SamplingTree::new(&branch(MAX_LEVEL), 0.1, usize::MAX);
     let mut random = Random::new(4, 0, 0);
-    let directions: Vec<Vec3> = (0..1 << 16).map(|_| tree.sample(&mut random).0).collect();
+    let directions: Vec<Vec3> = (0..1 << 16).map(|_| tree.sample(random.next_2d_f64()).0).collect();
     let per = 1e9 / directions.len() as f64;
     let ours = median(|| {
         black_box(directions.iter().map(|&d| tree.pdf(d)).sum::<f32>());

@@ -425,7 +425,7 @@ fn guide(folder: &Path) -> Reader {
         for i in 0..64 {
             let point = Vec3::new(random.range(-5.0, 5.0), random.range(-5.0, 5.0), random.range(-5.0, 5.0));
             let Some(directions) = field.at(point, Vec3::Y).and_then(|voxel| voxel.directions(point)) else { continue };
-            let (direction, pdf) = directions.sample(&mut random);
+            let (direction, pdf) = directions.sample(random.next_2d_f64());
             let again = directions.pdf(direction);
             let sound = direction.is_finite() && pdf.is_finite() && pdf >= 0.0 && again.is_finite() && again >= 0.0;
             assert!(sound, "sample {i}: {direction} with density {pdf}, then {again}");

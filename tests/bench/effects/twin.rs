@@ -8,7 +8,7 @@ use glam::Vec3;
 
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
-use crate::base::random::Random;
+use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
 use crate::lights::Light;
 use crate::lights::area::AreaLight;
@@ -111,7 +111,7 @@ impl<'a> Twin<'a> {
             };
             throughput *= sample.weight;
             let survival = if depth < ROULETTE_START { 1.0 } else { throughput.max_element().clamp(0.05, 0.95) };
-            let survives = survival >= 1.0 || random.next_f32() < survival;
+            let survives = survival >= 1.0 || random.at(Dimension::ROULETTE).next_f32() < survival;
             if !survives || throughput == Vec3::ZERO {
                 incoming = emitted + direct;
                 break;
@@ -140,8 +140,8 @@ impl<'a> Twin<'a> {
 
     /// Next event estimation: f·L·w / p for one sampled light.
     #[inline(always)]
-    fn direct(&self, surface: &Surface, material: &Plain, wo: Vec3, random: &mut Random) -> Vec3 {
-        let (choice, u) = (self.scene.lights.choice(random), random.next_2d());
+    fn direct(&self, surface: &Surface, material: &Plain, wo: Vec3, random: &Random) -> Vec3 {
+        let (choice, u) = (self.scene.lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
         let Some((index, probability)) = self.scene.lights.choose(surface.point, choice) else { return Vec3::ZERO };
         let Some(light) = self.lights[index].sample(surface.point, u) else { return Vec3::ZERO };
         let (wo, wi) = material.to_front(wo, surface.frame.to_local(light.wi));
@@ -165,8 +165,8 @@ impl Plain {
     }
 
     #[inline(always)]
-    fn sample(&self, surface: &Surface, wo: Vec3, random: &mut Random) -> Option<BsdfSample> {
-        let u = random.next_2d();
+    fn sample(&self, surface: &Surface, wo: Vec3, random: &Random) -> Option<BsdfSample> {
+        let u = random.at(Dimension::DIRECTION).next_2d();
         let flip = self.two_sided && wo.z < 0.0;
         let sample = self.diffuse.sample(surface.uv, if flip { -wo } else { wo }, u)?;
         Some(if flip { BsdfSample { wi: -sample.wi, ..sample } } else { sample })
