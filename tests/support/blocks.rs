@@ -3,7 +3,7 @@
 use fanal::materials::image::Image;
 use fanal::math::channel_mean;
 
-use crate::statistics::Summary;
+use super::statistics::Summary;
 
 /// Side of a block in pixels.
 pub const BLOCK: usize = 16;

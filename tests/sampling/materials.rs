@@ -2,12 +2,8 @@
 //!
 //! All χ² tests of tests/sampling*.rs together raise a false alarm with probability 0.01 for a new seed (Šidák).
 
-#[path = "support/chart.rs"]
-#[allow(dead_code, reason = "shared with the tests of other samplers")]
-mod chart;
-#[path = "support/statistics.rs"]
-#[allow(dead_code, reason = "shared with the tests of other samplers")]
-mod statistics;
+use crate::support::chart;
+use crate::support::statistics;
 
 use chart::Chart;
 use fanal::base::random::Random;

@@ -1,8 +1,6 @@
 //! Scene readers: one scene in both formats, hostile input, and the shared scenes where they are at hand.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with the tests of light transport")]
-mod scenes;
+use crate::support::scenes;
 
 use std::path::Path;
 
@@ -15,9 +13,7 @@ use fanal::scene::file::{
 use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking, read_exr_channels, read_image, resolve, save};
 use glam::{Mat4, Vec3};
 
-#[path = "support/files.rs"]
-#[allow(dead_code, reason = "shared with tests of damaged files")]
-mod files;
+use crate::support::files;
 
 use files::{JSON, MATERIALS, XML, folder, load_xml, refused, scene_with, xml_with};
 

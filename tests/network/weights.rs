@@ -1,8 +1,6 @@
 //! Model files: what is written is read, and everything else is a typed error that names the place.
 
-#[path = "support/network.rs"]
-#[allow(dead_code, reason = "shared with the tests of the backends")]
-mod support;
+use crate::support::network as support;
 
 use std::path::Path;
 

@@ -1,8 +1,6 @@
 //! Photon power, and direct light against closed forms.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod scenes;
+use crate::support::scenes;
 
 use std::f32::consts::PI;
 use std::sync::Arc;

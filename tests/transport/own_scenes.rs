@@ -1,4 +1,4 @@
-//! The committed scenes are what the code in `generate::own` makes. `FANAL_WRITE_SCENES=1 cargo test --test scenes` writes
+//! The committed scenes are what the code in `generate::own` makes. `FANAL_WRITE_SCENES=1 cargo test --test transport own_scenes` writes
 //! them again after a change of that code.
 
 use std::path::Path;

@@ -4,9 +4,7 @@
 //! fall into: a for arithmetic, s for statistics. `tests/mutants/run` takes the remedy of each a case out of the program and
 //! expects its test to fail. What needs whole scenes is in hard_scenes.rs.
 
-#[path = "support/records.rs"]
-#[allow(dead_code, reason = "shared with other tests of learning")]
-mod records;
+use crate::support::records;
 
 use std::f64::consts::PI;
 

@@ -1,12 +1,9 @@
 //! A render that is interrupted at any moment and gone on with is the render that was never interrupted, bit for bit.
 //!
-//! The number of kills of the real program can be raised: `FANAL_KILLS=50 cargo test --release --test f01_resume -- --nocapture`.
+//! The number of kills of the real program can be raised: `FANAL_KILLS=50 cargo test --release --test program resume -- --nocapture`.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod scenes;
-#[path = "support/stop.rs"]
-mod stop;
+use crate::support::scenes;
+use crate::support::stop;
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};

@@ -1,8 +1,6 @@
 //! A picture is a function of its settings: the number of threads does not enter, the seed does.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod scenes;
+use crate::support::scenes;
 
 use std::sync::atomic::AtomicBool;
 

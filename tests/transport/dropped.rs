@@ -1,8 +1,6 @@
 //! Samples that are not finite: left out, counted by cause, named so that they can be traced again, and never learned from.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod scenes;
+use crate::support::scenes;
 
 use std::collections::BTreeMap;
 use std::path::Path;

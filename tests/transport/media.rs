@@ -1,11 +1,7 @@
 //! Participating media against what can be calculated, and every guide against the same.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod scenes;
-#[path = "support/statistics.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod statistics;
+use crate::support::scenes;
+use crate::support::statistics;
 
 use fanal::generate::build::{Builder, diffuse};
 use fanal::materials::phase::HenyeyGreenstein;

@@ -1,14 +1,9 @@
 //! Every effect of the plan, switched on and off on every scene: what is on without need changes nothing, what only seeks light
 //! changes no mean, and what is part of the scene is gone as if the scene file had never had it.
 
-#[path = "support/blocks.rs"]
-mod blocks;
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod scenes;
-#[path = "support/statistics.rs"]
-#[allow(dead_code, reason = "shared with other tests")]
-mod statistics;
+use crate::support::blocks;
+use crate::support::scenes;
+use crate::support::statistics;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;

@@ -1,8 +1,6 @@
 //! Size, place, brightness and memory must not matter.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod scenes;
+use crate::support::scenes;
 
 use std::sync::atomic::AtomicBool;
 

@@ -1,7 +1,6 @@
 //! The embedded backend against a plain interpreter in f64, and its answers to hostile weights and inputs.
 
-#[path = "support/network.rs"]
-mod support;
+use crate::support::network as support;
 
 use std::collections::HashMap;
 use std::path::Path;

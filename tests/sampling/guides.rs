@@ -1,14 +1,8 @@
 //! Guides: quadtrees and their mixture with a material are sampled with the stated densities. False alarms: see sampling.rs.
 
-#[path = "support/chart.rs"]
-#[allow(dead_code, reason = "shared with the tests of other samplers")]
-mod chart;
-#[path = "support/records.rs"]
-#[allow(dead_code, reason = "shared with other tests of learning")]
-mod records;
-#[path = "support/statistics.rs"]
-#[allow(dead_code, reason = "shared with the tests of other samplers")]
-mod statistics;
+use crate::support::chart;
+use crate::support::records;
+use crate::support::statistics;
 
 use std::sync::atomic::{AtomicU32, Ordering};
 

@@ -1,7 +1,6 @@
 //! `fanal compare`: every number on the page follows from the pictures, an interrupted comparison goes on, the page works.
 
-#[path = "support/stop.rs"]
-mod stop;
+use crate::support::stop;
 
 use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
@@ -18,7 +17,7 @@ use fanal::scene::readers::{load, read_image};
 use glam::Vec3;
 use stop::StopAfter;
 
-const DRIVER: &str = include_str!("support/drive-page.js");
+const DRIVER: &str = include_str!("../support/drive-page.js");
 
 /// Compares on a small picture of the diffuse box, 2 budgets and `seeds` seeds.
 fn compare(folder: &Path, seeds: &str) -> Output {

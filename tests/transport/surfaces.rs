@@ -1,11 +1,7 @@
 //! Furnaces, whose radiance is known, and the agreement of the modes with each other, which share no sampling decision.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod scenes;
-#[path = "support/statistics.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod statistics;
+use crate::support::scenes;
+use crate::support::statistics;
 
 use std::sync::atomic::AtomicBool;
 

@@ -1,8 +1,6 @@
 //! What pixels show: the light around them by the filter, the window that is asked for, the layers beside the picture.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with tests of light transport")]
-mod scenes;
+use crate::support::scenes;
 
 use std::f64::consts::PI;
 

@@ -1,9 +1,7 @@
 //! Hard cases that show best in a picture or along a ray: sizes and places, rays that leave a surface, broken shapes, suns,
 //! materials and media at their limits, roulette. What the names mean is said in hard_trees.rs.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod scenes;
+use crate::support::scenes;
 
 use std::path::Path;
 use std::process::Command;

@@ -2,9 +2,7 @@
 //! the program arranges them: relative errors of at most 1e-4 over 100,000 inputs and more of each, most of them at the edge of
 //! what can come up. Where a larger error is inherent, its bound is stated beside the test.
 
-#[path = "support/twins.rs"]
-#[allow(dead_code, reason = "shared with the other twins")]
-mod twins;
+use crate::support::twins;
 
 use std::f64::consts::PI;
 

@@ -2,12 +2,8 @@
 //! the library (`ORT_DYLIB_PATH`, which `tests/fetch-onnxruntime.sh` prints) these tests say so and check nothing.
 #![cfg(feature = "onnx")]
 
-#[path = "support/network.rs"]
-#[allow(dead_code, reason = "shared with the tests of the backends")]
-mod network;
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with the tests of light transport")]
-mod scenes;
+use crate::support::network;
+use crate::support::scenes;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,12 +1,8 @@
 //! Lights: directions sampled towards them follow the stated densities w.r.t. solid angle, and carry the stated radiance; and where
 //! rays start on the lens. False alarms: see sampling.rs.
 
-#[path = "support/chart.rs"]
-#[allow(dead_code, reason = "shared with the tests of other samplers")]
-mod chart;
-#[path = "support/statistics.rs"]
-#[allow(dead_code, reason = "shared with the tests of other samplers")]
-mod statistics;
+use crate::support::chart;
+use crate::support::statistics;
 
 use std::sync::Arc;
 

@@ -1,8 +1,6 @@
 //! What Mitsuba's files of different ages and habits mean: both dialects, instances, colours, pictures, approximations.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with the tests of light transport")]
-mod scenes;
+use crate::support::scenes;
 
 use std::path::Path;
 

@@ -1,11 +1,7 @@
 //! Renders that end by what they have seen: the picture must not know.
 
-#[path = "support/scenes.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod scenes;
-#[path = "support/statistics.rs"]
-#[allow(dead_code, reason = "shared with other tests of light transport")]
-mod statistics;
+use crate::support::scenes;
+use crate::support::statistics;
 
 use std::sync::atomic::AtomicBool;
 

@@ -1,0 +1,11 @@
+//! The program as users have it, and the order of its modules.
+
+#[path = "../support/mod.rs"]
+#[allow(dead_code, reason = "no unit of tests needs all of it")]
+mod support;
+
+mod cli;
+mod module_order;
+mod report;
+mod resume;
+mod signals;

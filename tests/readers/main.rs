@@ -1,0 +1,9 @@
+//! Scenes in every format.
+
+#[path = "../support/mod.rs"]
+#[allow(dead_code, reason = "no unit of tests needs all of it")]
+mod support;
+
+mod daylight;
+mod dialects;
+mod formats;

@@ -1,0 +1,17 @@
+//! Light that is transported: means, hard scenes, effects, stopping, the picture.
+
+#[path = "../support/mod.rs"]
+#[allow(dead_code, reason = "no unit of tests needs all of it")]
+mod support;
+
+mod determinism;
+mod dropped;
+mod effects;
+mod film;
+mod hard_scenes;
+mod lights;
+mod media;
+mod own_scenes;
+mod robustness;
+mod stopping;
+mod surfaces;
