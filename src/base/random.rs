@@ -120,7 +120,7 @@ impl Random {
 
     /// A number that tells this generator's key apart from others.
     pub fn key(&self) -> u64 {
-        self.state
+        self.key
     }
 
     /// The next 64 uniform bits, independent of all others.

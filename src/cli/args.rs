@@ -8,9 +8,9 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec3;
 
 use crate::film::Window;
-use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::leaves::{DirectLight, Target};
+use crate::integrators::Roulette;
 use crate::render::{Aov, GuideMode, Reconstruction, Sample, SampleKinds};
 use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;

@@ -192,7 +192,6 @@ impl Run<'_> {
             window: Window::whole(self.scene.size),
             filter: &PixelFilter::default(),
             field: Some(&field),
-            target: self.learning.learner.target(),
             picture: picture.as_deref(),
             first_sample: self.first_sample,
             sequences_from: None,

@@ -22,28 +22,6 @@ const WINDOW: f64 = 2.0 / 9.0;
 /// seventh more.
 const HITS: f64 = 0.2;
 
-/// How roulette decides.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Roulette {
-    /// Paths end only where nothing is left of them.
-    Off,
-    /// By the path's throughput.
-    Throughput,
-    /// By what is expected of the path, light sampling too; by throughput where nothing is known.
-    Window,
-}
-
-impl Roulette {
-    /// Its name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Off => "off",
-            Self::Throughput => "throughput",
-            Self::Window => "window",
-        }
-    }
-}
-
 /// What a voxel's vertices send back along their paths: mean radiance by light sampling, and by going on.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Returns([Moments<1>; 2]);

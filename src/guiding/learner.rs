@@ -248,7 +248,7 @@ impl Learner {
             let bounds = cache.bounds(v as VoxelId);
             let own_paths = paths_by_voxel.group(v).iter().map(|&i| &paths[i as usize]);
             let own_photons = photons_by_voxel.group(v).iter().map(|&i| &photons[i as usize]);
-            own_paths.clone().for_each(|record| voxel.judge(record, settings.fraction, settings.direct));
+            own_paths.clone().for_each(|record| voxel.judge(record, settings.fraction));
             let deposited = own_paths.filter(|record| deposit_paths && record.is_directed());
             voxel.deposit(&bounds, deposited, own_photons, settings, kept);
         });

@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 
-use super::leaves::{BSDF, COUNTS, Layout, Leaves, SQUARES, Target, VALUES};
+use super::leaves::{BSDF, COUNTS, DirectLight, Layout, Leaves, SQUARES, Target, VALUES};
 use super::parallax::Parallax;
 use super::record::{PathRecord, PhotonRecord};
 use super::topology::{MAX_NODES, NO_CHILD, Topology};
@@ -18,6 +18,8 @@ use crate::math::cylindrical;
 pub struct Place {
     /// How directions are carried to its centre.
     pub parallax: Parallax,
+    /// What of light that light sampling finds too.
+    pub direct: DirectLight,
     /// Whether directions are moved at random within the size of their leaf (Müller 2019 §10.2).
     pub filtered: bool,
 }
@@ -117,11 +119,12 @@ impl Quadtree {
 
     /// Adds path samples that fell into the voxel, in the order given.
     pub fn deposit_paths<'a>(&mut self, place: &Place, records: impl Iterator<Item = &'a PathRecord> + Clone) {
-        let squares = self.target != Target::Radiance;
-        let inverse = self.grow_scale(0, records.clone().map(|r| r.value));
+        let (target, direct) = (self.target, place.direct);
+        let squares = target != Target::Radiance;
+        let inverse = self.grow_scale(0, records.clone().map(|r| r.value(target, direct)));
         for r in records {
             let seen = place.parallax.to_centre(r.point, r.direction);
-            let value = r.value * inverse;
+            let value = r.value(target, direct) * inverse;
             // A density g over ω' is g·dω'/dω over ω: (g·dω'/dω)²·dω = g²·dω'/dω·dω'.
             let value = if squares { value * value / seen.density } else { value };
             let direction = if place.filtered { self.moved(seen.direction) } else { seen.direction };

@@ -2,30 +2,35 @@
 
 use glam::Vec3;
 
-use super::leaves::DirectLight;
+use super::leaves::{DirectLight, Target};
 use super::moments::Estimate;
 
-/// A camera path's sampled direction at one vertex, with what the rest of the path brought back along it.
+/// A camera path's sampled direction at one vertex, with what the rest of the path brought back along it. It says what happened;
+/// what of that is learned is for [`PathRecord::value`] to say.
+///
+/// Light that the path ran into at its next vertex stands apart where light sampling could have found it too: it is weighted as it
+/// enters the picture, by the balance heuristic.
 #[derive(Debug, Clone, Copy)]
 pub struct PathRecord {
     /// World position of the vertex.
     pub point: Vec3,
+    /// Shading normal at the vertex, on the side that the path arrived at; zero in a medium.
+    pub normal: Vec3,
     /// Unit direction that was sampled, away from the vertex; zero where none was that could bring anything.
     pub direction: Vec3,
-    /// Channel mean of f·|cos θ|·L̂ / p, radiance. Here L̂ holds light that was hit as it enters the picture, weighted against
-    /// light sampling: whoever chooses between BSDF and guide by what trees learn alone, light that is hit left out, gives up
-    /// the BSDF samples that a glossy surface needs for a large lamp.
-    pub estimate: f32,
+    /// Distance to the next vertex; infinite for the background.
+    pub distance: f32,
     /// Channel mean of the path's throughput before the vertex over the value of its pixel: what the picture sees of the
     /// estimate.
     pub importance: f32,
-    /// V for the radiance target, √V for second moments (see [`Target`](super::leaves::Target)): as a root, so that squares
-    /// cannot overflow.
-    pub value: f32,
+    /// Density of the direction w.r.t. solid angle times the probability that the path went on.
+    pub pdf: f32,
     /// Part of the mixture density that is the BSDF's, in [0, 1].
     pub bsdf_share: f32,
-    /// Part of `estimate` that is emission which light sampling could have found too.
-    pub emitted: f32,
+    /// Channel means of the radiance that arrived: emission that light sampling could have found too, weighted, and all other.
+    pub radiance: Kinds,
+    /// Channel means of f·|cos θ|·L / p of both, radiance.
+    pub brought: Kinds,
     /// Density of light sampling over that of the mixture in the sampled direction, in [0, ∞].
     pub light_ratio: f32,
     /// Channel mean of the radiance that light sampling sent back from the vertex along the path.
@@ -34,10 +39,33 @@ pub struct PathRecord {
     pub direct_share: f32,
     /// `light_ratio` in that direction; ∞ for a light that only light sampling finds.
     pub direct_ratio: f32,
-    /// Distance to the next vertex; infinite for the background.
-    pub distance: f32,
-    /// Shading normal at the vertex, on the side that the path arrived at.
-    pub normal: Vec3,
+}
+
+/// Light that arrived, by who could have found it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Kinds {
+    /// Emission that light sampling could have found too, weighted against it.
+    pub emitted: f32,
+    /// All other.
+    pub onward: f32,
+}
+
+impl Kinds {
+    /// Both, as they enter the picture.
+    pub fn sum(self) -> f32 {
+        self.emitted + self.onward
+    }
+
+    /// What of it is learned, light sampling having `light_ratio` times the density.
+    fn learned(self, direct: DirectLight, light_ratio: f32) -> f32 {
+        match direct {
+            DirectLight::Nothing => self.onward,
+            DirectLight::Weighted => self.sum(),
+            // Without light sampling the weight is 1 instead of 1 / (1 + ratio).
+            DirectLight::All if self.emitted > 0.0 => self.onward + self.emitted * (1.0 + light_ratio),
+            DirectLight::All => self.onward,
+        }
+    }
 }
 
 impl PathRecord {
@@ -46,18 +74,18 @@ impl PathRecord {
     pub fn absorbed(point: Vec3, normal: Vec3) -> Self {
         Self {
             point,
+            normal,
             direction: Vec3::ZERO,
-            estimate: 0.0,
+            distance: f32::INFINITY,
             importance: 0.0,
-            value: 0.0,
+            pdf: 0.0,
             bsdf_share: 0.0,
-            emitted: 0.0,
+            radiance: Kinds::default(),
+            brought: Kinds::default(),
             light_ratio: 0.0,
             direct: 0.0,
             direct_share: 1.0,
             direct_ratio: 0.0,
-            distance: f32::INFINITY,
-            normal,
         }
     }
 
@@ -66,32 +94,35 @@ impl PathRecord {
         self.direction != Vec3::ZERO
     }
 
+    /// Channel mean of f·|cos θ|·L̂ / p, radiance: light that was hit is weighted against light sampling. Whoever chooses between
+    /// BSDF and guide by what trees learn alone, light that is hit left out, gives up the BSDF samples that a glossy surface needs
+    /// for a large lamp.
+    pub fn estimate(&self) -> f32 {
+        self.brought.sum()
+    }
+
+    /// What trees sum: V for the radiance target, √V for second moments (see [`Target`]): as a root, so that squares cannot overflow.
+    pub fn value(&self, target: Target, direct: DirectLight) -> f32 {
+        let learned = |of: Kinds| of.learned(direct, self.light_ratio);
+        let value = match target {
+            Target::Radiance => learned(self.radiance) / self.pdf,
+            Target::Variance => learned(self.brought) * self.pdf.sqrt(),
+            Target::VariancePixel => learned(self.brought) * self.pdf.sqrt() * self.importance,
+        };
+        if value.is_finite() { value } else { 0.0 }
+    }
+
     /// Squares of what it brought to the picture: without and with light sampling.
     pub fn squares(&self) -> [f64; 2] {
         let [onward, direct] =
-            [self.estimate, self.direct].map(|x| (f64::from(self.importance) * f64::from(x)).powi(2));
+            [self.estimate(), self.direct].map(|x| (f64::from(self.importance) * f64::from(x)).powi(2));
         [onward, onward + direct]
-    }
-
-    /// The part of `value` that photons may show too, where trees learn `direct` light: photons straight from lights that light
-    /// sampling finds are left out where they are traced.
-    pub fn shown(&self, direct: DirectLight) -> f64 {
-        let (all, emitted) = (f64::from(self.estimate), f64::from(self.emitted));
-        if emitted <= 0.0 || all <= 0.0 {
-            return f64::from(self.value);
-        }
-        let learned = match direct {
-            DirectLight::Nothing => 0.0,
-            DirectLight::Weighted => emitted,
-            DirectLight::All => emitted + emitted * f64::from(self.light_ratio),
-        };
-        let onward = (all - emitted).max(0.0);
-        if onward > 0.0 { f64::from(self.value) * (onward / (onward + learned)) } else { 0.0 }
     }
 
     /// What the vertex sent back, by how it was found: the rest of the path, light that the path ran into, light sampling.
     pub fn estimates(&self) -> [Estimate; 3] {
-        let (all, emitted, direct) = (f64::from(self.estimate), f64::from(self.emitted), f64::from(self.direct));
+        let (all, emitted, direct) =
+            (f64::from(self.estimate()), f64::from(self.brought.emitted), f64::from(self.direct));
         [
             Estimate { square: all * all - emitted * emitted, bsdf_share: self.bsdf_share, light_ratio: 0.0 },
             Estimate { square: emitted * emitted, bsdf_share: self.bsdf_share, light_ratio: self.light_ratio },

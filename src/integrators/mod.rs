@@ -5,8 +5,6 @@ pub mod mixture;
 pub mod path;
 pub mod photon;
 
-use crate::guiding::effort::Roulette;
-
 /// What both tracers need to know.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TransportSettings {
@@ -16,6 +14,28 @@ pub struct TransportSettings {
     pub nee: bool,
     /// Russian roulette.
     pub roulette: Roulette,
+}
+
+/// How roulette decides.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Roulette {
+    /// Paths end only where nothing is left of them.
+    Off,
+    /// By the path's throughput.
+    Throughput,
+    /// By what is expected of the path, light sampling too; by throughput where nothing is known.
+    Window,
+}
+
+impl Roulette {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Throughput => "throughput",
+            Self::Window => "window",
+        }
+    }
 }
 
 /// Bounces before roulette may end a path.

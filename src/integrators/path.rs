@@ -8,15 +8,14 @@ pub use explain::{Cause, ExplainedVertex, Explanation, Met, Onward};
 use glam::Vec3;
 
 use super::mixture::{Mixture, MixtureSample, Scattering};
-use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
+use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
 use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
-use crate::guiding::effort::{Effort, Roulette};
+use crate::guiding::effort::Effort;
 use crate::guiding::field::GuideField;
-use crate::guiding::leaves::{DirectLight, Target};
-use crate::guiding::record::PathRecord;
+use crate::guiding::record::{Kinds, PathRecord};
 use crate::lights::Light;
 use crate::materials::Transport;
 use crate::materials::medium::MediumId;
@@ -33,10 +32,6 @@ pub struct PathTracer<'a> {
     pub settings: TransportSettings,
     /// What guides the directions; none for plain path tracing.
     pub field: Option<&'a GuideField>,
-    /// What records are to hold.
-    pub target: Target,
-    /// What of light that light sampling finds too.
-    pub direct: DirectLight,
 }
 
 /// What a vertex adds to the light that arrives at it and lets through of it, kept until that is known.
@@ -181,10 +176,10 @@ impl PathTracer<'_> {
         };
         scratch.details.clear();
         let background = self.walk::<E, true>(Beginning { ray, random, pixel, scratch, count });
-        let record = |i: usize, along: [Vec3; 2]| {
+        let record = |i: usize, onward: Vec3| {
             let next = scratch.details.get(i + 1);
             let met = next.map_or(background, |next| next.emission);
-            records.extend(self.record(&scratch.details[i], next, met, along, pixel.unwrap_or(1.0)));
+            records.extend(record(&scratch.details[i], next, met, onward, pixel.unwrap_or(1.0)));
         };
         self.gather::<E, true>(scratch, background, record)
     }
@@ -408,88 +403,60 @@ impl Emission {
     fn weighted(self) -> Vec3 {
         self.radiance * self.weight
     }
-
-    /// What of it is to be learned.
-    fn learned(self, direct: DirectLight) -> Vec3 {
-        match direct {
-            DirectLight::Nothing if self.connected => Vec3::ZERO,
-            DirectLight::Nothing | DirectLight::Weighted => self.weighted(),
-            DirectLight::All => self.radiance,
-        }
-    }
 }
 
 impl PathTracer<'_> {
     /// Sums the path from its end: radiance leaving each vertex towards the one before. Where records are wanted, `record` is told
-    /// of each step: the number of its vertex, and what arrived along it, all of it and what of it is to be learned.
+    /// of each step: the number of its vertex, and what arrived along it beside the emission that it met.
     #[inline(always)]
     fn gather<E: Effects, const RECORDS: bool>(
         &self,
         scratch: &PathScratch,
         background: Emission,
-        mut record: impl FnMut(usize, [Vec3; 2]),
+        mut record: impl FnMut(usize, Vec3),
     ) -> Vec3 {
-        let (mut incoming, mut learned) = (background.weighted(), background.learned(self.direct));
+        let (mut incoming, mut onward) = (background.weighted(), Vec3::ZERO);
         for (i, vertex) in scratch.vertices.iter().enumerate().rev() {
             if RECORDS {
-                record(i, [incoming, learned]);
+                record(i, onward);
             }
             // Nothing arrives where the path has ended.
-            let mut reflected = vertex.direct + vertex.weight * incoming / vertex.survival;
+            onward = vertex.direct + vertex.weight * incoming / vertex.survival;
             if E::MEDIA {
-                reflected *= scratch.passed[i];
+                onward *= scratch.passed[i];
             }
-            incoming = vertex.emitted + reflected;
-            if RECORDS {
-                learned = scratch.details[i].emission.learned(self.direct) + reflected;
-            }
+            incoming = vertex.emitted + onward;
         }
         incoming
     }
+}
 
-    /// The record of the direction sampled at `vertex`, which met the emission `met` and along which `incoming` radiance arrived in
-    /// all, weighted against light sampling; `learned` is what of it trees are to learn. None for a delta lobe. A direction that
-    /// brings nothing is recorded too, without itself: left out, what is expected of a vertex would be too much.
-    fn record(
-        &self,
-        vertex: &Details,
-        next: Option<&Details>,
-        met: Emission,
-        [incoming, learned]: [Vec3; 2],
-        pixel: f32,
-    ) -> Option<PathRecord> {
-        let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
-        let importance = finite(channel_mean(vertex.throughput) / pixel);
-        let direct = finite(channel_mean(vertex.direct.value));
-        let absorbed = PathRecord {
-            importance,
-            direct,
-            direct_share: vertex.direct.bsdf_share,
-            direct_ratio: vertex.direct.ratio,
-            ..PathRecord::absorbed(vertex.point, vertex.normal)
-        };
-        if vertex.absorbed {
-            return Some(absorbed);
-        }
-        let step = vertex.step.as_ref().filter(|step| !step.sample.delta)?;
-        let sample = &step.sample;
-        let brought = |radiance: Vec3| finite(channel_mean(sample.weight * radiance) / step.survival);
-        let estimate = brought(learned);
-        let pdf = sample.pdf * step.survival;
-        let value = match self.target {
-            Target::Radiance => channel_mean(learned) / pdf,
-            Target::Variance => estimate * pdf.sqrt(),
-            Target::VariancePixel => estimate * pdf.sqrt() * importance,
-        };
-        Some(PathRecord {
-            direction: sample.direction,
-            estimate: brought(incoming),
-            value: finite(value),
-            bsdf_share: sample.bsdf_share,
-            emitted: if met.connected { brought(met.radiance * met.weight) } else { 0.0 },
-            light_ratio: 1.0 / met.weight - 1.0,
-            distance: next.map_or(f32::INFINITY, |n| n.distance),
-            ..absorbed
-        })
+/// The record of the direction sampled at `vertex`, which met the emission `met` and along which `onward` radiance arrived beside it.
+/// None for a delta lobe. A direction that brings nothing is recorded too, without itself: left out, what is expected of a vertex
+/// would be too much.
+fn record(vertex: &Details, next: Option<&Details>, met: Emission, onward: Vec3, pixel: f32) -> Option<PathRecord> {
+    let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
+    let absorbed = PathRecord {
+        importance: finite(channel_mean(vertex.throughput) / pixel),
+        direct: finite(channel_mean(vertex.direct.value)),
+        direct_share: vertex.direct.bsdf_share,
+        direct_ratio: vertex.direct.ratio,
+        ..PathRecord::absorbed(vertex.point, vertex.normal)
+    };
+    if vertex.absorbed {
+        return Some(absorbed);
     }
+    let Step { sample, survival } = vertex.step.as_ref().filter(|step| !step.sample.delta)?;
+    let arrived = if met.connected { [met.weighted(), onward] } else { [Vec3::ZERO, onward + met.weighted()] };
+    let kinds = |[emitted, onward]: [f32; 2]| Kinds { emitted: finite(emitted), onward: finite(onward) };
+    Some(PathRecord {
+        direction: sample.direction,
+        distance: next.map_or(f32::INFINITY, |n| n.distance),
+        pdf: sample.pdf * survival,
+        bsdf_share: sample.bsdf_share,
+        radiance: kinds(arrived.map(channel_mean)),
+        brought: kinds(arrived.map(|radiance| channel_mean(sample.weight * radiance) / survival)),
+        light_ratio: 1.0 / met.weight - 1.0,
+        ..absorbed
+    })
 }

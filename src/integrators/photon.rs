@@ -3,10 +3,9 @@
 use glam::Vec3;
 
 use super::mixture::{Mixture, Scattering};
-use super::{ROULETTE_MOST, ROULETTE_START, TransportSettings};
+use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
 use crate::base::random::{Dimension, Random};
 use crate::geometry::Surface;
-use crate::guiding::effort::Roulette;
 use crate::guiding::emission::{EmissionGuide, Start};
 use crate::guiding::record::PhotonRecord;
 use crate::integrators::path::RayCount;

@@ -273,7 +273,6 @@ impl<'a> Run<'a> {
             filter: &self.filter,
             // One without voxels, of a guide that was given up or not begun, would only be looked up in vain.
             field: field.filter(|field| !field.voxels().is_empty()),
-            target: learning.as_ref().map_or(self.settings.learner.target, |l| l.learner.target()),
             picture,
             first_sample: self.state.rendered - *spp,
             sequences_from: self.state.sequences_from,

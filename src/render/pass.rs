@@ -18,7 +18,6 @@ use crate::film::{Pass, PixelFilter, Window};
 use crate::geometry::Ray;
 use crate::guiding::emission::{EmissionGuide, Start};
 use crate::guiding::field::GuideField;
-use crate::guiding::leaves::Target;
 use crate::guiding::record::{PathRecord, PhotonRecord};
 use crate::integrators::path::{Cause, PathScratch, PathTracer, RayCount};
 use crate::integrators::photon::PhotonTracer;
@@ -57,8 +56,6 @@ pub struct PassTracer<'a> {
     pub filter: &'a PixelFilter,
     /// What guides.
     pub field: Option<&'a GuideField>,
-    /// What records are to hold.
-    pub target: Target,
     /// Values that pixels will about have; none where nothing is known of them.
     pub picture: Option<&'a [f32]>,
     /// Camera samples per pixel before, so that no random number is used twice.
@@ -253,13 +250,7 @@ impl PassTracer<'_> {
         let number = u64::from(self.first_sample) + sample;
         let sample = CameraSample { place: self.window.place(pixel), number, sequences_from: self.sequences_from };
         let (ray, mut random) = camera_ray(self.scene, self.settings, self.filter, sample);
-        let tracer = PathTracer {
-            scene: self.scene,
-            settings: self.settings.transport,
-            field: self.field,
-            target: self.target,
-            direct: self.settings.learner.direct,
-        };
+        let tracer = PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field };
         let value = self.picture.map(|p| p[pixel as usize]);
         let before = block.records.len();
         let records = keep.then_some(&mut block.records);

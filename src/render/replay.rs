@@ -53,12 +53,6 @@ pub fn replay(
     let value = picture.filter(|_| inside).map(|picture| picture[index + (x - window.x) as usize]);
     let camera = CameraSample { place: sample.pixel, number: sample.number, sequences_from: sample.pass_from };
     let (ray, mut random) = camera_ray(scene, settings, &PixelFilter::new(settings.filter)?, camera);
-    let tracer = PathTracer {
-        scene,
-        settings: settings.transport,
-        field: field.as_ref(),
-        target: settings.learner.target,
-        direct: settings.learner.direct,
-    };
+    let tracer = PathTracer { scene, settings: settings.transport, field: field.as_ref() };
     Ok(tracer.explain(ray, &mut random, value))
 }

@@ -2,11 +2,10 @@
 
 use crate::base::{Error, Result};
 use crate::film::Window;
-use crate::guiding::effort::Roulette;
 use crate::guiding::fraction::FractionRule;
 use crate::guiding::learner::LearnerSettings;
 use crate::guiding::leaves::{DirectLight, Layout, Target};
-use crate::integrators::TransportSettings;
+use crate::integrators::{Roulette, TransportSettings};
 use crate::network::config::Mode;
 use crate::scene::file::FilterFile;
 use crate::scene::plan::{EffectKind, EffectPlan};

@@ -45,9 +45,8 @@ use glam::Vec3;
 use base::random::{Dimension, Random};
 use film::PixelFilter;
 use geometry::Ray;
-use guiding::effort::Roulette;
 use guiding::leaves::{DirectLight, Target};
-use integrators::TransportSettings;
+use integrators::{Roulette, TransportSettings};
 use integrators::path::{PathScratch, PathTracer, RayCount};
 use scene::Scene;
 use scene::readers::load;
@@ -155,8 +154,7 @@ fn samples(scene: &Scene, tracer: Tracer, per_pixel: u64) -> Vec<Vec3> {
     match tracer {
         Tracer::Ours => {
             let settings = TransportSettings { max_depth: MAX_DEPTH, nee: true, roulette: Roulette::Window };
-            let (target, direct) = (Target::Variance, DirectLight::Nothing);
-            let tracer = PathTracer { scene, settings, field: None, target, direct };
+            let tracer = PathTracer { scene, settings, field: None };
             let (mut scratch, mut rays) = (PathScratch::default(), RayCount::default());
             let mut trace = |(ray, mut random)| tracer.trace(ray, &mut random, &mut scratch, None, None, &mut rays);
             starts.map(&mut trace).collect()

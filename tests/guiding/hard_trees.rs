@@ -16,7 +16,7 @@ use fanal::guiding::effort::Effort;
 use fanal::guiding::field::{GuideField, VoxelGuide};
 use fanal::guiding::fraction::Adam;
 use fanal::guiding::learner::{Learner, LearnerSettings, Use};
-use fanal::guiding::leaves::{Layout, Target};
+use fanal::guiding::leaves::{DirectLight, Layout, Target};
 use fanal::guiding::parallax::Parallax;
 use fanal::guiding::quadtree::{Place, Quadtree};
 use fanal::guiding::record::PathRecord;
@@ -197,7 +197,7 @@ fn a02_deepest_leaves_are_exact() {
 
 /// A quadtree of 64 leaves with one sample per entry: a direction and a value.
 fn deposited(target: Target, layout: Layout, samples: &[(Vec3, f32)]) -> Quadtree {
-    let place = Place { parallax: Parallax::NONE, filtered: false };
+    let place = Place { parallax: Parallax::NONE, direct: DirectLight::All, filtered: false };
     let mut tree = Quadtree::new(full(3), layout, target);
     let records: Vec<PathRecord> =
         samples.iter().map(|&(direction, value)| path_at(Vec3::splat(0.5), direction, value)).collect();

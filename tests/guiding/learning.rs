@@ -4,7 +4,7 @@
 use fanal::base::random::Random;
 use fanal::guiding::distribution::{Distribution, kl};
 use fanal::guiding::learner::{Learner, LearnerSettings, Use};
-use fanal::guiding::leaves::{Layout, Target};
+use fanal::guiding::leaves::{DirectLight, Layout, Target};
 use fanal::guiding::parallax::Parallax;
 use fanal::guiding::proposal::Proposal;
 use fanal::guiding::quadtree::{Place, Quadtree};
@@ -13,6 +13,8 @@ use fanal::guiding::sampler::SamplingTree;
 use fanal::guiding::topology::Topology;
 use fanal::math::cylindrical;
 use glam::Vec3;
+
+use crate::support::records::{onward, path_at};
 
 /// Levels of the full tree that samples are counted in.
 const LEVELS: usize = 3;
@@ -51,25 +53,17 @@ fn truth(mean: impl Fn(Vec3) -> f64, weight: impl Fn(f64) -> f64) -> Distributio
     Distribution::from_leaf_weights(full(), &weights)
 }
 
-/// A path sample in a uniform direction: V = L̂²/p, as a root.
+/// A path sample in a uniform direction, of a white vertex: V = L̂²/p.
 fn path(random: &mut Random) -> PathRecord {
     let direction = cylindrical::to_direction([random.next_f64(), random.next_f64()]);
     let found = random.next_f64() < chance(direction);
     let estimate = if found { radiance(direction) / chance(direction) } else { 0.0 };
+    let sphere = 4.0 * std::f64::consts::PI;
     PathRecord {
-        point: Vec3::splat(0.5),
-        direction,
-        estimate: estimate as f32,
-        importance: 1.0,
-        direct: 0.0,
-        value: (estimate * (4.0 * std::f64::consts::PI).sqrt()) as f32,
+        pdf: (1.0 / sphere) as f32,
+        brought: onward((estimate * sphere) as f32),
         bsdf_share: 1.0,
-        emitted: 0.0,
-        light_ratio: 0.0,
-        direct_share: 1.0,
-        direct_ratio: 0.0,
-        distance: 1.0,
-        normal: Vec3::Y,
+        ..path_at(Vec3::splat(0.5), direction, 0.0)
     }
 }
 
@@ -92,7 +86,7 @@ fn photon(random: &mut Random) -> PhotonRecord {
 
 /// Mean KL to `truth` over 60 trees of `n` samples of each kind asked for.
 fn mean_kl(truth: &Distribution, n: usize, kinds: [bool; 2]) -> f64 {
-    let place = Place { parallax: Parallax::NONE, filtered: false };
+    let place = Place { parallax: Parallax::NONE, direct: DirectLight::All, filtered: false };
     let repeats = 60;
     let one = |seed: u64| {
         let mut random = Random::new(77, seed, n as u64);
@@ -146,8 +140,7 @@ fn kl_falls_with_the_number_of_samples() {
 fn earlier_iterations_are_remembered() {
     let light = cylindrical::to_direction([0.9, 0.1]);
     let samples = |count: u32, direction| {
-        let mut random = Random::new(6, 0, 0);
-        let record = |_| PathRecord { direction, value: 1.0, ..path(&mut random) };
+        let record = |_| PathRecord { bsdf_share: 1.0, ..path_at(Vec3::splat(0.5), direction, 1.0) };
         (0..count).map(record).collect::<Vec<_>>()
     };
     for (past, expected, counts) in [(0.5, 1.0 / 2.0, 100.0), (0.0, 0.0, 0.0)] {
@@ -221,11 +214,8 @@ fn a19_the_better_proposal_is_sampled() {
     let at = |direction: Vec3| {
         let mut learner = Learner::new(LearnerSettings { parallax: false, ..LearnerSettings::default() });
         let mut random = Random::new(7, 0, 0);
-        let lobe = (0..3000).map(|_| PathRecord {
-            direction: (direction + 0.3 * path(&mut random).direction).normalize(),
-            value: 1.0,
-            ..path(&mut random)
-        });
+        let mut near = || (direction + 0.3 * path(&mut random).direction).normalize();
+        let lobe = (0..3000).map(|_| path_at(Vec3::splat(0.5), near(), 1.0));
         learner.absorb(&lobe.collect::<Vec<_>>(), &[], true);
         let mut counted = learner.counted();
         counted.remove(0).expect("3000 samples").distribution
@@ -247,7 +237,12 @@ fn a19_the_better_proposal_is_sampled() {
                     if random.next_f64() < 0.5 { uniform.direction } else { guide.sample(random.next_2d_f64()).0 };
                 let [bsdf, guided] = [0.25 / std::f32::consts::PI, guide.pdf(drawn)];
                 let estimate = bright(drawn) / (0.5 * (bsdf + guided));
-                PathRecord { direction: drawn, estimate, bsdf_share: bsdf / (bsdf + guided), ..uniform }
+                PathRecord {
+                    direction: drawn,
+                    brought: onward(estimate),
+                    bsdf_share: bsdf / (bsdf + guided),
+                    ..uniform
+                }
             };
             let samples: Vec<PathRecord> = (0..4000).map(|_| sample()).collect();
             learner.absorb(&samples, &[], true);

@@ -1,26 +1,26 @@
 //! Records that a path or a photon of the given value would leave, and a tree as deep as they can make.
 
-use fanal::guiding::record::{PathRecord, PhotonRecord};
+use fanal::guiding::record::{Kinds, PathRecord, PhotonRecord};
 use fanal::guiding::topology::{MAX_LEVEL, Topology};
 use fanal::math::cylindrical;
 use glam::Vec3;
 
+/// Light that light sampling could not have found.
+pub fn onward(onward: f32) -> Kinds {
+    Kinds { emitted: 0.0, onward }
+}
+
 /// A path sample at a surface that faces +y.
 pub fn path_at(point: Vec3, direction: Vec3, value: f32) -> PathRecord {
     PathRecord {
-        point,
         direction,
-        estimate: value,
         importance: 1.0,
-        value,
+        pdf: 1.0,
+        radiance: onward(value),
+        brought: onward(value),
         bsdf_share: 0.5,
-        emitted: 0.0,
-        light_ratio: 0.0,
-        direct: 0.0,
-        direct_share: 1.0,
-        direct_ratio: 0.0,
         distance: 1.0,
-        normal: Vec3::Y,
+        ..PathRecord::absorbed(point, Vec3::Y)
     }
 }
 

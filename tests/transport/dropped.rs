@@ -15,7 +15,6 @@ use fanal::guiding::cache::SpatialCache;
 use fanal::guiding::distribution::Distribution;
 use fanal::guiding::effort::Effort;
 use fanal::guiding::field::{GuideField, VoxelGuide};
-use fanal::guiding::leaves::{DirectLight, Target};
 use fanal::guiding::parallax::Parallax;
 use fanal::guiding::sampler::SamplingTree;
 use fanal::integrators::path::{Cause, PathTracer};
@@ -221,8 +220,8 @@ fn a09_causes_are_told_apart() {
     let tree = SamplingTree::new(&Distribution::uniform(), 0.1, usize::MAX);
     let (parallax, bsdf_fraction, effort) = (Parallax::NONE, f32::NAN, Effort::UNKNOWN);
     let field = GuideField::new(cache, vec![VoxelGuide { tree: Some(tree), parallax, bsdf_fraction, effort }]);
-    let (transport, target, direct) = (settings.transport, Target::Variance, DirectLight::All);
-    let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field), target, direct };
+    let transport = settings.transport;
+    let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field) };
     let mut random = Random::new(1, 0, 0);
     let paths = (0..100).map(|_| tracer.explain(scene.camera.ray([4.0, 3.0], [0.5; 2]), &mut random, None));
     let causes: Vec<Option<Cause>> = paths.filter(|path| !path.radiance.is_finite()).map(|path| path.cause).collect();

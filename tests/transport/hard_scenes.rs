@@ -17,15 +17,14 @@ use fanal::geometry::mesh::Mesh;
 use fanal::geometry::{Accel, Ray, Shape, Surface};
 use fanal::guiding::cache::SpatialCache;
 use fanal::guiding::distribution::Distribution as Directions;
-use fanal::guiding::effort::{Effort, Roulette};
+use fanal::guiding::effort::Effort;
 use fanal::guiding::field::{GuideField, VoxelGuide};
 use fanal::guiding::learner::CountedTree;
-use fanal::guiding::leaves::{DirectLight, Target};
 use fanal::guiding::parallax::Parallax;
 use fanal::guiding::proposal::Proposal;
 use fanal::guiding::sampler::SamplingTree;
 use fanal::guiding::topology::Topology;
-use fanal::integrators::TransportSettings;
+use fanal::integrators::{Roulette, TransportSettings};
 use fanal::integrators::path::{PathScratch, PathTracer, RayCount};
 use fanal::materials::{Kind, Material, Transport};
 use fanal::math::cylindrical;
@@ -591,8 +590,7 @@ fn peaked_field(fraction: f32, effort: Effort) -> GuideField {
 /// thought to have the value 1.
 fn paths_in(scene: &Scene, n: u32, roulette: Roulette, field: Option<&GuideField>) -> [f64; 3] {
     let settings = TransportSettings { max_depth: 300, nee: false, roulette };
-    let (target, direct) = (Target::Variance, DirectLight::All);
-    let tracer = PathTracer { scene, settings, field, target, direct };
+    let tracer = PathTracer { scene, settings, field };
     let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
     let mut random = Random::new(4, 0, 0);
     let (mut sum, mut squares) = (0.0, 0.0);
@@ -639,8 +637,7 @@ fn a15_glass_does_not_end_paths() {
     b.look_at(Vec3::ZERO, Vec3::X, Vec3::Y, 10.0);
     let scene = built(b.finish());
     let transport = TransportSettings { max_depth: 20, nee: true, roulette: Roulette::Throughput };
-    let (target, direct) = (Target::Variance, DirectLight::All);
-    let tracer = PathTracer { scene: &scene, settings: transport, field: None, target, direct };
+    let tracer = PathTracer { scene: &scene, settings: transport, field: None };
     let mut inside = 0;
     for i in 0..200 {
         let ray = Ray { origin: Vec3::ZERO, direction: Vec3::new(1.0, 0.001 * i as f32, 0.0).normalize() };
@@ -667,15 +664,14 @@ fn a15_what_finds_nothing_counts() {
     let guide = VoxelGuide { tree, parallax: Parallax::NONE, bsdf_fraction: 0.5, effort: Effort::UNKNOWN };
     let field = GuideField::new(cache, vec![guide]);
     let transport = TransportSettings { max_depth: 2, nee: false, roulette: Roulette::Off };
-    let (target, direct) = (Target::Variance, DirectLight::All);
-    let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field), target, direct };
+    let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field) };
     let (mut scratch, mut count, mut records) = (PathScratch::default(), RayCount::default(), vec![]);
     for i in 0..20_000 {
         let ray = Ray { origin: Vec3::new(0.1, 1.0, 0.2), direction: Vec3::NEG_Y };
         tracer.trace(ray, &mut Random::new(23, i, 0), &mut scratch, Some(1.0), Some(&mut records), &mut count);
     }
     assert_eq!(records.len(), 20_000, "every path met the floor once");
-    let mean = records.iter().map(|record| f64::from(record.estimate)).sum::<f64>() / 20_000.0;
+    let mean = records.iter().map(|record| f64::from(record.estimate())).sum::<f64>() / 20_000.0;
     assert!((mean - 0.5).abs() < 0.03, "{mean}");
     let absorbed = records.iter().filter(|record| !record.is_directed()).count() as f64 / 20_000.0;
     assert!((absorbed - 0.25).abs() < 0.02, "{absorbed}");

@@ -8,10 +8,8 @@ use std::sync::Arc;
 use fanal::base::random::Random;
 use fanal::generate::build::{Builder, diffuse, matrix};
 use fanal::geometry::{Ray, Shape, Surface};
-use fanal::guiding::effort::Roulette;
 use fanal::guiding::emission::EmissionGuide;
-use fanal::guiding::leaves::{DirectLight, Target};
-use fanal::integrators::TransportSettings;
+use fanal::integrators::{Roulette, TransportSettings};
 use fanal::integrators::path::{PathScratch, PathTracer, RayCount};
 use fanal::integrators::photon::PhotonTracer;
 use fanal::lights::area::AreaLight;
@@ -107,7 +105,7 @@ fn lit_floor(light: Option<LightFile>) -> Scene {
 /// Flux into the floor by path tracing: π/albedo · the mean radiance over the floor · its area.
 fn traced_flux(scene: &Scene, nee: bool) -> f64 {
     let settings = TransportSettings { max_depth: 2, nee, roulette: Roulette::Off };
-    let tracer = PathTracer { scene, settings, field: None, target: Target::Variance, direct: DirectLight::Nothing };
+    let tracer = PathTracer { scene, settings, field: None };
     let part = |part: u64| {
         let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
         let mut random = Random::new(3, part, 0);

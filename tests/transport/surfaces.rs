@@ -7,9 +7,9 @@ use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
 use fanal::generate::build::{Builder, diffuse};
-use fanal::guiding::effort::Roulette;
 use fanal::guiding::fraction::FractionRule;
 use fanal::guiding::leaves::{DirectLight, Target};
+use fanal::integrators::Roulette;
 use fanal::materials::image::Image;
 use fanal::reconstruct::gaussian::Gaussian;
 use fanal::render::{GuideMode, RenderSettings, SampleKinds, render};

@@ -100,23 +100,23 @@ impl Voxel {
     }
 
     /// Learns from a path sample what it says about the guide that drew it.
-    pub fn judge(&mut self, record: &PathRecord, rule: FractionRule, direct: DirectLight) {
-        let brought = f64::from(record.importance) * f64::from(record.estimate);
+    pub fn judge(&mut self, record: &PathRecord, rule: FractionRule) {
+        let brought = f64::from(record.importance) * f64::from(record.estimate());
         self.contribution += brought;
         let [onward, all] = record.squares();
         self.squares.add([onward]);
         self.all_squares += all;
-        self.returns.add([record.direct, record.estimate].map(f64::from));
+        self.returns.add([record.direct, record.estimate()].map(f64::from));
         if record.is_directed() && (self.kinds.is_some() || self.judged.is_some()) {
             let seen = self.guide_parallax.to_centre(record.point, record.direction);
             let cell = cylindrical::to_cell(seen.direction);
-            self.weigh_kinds(record.shown(direct), cell, f64::from(seen.density));
+            self.weigh_kinds(record, cell, f64::from(seen.density));
             self.weigh_proposals(record, cell);
         }
         if self.guide.is_some() {
             self.fractions.add_estimates(&record.estimates(), LEARNING_FRACTION);
             if record.is_directed() && rule == FractionRule::Adam {
-                self.adam.step(f64::from(record.estimate), f64::from(record.bsdf_share), LEARNING_FRACTION);
+                self.adam.step(f64::from(record.estimate()), f64::from(record.bsdf_share), LEARNING_FRACTION);
             }
         }
     }
@@ -136,9 +136,9 @@ impl Voxel {
         }
         let first = !self.shaped && !kept.shapes;
         if settings.parallax && !self.shaped && !kept.spheres {
-            self.parallax = self.fit_parallax(bounds, paths.clone(), photons.clone());
+            self.parallax = self.fit_parallax(bounds, settings.direct, paths.clone(), photons.clone());
         }
-        let place = Place { parallax: self.parallax, filtered: settings.filtered };
+        let place = Place { parallax: self.parallax, direct: settings.direct, filtered: settings.filtered };
         if settings.layout == Layout::Network {
             let normals = paths.clone().map(|r| r.normal).chain(photons.clone().map(|r| r.normal));
             self.normals += normals.sum::<Vec3>();
@@ -187,10 +187,12 @@ impl Voxel {
     fn fit_parallax<'a>(
         &self,
         bounds: &Bounds,
+        direct: DirectLight,
         paths: impl Iterator<Item = &'a PathRecord> + Clone,
         photons: impl Iterator<Item = &'a PhotonRecord> + Clone,
     ) -> Parallax {
-        let total = [paths.clone().map(|r| r.value).sum::<f32>(), photons.clone().map(|r| r.power).sum()];
+        let value = |r: &PathRecord| r.value(self.tree.target(), direct);
+        let total = [paths.clone().map(value).sum::<f32>(), photons.clone().map(|r| r.power).sum()];
         let share = [self.path_share as f32, 1.0 - self.path_share as f32];
         let start = |kind: usize, value: f32, point: Vec3, direction: Vec3, distance: f32| {
             let density = self.guide.as_ref().map_or(1.0, |guide| {
@@ -200,7 +202,7 @@ impl Voxel {
             let weight = if total[kind] > 0.0 { share[kind] * value / total[kind] * density } else { 0.0 };
             (point + direction * distance, weight)
         };
-        let paths = paths.map(|r| start(0, r.value, r.point, r.direction, r.distance));
+        let paths = paths.map(|r| start(0, value(r), r.point, r.direction, r.distance));
         let photons = photons.map(|r| start(1, r.power, r.point, r.direction, r.distance));
         Parallax::fit(bounds, paths.chain(photons))
     }
@@ -221,8 +223,10 @@ impl Voxel {
     /// its V over the density q estimates ∫f²/q. Of V that is what photons may show too: by light that they never show, path samples
     /// would always be better. q is that of its cell of level 20 as seen from the centre, times `carried`, dω/dω' of the
     /// [`Parallax`]: near a lamp that differs between the points of a voxel by far more than the candidates do.
-    fn weigh_kinds(&mut self, shown: f64, cell: [u32; 2], carried: f64) {
+    fn weigh_kinds(&mut self, record: &PathRecord, cell: [u32; 2], carried: f64) {
         let Some(kinds) = &self.kinds else { return };
+        // Photons straight from lights that light sampling finds are left out where they are traced.
+        let shown = f64::from(record.value(self.tree.target(), DirectLight::Nothing));
         if self.tree.target() == Target::Radiance || shown <= 0.0 {
             return;
         }
@@ -244,6 +248,7 @@ impl Voxel {
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::record::Kinds;
     use super::*;
     use crate::base::random::Random;
     use crate::guiding::distribution::Distribution;
@@ -270,8 +275,9 @@ mod tests {
             // The density of the trees there is the integrand; what drew the direction is uniform.
             let integrand = voxel.guide_parallax.to_centre(point, direction).density / sphere;
             let value = integrand * sphere.sqrt();
-            let record = PathRecord { direction, value, ..PathRecord::absorbed(point, Vec3::Y) };
-            voxel.judge(&record, FractionRule::Half, DirectLight::All);
+            let brought = Kinds { emitted: 0.0, onward: value };
+            let record = PathRecord { direction, pdf: 1.0, brought, ..PathRecord::absorbed(point, Vec3::Y) };
+            voxel.judge(&record, FractionRule::Half);
         }
         let means = voxel.shares.means().expect("20,000 samples");
         assert!(means.iter().all(|mean| (mean - 1.0).abs() < 0.02), "{means:?}");
@@ -283,22 +289,20 @@ mod tests {
     fn kinds_are_weighed_by_what_photons_may_show() {
         let lamp = PathRecord {
             direction: Vec3::Y,
-            estimate: 3.0,
-            emitted: 2.0,
+            pdf: 1.0,
+            brought: Kinds { emitted: 2.0, onward: 1.0 },
             light_ratio: 3.0,
-            value: 9.0,
             ..PathRecord::absorbed(Vec3::ZERO, Vec3::Y)
         };
-        let [nothing, weighted, all] = [DirectLight::Nothing, DirectLight::Weighted, DirectLight::All];
-        assert_eq!([nothing, weighted, all].map(|direct| lamp.shown(direct)), [9.0, 3.0, 1.0]);
-        let seen = |record: PathRecord| {
+        let learned = [DirectLight::Nothing, DirectLight::Weighted, DirectLight::All];
+        assert_eq!(learned.map(|direct| lamp.value(Target::Variance, direct)), [1.0, 3.0, 9.0]);
+        let seen = |brought| {
             let mut voxel = uniform();
-            voxel.judge(&record, FractionRule::Half, all);
+            voxel.judge(&PathRecord { brought, ..lamp }, FractionRule::Half);
             voxel.shares.sums()[0]
         };
-        let without = PathRecord { emitted: 0.0, ..lamp };
-        assert!((81.0 * seen(lamp) / seen(without) - 1.0).abs() < 1e-6);
-        assert_eq!(seen(PathRecord { emitted: 3.0, ..lamp }), 0.0, "nothing but the lamp");
-        assert_eq!(seen(PathRecord { emitted: 0.0, light_ratio: f32::INFINITY, ..lamp }), seen(without));
+        assert!(seen(lamp.brought) > 0.0);
+        assert_eq!(seen(lamp.brought), seen(Kinds { emitted: 0.0, ..lamp.brought }));
+        assert_eq!(seen(Kinds { onward: 0.0, ..lamp.brought }), 0.0, "nothing but the lamp");
     }
 }
