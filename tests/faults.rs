@@ -29,12 +29,12 @@ use fanal::generate::build::Builder;
 use fanal::generate::dataset::DatasetIndex;
 use fanal::generate::recipe::Recipe;
 use fanal::generate::shard::{read_shard, write_shard};
-use fanal::guiding::learner::CountedTree;
-use fanal::guiding::proposal::Proposal;
-use fanal::guiding::{field::Evidence, file};
+use fanal::guiding::sample::{field::Evidence, file};
+use fanal::guiding::tree::CountedTree;
+use fanal::guiding::tree::proposal::Proposal;
 use fanal::network::config::VERSION;
 use fanal::network::weights::{Model, Weights};
-use fanal::reconstruct::{Counted, Reconstructor};
+use fanal::reconstruct::{AsCounted, Reconstructor};
 use fanal::render::{Control, GuideMode, RenderSettings, StopRule, render, render_watched};
 use fanal::scene::Scene;
 use fanal::scene::file::LightFile;
@@ -402,7 +402,7 @@ fn f06_budgets_without_samples_are_refused() {
     let _alone = alone();
     let scene = built(room([4, 4], 1.0).finish());
     let refused = |settings: &RenderSettings| {
-        let outcome = render(&scene, settings, &Counted::default(), &Silent, &AtomicBool::new(false));
+        let outcome = render(&scene, settings, &AsCounted::default(), &Silent, &AtomicBool::new(false));
         matches!(outcome, Err(Error::Options(_)))
     };
     for stop in [StopRule::Spp(0), StopRule::Time(0.0), StopRule::Time(-1.0), StopRule::Time(f64::NAN)] {
@@ -628,11 +628,11 @@ impl Reconstructor for Failing {
         0.0
     }
 
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
+    fn reconstruct(&self, trees: &[CountedTree]) -> Result<Vec<Proposal>> {
         if self.0.swap(true, Ordering::Relaxed) {
             return Err(Error::Backend { backend: "failing", message: "out of order".into() });
         }
-        Counted::default().reconstruct(trees)
+        AsCounted::default().reconstruct(trees)
     }
 }
 

@@ -14,7 +14,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use fanal::base::progress::Silent;
 use fanal::base::random::Random;
 use fanal::generate::build::{Builder, diffuse};
-use fanal::guiding::fraction::FractionRule;
+use fanal::guiding::learn::fraction::FractionRule;
 use fanal::lights::envmap::Envmap;
 use fanal::render::{Outcome, RenderSettings, Statistics, render};
 use fanal::scene::Scene;

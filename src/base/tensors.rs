@@ -42,6 +42,15 @@ pub fn doubles<'a, const N: usize>(
     (name.into(), Dtype::F64, vec![bytes.len() / (8 * N), N], bytes.into())
 }
 
+/// Where consecutive parts of these lengths begin, and where the last ends, for [`Tensors::offsets`].
+pub fn offsets<'a>(name: impl Into<Cow<'static, str>>, lengths: impl Iterator<Item = usize>) -> Tensor<'a> {
+    let ends = lengths.scan(0, |end, length| {
+        *end += length as u64;
+        Some(*end)
+    });
+    vector(name, Dtype::U64, std::iter::once(0).chain(ends).map(u64::to_le_bytes))
+}
+
 /// Numbers as they lie in memory, which are not copied where that is how files hold them.
 pub fn borrowed<'a, T: bytemuck::NoUninit, const B: usize>(
     name: impl Into<Cow<'static, str>>,
@@ -174,5 +183,22 @@ impl<'a> Tensors<'a> {
             return self.fail(name, format!("{found}, expected {dtype:?} of {rows:?} rows and {columns} columns"));
         }
         Ok(tensor.data().as_chunks::<B>().0.iter().map(|&b| decode(b)).collect())
+    }
+
+    /// Where each of `count` parts begins, and where the last ends: rising from 0.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] naming the tensor.
+    pub fn offsets(&self, name: &str, count: usize) -> Result<Vec<usize>> {
+        let offsets = self.read(name, Dtype::U64, Some(count + 1), 1, u64::from_le_bytes)?;
+        if offsets[0] != 0 || !offsets.is_sorted() {
+            return self.fail(name, "offsets do not rise from 0");
+        }
+        Ok(offsets.into_iter().map(|o| usize::try_from(o).unwrap_or(usize::MAX)).collect())
+    }
+
+    /// Whether there is a tensor of this name.
+    pub fn has(&self, name: &str) -> bool {
+        self.file.tensor(name).is_ok()
     }
 }

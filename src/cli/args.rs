@@ -8,8 +8,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec3;
 
 use crate::film::Window;
-use crate::guiding::fraction::FractionRule;
-use crate::guiding::leaves::{DirectLight, Target};
+use crate::guiding::learn::fraction::FractionRule;
+use crate::guiding::target::{DirectLight, Target};
 use crate::integrators::Roulette;
 use crate::render::{Aov, GuideMode, Reconstruction, Sample, SampleKinds};
 use crate::report::experiment::Method;
@@ -90,6 +90,7 @@ macro_rules! words {
 words!(
     GuideMode,
     None: "Path tracing with next event estimation and multiple importance sampling",
+    Jensen: "Jensen 1995: photons in histograms of fixed directions",
     Ppg: "Müller 2017: path samples of radiance in a spatial and directional tree",
     Variance: "Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees",
     Hybrid: "Path and photon samples in per-voxel quadtrees",

@@ -6,8 +6,9 @@ use std::time::Duration;
 use super::args::{Backend, Layer, PixelFilter, RenderArgs};
 use crate::base::{Error, Result};
 use crate::film::{Placed, Window, check_size};
-use crate::guiding::fraction::FractionRule;
-use crate::guiding::leaves::{DirectLight, Layout, Target};
+use crate::guiding::learn::fraction::FractionRule;
+use crate::guiding::target::{DirectLight, Target};
+use crate::guiding::tree::leaves::Layout;
 use crate::integrators::Roulette;
 use crate::render::{Aov, GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 use crate::scene::file::{FilterFile, SceneFile};
@@ -102,15 +103,15 @@ impl RenderRequest {
         settings.learner.target = self.target.unwrap_or(settings.learner.target);
         settings.learner.direct = self.direct.unwrap_or(settings.learner.direct);
         settings.learner.fraction = self.fraction.unwrap_or(settings.learner.fraction);
-        settings.learner.filtered = self.filtered;
+        settings.learner.tree.filtered = self.filtered;
         settings.learner.simple_iterations = self.simple_iterations;
-        settings.learner.past = self.past.unwrap_or(settings.learner.past);
+        settings.learner.tree.past = self.past.unwrap_or(settings.learner.tree.past);
         settings.reconstruction = self.reconstruct.unwrap_or(settings.reconstruction);
         if self.load_guide.is_some() {
             // A field that is loaded is sampled as it is.
             settings.reconstruction = Reconstruction::None;
         }
-        settings.learner.layout =
+        settings.learner.tree.layout =
             if settings.reconstruction == Reconstruction::Neural { Layout::Network } else { Layout::Values };
         settings
     }
@@ -245,16 +246,16 @@ mod tests {
         let given = request(&["--guide", "variance", "--target", "radiance", "--reconstruct", "neural"]).unwrap();
         let settings = given.settings();
         assert_eq!((settings.samples, settings.learner.target), (SampleKinds::Path, Target::Radiance));
-        assert_eq!((settings.reconstruction, settings.learner.layout), (Reconstruction::Neural, Layout::Network));
+        assert_eq!((settings.reconstruction, settings.learner.tree.layout), (Reconstruction::Neural, Layout::Network));
         let given = request(&["--size", "8x4", "--time", "2.5", "--guide", "none", "--max-depth", "3"]).unwrap();
         assert_eq!((given.size, given.stop), ([8, 4], StopRule::Time(2.5)));
         assert_eq!(given.max_depth, 3);
         assert_eq!((plain.filter, plain.settings().filter), (FilterFile::default(), FilterFile::default()));
         assert_eq!(
-            (plain.settings().learner.past, request(&["--past", "1"]).unwrap().settings().learner.past),
+            (plain.settings().learner.tree.past, request(&["--past", "1"]).unwrap().settings().learner.tree.past),
             (0.5, 1.0)
         );
-        assert_eq!(request(&["--guide", "ppg"]).unwrap().settings().learner.past, 0.0);
+        assert_eq!(request(&["--guide", "ppg"]).unwrap().settings().learner.tree.past, 0.0);
         assert_eq!(request(&["--pixel-filter", "tent"]).unwrap().settings().filter, FilterFile::TENT);
     }
 

@@ -3,7 +3,7 @@
 //! One long run of a scene makes the voxels, which are never halved, finds out where their light starts, and collects Q_gt for
 //! all of them from camera paths. Then several short runs learn anew in the same voxels, as a render does, and leave inputs after
 //! each iteration: inputs are cheap to make, targets are not. Directions of both refer to the same spheres (see
-//! [`Parallax`](crate::guiding::parallax::Parallax)).
+//! [`Parallax`](crate::guiding::cache::parallax::Parallax)).
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -16,11 +16,13 @@ use crate::base::random::Random;
 use crate::base::{Error, Place, Progress, Result};
 use crate::film::{FinishedPass, Pass, PixelFilter, Window, combine, expected_values};
 use crate::guiding::cache::{Bounds, VoxelId};
-use crate::guiding::distribution::{Distribution, kl};
-use crate::guiding::learner::{CountedTree, Use};
-use crate::guiding::leaves::{Target as Quantity, distribution_of_values};
-use crate::guiding::quadtree::Quadtree;
-use crate::guiding::topology::Topology;
+use crate::guiding::learn::learner::Use;
+use crate::guiding::target::Target as Quantity;
+use crate::guiding::tree::distribution::{Distribution, kl};
+use crate::guiding::tree::leaves::distribution_of_values;
+use crate::guiding::tree::quadtree::Quadtree;
+use crate::guiding::tree::topology::Topology;
+use crate::guiding::tree::{CountedTree, Trees};
 use crate::network::config::Mode;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::render::{CHUNK, GuideMode, Learning, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
@@ -206,6 +208,10 @@ impl Run<'_> {
         statistics
     }
 
+    fn quadtrees(&self) -> impl Iterator<Item = &Quadtree> {
+        self.learning.learner.model().trees().into_iter().flat_map(Trees::quadtrees)
+    }
+
     fn end_iteration(&mut self) -> Result<()> {
         let gaussian = Gaussian::default();
         self.learning.end_iteration(1, 0, f64::INFINITY, &gaussian, &mut Default::default()).map(drop)
@@ -214,7 +220,9 @@ impl Run<'_> {
     /// Refines the trees with a quarter of `spp` samples per pixel, freezes their shapes, and fills them with two independent
     /// halves of the rest, from camera paths alone. One target per voxel; none where it has not converged.
     fn targets(&mut self, spp: u32) -> Result<Vec<Option<Target>>> {
-        self.learning.learner.set_split_share(TARGET_SPLIT_SHARE);
+        if let Some(trees) = self.learning.learner.model_mut().trees_mut() {
+            trees.set_split_share(TARGET_SPLIT_SHARE);
+        }
         let mut spent = 0;
         let mut next = (spp / 16).max(1);
         while spent + next <= (spp / 4).max(1) {
@@ -225,15 +233,18 @@ impl Run<'_> {
         }
         self.settings.samples = SampleKinds::Path;
         self.learning.photon_share = 0.0;
-        self.learning.learner.freeze_shapes();
+        self.learning.learner.freeze_spheres();
+        if let Some(trees) = self.learning.learner.model_mut().trees_mut() {
+            trees.freeze_shapes();
+        }
         let half = (spp.saturating_sub(spent) / 2).max(1);
         self.learning.learner.clear();
         self.pass(half);
-        let first: Vec<Quadtree> = self.learning.learner.trees().into_iter().cloned().collect();
+        let first: Vec<Quadtree> = self.quadtrees().cloned().collect();
         self.learning.learner.clear();
         self.pass(half);
         // In place: on fine grids a copy takes gigabytes.
-        let second = self.learning.learner.trees();
+        let second = self.quadtrees();
         let quantity = self.settings.learner.target;
         Ok(first.iter().zip(second).map(|(first, second)| Target::of(first, second, quantity)).collect())
     }
@@ -296,10 +307,10 @@ fn draw(mut voxels: Vec<VoxelId>, most: u32, random: &mut Random) -> Vec<VoxelId
 fn pair_of(tree: &CountedTree, target: &Target) -> TreeSample {
     let narrow = |masses: Vec<f64>| masses.into_iter().map(|m| m as f32).collect();
     TreeSample {
-        own_split: tree.leaves.topology.split_flags(),
-        own_sums: tree.leaves.sums.to_vec(),
-        counted_split: tree.distribution.topology().split_flags(),
-        counted: narrow(tree.distribution.leaf_mass()),
+        own_split: tree.own.topology.split_flags(),
+        own_sums: tree.own.sums.to_vec(),
+        counted_split: tree.counted.topology().split_flags(),
+        counted: narrow(tree.counted.leaf_mass()),
         block_split: tree.block.distribution.topology().split_flags(),
         block: narrow(tree.block.distribution.leaf_mass()),
         block_samples: tree.block.samples,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::shard::{TreeSample, VERSION, read_shard};
 use crate::base::files::{read_bytes, write_atomically};
 use crate::base::{Error, Place, Result};
-use crate::guiding::leaves::Target;
+use crate::guiding::target::Target;
 use crate::network::config::Mode;
 
 /// Name of the index in a data folder.

@@ -10,7 +10,7 @@ use crate::base::error::At;
 use crate::base::files::read_bytes;
 use crate::base::random::Random;
 use crate::base::{Error, Place, Result};
-use crate::guiding::leaves::Target;
+use crate::guiding::target::Target;
 
 /// Largest accepted recipe file, bytes.
 const MAX_BYTES: u64 = 1 << 20;

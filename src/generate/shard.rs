@@ -28,9 +28,10 @@ use crate::base::tensors::{self, Dtype, Tensor, Tensors, vector};
 use crate::base::{Error, Place, Result};
 use glam::Vec3;
 
-use crate::guiding::features::Traits;
-use crate::guiding::leaves::{NETWORK_CHANNELS, Target};
-use crate::guiding::topology::Topology;
+use crate::guiding::target::Target;
+use crate::guiding::tree::features::Traits;
+use crate::guiding::tree::leaves::NETWORK_CHANNELS;
+use crate::guiding::tree::topology::Topology;
 
 /// The version of shards that this program reads. 4: inputs have earlier iterations in them, and the block around them.
 pub const VERSION: u32 = 4;
@@ -56,13 +57,13 @@ pub struct TreeSample {
     pub bounds: [f32; 6],
     /// Split flags of the voxel's own tree Q_h, as for [`Topology::from_split`].
     pub own_split: Vec<bool>,
-    /// [leaves, [`NETWORK_CHANNELS`]], see [`Layout::Network`](crate::guiding::leaves::Layout::Network).
+    /// [leaves, [`NETWORK_CHANNELS`]], see [`Layout::Network`](crate::guiding::tree::leaves::Layout::Network).
     pub own_sums: Vec<f32>,
     /// Split flags of the counted distribution, which has the voxel's context.
     pub counted_split: Vec<bool>,
     /// Mass per leaf of the counted distribution; the sum is 1.
     pub counted: Vec<f32>,
-    /// Split flags of the distribution of the voxel's [`Block`](crate::guiding::context::Block).
+    /// Split flags of the distribution of the voxel's [`Block`](crate::guiding::tree::context::Block).
     pub block_split: Vec<bool>,
     /// Mass per leaf of that; the sum is 1.
     pub block: Vec<f32>,

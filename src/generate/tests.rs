@@ -8,7 +8,7 @@ use glam::Mat4;
 
 use super::*;
 use crate::base::progress::Silent;
-use crate::reconstruct::Counted;
+use crate::reconstruct::AsCounted;
 use crate::render::{GuideMode, RenderSettings, StopRule, render};
 use crate::scene::file::{GeometryFile, MaterialFile, Matrix};
 use crate::scene::{Scene, readers};
@@ -93,7 +93,7 @@ fn mean_of_picture(family: Family, seed: u64) -> f64 {
     let scene = Scene::build(&loaded, size).unwrap();
     let mut settings = RenderSettings::new(GuideMode::None, StopRule::Spp(16));
     settings.transport.max_depth = loaded.file.render.max_depth;
-    let outcome = render(&scene, &settings, &Counted::default(), &Silent, &AtomicBool::new(false)).unwrap();
+    let outcome = render(&scene, &settings, &AsCounted::default(), &Silent, &AtomicBool::new(false)).unwrap();
     let pixels = &outcome.image.pixels;
     pixels.iter().map(|p| f64::from(p.element_sum()) / 3.0).sum::<f64>() / pixels.len() as f64
 }

@@ -2,11 +2,10 @@
 
 use glam::Vec3;
 
-use super::leaves::{DirectLight, Target};
 use super::moments::Estimate;
 
 /// A camera path's sampled direction at one vertex, with what the rest of the path brought back along it. It says what happened;
-/// what of that is learned is for [`PathRecord::value`] to say.
+/// what of that is learned is for [`Learned`](super::target::Learned) to say.
 ///
 /// Light that the path ran into at its next vertex stands apart where light sampling could have found it too: it is weighted as it
 /// enters the picture, by the balance heuristic.
@@ -28,9 +27,9 @@ pub struct PathRecord {
     /// Part of the mixture density that is the BSDF's, in [0, 1].
     pub bsdf_share: f32,
     /// Channel means of the radiance that arrived: emission that light sampling could have found too, weighted, and all other.
-    pub radiance: Kinds,
+    pub radiance: Radiance,
     /// Channel means of f·|cos θ|·L / p of both, radiance.
-    pub brought: Kinds,
+    pub brought: Radiance,
     /// Density of light sampling over that of the mixture in the sampled direction, in [0, ∞].
     pub light_ratio: f32,
     /// Channel mean of the radiance that light sampling sent back from the vertex along the path.
@@ -43,28 +42,17 @@ pub struct PathRecord {
 
 /// Light that arrived, by who could have found it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Kinds {
+pub struct Radiance {
     /// Emission that light sampling could have found too, weighted against it.
     pub emitted: f32,
     /// All other.
     pub onward: f32,
 }
 
-impl Kinds {
+impl Radiance {
     /// Both, as they enter the picture.
     pub fn sum(self) -> f32 {
         self.emitted + self.onward
-    }
-
-    /// What of it is learned, light sampling having `light_ratio` times the density.
-    fn learned(self, direct: DirectLight, light_ratio: f32) -> f32 {
-        match direct {
-            DirectLight::Nothing => self.onward,
-            DirectLight::Weighted => self.sum(),
-            // Without light sampling the weight is 1 instead of 1 / (1 + ratio).
-            DirectLight::All if self.emitted > 0.0 => self.onward + self.emitted * (1.0 + light_ratio),
-            DirectLight::All => self.onward,
-        }
     }
 }
 
@@ -80,8 +68,8 @@ impl PathRecord {
             importance: 0.0,
             pdf: 0.0,
             bsdf_share: 0.0,
-            radiance: Kinds::default(),
-            brought: Kinds::default(),
+            radiance: Radiance::default(),
+            brought: Radiance::default(),
             light_ratio: 0.0,
             direct: 0.0,
             direct_share: 1.0,
@@ -99,17 +87,6 @@ impl PathRecord {
     /// for a large lamp.
     pub fn estimate(&self) -> f32 {
         self.brought.sum()
-    }
-
-    /// What trees sum: V for the radiance target, √V for second moments (see [`Target`]): as a root, so that squares cannot overflow.
-    pub fn value(&self, target: Target, direct: DirectLight) -> f32 {
-        let learned = |of: Kinds| of.learned(direct, self.light_ratio);
-        let value = match target {
-            Target::Radiance => learned(self.radiance) / self.pdf,
-            Target::Variance => learned(self.brought) * self.pdf.sqrt(),
-            Target::VariancePixel => learned(self.brought) * self.pdf.sqrt() * self.importance,
-        };
-        if value.is_finite() { value } else { 0.0 }
     }
 
     /// Squares of what it brought to the picture: without and with light sampling.

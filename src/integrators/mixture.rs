@@ -11,7 +11,7 @@ use glam::Vec3;
 
 use crate::base::random::{Dimension, Random};
 use crate::geometry::Surface;
-use crate::guiding::field::{DirectionGuide, VoxelGuide};
+use crate::guiding::sample::field::{DirectionGuide, VoxelGuide};
 use crate::materials::bump::Shadowing;
 use crate::materials::diffuse::Diffuse;
 use crate::materials::phase::HenyeyGreenstein;
@@ -92,7 +92,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
     /// The mixture at `surface` for light that leaves in the world direction `out`; `guide` is none for a delta material.
     #[inline(always)]
     pub fn new(surface: &'a Surface, scattering: Scattering<'a>, out: Vec3, guide: Option<&'a VoxelGuide>) -> Self {
-        let guide = guide.and_then(|guide| guide.directions(surface.point));
+        let guide = guide.and_then(|guide| guide.at(surface.point));
         let bumps = match scattering {
             Scattering::Material(material) if E::MATERIALS && material.bump.is_some() => {
                 (surface.smooth != surface.frame.n).then(|| Shadowing::new(surface.smooth, surface.frame.n))

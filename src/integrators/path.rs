@@ -13,9 +13,9 @@ use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
 use crate::base::processor::Avx2;
 use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
-use crate::guiding::effort::Effort;
-use crate::guiding::field::GuideField;
-use crate::guiding::record::{Kinds, PathRecord};
+use crate::guiding::record::{PathRecord, Radiance};
+use crate::guiding::sample::field::GuideField;
+use crate::guiding::sample::roulette::AdjointRoulette;
 use crate::lights::Light;
 use crate::materials::Transport;
 use crate::materials::medium::MediumId;
@@ -266,10 +266,10 @@ impl PathTracer<'_> {
             let carried = channel_mean(throughput);
             let importance = pixel.map(|value| carried / value);
             let knows = self.settings.roulette == Roulette::Window;
-            let effort = guide.filter(|_| knows).map_or(Effort::UNKNOWN, |guide| guide.effort);
+            let adjoint = guide.filter(|_| knows).map_or(AdjointRoulette::UNKNOWN, |guide| guide.roulette);
             let mut light_probability = 0.0;
             if self.settings.nee && !smooth {
-                light_probability = importance.map_or(1.0, |importance| effort.light_probability(importance, carried));
+                light_probability = importance.map_or(1.0, |importance| adjoint.light_probability(importance, carried));
                 details.direct = self.connect(&surface, &mixture, medium, light_probability, random, count);
                 vertex.direct = details.direct.value;
             }
@@ -283,7 +283,7 @@ impl PathTracer<'_> {
             reflected = if E::GUIDING { reflected * sample.bsdf_weight } else { throughput };
             // What a mirror shows has nothing to do with what the voxel's other directions send back.
             let judging = importance.filter(|_| !sample.delta);
-            let worth = judging.and_then(|importance| effort.survival(importance, carried));
+            let worth = judging.and_then(|importance| adjoint.survival(importance, carried));
             let judged = if E::GUIDING { throughput.max(reflected) } else { throughput };
             if E::MATERIALS {
                 squeezed *= mixture.eta(sample.direction).powi(2);
@@ -448,7 +448,7 @@ fn record(vertex: &Details, next: Option<&Details>, met: Emission, onward: Vec3,
     }
     let Step { sample, survival } = vertex.step.as_ref().filter(|step| !step.sample.delta)?;
     let arrived = if met.connected { [met.weighted(), onward] } else { [Vec3::ZERO, onward + met.weighted()] };
-    let kinds = |[emitted, onward]: [f32; 2]| Kinds { emitted: finite(emitted), onward: finite(onward) };
+    let kinds = |[emitted, onward]: [f32; 2]| Radiance { emitted: finite(emitted), onward: finite(onward) };
     Some(PathRecord {
         direction: sample.direction,
         distance: next.map_or(f32::INFINITY, |n| n.distance),

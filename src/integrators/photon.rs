@@ -6,7 +6,7 @@ use super::mixture::{Mixture, Scattering};
 use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
 use crate::base::random::{Dimension, Random};
 use crate::geometry::Surface;
-use crate::guiding::emission::{EmissionGuide, Start};
+use crate::guiding::learn::emission::{EmissionGuide, Start};
 use crate::guiding::record::PhotonRecord;
 use crate::integrators::path::RayCount;
 use crate::lights::Emission;

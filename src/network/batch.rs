@@ -3,7 +3,7 @@
 //! Within a level, rows are ordered by tree and then breadth first, so the four siblings are adjacent and, below the root,
 //! a level's row count is a multiple of four. [`Batch`] holds trees that exist, [`DecodeLevel`] is a level of trees that grow.
 
-use crate::guiding::topology::{MAX_LEVEL, Topology};
+use crate::guiding::tree::topology::{MAX_LEVEL, Topology};
 
 pub use super::growing::DecodeLevel;
 pub use super::rows::{CENTRE, NONE, Rows, SLOTS};

@@ -6,9 +6,9 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::base::{Error, Result};
-use crate::guiding::distribution::Distribution;
-use crate::guiding::features::FEATURES;
-use crate::guiding::topology::MAX_LEVEL;
+use crate::guiding::tree::distribution::Distribution;
+use crate::guiding::tree::features::FEATURES;
+use crate::guiding::tree::topology::MAX_LEVEL;
 
 /// The version of model folders that this program reads. 4: the network sees the block around a voxel, and earlier
 /// iterations in counted trees.

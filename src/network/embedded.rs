@@ -7,7 +7,7 @@ use super::executable::{Executable, Inputs};
 use super::program::{Program, decode_program, encode_program};
 use super::weights::Model;
 use crate::base::{Error, Result};
-use crate::guiding::topology::MAX_LEVEL;
+use crate::guiding::tree::topology::MAX_LEVEL;
 
 /// Name of this backend in messages.
 const NAME: &str = "embedded";

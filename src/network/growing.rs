@@ -3,8 +3,8 @@
 use super::batch::Batch;
 use super::program::GEOMETRY;
 use super::rows::{NONE, Rows};
-use crate::guiding::features::LOG_SHARES;
-use crate::guiding::topology::MAX_LEVEL;
+use crate::guiding::tree::features::LOG_SHARES;
+use crate::guiding::tree::topology::MAX_LEVEL;
 use crate::math::cylindrical::cell_centre;
 
 /// One level of the trees that are decoded (Q_r), grown level by level from the roots.
@@ -62,14 +62,14 @@ impl DecodeLevel {
     }
 
     /// The step's `base` input [N]: the logarithm of the share that the network corrects. `base` is that of all encoded nodes, as
-    /// [`NodeInputs`](crate::guiding::features::NodeInputs) has them; equal shares where the encoded tree has no such node.
+    /// [`NodeInputs`](crate::guiding::tree::features::NodeInputs) has them; equal shares where the encoded tree has no such node.
     pub fn base(&self, base: &[f32]) -> Vec<f32> {
         let of = |(&skip, &ancestor): (&u32, &u32)| if skip == NONE { 0.25f32.ln() } else { base[ancestor as usize] };
         self.skip.iter().zip(&self.ancestor).map(of).collect()
     }
 
     /// The step's `geometry` input [N, [`GEOMETRY`]]; `log_shares` are those of
-    /// [`NodeInputs`](crate::guiding::features::NodeInputs), all trees' concatenated.
+    /// [`NodeInputs`](crate::guiding::tree::features::NodeInputs), all trees' concatenated.
     pub fn geometry(&self, log_shares: &[[f32; LOG_SHARES]]) -> Vec<f32> {
         let mut geometry = Vec::with_capacity(self.rows.len() * GEOMETRY);
         for (row, &cell) in self.rows.cell.iter().enumerate() {

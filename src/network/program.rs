@@ -18,12 +18,12 @@
 //! A node of the tree has `leaf`·¼ + (1 − `leaf`)·`share` of its parent's mass, `leaf` being the parent's, 0 for a root (eq. 15).
 
 use super::config::Config;
-use crate::guiding::features::LOG_SHARES;
-use crate::guiding::topology::MAX_LEVEL;
+use crate::guiding::tree::features::LOG_SHARES;
+use crate::guiding::tree::topology::MAX_LEVEL;
 
 /// Channels of the decoder's `geometry` input: presence flag in Q_h; level / 20; one-hot position among the four siblings;
 /// the direction of the cell's centre (x, y, z); the log-densities of the nearest ancestor (or the node itself), see
-/// [`NodeInputs`](crate::guiding::features::NodeInputs).
+/// [`NodeInputs`](crate::guiding::tree::features::NodeInputs).
 pub const GEOMETRY: usize = 9 + LOG_SHARES;
 
 /// Index of a value in a [`Program`].

@@ -3,7 +3,7 @@
 //! No hashing is needed to find neighbours: the parent of a cell's neighbour is the parent or one of the parent's neighbours,
 //! so each level follows from the one above in constant time per entry.
 
-use crate::guiding::topology::around_children;
+use crate::guiding::tree::topology::around_children;
 
 /// Cells of a 3×3 neighbourhood; slot k is (dx, dy) = (k/3 − 1, k%3 − 1), x along z and y along φ.
 pub const SLOTS: usize = 9;

@@ -10,12 +10,12 @@
 
 use rayon::prelude::*;
 
-use super::{Reconstructor, TreeInput};
+use super::Reconstructor;
 use crate::base::Result;
-use crate::guiding::distribution::Distribution;
-use crate::guiding::learner::CountedTree;
-use crate::guiding::proposal::Proposal;
-use crate::guiding::topology::{NO_CHILD, Topology, around_children};
+use crate::guiding::tree::CountedTree;
+use crate::guiding::tree::distribution::Distribution;
+use crate::guiding::tree::proposal::Proposal;
+use crate::guiding::tree::topology::{NO_CHILD, Topology, around_children};
 
 /// Parameters, tuned by evaluation on training trees.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,7 +46,7 @@ const OFFSETS: [[i32; 2]; 9] = [[-1, -1], [-1, 0], [-1, 1], [0, -1], [0, 0], [0,
 
 impl Gaussian {
     /// Smooths a voxel's counted tree.
-    pub fn smooth_tree(&self, tree: &TreeInput) -> Distribution {
+    pub fn smooth_tree(&self, tree: &CountedTree) -> Distribution {
         self.smooth(tree.counted, tree.traits.all_samples())
     }
 
@@ -111,8 +111,8 @@ impl Reconstructor for Gaussian {
         0.1
     }
 
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
-        Ok(trees.par_iter().map(|tree| (self.smooth_tree(&tree.into()), self.uniform).into()).collect())
+    fn reconstruct(&self, trees: &[CountedTree]) -> Result<Vec<Proposal>> {
+        Ok(trees.par_iter().map(|tree| (self.smooth_tree(tree), self.uniform).into()).collect())
     }
 }
 
@@ -146,7 +146,7 @@ fn neighbours(topology: &Topology) -> (Vec<[u32; 9]>, Vec<u8>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guiding::distribution::kl;
+    use crate::guiding::tree::distribution::kl;
 
     /// All mass in one cell at `depth`, at the corner z = −1, φ = 0.
     fn spike(depth: usize) -> Distribution {

@@ -5,7 +5,7 @@
 //! descendants with it. Hence one ranking per tree suffices, kept up while levels are added.
 
 use crate::base::Result;
-use crate::guiding::topology::{MAX_NODES, Topology};
+use crate::guiding::tree::topology::{MAX_NODES, Topology};
 
 use super::Reconstructed;
 
@@ -139,7 +139,7 @@ fn sane_shares(shares: &[f32]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guiding::topology::MAX_LEVEL;
+    use crate::guiding::tree::topology::MAX_LEVEL;
     use crate::network::batch::{Batch, DecodeLevel};
 
     /// Grows one tree with shares by `share(level, row)` of siblings, everything wanting to split.

@@ -13,36 +13,15 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use crate::base::{Error, Result};
-use crate::guiding::context::Block;
-use crate::guiding::distribution::Distribution;
-use crate::guiding::features::Traits;
-use crate::guiding::learner::CountedTree;
-use crate::guiding::leaves::{Layout, Leaves};
-use crate::guiding::proposal::Proposal;
-use crate::guiding::topology::Topology;
+use crate::guiding::tree::CountedTree;
+use crate::guiding::tree::distribution::Distribution;
+use crate::guiding::tree::leaves::Layout;
+use crate::guiding::tree::proposal::Proposal;
+use crate::guiding::tree::topology::Topology;
 use crate::network::backend::Backend;
 use crate::network::config::Mode;
 use crate::network::embedded::{Embedded, Precision};
 use crate::network::weights::Model;
-
-/// A tree to reconstruct.
-#[derive(Debug, Clone, Copy)]
-pub struct TreeInput<'a> {
-    /// The voxel's samples as counted, with its context: this tree is encoded.
-    pub counted: &'a Distribution,
-    /// The voxel's own samples, in the layout [`Network`](crate::guiding::leaves::Layout::Network).
-    pub own: Leaves<'a>,
-    /// What is known around the voxel.
-    pub block: &'a Block,
-    /// What is known of the voxel as a whole.
-    pub traits: &'a Traits,
-}
-
-impl<'a> From<&'a CountedTree<'a>> for TreeInput<'a> {
-    fn from(tree: &'a CountedTree<'a>) -> Self {
-        Self { counted: &tree.distribution, own: tree.leaves, block: tree.block, traits: &tree.traits }
-    }
-}
 
 /// A reconstructed distribution.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,7 +45,7 @@ pub trait Reconstructor: Sync {
     ///
     /// # Errors
     /// Whatever the inference backend reports.
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>>;
+    fn reconstruct(&self, trees: &[CountedTree]) -> Result<Vec<Proposal>>;
 }
 
 /// Reconstructs the trees of the voxels that contribute most to the picture, until that has cost as much as tracing `rays`
@@ -77,10 +56,10 @@ pub trait Reconstructor: Sync {
 /// Those of the reconstructor.
 pub fn reconstruct_within(
     rays: f64,
-    trees: Vec<CountedTree>,
+    trees: &[CountedTree],
     reconstructor: &dyn Reconstructor,
 ) -> Result<(Vec<Proposal>, f64)> {
-    let nodes = |tree: &CountedTree| tree.distribution.topology().len().max(LEAST_NODES) as f64;
+    let nodes = |tree: &CountedTree| tree.counted.topology().len().max(LEAST_NODES) as f64;
     let cost = |tree: &CountedTree| reconstructor.rays_per_node() * nodes(tree);
     let mut order: Vec<usize> = (0..trees.len()).collect();
     order.sort_by(|&a, &b| trees[b].contribution.total_cmp(&trees[a].contribution).then(a.cmp(&b)));
@@ -92,15 +71,15 @@ pub fn reconstruct_within(
             (spent, chosen[i]) = (after, true);
         }
     }
-    let (counted, gaussian) = (Counted::default(), gaussian::Gaussian::default());
+    let (counted, gaussian) = (AsCounted::default(), gaussian::Gaussian::default());
     let cheaper = gaussian.rays_per_node() < 0.5 * reconstructor.rays_per_node();
     let fallback: &dyn Reconstructor = if cheaper { &gaussian } else { &counted };
     let (mut worth, mut rest) = (Vec::new(), Vec::new());
-    for (tree, &chosen) in trees.into_iter().zip(&chosen) {
-        if chosen { worth.push(tree) } else { rest.push(tree) }
+    for (tree, &chosen) in trees.iter().zip(&chosen) {
+        if chosen { worth.push(*tree) } else { rest.push(*tree) }
     }
-    let mut worth = reconstructor.reconstruct(worth)?.into_iter();
-    let mut rest = fallback.reconstruct(rest)?.into_iter();
+    let mut worth = reconstructor.reconstruct(&worth)?.into_iter();
+    let mut rest = fallback.reconstruct(&rest)?.into_iter();
     let proposals = chosen.iter().filter_map(|&chosen| if chosen { worth.next() } else { rest.next() }).collect();
     Ok((proposals, spent))
 }
@@ -110,18 +89,18 @@ const LEAST_NODES: usize = 32;
 
 /// No reconstruction: trees as counted.
 #[derive(Debug, Clone, Copy)]
-pub struct Counted {
+pub struct AsCounted {
     /// Uniform part.
     pub uniform: f32,
 }
 
-impl Default for Counted {
+impl Default for AsCounted {
     fn default() -> Self {
         Self { uniform: 0.05 }
     }
 }
 
-impl Reconstructor for Counted {
+impl Reconstructor for AsCounted {
     fn name(&self) -> &'static str {
         "none"
     }
@@ -130,8 +109,8 @@ impl Reconstructor for Counted {
         0.0
     }
 
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
-        Ok(trees.into_iter().map(|tree| (tree.distribution, self.uniform).into()).collect())
+    fn reconstruct(&self, trees: &[CountedTree]) -> Result<Vec<Proposal>> {
+        Ok(trees.iter().map(|tree| (tree.counted.clone(), self.uniform).into()).collect())
     }
 }
 
@@ -220,13 +199,12 @@ impl Reconstructor for Neural {
         0.8
     }
 
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
-        if trees.iter().any(|tree| tree.leaves.layout != Layout::Network) {
+    fn reconstruct(&self, trees: &[CountedTree]) -> Result<Vec<Proposal>> {
+        if trees.iter().any(|tree| tree.own.layout != Layout::Network) {
             let message = "the network needs trees with all their features".into();
             return Err(Error::Backend { backend: self.backend.name(), message });
         }
-        let inputs: Vec<_> = trees.iter().map(TreeInput::from).collect();
-        let corrected = neural::correct_batch(&self.model, self.backend.as_ref(), &inputs)?;
+        let corrected = neural::correct_batch(&self.model, self.backend.as_ref(), trees)?;
         let proposal = |(reconstructed, smoothed): (Reconstructed, Distribution)| {
             let first = Distribution::from_shares(reconstructed.topology, &reconstructed.node_share);
             let plain = Some((smoothed, gaussian::Gaussian::default().uniform));
@@ -239,7 +217,10 @@ impl Reconstructor for Neural {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guiding::leaves::Target;
+    use crate::guiding::target::Target;
+    use crate::guiding::tree::context::Block;
+    use crate::guiding::tree::features::Traits;
+    use crate::guiding::tree::leaves::Leaves;
 
     /// Makes every tree uniform, at a price.
     struct Flat(f64);
@@ -253,7 +234,7 @@ mod tests {
             self.0
         }
 
-        fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
+        fn reconstruct(&self, trees: &[CountedTree]) -> Result<Vec<Proposal>> {
             Ok(vec![(Distribution::uniform(), 0.5).into(); trees.len()])
         }
     }
@@ -262,14 +243,15 @@ mod tests {
     fn within(rays: f64, price: f64) -> ([bool; 3], [f32; 3], f64) {
         let topology = Topology::from_split(&[true, false, false, false, false]).unwrap();
         let (sums, block) = ([1.0, 1.0, 0.0, 0.0].repeat(4), Block::default());
+        let counted = Distribution::from_leaf_weights(topology.clone(), &[0.7, 0.1, 0.1, 0.1]);
         let tree = |contribution| CountedTree {
-            leaves: Leaves { topology: &topology, sums: &sums, layout: Layout::Values, target: Target::Variance },
-            distribution: Distribution::from_leaf_weights(topology.clone(), &[0.7, 0.1, 0.1, 0.1]),
+            counted: &counted,
+            own: Leaves { topology: &topology, sums: &sums, layout: Layout::Values, target: Target::Variance },
             block: &block,
             traits: Traits { samples: [4, 0], ..Traits::default() },
             contribution,
         };
-        let (made, spent) = reconstruct_within(rays, [1.0, 3.0, 2.0].map(tree).to_vec(), &Flat(price)).unwrap();
+        let (made, spent) = reconstruct_within(rays, &[1.0, 3.0, 2.0].map(tree), &Flat(price)).unwrap();
         let made = [0, 1, 2].map(|i| &made[i].first);
         (made.map(|of| of.0 == Distribution::uniform()), made.map(|of| of.1), spent)
     }
@@ -277,7 +259,7 @@ mod tests {
     #[test]
     fn what_contributes_most_comes_first() {
         let nodes = LEAST_NODES as f64;
-        let counted = Counted::default().uniform;
+        let counted = AsCounted::default().uniform;
         assert_eq!(within(0.0, 0.1), ([false; 3], [counted; 3], 0.0));
         assert_eq!(within(0.1 * nodes, 0.1), ([false, true, false], [counted, 0.5, counted], 0.1 * nodes));
         assert_eq!(within(2.5 * nodes, 1.0).0, [false, true, true]);

@@ -2,13 +2,14 @@
 
 use rayon::prelude::*;
 
+use super::Reconstructed;
 use super::gaussian::Gaussian;
 use super::growth::Growth;
-use super::{Reconstructed, TreeInput};
 use crate::base::{Error, Result};
-use crate::guiding::distribution::Distribution;
-use crate::guiding::features::{FEATURES, NodeInputs, node_inputs};
-use crate::guiding::topology::Topology;
+use crate::guiding::tree::CountedTree;
+use crate::guiding::tree::distribution::Distribution;
+use crate::guiding::tree::features::{FEATURES, NodeInputs, node_inputs};
+use crate::guiding::tree::topology::Topology;
 use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use crate::network::batch::{Batch, DecodeLevel};
 use crate::network::config::Config;
@@ -24,13 +25,13 @@ const TREE_NODES: usize = 400;
 ///
 /// Every root is split. A decoded node is split while its leaf probability is below the configured threshold, its share of
 /// the tree above the configured minimum, and its level above
-/// [`MAX_LEVEL`](crate::guiding::topology::MAX_LEVEL); of more splits than
-/// [`MAX_NODES`](crate::guiding::topology::MAX_NODES) allow, the most energetic remain. The children's shares are the expected
+/// [`MAX_LEVEL`](crate::guiding::tree::topology::MAX_LEVEL); of more splits than
+/// [`MAX_NODES`](crate::guiding::tree::topology::MAX_NODES) allow, the most energetic remain. The children's shares are the expected
 /// ones, so that a doubtful split counts as much as it is believed.
 ///
 /// # Errors
 /// [`Error::Backend`] if the backend fails or a tree's sums do not match its leaves.
-pub fn reconstruct_batch(model: &Model, backend: &dyn Backend, inputs: &[TreeInput]) -> Result<Vec<Reconstructed>> {
+pub fn reconstruct_batch(model: &Model, backend: &dyn Backend, inputs: &[CountedTree]) -> Result<Vec<Reconstructed>> {
     Ok(correct_batch(model, backend, inputs)?.into_iter().map(|(reconstructed, _)| reconstructed).collect())
 }
 
@@ -41,7 +42,7 @@ pub fn reconstruct_batch(model: &Model, backend: &dyn Backend, inputs: &[TreeInp
 pub fn correct_batch(
     model: &Model,
     backend: &dyn Backend,
-    inputs: &[TreeInput],
+    inputs: &[CountedTree],
 ) -> Result<Vec<(Reconstructed, Distribution)>> {
     let parts: Vec<_> = partition(inputs).par_iter().map(|part| reconstruct(&model.config, backend, part)).collect();
     let parts = parts.into_iter().collect::<Result<Vec<_>>>()?;
@@ -49,7 +50,7 @@ pub fn correct_batch(
 }
 
 /// Consecutive trees of about [`BATCH_NODES`] nodes; a function of the trees alone.
-fn partition<'a, 'b>(inputs: &'b [TreeInput<'a>]) -> Vec<&'b [TreeInput<'a>]> {
+fn partition<'a, 'b>(inputs: &'b [CountedTree<'a>]) -> Vec<&'b [CountedTree<'a>]> {
     let (mut parts, mut start, mut nodes) = (vec![], 0, 0);
     for (i, input) in inputs.iter().enumerate() {
         nodes += input.counted.topology().len().max(TREE_NODES);
@@ -64,11 +65,12 @@ fn partition<'a, 'b>(inputs: &'b [TreeInput<'a>]) -> Vec<&'b [TreeInput<'a>]> {
 fn reconstruct(
     config: &Config,
     backend: &dyn Backend,
-    inputs: &[TreeInput],
+    inputs: &[CountedTree],
 ) -> Result<Vec<(Reconstructed, Distribution)>> {
     let fail = |message| Error::Backend { backend: backend.name(), message };
     let encoded: Vec<_> = inputs.iter().map(|input| config.encoded(input.counted)).collect();
-    let inputs: Vec<_> = inputs.iter().zip(&encoded).map(|(input, counted)| TreeInput { counted, ..*input }).collect();
+    let inputs: Vec<_> =
+        inputs.iter().zip(&encoded).map(|(input, counted)| CountedTree { counted, ..*input }).collect();
     let topologies: Vec<&Topology> = inputs.iter().map(|input| input.counted.topology()).collect();
     let batch = Batch::new(&topologies);
     let smoothed: Vec<Distribution> = inputs.iter().map(smoothed).collect();
@@ -104,7 +106,7 @@ fn expected_shares(parent: &[u32], leaf: &[f32], share: &[f32]) -> Vec<f32> {
 }
 
 /// What the network reads of all trees, concatenated.
-fn all_inputs(inputs: &[TreeInput], smoothed: &[Distribution]) -> NodeInputs {
+fn all_inputs(inputs: &[CountedTree], smoothed: &[Distribution]) -> NodeInputs {
     let mut all = NodeInputs::default();
     for (input, smoothed) in inputs.iter().zip(smoothed) {
         let nodes = corrected_inputs(input, smoothed);
@@ -116,17 +118,17 @@ fn all_inputs(inputs: &[TreeInput], smoothed: &[Distribution]) -> NodeInputs {
 }
 
 /// What the network reads of one tree.
-pub fn inputs_of(input: &TreeInput) -> NodeInputs {
+pub fn inputs_of(input: &CountedTree) -> NodeInputs {
     corrected_inputs(input, &smoothed(input))
 }
 
 /// What the network corrects: the tree smoothed with the default [`Gaussian`].
-fn smoothed(input: &TreeInput) -> Distribution {
+fn smoothed(input: &CountedTree) -> Distribution {
     Gaussian::default().smooth_tree(input)
 }
 
-fn corrected_inputs(input: &TreeInput, smoothed: &Distribution) -> NodeInputs {
-    node_inputs(input.counted, smoothed.node_mass(), &input.own, input.block, input.traits)
+fn corrected_inputs(input: &CountedTree, smoothed: &Distribution) -> NodeInputs {
+    node_inputs(input.counted, smoothed.node_mass(), &input.own, input.block, &input.traits)
 }
 
 /// The encoder's output of every level, from the root down.

@@ -13,7 +13,7 @@ use super::settings::RenderSettings;
 use crate::base::Result;
 use crate::base::random::Dimension;
 use crate::film::{Channel, PixelFilter};
-use crate::guiding::field::GuideField;
+use crate::guiding::sample::field::GuideField;
 use crate::scene::Scene;
 
 /// Camera samples that features are averaged over, where the picture has as many.
@@ -159,7 +159,7 @@ fn seen(
     let material = scene.material(&surface);
     let normal = surface.normal_towards(-ray.direction);
     let guide = field.filter(|_| !material.is_delta()).and_then(|field| field.at(surface.point, normal));
-    let guided = guide.and_then(|guide| guide.directions(surface.point));
+    let guided = guide.and_then(|guide| guide.at(surface.point));
     Some(Features {
         albedo: material.albedo(surface.uv),
         normal,

@@ -2,7 +2,7 @@
 //!
 //! A safetensors file (see [`crate::base::tensors`]), written between two chunks of a pass. It holds the passes so far (see
 //! [`FinishedPass::arrays`]), named `pass0`, `early0` and so on; the pass that is being made, `now`; while learning the learner (see
-//! [`Learner::arrays`](crate::guiding::learner::Learner::arrays)) and where photons start (see [`emission::arrays`]), afterwards the
+//! [`Learner::arrays`](crate::guiding::learn::learner::Learner::arrays)) and where photons start (see [`emission::arrays`]), afterwards the
 //! field as in a guide file; `half0`, `half1`, `done0`, `done1` of a render to a target error; and
 //!
 //! | name | type | |
@@ -29,8 +29,9 @@ use crate::base::files::read_bytes;
 use crate::base::tensors::{self, Dtype, Tensor, Tensors, doubles, vector};
 use crate::base::{Error, Place, Result};
 use crate::film::{FinishedPass, Pass};
-use crate::guiding::field::{Evidence, GuideField};
-use crate::guiding::{emission, file};
+use crate::guiding::learn::emission;
+use crate::guiding::sample::field::{Evidence, GuideField};
+use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
 /// The version of checkpoints that this program reads and writes. 3: light sampling and going on are judged apart.

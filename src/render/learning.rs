@@ -8,10 +8,10 @@ use super::statistics::{Iteration, Seconds};
 use crate::base::Result;
 use crate::base::tensors::{Dtype, Tensors};
 use crate::guiding::cache::VoxelId;
-use crate::guiding::emission::{self, EmissionGuide, EmissionLearner, Start};
-use crate::guiding::field::GuideField;
-use crate::guiding::learner::{Learner, Use};
+use crate::guiding::learn::emission::{self, EmissionGuide, EmissionLearner, Start};
+use crate::guiding::learn::learner::{Learner, Use};
 use crate::guiding::moments::PictureMoments;
+use crate::guiding::sample::field::GuideField;
 use crate::reconstruct::{Reconstructor, reconstruct_within};
 use crate::sampling::discrete::Discrete;
 
@@ -106,30 +106,21 @@ impl Learning {
         seconds: &mut Seconds,
     ) -> Result<Iteration> {
         let begun = Instant::now();
-        let mut counted = Vec::new();
-        let mut places = Vec::new();
-        let trees = self.learner.counted();
-        let mut proposals = vec![None; trees.len()];
-        for (place, tree) in trees.into_iter().enumerate() {
-            if let Some(tree) = tree {
-                counted.push(tree);
-                places.push(place);
-            }
-        }
-        let (reconstructed, spent) = reconstruct_within(rays - self.reconstruction_rays, counted, reconstructor)?;
+        let left = rays - self.reconstruction_rays;
+        let mut spent = 0.0;
+        self.learner.fit(&mut |trees| {
+            let (proposals, cost) = reconstruct_within(left, trees, reconstructor)?;
+            spent = cost;
+            Ok(proposals)
+        })?;
         self.reconstruction_rays += spent;
-        for (place, proposal) in places.into_iter().zip(reconstructed) {
-            proposals[place] = Some(proposal);
-        }
-        self.learner.publish(proposals);
         self.moments = self.learner.picture_moments(worst);
         let reconstruct_seconds = begun.elapsed().as_secs_f64();
         seconds.reconstruct += reconstruct_seconds;
-        let nodes = self.learner.trees().iter().map(|t| t.leaves().topology.len()).sum();
+        let nodes = self.learner.model().nodes();
         if self.photon_share > 0.0 {
             let least = if self.iterations < PATIENCE { LEAST_PHOTONS } else { 0.0 };
-            let arrived = self.learner.trees().iter().any(|tree| tree.counts()[1] > 0);
-            let unknown = if arrived { self.photon_share } else { 0.0 };
+            let unknown = if self.learner.has_photons() { self.photon_share } else { 0.0 };
             self.photon_share = self.learner.photon_gain().map_or(unknown, photon_share).max(least);
         }
         self.iterations += 1;

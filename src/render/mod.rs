@@ -28,8 +28,8 @@ use crate::base::{Error, Result};
 use crate::film::{
     FinishedPass, Pass, PixelFilter, PixelSpread, Window, check_size, combine, expected_values, outliers, pixel_spread,
 };
-use crate::guiding::field::{Evidence, GuideField};
-use crate::guiding::learner::Use;
+use crate::guiding::learn::learner::Use;
+use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::materials::Material;
 use crate::materials::image::Image;
 use crate::reconstruct::Reconstructor;

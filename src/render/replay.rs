@@ -5,7 +5,7 @@ use super::settings::RenderSettings;
 use super::{Control, Run};
 use crate::base::{Error, Result};
 use crate::film::{PixelFilter, Window};
-use crate::guiding::field::GuideField;
+use crate::guiding::sample::field::GuideField;
 use crate::integrators::path::{Explanation, PathTracer};
 use crate::scene::Scene;
 

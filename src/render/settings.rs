@@ -2,9 +2,12 @@
 
 use crate::base::{Error, Result};
 use crate::film::Window;
-use crate::guiding::fraction::FractionRule;
-use crate::guiding::learner::LearnerSettings;
-use crate::guiding::leaves::{DirectLight, Layout, Target};
+use crate::guiding::learn::fraction::FractionRule;
+use crate::guiding::learn::learner::LearnerSettings;
+use crate::guiding::model::ModelKind;
+use crate::guiding::target::{DirectLight, Target};
+use crate::guiding::tree::TreeSettings;
+use crate::guiding::tree::leaves::Layout;
 use crate::integrators::{Roulette, TransportSettings};
 use crate::network::config::Mode;
 use crate::scene::file::FilterFile;
@@ -15,6 +18,8 @@ use crate::scene::plan::{EffectKind, EffectPlan};
 pub enum GuideMode {
     /// Nothing: BSDF sampling with next event estimation.
     None,
+    /// Jensen 1995: photons in histograms of fixed cells.
+    Jensen,
     /// Müller 2017: path samples of radiance, one spatial tree, no context.
     Ppg,
     /// Path samples of the variance-aware target (Rath 2020), trees as counted.
@@ -29,12 +34,14 @@ pub enum GuideMode {
 
 impl GuideMode {
     /// All modes.
-    pub const ALL: [Self; 6] = [Self::None, Self::Ppg, Self::Variance, Self::Hybrid, Self::Gaussian, Self::Neural];
+    pub const ALL: [Self; 7] =
+        [Self::None, Self::Jensen, Self::Ppg, Self::Variance, Self::Hybrid, Self::Gaussian, Self::Neural];
 
     /// Name on the command line and in statistics.
     pub fn name(self) -> &'static str {
         match self {
             Self::None => "none",
+            Self::Jensen => "jensen",
             Self::Ppg => "ppg",
             Self::Variance => "variance",
             Self::Hybrid => "hybrid",
@@ -154,18 +161,23 @@ impl RenderSettings {
                 target: Target::Radiance,
                 fraction: FractionRule::Half,
                 direct: DirectLight::Nothing,
-                split_share: 0.01,
-                context: 0.0,
-                past: 0.0,
+                tree: TreeSettings { split_share: 0.01, context: 0.0, past: 0.0, ..TreeSettings::default() },
                 parallax: false,
                 ..LearnerSettings::default()
             },
+            GuideMode::Jensen => {
+                LearnerSettings { model: ModelKind::Histograms, target: Target::Radiance, ..LearnerSettings::default() }
+            }
             // What the network was trained with.
-            GuideMode::Neural => LearnerSettings { layout: Layout::Network, ..LearnerSettings::default() },
+            GuideMode::Neural => {
+                let tree = TreeSettings { layout: Layout::Network, ..TreeSettings::default() };
+                LearnerSettings { tree, ..LearnerSettings::default() }
+            }
             _ => LearnerSettings::default(),
         };
         let samples = match guide {
             GuideMode::None | GuideMode::Ppg | GuideMode::Variance => SampleKinds::Path,
+            GuideMode::Jensen => SampleKinds::Photon,
             _ => SampleKinds::Both,
         };
         let roulette = if guide == GuideMode::Ppg { Roulette::Throughput } else { Roulette::Window };
@@ -213,7 +225,7 @@ impl RenderSettings {
         }
         if !plan.is_on(EffectKind::Reconstruction) || self.guide == GuideMode::None {
             self.reconstruction = Reconstruction::None;
-            self.learner.layout = Layout::Values;
+            self.learner.tree.layout = Layout::Values;
         }
         self.transport.nee &= plan.is_on(EffectKind::DirectLight);
         self
@@ -249,10 +261,10 @@ impl RenderSettings {
             target: self.learner.target.name().into(),
             nee: self.transport.nee,
             roulette: self.transport.roulette != Roulette::Off,
-            split_share: self.learner.split_share as f32,
+            split_share: self.learner.tree.split_share as f32,
             direct: self.learner.direct.name().into(),
-            context: self.learner.context as f32,
-            past: self.learner.past as f32,
+            context: self.learner.tree.context as f32,
+            past: self.learner.tree.past as f32,
         }
     }
 

@@ -8,7 +8,7 @@ use serde::{Serialize, Serializer};
 use super::settings::RenderSettings;
 use crate::base::process;
 use crate::film::Measures;
-use crate::guiding::field::GuideField;
+use crate::guiding::sample::field::GuideField;
 use crate::integrators::path::Cause;
 use crate::scene::Scene;
 use crate::scene::plan::Effect;
@@ -94,7 +94,7 @@ impl GuideStatistics {
     pub fn of(field: &GuideField) -> Self {
         Self {
             voxels: field.voxels().len(),
-            trees: field.voxels().iter().filter(|v| v.tree.is_some()).count(),
+            trees: field.voxels().iter().filter(|v| v.directions.is_some()).count(),
             nodes: field.nodes(),
             bytes: field.bytes(),
         }

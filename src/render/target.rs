@@ -9,7 +9,7 @@ use super::state::{Half, Part, Phase, Position};
 use super::{Rendered, Run};
 use crate::base::Result;
 use crate::film::{FinishedPass, Pass, combine_weighted};
-use crate::guiding::field::GuideField;
+use crate::guiding::sample::field::GuideField;
 
 /// Samples per pixel of each half before the first look.
 const FIRST: u32 = 16;

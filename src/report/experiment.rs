@@ -15,11 +15,11 @@ use crate::base::process::cpu_seconds;
 use crate::base::progress::Silent;
 use crate::base::{Error, Progress, Result};
 use crate::film::{Measures, mean_and_variance, measure_noisy, relative_variance, write};
-use crate::guiding::field::{Evidence, GuideField};
-use crate::guiding::file;
+use crate::guiding::sample::field::{Evidence, GuideField};
+use crate::guiding::sample::file;
 use crate::materials::image::Image;
 use crate::reconstruct::gaussian::Gaussian;
-use crate::reconstruct::{Counted, Neural, Reconstructor};
+use crate::reconstruct::{AsCounted, Neural, Reconstructor};
 use crate::render::{
     Control, GuideMode, Outcome, Reconstruction, RenderSettings, StopRule, learn, render, render_with_field,
 };
@@ -272,7 +272,7 @@ impl Experiment<'_> {
     fn render(&self, scene: &Scene, guide: GuideMode, stop: StopRule, seed: u64, control: &Control) -> Result<Outcome> {
         let settings = RenderSettings { stop, seed, ..self.settings.with_guide(guide) };
         let settings = settings.following(&plan(&self.loaded.file));
-        let (counted, gaussian) = (Counted::default(), Gaussian::default());
+        let (counted, gaussian) = (AsCounted::default(), Gaussian::default());
         let reconstructor: &dyn Reconstructor = match settings.reconstruction {
             Reconstruction::None => &counted,
             Reconstruction::Gaussian => &gaussian,
@@ -371,7 +371,7 @@ impl Experiment<'_> {
             seed: ORACLE_SEED,
             ..self.settings.with_guide(ORACLE_GUIDE)
         };
-        let field = learn(scene, &settings, &Counted::default(), control)?;
+        let field = learn(scene, &settings, &AsCounted::default(), control)?;
         if !control.stop.load(Ordering::Relaxed) {
             file::save(&path, &field, &Evidence::default())?;
         }

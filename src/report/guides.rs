@@ -4,7 +4,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};
 
-use crate::guiding::field::GuideField;
+use crate::guiding::sample::field::GuideField;
 use crate::scene::Scene;
 
 /// Columns and rows of a map.
@@ -44,7 +44,7 @@ fn map(scene: &Scene, field: &GuideField, [x, y]: [u32; 2]) -> Option<String> {
     if scene.material(&surface).is_delta() {
         return None;
     }
-    let tree = field.at(surface.point, surface.normal_towards(-ray.direction))?.tree.as_ref()?;
+    let tree = field.at(surface.point, surface.normal_towards(-ray.direction))?.directions.as_ref()?;
     let byte = |relative: f64| ((relative.max(1e-9).log10() + 3.0) / 6.0 * 255.0).round().clamp(0.0, 255.0) as u8;
     Some(STANDARD.encode(tree.map(SIDE).into_iter().map(byte).collect::<Vec<u8>>()))
 }

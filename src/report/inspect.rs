@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::guiding::cache::VoxelId;
-use crate::guiding::field::{Evidence, GuideField};
+use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::materials::image::Image;
 use crate::math::srgb;
 use crate::scene::Scene;
@@ -34,7 +34,7 @@ pub struct Maps {
 pub fn at(field: &GuideField, evidence: &Evidence, point: Vec3) -> Option<Maps> {
     let voxels = field.cache().find_all(point);
     let counted = |v: VoxelId| evidence.counted.get(v as usize).and_then(Option::as_ref);
-    let sampled = |v: VoxelId| field.voxels().get(v as usize).and_then(|guide| guide.tree.as_ref());
+    let sampled = |v: VoxelId| field.voxels().get(v as usize).and_then(|guide| guide.directions.as_ref());
     let maps: Vec<[Option<Vec<f64>>; 2]> =
         voxels.iter().map(|&v| [counted(v), sampled(v)].map(|tree| tree.map(|tree| tree.map(SIDE)))).collect();
     let largest = maps.iter().flatten().flatten().flatten().copied().fold(1.0, f64::max);

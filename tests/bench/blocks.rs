@@ -27,7 +27,7 @@ use clap::Parser;
 use fanal::base::progress::Silent;
 use fanal::materials::image::Image;
 use fanal::reconstruct::gaussian::Gaussian;
-use fanal::reconstruct::{Counted, Neural, Reconstructor};
+use fanal::reconstruct::{AsCounted, Neural, Reconstructor};
 use fanal::render::{GuideMode, Reconstruction, RenderSettings, StopRule, render};
 use fanal::scene::Scene;
 use fanal::scene::overrides::{Override, decide};
@@ -139,7 +139,7 @@ impl Subject {
             let mut settings = RenderSettings::new(guide, StopRule::Spp(spp)).following(&self.plan);
             settings.transport.max_depth = self.max_depth;
             settings.seed = seed;
-            let counted = Counted::default();
+            let counted = AsCounted::default();
             let reconstructor: &dyn Reconstructor = match settings.reconstruction {
                 Reconstruction::Neural => neural,
                 Reconstruction::Gaussian => &Gaussian::default(),

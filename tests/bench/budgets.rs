@@ -18,7 +18,7 @@ use fanal::base::progress::Progress;
 use fanal::film::{mean_and_variance, measure_noisy};
 use fanal::generate::{self, Family};
 use fanal::materials::image::Image;
-use fanal::reconstruct::{Counted, Neural, Reconstructor};
+use fanal::reconstruct::{AsCounted, Neural, Reconstructor};
 use fanal::render::{GuideMode, Outcome, RenderSettings, StopRule, render};
 use fanal::scene::Scene;
 use fanal::scene::readers::resolve;
@@ -111,7 +111,7 @@ fn errors(runs: u64, part: f64) {
             let mut settings = RenderSettings::new(guide, stop);
             settings.transport.max_depth = loaded.file.render.max_depth;
             settings.seed = seed;
-            let counted = Counted::default();
+            let counted = AsCounted::default();
             let reconstructor: &dyn Reconstructor = if guide == GuideMode::Neural { &neural } else { &counted };
             let limit = Limit::new(i64::from(MOST_SPP) * 64 * 64);
             render(&scene, &settings, reconstructor, &limit, &limit.stop).expect("a picture")

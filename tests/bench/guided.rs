@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 use clap::Parser;
 use fanal::base::process::cpu_seconds;
 use fanal::base::progress::Silent;
-use fanal::guiding::field::GuideField;
+use fanal::guiding::sample::field::GuideField;
 use fanal::integrators::Roulette;
 use fanal::reconstruct::gaussian::Gaussian;
 use fanal::render::{Control, GuideMode, RenderSettings, StopRule, learn, render_with_field};

@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use fanal::base::random::Random;
-use fanal::guiding::topology::Topology;
+use fanal::guiding::tree::topology::Topology;
 use fanal::network::batch::{Batch, SLOTS};
 use fanal::network::kernels::{Epilogue, Index, Instructions, Packed, Part, apply_with};
 use fanal::network::weights::LayerWeights;

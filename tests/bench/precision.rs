@@ -11,9 +11,9 @@ use std::time::Instant;
 
 use fanal::base::random::Random;
 use fanal::film::Pixel;
-use fanal::guiding::distribution::Distribution;
-use fanal::guiding::sampler::SamplingTree;
-use fanal::guiding::topology::{MAX_LEVEL, Topology};
+use fanal::guiding::tree::distribution::Distribution;
+use fanal::guiding::tree::sampler::SamplingTree;
+use fanal::guiding::tree::topology::{MAX_LEVEL, Topology};
 use fanal::math::cylindrical;
 use glam::Vec3;
 

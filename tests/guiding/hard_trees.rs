@@ -11,17 +11,19 @@ use std::f64::consts::PI;
 use fanal::base::random::Random;
 use fanal::geometry::Surface;
 use fanal::guiding::cache::SpatialCache;
-use fanal::guiding::distribution::Distribution;
-use fanal::guiding::effort::Effort;
-use fanal::guiding::field::{GuideField, VoxelGuide};
-use fanal::guiding::fraction::Adam;
-use fanal::guiding::learner::{Learner, LearnerSettings, Use};
-use fanal::guiding::leaves::{DirectLight, Layout, Target};
-use fanal::guiding::parallax::Parallax;
-use fanal::guiding::quadtree::{Place, Quadtree};
+use fanal::guiding::cache::parallax::Parallax;
+use fanal::guiding::learn::adam::Adam;
+use fanal::guiding::learn::learner::{Learner, LearnerSettings, Use};
 use fanal::guiding::record::PathRecord;
-use fanal::guiding::sampler::SamplingTree;
-use fanal::guiding::topology::{MAX_LEVEL, MAX_NODES, Topology};
+use fanal::guiding::sample::field::{GuideField, VoxelGuide};
+use fanal::guiding::sample::roulette::AdjointRoulette;
+use fanal::guiding::target::{DirectLight, Target};
+use fanal::guiding::tree::TreeSettings;
+use fanal::guiding::tree::distribution::Distribution;
+use fanal::guiding::tree::leaves::Layout;
+use fanal::guiding::tree::quadtree::{Place, Quadtree};
+use fanal::guiding::tree::sampler::SamplingTree;
+use fanal::guiding::tree::topology::{MAX_LEVEL, MAX_NODES, Topology};
 use fanal::integrators::mixture::{Mixture, Scattering};
 use fanal::materials::blend::Blend;
 use fanal::materials::conductor::Conductor;
@@ -31,7 +33,7 @@ use fanal::materials::texture::Texture;
 use fanal::materials::{Kind, Material, Transport};
 use fanal::math::{Frame, cylindrical};
 use fanal::reconstruct::neural::inputs_of;
-use fanal::reconstruct::{Neural, Reconstructor, TreeInput};
+use fanal::reconstruct::{Neural, Reconstructor};
 use fanal::scene::effects::Everything;
 use glam::{Vec2, Vec3};
 use records::{chain, path_at, photon_at};
@@ -250,15 +252,19 @@ fn a03_energies_of_all_sizes_in_one_tree() {
     }
 }
 
+fn with_tree(tree: TreeSettings) -> LearnerSettings {
+    LearnerSettings { tree, ..LearnerSettings::default() }
+}
+
 fn learner() -> Learner {
     Learner::new(LearnerSettings { voxel_samples: 100, ..LearnerSettings::default() })
 }
 
 /// The learner's own distributions become the next guides, and voxels are halved.
 fn iterate(learner: &mut Learner) {
-    let proposals =
-        learner.counted().into_iter().map(|tree| tree.map(|tree| (tree.distribution, 0.1).into())).collect();
-    learner.publish(proposals);
+    learner
+        .fit(&mut |trees| Ok(trees.iter().map(|tree| (tree.counted.clone(), 0.1).into()).collect()))
+        .expect("nothing here fails");
     learner.refine(1);
 }
 
@@ -278,7 +284,7 @@ fn a04_nothing_known_leaves_the_bsdf_alone() {
     iterate(&mut dark);
     let field = dark.field(Use::Learning);
     let voxel = field.at(here, Vec3::Y).expect("the sample made a voxel");
-    assert!(voxel.tree.is_none() && voxel.directions(here).is_none());
+    assert!(voxel.directions.is_none() && voxel.at(here).is_none());
     assert!(field.at(Vec3::splat(1e9), Vec3::Y).is_none() && field.at(here, Vec3::NEG_X).is_none());
 
     let mut one = learner();
@@ -286,7 +292,7 @@ fn a04_nothing_known_leaves_the_bsdf_alone() {
     iterate(&mut one);
     for _ in 0..3 {
         let field = one.field(Use::Learning);
-        let guide = field.at(here, Vec3::Y).and_then(|voxel| voxel.directions(here)).expect("one sample is something");
+        let guide = field.at(here, Vec3::Y).and_then(|voxel| voxel.at(here)).expect("one sample is something");
         assert!(guide.pdf(Vec3::Z) > guide.pdf(Vec3::NEG_Z) && guide.pdf(Vec3::NEG_Z) > 0.0);
         // No samples at all.
         iterate(&mut one);
@@ -307,9 +313,10 @@ fn a05_one_point_does_not_fill_the_memory() {
             voxels.push(learner.voxels());
         }
         assert!(voxels[20] < 25 && voxels[20..].iter().all(|&v| v == voxels[20]), "{voxels:?}");
-        let nodes = |learner: &Learner| learner.trees().iter().map(|tree| tree.topology().len()).max();
-        let deepest = learner.trees().iter().map(|tree| tree.topology().levels()).max();
-        assert!(nodes(&learner) <= Some(MAX_NODES) && deepest <= Some(MAX_LEVEL + 1));
+        let trees = learner.model().trees().expect("the model is trees");
+        let nodes = trees.quadtrees().map(|tree| tree.topology().len()).max();
+        let deepest = trees.quadtrees().map(|tree| tree.topology().levels()).max();
+        assert!(nodes <= Some(MAX_NODES) && deepest <= Some(MAX_LEVEL + 1));
         assert!(learner.field(Use::Learning).bytes() < 1 << 20);
     }
 }
@@ -321,16 +328,16 @@ fn a10_a_firefly_in_training_is_survived() {
     let mut random = Random::new(5, 0, 0);
     let network = Neural::built_in().expect("the model fits the program");
     for firefly in [1e10, 1e19, 1e30, f32::MAX] {
-        let mut learner = Learner::new(LearnerSettings { layout: Layout::Network, ..LearnerSettings::default() });
+        let mut learner = Learner::new(with_tree(TreeSettings { layout: Layout::Network, ..TreeSettings::default() }));
         let mut paths: Vec<PathRecord> =
             (0..5000).map(|_| path_at(Vec3::splat(0.5), direction(&mut random), 1.0)).collect();
         paths.push(path_at(Vec3::splat(0.5), Vec3::X, firefly));
         learner.absorb(&paths, &[], true);
         let trees: Vec<_> = learner.counted().into_iter().flatten().collect();
-        let features = inputs_of(&TreeInput::from(&trees[0])).features;
+        let features = inputs_of(&trees[0]).features;
         assert!(features.iter().all(|x| x.is_finite() && x.abs() < 100.0), "{firefly}");
-        let counted = trees[0].distribution.clone();
-        let (reconstructed, uniform) = network.reconstruct(trees).expect("the network runs").remove(0).first;
+        let counted = trees[0].counted.clone();
+        let (reconstructed, uniform) = network.reconstruct(&trees).expect("the network runs").remove(0).first;
         for distribution in [counted, reconstructed] {
             let tree = SamplingTree::new(&distribution, uniform, usize::MAX);
             assert!((mass(&tree, distribution.topology()) - 1.0).abs() < 1e-5, "{firefly}");
@@ -371,7 +378,7 @@ fn a14_a_guide_that_does_not_help_is_not_sampled() {
         }
         let [learning, after] = [Use::Learning, Use::Rendering].map(|of| {
             let field = learner.field(of);
-            field.at(here, Vec3::Y).map(|voxel| (voxel.bsdf_fraction, voxel.tree.is_some()))
+            field.at(here, Vec3::Y).map(|voxel| (voxel.bsdf_fraction, voxel.directions.is_some()))
         });
         assert_eq!(learning, Some((0.5, true)), "{bsdf_share}");
         assert_eq!(after, Some((expected, expected < 1.0)), "{bsdf_share}");
@@ -388,7 +395,8 @@ fn wall() -> Surface {
 fn field(surface: &Surface, out: Vec3, tree: Option<SamplingTree>, bsdf_fraction: f32) -> GuideField {
     let mut cache = SpatialCache::new(Vec3::ZERO, 1.0);
     cache.find_or_insert(surface.point, surface.normal_towards(out));
-    let guide = VoxelGuide { tree, parallax: Parallax::NONE, bsdf_fraction, effort: Effort::UNKNOWN };
+    let (directions, parallax, roulette) = (tree.map(Into::into), Parallax::NONE, AdjointRoulette::UNKNOWN);
+    let guide = VoxelGuide { directions, parallax, bsdf_fraction, roulette };
     GuideField::new(cache, vec![guide])
 }
 

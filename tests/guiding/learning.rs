@@ -2,15 +2,21 @@
 //! standard errors and more of what is fitted, so that another seed fails once in a million.
 
 use fanal::base::random::Random;
-use fanal::guiding::distribution::{Distribution, kl};
-use fanal::guiding::learner::{Learner, LearnerSettings, Use};
-use fanal::guiding::leaves::{DirectLight, Layout, Target};
-use fanal::guiding::parallax::Parallax;
-use fanal::guiding::proposal::Proposal;
-use fanal::guiding::quadtree::{Place, Quadtree};
+use fanal::base::tensors;
+use fanal::guiding::cache::parallax::Parallax;
+use fanal::guiding::learn::learner::{Learner, LearnerSettings, Use};
+use fanal::guiding::model::ModelKind;
 use fanal::guiding::record::{PathRecord, PhotonRecord};
-use fanal::guiding::sampler::SamplingTree;
-use fanal::guiding::topology::Topology;
+use fanal::guiding::sample::field::Evidence;
+use fanal::guiding::sample::file;
+use fanal::guiding::target::{DirectLight, Target};
+use fanal::guiding::tree::distribution::{Distribution, kl};
+use fanal::guiding::tree::leaves::Layout;
+use fanal::guiding::tree::proposal::Proposal;
+use fanal::guiding::tree::quadtree::{Place, Quadtree};
+use fanal::guiding::tree::sampler::SamplingTree;
+use fanal::guiding::tree::topology::Topology;
+use fanal::guiding::tree::{TreeSettings, Trees};
 use fanal::math::cylindrical;
 use glam::Vec3;
 
@@ -144,8 +150,8 @@ fn earlier_iterations_are_remembered() {
         (0..count).map(record).collect::<Vec<_>>()
     };
     for (past, expected, counts) in [(0.5, 1.0 / 2.0, 100.0), (0.0, 0.0, 0.0)] {
-        let alone = LearnerSettings { context: 0.0, parallax: false, ..LearnerSettings::default() };
-        let settings = LearnerSettings { past, voxel_samples: 150, ..alone };
+        let tree = TreeSettings { context: 0.0, past, ..TreeSettings::default() };
+        let settings = LearnerSettings { tree, parallax: false, voxel_samples: 150, ..LearnerSettings::default() };
         let mut learner = Learner::new(settings);
         learner.absorb(&samples(200, light), &[], true);
         assert_eq!(learner.counted()[0].as_ref().map(|tree| tree.traits.past), Some(0.0));
@@ -154,8 +160,8 @@ fn earlier_iterations_are_remembered() {
         learner.absorb(&samples(100, -light), &[], true);
         let counted = learner.counted();
         let tree = counted.iter().flatten().find(|tree| tree.traits.samples[0] > 0).expect("100 samples");
-        let leaf = tree.distribution.topology().leaf_at(cylindrical::to_cell(light));
-        let mass = tree.distribution.node_mass()[leaf];
+        let leaf = tree.counted.topology().leaf_at(cylindrical::to_cell(light));
+        let mass = tree.counted.node_mass()[leaf];
         assert!((mass - expected).abs() < 1e-6, "{mass}, expected {expected}");
         assert_eq!(tree.traits.past, counts, "half of the first samples, which all lay in this part of the voxel");
     }
@@ -166,7 +172,8 @@ fn earlier_iterations_are_remembered() {
 #[test]
 fn voxels_are_divided_until_none_has_too_many_samples() {
     let mut random = Random::new(9, 0, 0);
-    let spread = LearnerSettings { resolution: 1.0, voxel_samples: 1000, context: 0.0, ..LearnerSettings::default() };
+    let tree = TreeSettings { context: 0.0, ..TreeSettings::default() };
+    let spread = LearnerSettings { resolution: 1.0, voxel_samples: 1000, tree, ..LearnerSettings::default() };
     let mut learner = Learner::new(spread);
     // All but a few lie in an eighth of the cell.
     let mut point = |side: f32| Vec3::new(random.next_f32(), random.next_f32(), random.next_f32()) * side;
@@ -174,7 +181,7 @@ fn voxels_are_divided_until_none_has_too_many_samples() {
     let samples = |points: &[Vec3]| {
         points.iter().map(|&point| PathRecord { point, ..path(&mut Random::new(10, 0, 0)) }).collect::<Vec<_>>()
     };
-    let most = |learner: &Learner| learner.trees().iter().map(|tree| tree.counts()[0]).max();
+    let most = |learner: &Learner| quadtrees(learner).map(|tree| tree.counts()[0]).max();
     for _ in 0..3 {
         learner.absorb(&samples(&dense), &[], true);
         learner.refine(1);
@@ -184,6 +191,38 @@ fn voxels_are_divided_until_none_has_too_many_samples() {
     assert!(most(&learner) <= Some(1000), "{:?}", most(&learner));
     learner.refine(1);
     assert_eq!(learner.voxels(), voxels, "there is nothing left to divide");
+}
+
+/// Histograms in guide files sample as before; what is no mass is refused.
+#[test]
+fn histograms_are_loaded_as_they_were_saved() {
+    let mut random = Random::new(12, 0, 0);
+    let mut learner = Learner::new(LearnerSettings { model: ModelKind::Histograms, ..LearnerSettings::default() });
+    let mut point = || Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
+    let paths: Vec<PathRecord> = (0..2000).map(|_| path_at(point(), point().normalize(), 1.0)).collect();
+    learner.absorb(&paths, &[], true);
+    learner.fit(&mut |_| panic!("there are no trees")).expect("nothing here fails");
+    let field = learner.field(Use::Rendering);
+    assert!(field.distributions().count() > 100);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.guide");
+    file::save(&path, &field, &Evidence::default()).expect("it can be written");
+    let (loaded, _) = file::load(&path).expect("it was written just now");
+    assert_eq!(loaded.voxels(), field.voxels());
+    assert_eq!((loaded.bytes(), loaded.nodes()), (field.bytes(), field.nodes()));
+    let arrays = || file::arrays(&field, &Evidence::default());
+    for bad in [f32::NAN, -1.0, f32::INFINITY, f32::MIN_POSITIVE / 2.0] {
+        let mut arrays = arrays();
+        let bins = arrays.iter_mut().find(|(name, ..)| name == "guide_bins").expect("there are histograms");
+        bins.3.to_mut()[..4].copy_from_slice(&bad.to_le_bytes());
+        tensors::write(&path, file::VERSION, &arrays).expect("it can be written");
+        let error = file::load(&path).expect_err("a mass that is none").to_string();
+        assert!(error.contains("guide_bins"), "{error}");
+    }
+}
+
+fn quadtrees(learner: &Learner) -> impl Iterator<Item = &Quadtree> {
+    learner.model().trees().into_iter().flat_map(Trees::quadtrees)
 }
 
 /// Few samples do not tell the values of pixels: the second moment comes first, then that relative to the pixel (Nilsson 2022 §4.4).
@@ -198,7 +237,7 @@ fn the_simple_target_comes_first() {
         .map(|_| {
             learner.absorb(&[path(&mut Random::new(11, 0, 0))], &[], true);
             let target = learner.target();
-            assert_eq!(learner.trees()[0].target(), target);
+            assert_eq!(quadtrees(&learner).next().map(Quadtree::target), Some(target));
             learner.refine(1);
             target
         })
@@ -218,7 +257,7 @@ fn a19_the_better_proposal_is_sampled() {
         let lobe = (0..3000).map(|_| path_at(Vec3::splat(0.5), near(), 1.0));
         learner.absorb(&lobe.collect::<Vec<_>>(), &[], true);
         let mut counted = learner.counted();
-        counted.remove(0).expect("3000 samples").distribution
+        counted.remove(0).expect("3000 samples").counted.clone()
     };
     let [right, wrong] = [light, dark].map(at);
     let alone = SamplingTree::new(&right, 0.1, usize::MAX).pdf(light);
@@ -231,7 +270,7 @@ fn a19_the_better_proposal_is_sampled() {
             let point = Vec3::splat(0.5);
             let mut sample = || {
                 let uniform = path(&mut random);
-                let guide = field.at(point, Vec3::Y).and_then(|voxel| voxel.directions(point));
+                let guide = field.at(point, Vec3::Y).and_then(|voxel| voxel.at(point));
                 let Some(guide) = guide else { return uniform };
                 let drawn =
                     if random.next_f64() < 0.5 { uniform.direction } else { guide.sample(random.next_2d_f64()).0 };
@@ -246,11 +285,10 @@ fn a19_the_better_proposal_is_sampled() {
             };
             let samples: Vec<PathRecord> = (0..4000).map(|_| sample()).collect();
             learner.absorb(&samples, &[], true);
-            assert_eq!(learner.counted().len(), 1);
-            learner.publish(vec![Some(proposal.clone())]);
+            learner.fit(&mut |trees| Ok(vec![proposal.clone(); trees.len()])).expect("nothing here fails");
             learner.refine(1);
             let voxels = learner.field(Use::Learning);
-            let guide = voxels.at(point, Vec3::Y).and_then(|voxel| voxel.directions(point)).expect("it was published");
+            let guide = voxels.at(point, Vec3::Y).and_then(|voxel| voxel.at(point)).expect("it was published");
             let right_is_most = iteration > 0 || first == &right;
             let found = guide.pdf(light);
             assert_eq!(found > 0.7 * alone, right_is_most, "iteration {iteration}: {found} of {alone}");

@@ -14,9 +14,9 @@ use fanal::base::progress::Silent;
 use fanal::base::random::Random;
 use fanal::base::{Error, Result};
 use fanal::film::Window;
-use fanal::guiding::field::GuideField;
-use fanal::guiding::learner::CountedTree;
-use fanal::guiding::proposal::Proposal;
+use fanal::guiding::sample::field::GuideField;
+use fanal::guiding::tree::CountedTree;
+use fanal::guiding::tree::proposal::Proposal;
 use fanal::materials::image::Image;
 use fanal::reconstruct::Reconstructor;
 use fanal::render::checkpoint::made_for;
@@ -106,7 +106,7 @@ fn f01_passes_of_several_chunks() {
     let scene = committed("cornell", [160, 120]);
     let mut settings = RenderSettings { gives_up: true, keeps_spread: true, ..settings(GUIDES[5], 64, 1) };
     settings.learner.keeps_evidence = true;
-    settings.learner.filtered = true;
+    settings.learner.tree.filtered = true;
     assert!(interrupted(&scene, &settings, None, 2) >= 3);
 }
 
@@ -139,7 +139,7 @@ impl Reconstructor for Stopping<'_> {
         self.0.rays_per_node()
     }
 
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
+    fn reconstruct(&self, trees: &[CountedTree]) -> Result<Vec<Proposal>> {
         self.1.store(true, Ordering::Relaxed);
         self.0.reconstruct(trees)
     }

@@ -12,14 +12,16 @@ use chart::Chart;
 use fanal::base::random::Random;
 use fanal::geometry::Surface;
 use fanal::guiding::cache::SpatialCache;
-use fanal::guiding::distribution::Distribution;
-use fanal::guiding::effort::Effort;
-use fanal::guiding::field::{GuideField, VoxelGuide};
-use fanal::guiding::learner::{Learner, LearnerSettings};
-use fanal::guiding::leaves::Layout;
-use fanal::guiding::parallax::Parallax;
-use fanal::guiding::sampler::SamplingTree;
-use fanal::guiding::topology::{MAX_LEVEL, Topology};
+use fanal::guiding::cache::parallax::Parallax;
+use fanal::guiding::learn::learner::{Learner, LearnerSettings, Use};
+use fanal::guiding::model::ModelKind;
+use fanal::guiding::sample::field::{GuideField, VoxelGuide};
+use fanal::guiding::sample::roulette::AdjointRoulette;
+use fanal::guiding::tree::TreeSettings;
+use fanal::guiding::tree::distribution::Distribution;
+use fanal::guiding::tree::leaves::Layout;
+use fanal::guiding::tree::sampler::SamplingTree;
+use fanal::guiding::tree::topology::{MAX_LEVEL, Topology};
 use fanal::integrators::mixture::{Mixture, Scattering};
 use fanal::materials::diffuse::Diffuse;
 use fanal::materials::fresnel::Metal;
@@ -154,7 +156,8 @@ fn s01_reconstructed_quadtrees_follow_their_density() {
     let reconstructors: [&dyn Reconstructor; 2] = [&network, &Gaussian::default()];
     for seed in 0..2 {
         let mut random = Random::new(90 + seed, 0, 0);
-        let settings = LearnerSettings { layout: Layout::Network, ..LearnerSettings::default() };
+        let tree = TreeSettings { layout: Layout::Network, ..TreeSettings::default() };
+        let settings = LearnerSettings { tree, ..LearnerSettings::default() };
         for reconstructor in reconstructors {
             let mut learner = Learner::new(settings.clone());
             let (mut paths, mut photons) = (vec![], vec![]);
@@ -166,10 +169,33 @@ fn s01_reconstructed_quadtrees_follow_their_density() {
             }
             learner.absorb(&paths, &photons, true);
             let trees: Vec<_> = learner.counted().into_iter().flatten().collect();
-            let (distribution, uniform) = reconstructor.reconstruct(trees).expect("it runs").remove(0).first;
+            let (distribution, uniform) = reconstructor.reconstruct(&trees).expect("it runs").remove(0).first;
             assert!(distribution.topology().len() > 20);
             check(&format!("{} {seed}", reconstructor.name()), &distribution, uniform, MAX_LEVEL);
         }
+    }
+}
+
+/// Histograms are sampled with their density, where photons came from everywhere, from one lobe, and path samples beside them.
+#[test]
+fn s01_histograms_follow_their_density() {
+    let mut random = Random::new(17, 0, 0);
+    for (lobe, paths) in [(0.0, 0), (1.0, 0), (1.0, 500)] {
+        let mut towards = || {
+            let any = cylindrical::to_direction([random.next_f64(), random.next_f64()]);
+            (any + 6.0 * lobe * Vec3::new(0.3, 0.8, -0.5)).normalize()
+        };
+        let photons: Vec<_> = (0..3000).map(|_| photon_at(Vec3::splat(0.5), towards(), 1.0)).collect();
+        let paths: Vec<_> = (0..=paths).map(|_| path_at(Vec3::splat(0.5), towards(), 1.0)).collect();
+        let model = ModelKind::Histograms;
+        let mut learner = Learner::new(LearnerSettings { model, parallax: false, ..LearnerSettings::default() });
+        learner.absorb(&paths, &photons, true);
+        learner.fit(&mut |_| panic!("there are no trees")).expect("nothing here fails");
+        let field = learner.field(Use::Learning);
+        let directions = field.distributions().next().expect("photons arrived");
+        let sample = |random: &mut Random| Some(directions.sample(random.next_2d_f64()).0);
+        let pdf = |wi| f64::from(directions.pdf(wi));
+        Chart::around(Vec3::X, 1.0).check(&format!("lobe {lobe}, {} paths", paths.len()), [32, 32], pdf, sample);
     }
 }
 
@@ -229,11 +255,11 @@ fn s01_mixture_follows_its_density() {
     for (name, surface, scattering, white) in cases {
         let mut cache = SpatialCache::new(Vec3::ZERO, 1.0);
         cache.find_or_insert(surface.point, surface.normal_towards(out));
-        let tree = Some(SamplingTree::new(&random_tree(11, 5, 0.7), 0.1, usize::MAX));
+        let directions = Some(SamplingTree::new(&random_tree(11, 5, 0.7), 0.1, usize::MAX).into());
         // Seen from off the centre of the voxel.
         let parallax = Parallax { centre: Vec3::new(0.2, 0.6, 0.4), curvature: 1.2 };
-        let field =
-            GuideField::new(cache, vec![VoxelGuide { tree, parallax, bsdf_fraction: 0.3, effort: Effort::UNKNOWN }]);
+        let roulette = AdjointRoulette::UNKNOWN;
+        let field = GuideField::new(cache, vec![VoxelGuide { directions, parallax, bsdf_fraction: 0.3, roulette }]);
         let guide = field.at(surface.point, surface.normal_towards(out));
         assert!(guide.is_some(), "{name}: nothing guides");
         let mixture = Mixture::<Everything>::new(surface, scattering, out, guide);

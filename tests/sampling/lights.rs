@@ -11,7 +11,7 @@ use fanal::base::random::Random;
 use fanal::camera::Camera;
 use fanal::geometry::mesh::Mesh;
 use fanal::geometry::{Accel, Ray, Shape, Surface};
-use fanal::guiding::emission::EmissionLearner;
+use fanal::guiding::learn::emission::EmissionLearner;
 use fanal::lights::area::AreaLight;
 use fanal::lights::distant::{Constant, Directional};
 use fanal::lights::envmap::Envmap;

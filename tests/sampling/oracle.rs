@@ -12,13 +12,13 @@ use std::path::Path;
 use fanal::base::random::Random;
 use fanal::geometry::Surface;
 use fanal::guiding::cache::SpatialCache;
-use fanal::guiding::distribution::Distribution;
-use fanal::guiding::effort::Effort;
-use fanal::guiding::features::{FEATURES, NodeInputs};
-use fanal::guiding::field::{GuideField, VoxelGuide};
-use fanal::guiding::parallax::Parallax;
-use fanal::guiding::sampler::SamplingTree;
-use fanal::guiding::topology::{MAX_LEVEL, MAX_NODES, Topology};
+use fanal::guiding::cache::parallax::Parallax;
+use fanal::guiding::sample::field::{GuideField, VoxelGuide};
+use fanal::guiding::sample::roulette::AdjointRoulette;
+use fanal::guiding::tree::distribution::Distribution;
+use fanal::guiding::tree::features::{FEATURES, NodeInputs};
+use fanal::guiding::tree::sampler::SamplingTree;
+use fanal::guiding::tree::topology::{MAX_LEVEL, MAX_NODES, Topology};
 use fanal::integrators::mixture::{Mixture, Scattering};
 use fanal::materials::fresnel::Metal;
 use fanal::materials::microfacet::{Microfacets, Shape};
@@ -173,9 +173,9 @@ impl Guided {
     fn field(&self, normal: Vec3) -> GuideField {
         let mut cache = SpatialCache::new(Vec3::ZERO, 1.0);
         cache.find_or_insert(self.point, normal);
-        let tree = Some(SamplingTree::new(&self.distribution, self.uniform, usize::MAX));
-        let (parallax, bsdf_fraction) = (self.parallax, self.alpha);
-        GuideField::new(cache, vec![VoxelGuide { tree, parallax, bsdf_fraction, effort: Effort::UNKNOWN }])
+        let directions = Some(SamplingTree::new(&self.distribution, self.uniform, usize::MAX).into());
+        let (parallax, bsdf_fraction, roulette) = (self.parallax, self.alpha, AdjointRoulette::UNKNOWN);
+        GuideField::new(cache, vec![VoxelGuide { directions, parallax, bsdf_fraction, roulette }])
     }
 
     /// α·p + (1 − α)·p_guide, the guide's directions carried from the centre of its voxel (dω = dω'·r²/(R²·cos)). None for a

@@ -10,8 +10,8 @@ use fanal::base::{Error, Result};
 use fanal::generate::dataset::DatasetIndex;
 use fanal::generate::recipe::Recipe;
 use fanal::generate::shard::{read_shard, write_shard};
-use fanal::guiding::field::Evidence;
-use fanal::guiding::file;
+use fanal::guiding::sample::field::Evidence;
+use fanal::guiding::sample::file;
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::{Model, Weights};
 use fanal::reconstruct::Neural;
@@ -424,7 +424,7 @@ fn guide(folder: &Path) -> Reader {
         let mut random = Random::new(1, 2, 3);
         for i in 0..64 {
             let point = Vec3::new(random.range(-5.0, 5.0), random.range(-5.0, 5.0), random.range(-5.0, 5.0));
-            let Some(directions) = field.at(point, Vec3::Y).and_then(|voxel| voxel.directions(point)) else { continue };
+            let Some(directions) = field.at(point, Vec3::Y).and_then(|voxel| voxel.at(point)) else { continue };
             let (direction, pdf) = directions.sample(random.next_2d_f64());
             let again = directions.pdf(direction);
             let sound = direction.is_finite() && pdf.is_finite() && pdf >= 0.0 && again.is_finite() && again >= 0.0;

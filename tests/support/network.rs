@@ -1,16 +1,17 @@
 //! Models, trees of every shape, and a forward pass over a fixed structure, for tests that compare backends.
 
 use fanal::base::random::Random;
-use fanal::guiding::context::Block;
-use fanal::guiding::distribution::Distribution;
-use fanal::guiding::features::{FEATURES, NodeInputs, Traits};
-use fanal::guiding::leaves::{BSDF, COUNTS, Layout, Leaves, NETWORK_CHANNELS, SQUARES, Target, VALUES};
-use fanal::guiding::topology::{MAX_LEVEL, MAX_NODES, Topology};
+use fanal::guiding::target::Target;
+use fanal::guiding::tree::CountedTree;
+use fanal::guiding::tree::context::Block;
+use fanal::guiding::tree::distribution::Distribution;
+use fanal::guiding::tree::features::{FEATURES, NodeInputs, Traits};
+use fanal::guiding::tree::leaves::{BSDF, COUNTS, Layout, Leaves, NETWORK_CHANNELS, SQUARES, VALUES};
+use fanal::guiding::tree::topology::{MAX_LEVEL, MAX_NODES, Topology};
 use fanal::network::backend::{Backend, DecodeInputs, EncodeInputs};
 use fanal::network::batch::{Batch, DecodeLevel, NONE};
 use fanal::network::config::{Config, VERSION};
 use fanal::network::weights::{Model, Weights};
-use fanal::reconstruct::TreeInput;
 use fanal::reconstruct::neural::inputs_of;
 use fanal::render::{GuideMode, RenderSettings, StopRule};
 
@@ -54,9 +55,9 @@ pub struct Tree {
 
 impl Tree {
     /// What a reconstructor is given.
-    pub fn input(&self) -> TreeInput<'_> {
+    pub fn input(&self) -> CountedTree<'_> {
         let own = Leaves { topology: &self.own, sums: &self.sums, layout: Layout::Network, target: Target::Variance };
-        TreeInput { counted: &self.counted, own, block: &self.block, traits: &self.traits }
+        CountedTree { counted: &self.counted, own, block: &self.block, traits: self.traits, contribution: 1.0 }
     }
 }
 

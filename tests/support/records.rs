@@ -1,13 +1,13 @@
 //! Records that a path or a photon of the given value would leave, and a tree as deep as they can make.
 
-use fanal::guiding::record::{Kinds, PathRecord, PhotonRecord};
-use fanal::guiding::topology::{MAX_LEVEL, Topology};
+use fanal::guiding::record::{PathRecord, PhotonRecord, Radiance};
+use fanal::guiding::tree::topology::{MAX_LEVEL, Topology};
 use fanal::math::cylindrical;
 use glam::Vec3;
 
 /// Light that light sampling could not have found.
-pub fn onward(onward: f32) -> Kinds {
-    Kinds { emitted: 0.0, onward }
+pub fn onward(onward: f32) -> Radiance {
+    Radiance { emitted: 0.0, onward }
 }
 
 /// A path sample at a surface that faces +y.

@@ -5,10 +5,10 @@ use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
 use fanal::generate::build::{Builder, diffuse};
-use fanal::guiding::leaves::Target;
+use fanal::guiding::target::Target;
 use fanal::materials::image::Image;
 use fanal::reconstruct::gaussian::Gaussian;
-use fanal::reconstruct::{Counted, Neural, Reconstructor};
+use fanal::reconstruct::{AsCounted, Neural, Reconstructor};
 use fanal::render::{GuideMode, RenderSettings, SampleKinds, StopRule, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{MaterialFile, SceneFile, TextureFile};
@@ -19,7 +19,7 @@ use glam::Vec3;
 pub type Guide = (GuideMode, SampleKinds, Target);
 
 /// Every mode, photons alone, and the target that knows the picture.
-pub const GUIDES: [Guide; 8] = [
+pub const GUIDES: [Guide; 9] = [
     (GuideMode::None, SampleKinds::Both, Target::Variance),
     (GuideMode::Hybrid, SampleKinds::Both, Target::Variance),
     (GuideMode::Hybrid, SampleKinds::Photon, Target::Variance),
@@ -28,6 +28,7 @@ pub const GUIDES: [Guide; 8] = [
     (GuideMode::Gaussian, SampleKinds::Both, Target::Variance),
     (GuideMode::Neural, SampleKinds::Both, Target::Variance),
     (GuideMode::Variance, SampleKinds::Path, Target::VariancePixel),
+    (GuideMode::Jensen, SampleKinds::Photon, Target::Radiance),
 ];
 
 /// Guided even where that does not pay: these scenes are small and easy.
@@ -43,7 +44,7 @@ pub fn reconstructor(guide: GuideMode) -> Box<dyn Reconstructor> {
     match guide {
         GuideMode::Gaussian => Box::new(Gaussian::default()),
         GuideMode::Neural => Box::new(Neural::built_in().expect("the model fits the program")),
-        _ => Box::new(Counted::default()),
+        _ => Box::new(AsCounted::default()),
     }
 }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::leaves::NETWORK_CHANNELS;
+use fanal::guiding::tree::leaves::NETWORK_CHANNELS;
 use fanal::render::checkpoint::made_for;
 use fanal::render::{Checkpointing, Control, RenderSettings, render_watched};
 use fanal::scene::Scene;

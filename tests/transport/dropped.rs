@@ -12,11 +12,11 @@ use fanal::base::random::Random;
 use fanal::film::Window;
 use fanal::generate::build::{Builder, diffuse, matrix};
 use fanal::guiding::cache::SpatialCache;
-use fanal::guiding::distribution::Distribution;
-use fanal::guiding::effort::Effort;
-use fanal::guiding::field::{GuideField, VoxelGuide};
-use fanal::guiding::parallax::Parallax;
-use fanal::guiding::sampler::SamplingTree;
+use fanal::guiding::cache::parallax::Parallax;
+use fanal::guiding::sample::field::{GuideField, VoxelGuide};
+use fanal::guiding::sample::roulette::AdjointRoulette;
+use fanal::guiding::tree::distribution::Distribution;
+use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::integrators::path::{Cause, PathTracer};
 use fanal::render::{Control, GuideMode, Outcome, RenderSettings, Sample, render, render_with_field, replay};
 use fanal::scene::Scene;
@@ -68,9 +68,9 @@ fn rendered(scene: &Scene, settings: &RenderSettings) -> Outcome {
 /// Whatever is sampled from the field is finite and positive.
 fn sound(field: &GuideField) -> bool {
     field.voxels().iter().all(|voxel| {
-        let tree = voxel.tree.as_ref();
+        let tree = voxel.directions.as_ref();
         let map = tree.map_or(Vec::new(), |tree| tree.map(8));
-        let effort = [voxel.effort.light, voxel.effort.onward].iter().all(|e| *e >= 0.0);
+        let effort = [voxel.roulette.light, voxel.roulette.onward].iter().all(|e| *e >= 0.0);
         let sphere = voxel.parallax.centre.is_finite() && voxel.parallax.curvature.is_finite();
         map.iter().all(|d| d.is_finite() && *d > 0.0) && voxel.bsdf_fraction > 0.0 && effort && sphere
     })
@@ -173,7 +173,7 @@ fn a09_photons_without_finite_power_are_counted() {
     let drops = &outcome.statistics.dropped;
     // The first iteration has as many photons as pixels.
     assert!(drops.photons >= 24 * 18, "{} photons", drops.photons);
-    assert!(outcome.field.voxels().iter().all(|voxel| voxel.tree.is_none()), "something was learned");
+    assert!(outcome.field.voxels().iter().all(|voxel| voxel.directions.is_none()), "something was learned");
     assert!(outcome.image.pixels.iter().all(|p| p.is_finite()));
 }
 
@@ -218,12 +218,13 @@ fn a09_causes_are_told_apart() {
     let mut cache = SpatialCache::new(Vec3::splat(-5.0), 10.0).without_facing();
     cache.find_or_insert(Vec3::ZERO, Vec3::Y);
     let tree = SamplingTree::new(&Distribution::uniform(), 0.1, usize::MAX);
-    let (parallax, bsdf_fraction, effort) = (Parallax::NONE, f32::NAN, Effort::UNKNOWN);
-    let field = GuideField::new(cache, vec![VoxelGuide { tree: Some(tree), parallax, bsdf_fraction, effort }]);
+    let (parallax, bsdf_fraction, roulette) = (Parallax::NONE, f32::NAN, AdjointRoulette::UNKNOWN);
+    let field =
+        GuideField::new(cache, vec![VoxelGuide { directions: Some(tree.into()), parallax, bsdf_fraction, roulette }]);
     let transport = settings.transport;
     let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field) };
-    let mut random = Random::new(1, 0, 0);
-    let paths = (0..100).map(|_| tracer.explain(scene.camera.ray([4.0, 3.0], [0.5; 2]), &mut random, None));
+    let ray = || scene.camera.ray([4.0, 3.0], [0.5; 2]);
+    let paths = (0..100).map(|i| tracer.explain(ray(), &mut Random::new(1, 0, i), None));
     let causes: Vec<Option<Cause>> = paths.filter(|path| !path.radiance.is_finite()).map(|path| path.cause).collect();
     // Half of the directions lead into the wall, and the path ends.
     assert!(causes.len() > 20 && causes.iter().all(|cause| *cause == Some(Cause::Pdf)), "{causes:?}");
@@ -258,7 +259,7 @@ fn a09_replayed_samples_are_those_of_the_picture() {
     // Of 16 samples one is a first look, by which the others' roulette goes; it is of the first half. The second half has samples of
     // the last pass alone, the first mixes its two passes by weights that are not known here.
     let learned = rendered(&scene, &settings(GUIDES[1], 64, 1)).field;
-    assert!(learned.voxels().iter().any(|v| v.tree.is_some()));
+    assert!(learned.voxels().iter().any(|v| v.directions.is_some()));
     let guided = settings(GUIDES[1], 16, 5);
     let image = render_with_field(&scene, &guided, learned.clone(), &control).unwrap().image;
     for pixel in [[12, 9], [3, 4]] {

@@ -16,19 +16,19 @@ use fanal::geometry::accel::SELDOM_SHARED;
 use fanal::geometry::mesh::Mesh;
 use fanal::geometry::{Accel, Ray, Shape, Surface};
 use fanal::guiding::cache::SpatialCache;
-use fanal::guiding::distribution::Distribution as Directions;
-use fanal::guiding::effort::Effort;
-use fanal::guiding::field::{GuideField, VoxelGuide};
-use fanal::guiding::learner::CountedTree;
-use fanal::guiding::parallax::Parallax;
-use fanal::guiding::proposal::Proposal;
-use fanal::guiding::sampler::SamplingTree;
-use fanal::guiding::topology::Topology;
-use fanal::integrators::{Roulette, TransportSettings};
+use fanal::guiding::cache::parallax::Parallax;
+use fanal::guiding::sample::field::{GuideField, VoxelGuide};
+use fanal::guiding::sample::roulette::AdjointRoulette;
+use fanal::guiding::tree::CountedTree;
+use fanal::guiding::tree::distribution::Distribution as Directions;
+use fanal::guiding::tree::proposal::Proposal;
+use fanal::guiding::tree::sampler::SamplingTree;
+use fanal::guiding::tree::topology::Topology;
 use fanal::integrators::path::{PathScratch, PathTracer, RayCount};
+use fanal::integrators::{Roulette, TransportSettings};
 use fanal::materials::{Kind, Material, Transport};
 use fanal::math::cylindrical;
-use fanal::reconstruct::{Counted, Reconstructor};
+use fanal::reconstruct::{AsCounted, Reconstructor};
 use fanal::render::{GuideMode, Outcome, RenderSettings, render};
 use fanal::sampling::warp;
 use fanal::scene::Scene;
@@ -573,7 +573,7 @@ fn a12_media_at_their_limits() {
 
 /// One voxel for the whole scene, with two narrow peaks of directions, of whose vertices as much is expected as
 /// `effort` says.
-fn peaked_field(fraction: f32, effort: Effort) -> GuideField {
+fn peaked_field(fraction: f32, roulette: AdjointRoulette) -> GuideField {
     let split: Vec<bool> = (0..85).map(|node| node < 21).collect();
     let topology = Topology::from_split(&split).expect("three full levels");
     // One of two opposite directions leads away from any wall.
@@ -582,7 +582,8 @@ fn peaked_field(fraction: f32, effort: Effort) -> GuideField {
     let tree = SamplingTree::new(&Directions::from_leaf_weights(topology, &weights), 0.1, usize::MAX);
     let mut cache = SpatialCache::new(Vec3::splat(-50.0), 100.0).without_facing();
     cache.find_or_insert(Vec3::ZERO, Vec3::Y);
-    let guide = VoxelGuide { tree: Some(tree), parallax: Parallax::NONE, bsdf_fraction: fraction, effort };
+    let guide =
+        VoxelGuide { directions: Some(tree.into()), parallax: Parallax::NONE, bsdf_fraction: fraction, roulette };
     GuideField::new(cache, vec![guide])
 }
 
@@ -592,9 +593,9 @@ fn paths_in(scene: &Scene, n: u32, roulette: Roulette, field: Option<&GuideField
     let settings = TransportSettings { max_depth: 300, nee: false, roulette };
     let tracer = PathTracer { scene, settings, field };
     let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
-    let mut random = Random::new(4, 0, 0);
     let (mut sum, mut squares) = (0.0, 0.0);
-    for _ in 0..n {
+    for i in 0..n {
+        let mut random = Random::new(4, 0, u64::from(i));
         let ray = Ray { origin: Vec3::ZERO, direction: warp::square_to_sphere(random.next_2d()) };
         let radiance = f64::from(tracer.trace(ray, &mut random, &mut scratch, Some(1.0), None, &mut count).x);
         (sum, squares) = (sum + radiance, squares + radiance * radiance);
@@ -661,7 +662,8 @@ fn a15_what_finds_nothing_counts() {
     let mut cache = SpatialCache::new(Vec3::splat(-50.0), 100.0).without_facing();
     cache.find_or_insert(Vec3::ZERO, Vec3::Y);
     let tree = Some(SamplingTree::new(&Directions::uniform(), 1.0, usize::MAX));
-    let guide = VoxelGuide { tree, parallax: Parallax::NONE, bsdf_fraction: 0.5, effort: Effort::UNKNOWN };
+    let (directions, roulette) = (tree.map(Into::into), AdjointRoulette::UNKNOWN);
+    let guide = VoxelGuide { directions, parallax: Parallax::NONE, bsdf_fraction: 0.5, roulette };
     let field = GuideField::new(cache, vec![guide]);
     let transport = TransportSettings { max_depth: 2, nee: false, roulette: Roulette::Off };
     let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field) };
@@ -682,7 +684,7 @@ fn a15_what_finds_nothing_counts() {
 /// points into a wall, paths end anyway, so hardly any is long.)
 #[test]
 fn a15_roulette_does_not_undo_guiding() {
-    let field = peaked_field(0.3, Effort::UNKNOWN);
+    let field = peaked_field(0.3, AdjointRoulette::UNKNOWN);
     let [all, guided] =
         [Roulette::Off, Roulette::Throughput].map(|roulette| rays_per_path(0.8, roulette, Some(&field)));
     // Four rays are free of roulette: ending all paths there would leave 0.82.
@@ -697,8 +699,8 @@ fn a15_roulette_does_not_undo_guiding() {
 fn a15_the_window_keeps_what_is_expected() {
     let scene = built(box_furnace(0.5));
     let traced = |roulette, onward| {
-        let effort = Effort { light: onward, onward };
-        paths_in(&scene, 100_000, roulette, Some(&peaked_field(0.3, effort)))
+        let expecting = AdjointRoulette { light: onward, onward };
+        paths_in(&scene, 100_000, roulette, Some(&peaked_field(0.3, expecting)))
     };
     let all = traced(Roulette::Off, 0.0);
     assert_eq!(traced(Roulette::Window, 1e30), all, "much is expected");
@@ -711,7 +713,7 @@ fn a15_the_window_keeps_what_is_expected() {
 }
 
 /// A network that is wrong: everything it says is the opposite of what was counted, which is the plainer proposal.
-struct Wrong(Counted);
+struct Wrong(AsCounted);
 
 impl Reconstructor for Wrong {
     fn name(&self) -> &'static str {
@@ -722,19 +724,19 @@ impl Reconstructor for Wrong {
         0.0
     }
 
-    fn reconstruct(&self, trees: Vec<CountedTree>) -> Result<Vec<Proposal>> {
-        let opposite = |tree: CountedTree| {
-            let topology = tree.distribution.topology();
+    fn reconstruct(&self, trees: &[CountedTree]) -> Result<Vec<Proposal>> {
+        let opposite = |tree: &CountedTree| {
+            let topology = tree.counted.topology();
             let area = (0..topology.levels()).flat_map(|level| {
                 topology.level(level).filter(|&node| topology.is_leaf(node)).map(move |_| 0.25f64.powi(level as i32))
             });
-            let mass = tree.distribution.leaf_mass();
+            let mass = tree.counted.leaf_mass();
             let weights: Vec<f64> = area.zip(mass).map(|(area, mass)| area * area / (mass + 1e-4 * area)).collect();
             let opposite = Directions::from_leaf_weights(topology.clone(), &weights);
             let uniform = self.0.uniform;
-            Proposal { first: (opposite, uniform), plain: Some((tree.distribution, uniform)) }
+            Proposal { first: (opposite, uniform), plain: Some((tree.counted.clone(), uniform)) }
         };
-        Ok(trees.into_iter().map(opposite).collect())
+        Ok(trees.iter().map(opposite).collect())
     }
 }
 
@@ -759,8 +761,8 @@ fn a19_a_wrong_network_costs_little() {
             let mut first: Option<Vec<Vec3>> = None;
             for seed in 0..24 {
                 let settings = settings(GUIDES[if wrong { 6 } else { 0 }], 64, seed);
-                let plain = Counted::default();
-                let hostile = Wrong(Counted::default());
+                let plain = AsCounted::default();
+                let hostile = Wrong(AsCounted::default());
                 let reconstructor: &dyn Reconstructor = if wrong { &hostile } else { &plain };
                 let outcome = render(&scene, &settings, reconstructor, &Silent, &AtomicBool::new(false));
                 let image = outcome.expect("the settings are sound").image;

@@ -8,10 +8,10 @@ use std::sync::Arc;
 use fanal::base::random::Random;
 use fanal::generate::build::{Builder, diffuse, matrix};
 use fanal::geometry::{Ray, Shape, Surface};
-use fanal::guiding::emission::EmissionGuide;
-use fanal::integrators::{Roulette, TransportSettings};
+use fanal::guiding::learn::emission::EmissionGuide;
 use fanal::integrators::path::{PathScratch, PathTracer, RayCount};
 use fanal::integrators::photon::PhotonTracer;
+use fanal::integrators::{Roulette, TransportSettings};
 use fanal::lights::area::AreaLight;
 use fanal::lights::distant::{Constant, Directional};
 use fanal::lights::envmap::Envmap;
@@ -108,9 +108,9 @@ fn traced_flux(scene: &Scene, nee: bool) -> f64 {
     let tracer = PathTracer { scene, settings, field: None };
     let part = |part: u64| {
         let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
-        let mut random = Random::new(3, part, 0);
         let mut sum = 0.0;
-        for _ in 0..PART {
+        for i in 0..PART {
+            let mut random = Random::new(3, part, i);
             let [x, z] = random.next_2d().map(|u| 2.0 * u - 1.0);
             // From just above the floor, below the lamp.
             let ray = Ray { origin: Vec3::new(x, 0.01, z), direction: Vec3::NEG_Y };

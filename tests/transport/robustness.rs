@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
 use fanal::materials::image::Image;
-use fanal::reconstruct::Counted;
+use fanal::reconstruct::AsCounted;
 use fanal::render::render;
 use glam::{Quat, Vec3};
 use scenes::{GUIDES, built, mean, picture, room, settings};
@@ -63,7 +63,7 @@ fn a05_the_field_stays_below_its_ceiling() {
     let size = |memory: usize| {
         let mut settings = settings(GUIDES[1], 128, 1);
         settings.learner.memory = memory;
-        let outcome = render(&scene, &settings, &Counted::default(), &Silent, &AtomicBool::new(false));
+        let outcome = render(&scene, &settings, &AsCounted::default(), &Silent, &AtomicBool::new(false));
         outcome.expect("the settings are sound").statistics.guide
     };
     let free = size(24 << 20);

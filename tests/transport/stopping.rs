@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
 use fanal::film::measure;
-use fanal::reconstruct::Counted;
+use fanal::reconstruct::AsCounted;
 use fanal::render::{Control, Outcome, RenderSettings, StopRule, learn, render, render_with_field};
 use fanal::scene::Scene;
 use scenes::{GUIDES, Guide, committed, mean, picture, settings};
@@ -15,7 +15,7 @@ use statistics::Summary;
 
 fn stopped(scene: &Scene, guide: Guide, error: f64, seed: u64) -> Outcome {
     let settings = RenderSettings { stop: StopRule::TargetError(error), ..settings(guide, 1, seed) };
-    render(scene, &settings, &Counted::default(), &Silent, &AtomicBool::new(false)).expect("the settings are sound")
+    render(scene, &settings, &AsCounted::default(), &Silent, &AtomicBool::new(false)).expect("the settings are sound")
 }
 
 /// The mean over 600 renders that stopped at an error of 0.7 is that of renders of a fixed length: Welch's test at 0.01. The
@@ -81,8 +81,8 @@ fn a_learned_field_can_be_used_again() {
     let stop = AtomicBool::new(false);
     let control = Control::new(&Silent, &stop);
     let settings = settings(GUIDES[1], 64, 3);
-    let field = learn(&scene, &settings, &Counted::default(), &control).expect("the settings are sound");
-    assert!(field.voxels().iter().any(|v| v.tree.is_some()));
+    let field = learn(&scene, &settings, &AsCounted::default(), &control).expect("the settings are sound");
+    assert!(field.voxels().iter().any(|v| v.directions.is_some()));
     let means: Vec<f64> = (0..12)
         .map(|seed| {
             let settings = RenderSettings { seed: 100 + seed, stop: StopRule::Spp(16), ..settings.clone() };

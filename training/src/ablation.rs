@@ -2,8 +2,8 @@
 
 use anyhow::Result;
 use fanal::base::random::Random;
-use fanal::guiding::distribution::Distribution;
-use fanal::guiding::leaves::{COUNTS, NETWORK_CHANNELS, SQUARES, VALUES};
+use fanal::guiding::tree::distribution::Distribution;
+use fanal::guiding::tree::leaves::{COUNTS, NETWORK_CHANNELS, SQUARES, VALUES};
 use fanal::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use fanal::network::batch::{CENTRE, SLOTS};
 use fanal::network::embedded::Embedded;

@@ -6,9 +6,9 @@
 
 use fanal::base::random::Random;
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::features::Traits;
-use fanal::guiding::leaves::NETWORK_CHANNELS;
-use fanal::guiding::topology::{NO_CHILD, Topology};
+use fanal::guiding::tree::features::Traits;
+use fanal::guiding::tree::leaves::NETWORK_CHANNELS;
+use fanal::guiding::tree::topology::{NO_CHILD, Topology};
 use glam::Vec3;
 
 /// One of the eight symmetries: bit 0 is φ + π, bit 1 is φ → −φ, bit 2 is z → −z. All are involutions and commute.
@@ -103,7 +103,7 @@ mod tests {
     use super::*;
     use crate::cases::Case;
     use crate::synthetic::{Settings, tree_sample};
-    use fanal::guiding::features::FEATURES;
+    use fanal::guiding::tree::features::FEATURES;
     use fanal::reconstruct::neural::inputs_of;
 
     /// With a block that is another pair's.

@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Tensor};
 use fanal::base::Result;
-use fanal::guiding::features::FEATURES;
+use fanal::guiding::tree::features::FEATURES;
 use fanal::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use fanal::network::program::GEOMETRY;
 use fanal::network::weights::Model;

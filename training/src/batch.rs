@@ -1,9 +1,9 @@
 //! Training pairs laid out for one step, on the host: what a background thread can prepare.
 
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::distribution::Distribution;
-use fanal::guiding::features::{FEATURES, LOG_SHARES, NodeInputs};
-use fanal::guiding::topology::NO_CHILD;
+use fanal::guiding::tree::distribution::Distribution;
+use fanal::guiding::tree::features::{FEATURES, LOG_SHARES, NodeInputs};
+use fanal::guiding::tree::topology::NO_CHILD;
 use fanal::network::batch::{Batch, NONE};
 use fanal::network::config::Config;
 use fanal::reconstruct::neural::inputs_of;

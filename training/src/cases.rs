@@ -2,14 +2,15 @@
 
 use anyhow::{Result, anyhow};
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::context::Block;
-use fanal::guiding::distribution::{CommonCell, Distribution, kl_by_level, kl_of_cells, relative_moment};
-use fanal::guiding::features::Traits;
-use fanal::guiding::leaves::{Layout, Leaves, Target};
-use fanal::guiding::topology::Topology;
+use fanal::guiding::target::Target;
+use fanal::guiding::tree::CountedTree;
+use fanal::guiding::tree::context::Block;
+use fanal::guiding::tree::distribution::{CommonCell, Distribution, kl_by_level, kl_of_cells, relative_moment};
+use fanal::guiding::tree::features::Traits;
+use fanal::guiding::tree::leaves::{Layout, Leaves};
+use fanal::guiding::tree::topology::Topology;
 use fanal::network::backend::Backend;
 use fanal::network::weights::Model;
-use fanal::reconstruct::TreeInput;
 use fanal::reconstruct::neural::reconstruct_batch;
 use rayon::prelude::*;
 
@@ -61,8 +62,9 @@ impl Case {
     }
 
     /// What a reconstructor is given.
-    pub fn input(&self) -> TreeInput<'_> {
-        TreeInput { counted: &self.counted, own: self.leaves(), block: &self.block, traits: &self.traits }
+    pub fn input(&self) -> CountedTree<'_> {
+        let (counted, own, block) = (&self.counted, self.leaves(), &self.block);
+        CountedTree { counted, own, block, traits: self.traits, contribution: 1.0 }
     }
 
     /// The voxel's own samples.

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use fanal::generate::dataset::Dataset;
-use fanal::guiding::distribution::{Distribution, kl_of_cells, relative_moment};
+use fanal::guiding::tree::distribution::{Distribution, kl_of_cells, relative_moment};
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::Model;
 use fanal::reconstruct::gaussian::Gaussian;

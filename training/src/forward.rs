@@ -2,8 +2,8 @@
 
 use burn::tensor::Tensor;
 use fanal::base::random::Random;
-use fanal::guiding::features::FEATURES;
-use fanal::guiding::topology::MAX_LEVEL;
+use fanal::guiding::tree::features::FEATURES;
+use fanal::guiding::tree::topology::MAX_LEVEL;
 use fanal::network::batch::{Batch, DecodeLevel, NONE};
 use fanal::network::config::Config;
 use fanal::network::program::GEOMETRY;

@@ -17,7 +17,7 @@ pub enum Loss {
     Kl,
     /// L1 of shares (Zhu 2021 eq. 16), weighted by target mass plus a floor.
     Zhu,
-    /// What a picture feels (see [`relative_moment`](fanal::guiding::distribution::relative_moment)): the logarithm of the second
+    /// What a picture feels (see [`relative_moment`](fanal::guiding::tree::distribution::relative_moment)): the logarithm of the second
     /// moment of the estimator that draws half from the BSDF, half from the tree, plus a part of KL.
     Variance,
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use burn::tensor::activation::{relu, sigmoid, softmax};
 use burn::tensor::{Device, Int, Tensor, TensorData};
-use fanal::guiding::topology::MAX_LEVEL;
+use fanal::guiding::tree::topology::MAX_LEVEL;
 use fanal::network::config::Config;
 use fanal::network::program::{Op, Program, all_layers, decode_program, encode_program};
 use fanal::network::weights::{LayerWeights, Weights};

@@ -72,7 +72,7 @@ enum Method {
 }
 
 impl Method {
-    fn run(&self, cases: &[Case]) -> Result<Vec<fanal::guiding::distribution::Distribution>> {
+    fn run(&self, cases: &[Case]) -> Result<Vec<fanal::guiding::tree::distribution::Distribution>> {
         match self {
             Self::Gaussian(gaussian) => Ok(cases.par_iter().map(|c| gaussian.smooth_tree(&c.input())).collect()),
             Self::Network { model, backend } => reconstruct(model, backend.as_ref(), cases),

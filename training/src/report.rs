@@ -7,7 +7,7 @@ use burn::tensor::Device;
 use fanal::base::files::{write_bytes, write_json};
 use fanal::base::random::Random;
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::distribution::Distribution;
+use fanal::guiding::tree::distribution::Distribution;
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::Model;
 use fanal::reconstruct::gaussian::Gaussian;

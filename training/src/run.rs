@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, anyhow, ensure};
 use burn::tensor::Tensor;
 use fanal::base::random::Random;
-use fanal::guiding::features::FEATURES;
+use fanal::guiding::tree::features::FEATURES;
 use fanal::network::config::{Config, Mode, VERSION};
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::Model;

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use fanal::base::files::{write_bytes, write_json};
 use fanal::generate::dataset::Dataset;
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::topology::Topology;
+use fanal::guiding::tree::topology::Topology;
 use serde::Serialize;
 
 use crate::plot::{Panel, panels};

@@ -5,10 +5,11 @@ use std::f64::consts::{PI, TAU};
 
 use fanal::base::random::Random;
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::distribution::{Distribution, kl};
-use fanal::guiding::features::Traits;
-use fanal::guiding::leaves::{BSDF, COUNTS, Layout, Leaves, NETWORK_CHANNELS, SQUARES, Target, VALUES};
-use fanal::guiding::topology::{MAX_LEVEL, Topology};
+use fanal::guiding::target::Target;
+use fanal::guiding::tree::distribution::{Distribution, kl};
+use fanal::guiding::tree::features::Traits;
+use fanal::guiding::tree::leaves::{BSDF, COUNTS, Layout, Leaves, NETWORK_CHANNELS, SQUARES, VALUES, solid_angle};
+use fanal::guiding::tree::topology::{MAX_LEVEL, Topology};
 
 /// What to generate.
 #[derive(Debug, Clone, Copy)]
@@ -206,7 +207,8 @@ fn converged(settings: &Settings, truth: &[Lobe], random: &mut Random) -> (Vec<b
     let half = |keep: &dyn Fn(usize) -> bool| {
         let mut sums = vec![0.0; level.len()];
         records.iter().enumerate().filter(|(i, _)| keep(*i)).for_each(|(i, r)| sums[ranks[i]] += r.value);
-        let weights: Vec<f64> = sums.iter().zip(&level).map(|(&s, &l)| Target::Variance.weight(s, l)).collect();
+        let weights: Vec<f64> =
+            sums.iter().zip(&level).map(|(&s, &l)| Target::Variance.weight(s, solid_angle(l))).collect();
         Distribution::from_leaf_weights(tree.clone(), &weights)
     };
     let floor = kl(&half(&|i| i % 2 == 0), &half(&|i| i % 2 == 1), 1e-3);

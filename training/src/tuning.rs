@@ -1,6 +1,6 @@
 //! Finding the Gaussian baseline's parameters: it has to be as strong as it can be.
 
-use fanal::guiding::distribution::Distribution;
+use fanal::guiding::tree::distribution::Distribution;
 use fanal::reconstruct::gaussian::Gaussian;
 use rayon::prelude::*;
 

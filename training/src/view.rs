@@ -6,8 +6,8 @@ use std::str::FromStr;
 use anyhow::{Result, anyhow};
 use fanal::generate::dataset::Dataset;
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::features::Traits;
-use fanal::guiding::leaves::{BSDF, COUNTS, NETWORK_CHANNELS, SQUARES, VALUES};
+use fanal::guiding::tree::features::Traits;
+use fanal::guiding::tree::leaves::{BSDF, COUNTS, NETWORK_CHANNELS, SQUARES, VALUES};
 use serde::{Deserialize, Serialize};
 
 use crate::cases::Case;

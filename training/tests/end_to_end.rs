@@ -8,7 +8,7 @@ use fanal::generate::collect::generate;
 use fanal::generate::dataset::{DatasetIndex, check};
 use fanal::generate::recipe::Recipe;
 use fanal::generate::{Family, scene};
-use fanal::guiding::leaves::Target;
+use fanal::guiding::target::Target;
 use fanal::materials::image::Image;
 use fanal::reconstruct::Neural;
 use fanal::render::{GuideMode, RenderSettings, StopRule, render};

@@ -14,11 +14,11 @@ use crate::film::exr::Attribute;
 use crate::film::{
     Picture, Window, check_folder, check_writable, matched, measure, window_of, write_or_rescue, write_picture,
 };
-use crate::guiding::file;
+use crate::guiding::sample::file;
 use crate::materials::image::Image;
 use crate::network::embedded::Precision;
 use crate::reconstruct::gaussian::Gaussian;
-use crate::reconstruct::{Counted, Neural, Reconstructor};
+use crate::reconstruct::{AsCounted, Neural, Reconstructor};
 use crate::render::{
     self, Aov, Checkpointing, Control, ErrorPoint, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics,
     StopRule, aov, checkpoint,
@@ -212,7 +212,7 @@ fn checkpointing(
 /// What makes distributions in the mode asked for, and a text that tells it apart from others.
 fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<(Box<dyn Reconstructor>, String)> {
     match settings.reconstruction {
-        Reconstruction::None => return Ok((Box::new(Counted::default()), "as counted".into())),
+        Reconstruction::None => return Ok((Box::new(AsCounted::default()), "as counted".into())),
         Reconstruction::Gaussian => return Ok((Box::new(Gaussian::default()), "smoothed".into())),
         Reconstruction::Neural => {}
     }

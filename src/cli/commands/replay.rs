@@ -8,7 +8,7 @@ use crate::base::{Error, Result};
 use crate::cli::args::RenderArgs;
 use crate::cli::resolve::resolve;
 use crate::cli::{interrupt, print, progress};
-use crate::guiding::file;
+use crate::guiding::sample::file;
 use crate::integrators::path::{ExplainedVertex, Explanation};
 use crate::render::{Control, GuideMode, Sample, replay};
 use crate::scene::Scene;

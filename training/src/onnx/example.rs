@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use fanal::base::{Error, Result};
-use fanal::guiding::features::FEATURES;
-use fanal::guiding::topology::Topology;
+use fanal::guiding::tree::features::FEATURES;
+use fanal::guiding::tree::topology::Topology;
 use fanal::network::backend::{Backend, DecodeInputs, EncodeInputs};
 use fanal::network::batch::{Batch, DecodeLevel, SLOTS};
 use fanal::network::embedded::Embedded;

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use fanal::base::Result;
 use fanal::base::files::write_bytes;
-use fanal::guiding::topology::MAX_LEVEL;
+use fanal::guiding::tree::topology::MAX_LEVEL;
 use fanal::network::config::Config;
 use fanal::network::program::{decode_program, encode_program};
 use fanal::network::seal::sealed;

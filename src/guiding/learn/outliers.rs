@@ -1,8 +1,8 @@
 //! The path samples of a pass that brought most: whoever judges by the rest must be able to leave them out.
 
-use super::super::cache::VoxelId;
-use super::super::moments::Estimate;
-use super::super::record::PathRecord;
+use crate::guiding::cache::VoxelId;
+use crate::guiding::moments::Estimate;
+use crate::guiding::record::PathRecord;
 
 /// The path samples of a pass that brought most to the picture.
 #[derive(Debug, Clone, Default)]

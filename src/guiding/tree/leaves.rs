@@ -2,79 +2,16 @@
 
 use std::f64::consts::PI;
 
-use serde::{Deserialize, Serialize};
-
 use super::distribution::Distribution;
 use super::topology::Topology;
-
-/// What is deposited and so what distributions become proportional to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Target {
-    /// Incident radiance (Müller 2017): V = L̂/p.
-    Radiance,
-    /// Root of the second moment of the integrand (Rath 2020's simpler form; Zhu 2021 eq. 7): V = (f·cos θ·L̂)²/p.
-    Variance,
-    /// The same relative to the pixel (Rath 2020 §5): V times the squared ratio of the path's throughput so far and the pixel's value.
-    VariancePixel,
-}
-
-impl Target {
-    /// The one of this [name](Self::name).
-    pub fn named(name: &str) -> Option<Self> {
-        [Self::Radiance, Self::Variance, Self::VariancePixel].into_iter().find(|target| target.name() == name)
-    }
-
-    /// Its name on the command line, in shards and in models.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Radiance => "radiance",
-            Self::Variance => "variance",
-            Self::VariancePixel => "variance-pixel",
-        }
-    }
-
-    /// Sampling weight of a leaf at `level` that holds ΣV. For radiance ΣV itself; for a second moment √(ΣV · A), A the leaf's
-    /// solid angle in sr. Summed over children of equal density it gives the parent's own.
-    pub fn weight(self, sum: f64, level: usize) -> f64 {
-        match self {
-            Self::Radiance => sum.max(0.0),
-            Self::Variance | Self::VariancePixel => (sum.max(0.0) * 4.0 * PI * 0.25f64.powi(level as i32)).sqrt(),
-        }
-    }
-}
-
-/// What trees learn of the light that light sampling finds too.
-///
-/// Learning nothing of it leaves the sky behind the slits of a blind to light sampling, which hardly ever finds it, and to
-/// BSDF samples, of which a guide leaves few.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum DirectLight {
-    /// Nothing: light sampling handles it.
-    Nothing,
-    /// What is left for hitting it, by the weights of multiple importance sampling.
-    Weighted,
-    /// All of it, as if there were no light sampling.
-    All,
-}
-
-impl DirectLight {
-    /// Its name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Nothing => "nothing",
-            Self::Weighted => "weighted",
-            Self::All => "all",
-        }
-    }
-}
+use crate::guiding::target::Target;
 
 /// What is summed per leaf. Channels 0 to 3 of both layouts are ΣV and the number of path samples, and the same of photons.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
     /// No more than that: all that counting needs.
     Values,
-    /// Also what the network reads: ΣV² of path samples, of photons, and the sum of [`PathRecord::bsdf_share`](super::record::PathRecord).
+    /// Also what the network reads: ΣV² of path samples, of photons, and the sum of [`PathRecord::bsdf_share`](crate::guiding::record::PathRecord).
     Network,
 }
 
@@ -126,7 +63,7 @@ impl<'a> Leaves<'a> {
 
     /// Sampling weight of each leaf for one kind of sample: by the [`Target`] for paths, ΣV for photons.
     fn leaf_weights(&self, kind: usize) -> Vec<f64> {
-        let weight = |(value, level)| if kind == 0 { self.target.weight(value, level) } else { value };
+        let weight = |(value, level)| if kind == 0 { self.target.weight(value, solid_angle(level)) } else { value };
         self.values(kind).zip(leaf_levels(self.topology)).map(weight).collect()
     }
 
@@ -170,9 +107,14 @@ impl<'a> Leaves<'a> {
 
 /// The distribution of path samples with ΣV of `target` per leaf given, in the order of [`Topology::leaves`].
 pub fn distribution_of_values(topology: &Topology, values: &[f64], target: Target) -> Distribution {
-    let weight = |(&v, level): (&f64, usize)| target.weight(v, level);
+    let weight = |(&v, level): (&f64, usize)| target.weight(v, solid_angle(level));
     let weights: Vec<f64> = values.iter().zip(leaf_levels(topology)).map(weight).collect();
     Distribution::from_leaf_weights(topology.clone(), &weights)
+}
+
+/// Solid angle of a cell of this level, sr.
+pub fn solid_angle(level: usize) -> f64 {
+    4.0 * PI * 0.25f64.powi(level as i32)
 }
 
 /// Level of every leaf.
@@ -191,8 +133,8 @@ mod tests {
     #[test]
     fn weights_of_equal_density_add_up() {
         for target in [Target::Radiance, Target::Variance] {
-            let parent = target.weight(3.0, 2);
-            assert!((4.0 * target.weight(0.75, 3) - parent).abs() < 1e-12);
+            let parent = target.weight(3.0, solid_angle(2));
+            assert!((4.0 * target.weight(0.75, solid_angle(3)) - parent).abs() < 1e-12);
         }
     }
 

@@ -6,9 +6,9 @@
 
 use rayon::prelude::*;
 
-use super::cache::Ancestry;
 use super::distribution::Distribution;
 use super::topology::MAX_LEVEL;
+use crate::guiding::cache::Ancestry;
 
 /// Nodes of pooled distributions are not split further below this mass: their details belong to single voxels.
 const POOLED_MASS: f64 = 0.003;
@@ -99,7 +99,7 @@ fn pool(below: &[Counted], parents: &[u32], groups: usize) -> Vec<Counted> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guiding::distribution::quarters;
+    use crate::guiding::tree::distribution::quarters;
 
     #[test]
     fn few_samples_yield_to_the_surroundings() {

@@ -8,7 +8,7 @@
 
 use glam::Vec3;
 
-use super::cache::Bounds;
+use crate::guiding::cache::Bounds;
 
 /// The sphere must be so much larger than half of the voxel's diagonal that the map is far from singular.
 const ROOM: f32 = 1.5;
@@ -37,7 +37,7 @@ impl Parallax {
     pub const NONE: Self = Self { centre: Vec3::ZERO, curvature: 0.0 };
 
     /// Centre and curvature.
-    pub(super) fn to_array(self) -> [f32; 4] {
+    pub(in crate::guiding) fn to_array(self) -> [f32; 4] {
         self.centre.extend(self.curvature).to_array()
     }
 

@@ -6,13 +6,13 @@
 //! density on a quadtree. (Photon emission guided by visible contribution: after Vorba et al. 2014 §5, with a factored density
 //! instead of Gaussian mixtures.) A uniform part keeps every photon possible.
 
-use super::arrays::{read_offsets, read_trees, tree_arrays};
-use super::distribution::Distribution;
-use super::sampler::SamplingTree;
-use super::topology::{MAX_LEVEL, MAX_NODES, Topology};
 use crate::base::Result;
 use crate::base::random::Random;
-use crate::base::tensors::{Dtype, Tensor, Tensors, vector};
+use crate::base::tensors::{Dtype, Tensor, Tensors, offsets, vector};
+use crate::guiding::tree::arrays::{read_trees, tree_arrays};
+use crate::guiding::tree::distribution::Distribution;
+use crate::guiding::tree::sampler::SamplingTree;
+use crate::guiding::tree::topology::{MAX_LEVEL, MAX_NODES, Topology};
 use crate::sampling::discrete::Discrete;
 
 /// Part of the photons that start as if nothing had been learned; the same for the choice of a light.
@@ -166,10 +166,6 @@ impl EmissionLearner {
 pub fn arrays<'a>(guide: &EmissionGuide, learner: &EmissionLearner) -> Vec<Tensor<'a>> {
     let trees: Vec<_> = guide.squares.iter().flatten().map(Some).collect();
     let squares = || learner.lights.iter().flatten();
-    let offsets = squares().scan(0, |end, square| {
-        *end += square.topology.len() as u64;
-        Some(*end)
-    });
     let flags = squares().flat_map(|square| square.topology.split_flags());
     let bytes = |values: &[f64]| values.iter().map(|x| x.to_le_bytes()).collect::<Vec<_>>().into_iter();
     let power: Vec<f64> = squares().flat_map(|square| &square.power).copied().collect();
@@ -177,7 +173,7 @@ pub fn arrays<'a>(guide: &EmissionGuide, learner: &EmissionLearner) -> Vec<Tenso
     all.extend([
         vector("emission_power", Dtype::F64, bytes(&guide.power)),
         vector("light_power", Dtype::F64, bytes(&learner.power)),
-        vector("square_offset", Dtype::U64, std::iter::once(0).chain(offsets).map(u64::to_le_bytes)),
+        offsets("square_offset", squares().map(|square| square.topology.len())),
         vector("square_power", Dtype::F64, bytes(&power)),
         vector("square_split", Dtype::U8, flags.map(|split| [u8::from(split)])),
     ]);
@@ -194,7 +190,7 @@ pub fn from_arrays(emitted: &Discrete, file: &Tensors) -> Result<(EmissionGuide,
     let mut learner = EmissionLearner::new(emitted);
     let count = 2 * learner.lights.len();
     learner.power = floats("light_power", Some(emitted.len()))?;
-    let offsets = read_offsets(file, "square_offset", count)?;
+    let offsets = file.offsets("square_offset", count)?;
     let flags = file.read("square_split", Dtype::U8, Some(offsets[count]), 1, |[b]| b != 0)?;
     let powers = floats("square_power", Some(offsets[count]))?;
     for (i, square) in learner.lights.iter_mut().flatten().enumerate() {

@@ -4,9 +4,11 @@
 //! samples drawn from what was proposed last also tell what any mixture of both proposals would have cost, and what measured best
 //! there is sampled next.
 
+use glam::Vec3;
+
 use super::distribution::Distribution;
-use super::moments::Moments;
 use super::sampler::SamplingTree;
+use crate::guiding::moments::Moments;
 
 /// A distribution and the part of the uniform one, in (0, 1], that has to be mixed into it.
 pub type Guess = (Distribution, f32);
@@ -69,9 +71,9 @@ impl Judged {
         Some(Self { trees, share: share as f32 })
     }
 
-    /// By a direction in this cell of level 20: the density of each mixture over that of what was sampled.
-    pub fn ratios(&self, cell: [u32; 2]) -> [f64; SHARES.len()] {
-        let [plain, first] = self.trees.each_ref().map(|tree| f64::from(tree.pdf_at(cell)));
+    /// By a direction as seen from the centre: the density of each mixture over that of what was sampled.
+    pub fn ratios(&self, direction: Vec3) -> [f64; SHARES.len()] {
+        let [plain, first] = SamplingTree::pdfs(&self.trees, direction).map(f64::from);
         let at = |share: f64| share * first + (1.0 - share) * plain;
         let sampled = at(f64::from(self.share));
         SHARES.map(|share| at(share) / sampled)
@@ -81,7 +83,8 @@ impl Judged {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guiding::distribution::quarters;
+    use crate::guiding::tree::distribution::quarters;
+    use crate::math::cylindrical;
 
     fn proposal() -> Proposal {
         Proposal { first: (quarters([1.0, 0.0, 0.0, 0.0]), 0.1), plain: Some((quarters([0.0, 1.0, 1.0, 2.0]), 0.3)) }
@@ -106,7 +109,7 @@ mod tests {
         let judged = Judged::new(&proposal(), 0.25, 100).unwrap();
         let (first, plain) = (0.1 + 0.9 * 4.0, 0.3);
         let sampled = 0.25 * first + 0.75 * plain;
-        for (ratio, share) in judged.ratios([0, 0]).into_iter().zip(SHARES) {
+        for (ratio, share) in judged.ratios(cylindrical::to_direction([0.1, 0.1])).into_iter().zip(SHARES) {
             let expected = (share * first + (1.0 - share) * plain) / sampled;
             assert!((ratio / expected - 1.0).abs() < 1e-3, "{share}: {ratio} {expected}");
         }

@@ -17,7 +17,7 @@
 //! | 15 | level / 20 |
 //! | 16, 17 | ln(1 + own samples of the tree) / 8 (path, photon) |
 //! | 18 | what part of the counted distribution is from path samples, the rest being photons |
-//! | 19 | half of the voxel's diagonal over the distance from which its light is taken to come, see [`Parallax`](super::parallax::Parallax) |
+//! | 19 | half of the voxel's diagonal over the distance from which its light is taken to come, see [`Parallax`](crate::guiding::cache::parallax::Parallax) |
 //! | 20 | 1 where the own tree ends above the node |
 //! | 21, 22 | what the [`Block`] around has learned: log density, share |
 //! | 23, 24 | ln(1 + samples of the block) / 8, and of the larger one around it |
@@ -226,7 +226,8 @@ fn log_density(relative: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::base::random::Random;
-    use crate::guiding::leaves::{Layout, Target};
+    use crate::guiding::target::Target;
+    use crate::guiding::tree::leaves::Layout;
 
     /// A counted tree, and own samples in a tree that is finer in one corner and coarser in another.
     fn trees(seed: u64) -> (Distribution, Topology, Vec<f32>) {

@@ -3,12 +3,10 @@
 //! Adjoint-driven roulette (Vorba and Křivánek 2016 §5, without splitting): a path whose expected contribution, what it carries times
 //! what the vertex is known to send back, is below a part of the pixel's value goes on in proportion to it. Light sampling is
 //! judged in the same way: behind a wall it finds nothing and is mostly left out, which saves half of the rays there. What is rarely
-//! found is not taken for dark (see [`Returns::add_scene`]).
+//! found is not taken for dark (see [`Adjoint::add_scene`](crate::guiding::learn::adjoint::Adjoint::add_scene)).
 //!
 //! Efficiency-aware roulette (Rath et al. 2022), which goes by second moments and costs instead of means, was tried: as fast on
 //! some seeds, but the moments of few samples are so noisy that others had several times the error.
-
-use super::moments::Moments;
 
 /// Lowest probability: what was learned from few samples must not shut light out.
 const LEAST: f32 = 0.1;
@@ -17,79 +15,27 @@ const LEAST: f32 = 0.1;
 /// with it, and 5.0 times with a window of size 5.
 const WINDOW: f64 = 2.0 / 9.0;
 
-/// Effective samples as which the whole scene counts in a block. Without (0) scenes whose light is hard to find have two to three times
-/// the noise in the first seconds; with 0.5 those have a tenth less noise than with 0.1, and rooms that are dark for good reasons a
-/// seventh more.
-const HITS: f64 = 0.2;
-
-/// What a voxel's vertices send back along their paths: mean radiance by light sampling, and by going on.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Returns([Moments<1>; 2]);
-
-impl Returns {
-    /// Adds what one vertex sends back.
-    pub fn add(&mut self, sent: [f64; 2]) {
-        self.0.iter_mut().zip(sent).for_each(|(sum, sent)| sum.add([sent]));
-    }
-
-    /// Adds all of another's.
-    pub fn merge(&mut self, other: &Self) {
-        self.0.iter_mut().zip(&other.0).for_each(|(sum, other)| sum.merge(other));
-    }
-
-    /// Adds what the block around says, as if it came from at most `samples` samples.
-    pub fn add_prior(&mut self, prior: &Self, samples: f64) {
-        self.0.iter_mut().zip(&prior.0).for_each(|(sum, prior)| sum.add_prior(prior, samples));
-    }
-
-    /// Adds what the whole scene says. Where light is found once in a thousand samples (the sky between the slats of a blind), a
-    /// thousand that found none say little: the scene counts as many samples as have found light [`HITS`] times.
-    pub fn add_scene(&mut self, scene: &Self) {
-        for (sum, scene) in self.0.iter_mut().zip(&scene.0) {
-            let samples = HITS * scene.samples() / scene.effective();
-            if samples.is_finite() {
-                sum.add_prior(scene, samples);
-            }
-        }
-    }
-
-    /// Means over the vertices; none where too little is known.
-    fn means(&self) -> [Option<f64>; 2] {
-        self.0.map(|sum| sum.means().map(|[mean]| mean))
-    }
-
-    /// Appends its numbers, for [`Returns::pull_from`].
-    pub(super) fn push_to(&self, numbers: &mut Vec<f64>) {
-        self.0.iter().for_each(|sum| sum.push_to(numbers));
-    }
-
-    /// The returns whose numbers come next.
-    pub(super) fn pull_from(next: &mut impl FnMut() -> f64) -> Self {
-        Self([(); 2].map(|()| Moments::pull_from(next)))
-    }
-}
-
 /// What a path of importance 1 does at a vertex: probabilities before they are bounded. Importance is throughput over the value
 /// of the pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Effort {
+pub struct AdjointRoulette {
     /// Of light sampling; infinite where it is not known.
     pub light: f32,
     /// Of going on; infinite where it is not known.
     pub onward: f32,
 }
 
-impl Effort {
+impl AdjointRoulette {
     /// Nothing is known.
     pub const UNKNOWN: Self = Self { light: f32::INFINITY, onward: f32::INFINITY };
 
-    /// What a voxel with such `returns` is worth.
-    pub fn new(returns: &Returns) -> Self {
+    /// At a vertex that sends back these means by light sampling and by going on; none where they are not known.
+    pub fn expecting(means: [Option<f64>; 2]) -> Self {
         // Environments with negative pixels have negative means, which are worth no more than none.
         let known = |mean: Option<f64>| {
             mean.filter(|mean| mean.is_finite()).map_or(f32::INFINITY, |mean| (mean / WINDOW).max(0.0) as f32)
         };
-        let [light, onward] = returns.means().map(known);
+        let [light, onward] = means.map(known);
         Self { light, onward }
     }
 
@@ -126,7 +72,7 @@ mod tests {
         let mut random = Random::new(12, 0, 0);
         let mut any = || if random.below(8) == 0 { 0.0 } else { 10f32.powf(random.range(-37.0, 37.0)) };
         for _ in 0..100_000 {
-            let (effort, importance, throughput) = (Effort { light: any(), onward: any() }, any(), any());
+            let (effort, importance, throughput) = (AdjointRoulette { light: any(), onward: any() }, any(), any());
             for p in [
                 effort.survival(importance, throughput).expect("it is known"),
                 effort.light_probability(importance, throughput),
@@ -138,55 +84,27 @@ mod tests {
         }
     }
 
-    fn returns(of_one: [f64; 2]) -> Returns {
-        let mut returns = Returns::default();
-        (0..100).for_each(|_| returns.add(of_one));
-        returns
-    }
-
     #[test]
     fn work_goes_where_light_is_expected() {
         // Behind a wall: no light by light sampling, some by going on.
-        let hidden = Effort::new(&returns([0.0, 0.5]));
+        let hidden = AdjointRoulette::expecting([0.0, 0.5].map(Some));
         assert_eq!((hidden.light_probability(1.0, 1.0), hidden.survival(1.0, 1.0)), (LEAST, Some(1.0)));
         assert_eq!(hidden.survival(0.25, 1.0), Some(0.5625), "a path worth an eighth of the pixel");
         assert_eq!(hidden.survival(0.25, 8.0), Some(8.0 * LEAST), "a path that is heavy already");
         assert_eq!(hidden.light_probability(0.25, 80.0), 1.0);
-        let lit = Effort::new(&returns([0.2, 0.01]));
+        let lit = AdjointRoulette::expecting([0.2, 0.01].map(Some));
         assert_eq!((lit.light_probability(1.0, 1.0), lit.survival(1.0, 1.0)), (0.9, Some(LEAST)));
     }
 
     #[test]
-    fn where_light_is_rare_a_block_without_any_is_not_dark() {
-        let found = |every: u32, samples: u32| {
-            let mut returns = Returns::default();
-            (0..samples).for_each(|i| returns.add([if i % every == 0 { f64::from(every) } else { 0.0 }; 2]));
-            returns
-        };
-        let mean_with = |every| {
-            let mut dark = Returns::default();
-            (0..1000).for_each(|_| dark.add([0.0; 2]));
-            dark.add_scene(&found(every, 100_000));
-            dark.means()[0].expect("a thousand samples")
-        };
-        // The mean of the scene is 1. It counts as 2000 samples beside the block's 1000, or as less than one.
-        assert!((mean_with(10_000) - 2.0 / 3.0).abs() < 1e-3, "{}", mean_with(10_000));
-        assert!(mean_with(2) < 1e-3);
-        let mut black = returns([0.2, 0.1]);
-        black.add_scene(&returns([0.0; 2]));
-        assert_eq!(black, returns([0.2, 0.1]), "a scene where nothing was found says nothing");
-    }
-
-    #[test]
     fn what_is_not_known_decides_nothing() {
-        let mut few = Returns::default();
-        few.add([1.0; 2]);
-        for effort in [Effort::new(&few), Effort::new(&returns([1e300; 2])), Effort::UNKNOWN] {
+        let overflown = AdjointRoulette::expecting([Some(1e300); 2]);
+        for effort in [AdjointRoulette::expecting([None; 2]), overflown, AdjointRoulette::UNKNOWN] {
             for importance in [0.0, 1.0, f32::INFINITY, f32::NAN] {
                 assert_eq!((effort.light_probability(importance, 1.0), effort.survival(importance, 1.0)), (1.0, None));
             }
         }
-        let dark = Effort::new(&returns([0.0; 2]));
+        let dark = AdjointRoulette::expecting([Some(0.0); 2]);
         assert_eq!(dark.survival(f32::INFINITY, 1.0), None, "0·∞");
         assert_eq!(dark.survival(1.0, 1.0), Some(LEAST));
     }

@@ -77,7 +77,7 @@ pub fn joined(own: Counted, past: Option<&Past>, part: f64) -> Counted {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guiding::distribution::quarters;
+    use crate::guiding::tree::distribution::quarters;
 
     #[test]
     fn what_is_older_fades() {

@@ -13,23 +13,24 @@
 //! | `node_position` | f32 | [N] | |
 //! | `node_child` | u32 | [N] | the first of two children, or the leaf's voxel |
 //! | `bsdf_fraction`, `gain` | f32 | [V] | gain as in [`Evidence`] |
-//! | `parallax` | f32 | [V, 4] | centre and curvature, as in [`Parallax`] |
-//! | `effort` | f32 | [V, 2] | of light sampling and of going on, as in [`Effort`] |
+//! | `parallax` | f32 | [V, 4] | centre and curvature, as in [`Parallax`](crate::guiding::cache::parallax::Parallax) |
+//! | `effort` | f32 | [V, 2] | of light sampling and of going on, as in [`AdjointRoulette`] |
 //! | `guide_uniform`, `counted_uniform` | f32 | [V] | the uniform part; 0 where there is no tree |
 //! | `guide_offset`, `counted_offset` | u64 | [V + 1] | where each voxel's nodes begin |
 //! | `guide_shares`, `counted_shares` | u16 | [.., 4] | where children 1 to 3 begin on a scale of 2¹⁶; which children have children, a bit each |
+//! | `guide_bins` | f32 | [V, 128] | instead of nodes the masses of histograms, zeros for none; missing where there are none |
 //!
 //! `guide` is what is sampled (Q_r), `counted` what was accumulated (Q_h).
 
 use std::path::Path;
 
-use super::arrays::{cache_arrays, read_cache, read_parallax, read_trees, tree_arrays};
-use super::effort::Effort;
 use super::field::{Evidence, GuideField, VoxelGuide};
-use super::sampler::SamplingTree;
+use super::roulette::AdjointRoulette;
 use crate::base::Result;
 use crate::base::files::read_bytes;
 use crate::base::tensors::{self, Dtype, Tensor, Tensors, floats, vector};
+use crate::guiding::cache::arrays::{cache_arrays, read_cache, read_parallax};
+use crate::guiding::model::Directions;
 
 /// The version of guide files that this program reads.
 pub const VERSION: u32 = 2;
@@ -48,15 +49,15 @@ pub fn save(path: &Path, field: &GuideField, evidence: &Evidence) -> Result<()> 
 /// The arrays of a guide file.
 pub fn arrays<'a>(field: &GuideField, evidence: &Evidence) -> Vec<Tensor<'a>> {
     let voxels = field.voxels();
-    let guides: Vec<Option<&SamplingTree>> = voxels.iter().map(|v| v.tree.as_ref()).collect();
+    let guides: Vec<Option<&Directions>> = voxels.iter().map(|v| v.directions.as_ref()).collect();
     let counted: Vec<_> = (0..voxels.len()).map(|v| evidence.counted.get(v).and_then(Option::as_ref)).collect();
     let gains = (0..voxels.len()).map(|v| evidence.gain.get(v).copied().unwrap_or(f32::NAN));
     let mut all = cache_arrays(field.cache());
-    all.extend(tree_arrays("guide", &guides));
-    all.extend(tree_arrays("counted", &counted));
+    all.extend(Directions::arrays("guide", &guides));
+    all.extend(Directions::arrays("counted", &counted));
     all.extend([
         vector("bsdf_fraction", Dtype::F32, voxels.iter().map(|v| v.bsdf_fraction.to_le_bytes())),
-        floats("effort", voxels.iter().map(|v| [v.effort.light, v.effort.onward])),
+        floats("effort", voxels.iter().map(|v| [v.roulette.light, v.roulette.onward])),
         vector("gain", Dtype::F32, gains.map(f32::to_le_bytes)),
         floats("parallax", voxels.iter().map(|v| v.parallax.to_array())),
     ]);
@@ -86,15 +87,20 @@ pub fn from_arrays(file: &Tensors) -> Result<(GuideField, Evidence)> {
     if let Some(bad) = fractions.iter().find(|&&f| !(f > 0.0 && f <= 1.0)) {
         return file.fail("bsdf_fraction", format!("{bad} is not above 0 and at most 1"));
     }
-    let guides = read_trees(file, "guide", voxels)?;
-    let counted = read_trees(file, "counted", voxels)?;
+    let guides = Directions::read(file, "guide", voxels)?;
+    let counted = Directions::read(file, "counted", voxels)?;
     let efforts = file.read("effort", Dtype::F32, Some(voxels), 2, f32::from_le_bytes)?;
     if let Some(bad) = efforts.iter().find(|e| e.is_nan() || **e < 0.0) {
         return file.fail("effort", format!("{bad} is not 0 or above"));
     }
-    let effort = efforts.as_chunks::<2>().0.iter().map(|&[light, onward]| Effort { light, onward });
+    let effort = efforts.as_chunks::<2>().0.iter().map(|&[light, onward]| AdjointRoulette { light, onward });
     let parallax = read_parallax(file, "parallax", voxels)?;
-    let guide = |(((tree, bsdf_fraction), effort), parallax)| VoxelGuide { tree, parallax, bsdf_fraction, effort };
+    let guide = |(((directions, bsdf_fraction), roulette), parallax)| VoxelGuide {
+        directions,
+        parallax,
+        bsdf_fraction,
+        roulette,
+    };
     let guides = guides.into_iter().zip(fractions).zip(effort).zip(parallax).map(guide);
     let field = GuideField::new(cache, guides.collect());
     Ok((field, Evidence { counted, gain: floats("gain")? }))
@@ -106,11 +112,11 @@ mod tests {
 
     use super::*;
     use crate::base::random::Random;
+    use crate::guiding::cache::parallax::Parallax;
     use crate::guiding::cache::{CacheParts, SpatialCache};
-    use crate::guiding::distribution::Distribution;
-    use crate::guiding::parallax::Parallax;
-    use crate::guiding::sampler::Node;
-    use crate::guiding::topology::Topology;
+    use crate::guiding::tree::distribution::Distribution;
+    use crate::guiding::tree::sampler::{Node, SamplingTree};
+    use crate::guiding::tree::topology::Topology;
 
     fn some_field() -> (GuideField, Evidence) {
         let mut random = Random::new(4, 0, 0);
@@ -124,15 +130,15 @@ mod tests {
         let shape = || Topology::from_split(&[true, false, true, false, false, false, false, false, false]).unwrap();
         let mut tree = |v: usize| {
             let weights: Vec<f64> = (0..7).map(|_| random.next_f64()).collect();
-            (v % 4 != 1).then(|| SamplingTree::new(&Distribution::from_leaf_weights(shape(), &weights), 0.1, 9))
+            (v % 4 != 1).then(|| SamplingTree::new(&Distribution::from_leaf_weights(shape(), &weights), 0.1, 9).into())
         };
         let counted: Vec<_> = (0..cache.len()).map(&mut tree).collect();
         let guides = (0..cache.len())
             .map(|v| VoxelGuide {
-                tree: tree(v),
+                directions: tree(v),
                 parallax: Parallax { centre: Vec3::splat(v as f32), curvature: 0.5 },
                 bsdf_fraction: 0.25,
-                effort: Effort { light: 0.5 * v as f32, onward: f32::INFINITY },
+                roulette: AdjointRoulette { light: 0.5 * v as f32, onward: f32::INFINITY },
             })
             .collect();
         let gain = (0..cache.len()).map(|v| 1.0 / (1.0 + v as f32)).collect();
@@ -160,7 +166,7 @@ mod tests {
             let mut next = || Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
             let (point, normal) = (next(), next() - 0.5);
             assert_eq!(loaded.at(point, normal), field.at(point, normal));
-            guided += usize::from(field.at(point, normal).is_some_and(|guide| guide.tree.is_some()));
+            guided += usize::from(field.at(point, normal).is_some_and(|guide| guide.directions.is_some()));
         }
         assert!(guided > 100);
         save(&path, &GuideField::empty(), &Evidence::default()).unwrap();

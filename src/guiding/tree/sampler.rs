@@ -22,7 +22,7 @@ const BELOW_ONE: f64 = 1.0 - 1.0 / (1u64 << 36) as f64;
 
 /// An inner node: the probability of each child given the node, and where the children that are inner nodes themselves are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Node {
+pub(in crate::guiding) struct Node {
     /// Where the shares of children 1, 2 and 3 begin on a scale of [`WHOLE`]; child 0 begins at 0.
     pub begin: [u16; 3],
     /// Which children are inner nodes, a bit each.
@@ -95,7 +95,7 @@ impl SamplingTree {
     ///
     /// # Errors
     /// A sentence saying what is inconsistent.
-    pub(super) fn from_nodes(nodes: Vec<Node>, uniform: f32) -> Result<Self, String> {
+    pub(in crate::guiding) fn from_nodes(nodes: Vec<Node>, uniform: f32) -> Result<Self, String> {
         if !(uniform > 0.0 && uniform <= 1.0) {
             return Err(format!("a uniform part of {uniform}, expected one above 0 and at most 1"));
         }
@@ -124,7 +124,7 @@ impl SamplingTree {
     }
 
     /// The packed nodes, breadth first, and the uniform part.
-    pub(super) fn nodes(&self) -> (&[Node], f32) {
+    pub(in crate::guiding) fn nodes(&self) -> (&[Node], f32) {
         (&self.nodes, self.uniform)
     }
 
@@ -182,14 +182,13 @@ impl SamplingTree {
         self.pdf_at(cylindrical::to_cell(direction))
     }
 
-    /// Densities relative to the uniform one at the centres of `side`² cells of equal solid angle, rows of constant φ.
-    pub fn map(&self, side: usize) -> Vec<f64> {
-        let centre = |i: usize| (i as f64 + 0.5) / side as f64;
-        let cells = (0..side * side).map(|i| cylindrical::to_direction([centre(i % side), centre(i / side)]));
-        cells.map(|direction| f64::from(self.pdf(direction)) * 4.0 * PI).collect()
+    /// The same of two trees, whose cell is found once.
+    pub fn pdfs(trees: &[Self; 2], direction: Vec3) -> [f32; 2] {
+        let cell = cylindrical::to_cell(direction);
+        trees.each_ref().map(|tree| tree.pdf_at(cell))
     }
 
-    /// The same for a cell (x, y) of level 20.
+    /// Density in a cell (x, y) of level 20.
     pub fn pdf_at(&self, cell: [u32; 2]) -> f32 {
         (self.relative_at(cell) / (4.0 * PI)) as f32
     }

@@ -6,11 +6,12 @@
 
 use glam::Vec3;
 
-use super::leaves::{BSDF, COUNTS, DirectLight, Layout, Leaves, SQUARES, Target, VALUES};
-use super::parallax::Parallax;
-use super::record::{PathRecord, PhotonRecord};
+use super::leaves::{BSDF, COUNTS, Layout, Leaves, SQUARES, VALUES};
 use super::topology::{MAX_NODES, NO_CHILD, Topology};
 use crate::base::random::Random;
+use crate::guiding::cache::parallax::Parallax;
+use crate::guiding::record::{PathRecord, PhotonRecord};
+use crate::guiding::target::{DirectLight, Learned, Target};
 use crate::math::cylindrical;
 
 /// Where samples are deposited.
@@ -119,12 +120,12 @@ impl Quadtree {
 
     /// Adds path samples that fell into the voxel, in the order given.
     pub fn deposit_paths<'a>(&mut self, place: &Place, records: impl Iterator<Item = &'a PathRecord> + Clone) {
-        let (target, direct) = (self.target, place.direct);
-        let squares = target != Target::Radiance;
-        let inverse = self.grow_scale(0, records.clone().map(|r| r.value(target, direct)));
+        let learned = Learned { target: self.target, direct: place.direct };
+        let squares = self.target != Target::Radiance;
+        let inverse = self.grow_scale(0, records.clone().map(|r| learned.value(r)));
         for r in records {
             let seen = place.parallax.to_centre(r.point, r.direction);
-            let value = r.value(target, direct) * inverse;
+            let value = learned.value(r) * inverse;
             // A density g over ω' is g·dω'/dω over ω: (g·dω'/dω)²·dω = g²·dω'/dω·dω'.
             let value = if squares { value * value / seen.density } else { value };
             let direction = if place.filtered { self.moved(seen.direction) } else { seen.direction };

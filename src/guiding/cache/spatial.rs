@@ -71,10 +71,19 @@ impl Ancestry {
     pub fn block(&self, voxel: usize) -> usize {
         self.parents[1][self.parents[0][voxel] as usize] as usize
     }
+
+    /// What `merge` adds up over the voxels of each block of 2³ cells.
+    pub(in crate::guiding) fn pooled<V, M: Default + Clone>(&self, voxels: &[V], merge: impl Fn(&mut M, &V)) -> Vec<M> {
+        let mut blocks = vec![M::default(); self.sizes[1]];
+        for (v, voxel) in voxels.iter().enumerate() {
+            merge(&mut blocks[self.block(v)], voxel);
+        }
+        blocks
+    }
 }
 
 /// What a [`SpatialCache`] consists of, as files hold it.
-pub(super) struct CacheParts {
+pub(in crate::guiding) struct CacheParts {
     pub origin: Vec3,
     pub cell: f32,
     pub faces: bool,
@@ -87,10 +96,10 @@ pub(super) struct CacheParts {
 
 /// Bytes that a voxel takes at most in a [`SpatialCache`]: its bounds and cell, two nodes, its key and its share of a hash map that
 /// has just grown.
-pub(super) const CELL_BYTES: usize = 160;
+pub(in crate::guiding) const CELL_BYTES: usize = 160;
 
 /// Stands for the axis of a node that is not divided.
-pub(super) const LEAF: u8 = 3;
+pub(in crate::guiding) const LEAF: u8 = 3;
 
 /// A partition of the visited part of space into voxels.
 #[derive(Debug, Clone)]
@@ -252,7 +261,7 @@ impl SpatialCache {
     }
 
     /// What the cache consists of.
-    pub(super) fn parts(&self) -> CacheParts {
+    pub(in crate::guiding) fn parts(&self) -> CacheParts {
         let roots = self.keys.iter().filter_map(|key| self.cells.get(key).copied()).collect();
         let node = |node: &Node| match *node {
             Node::Leaf(voxel) => (LEAF, 0.0, voxel),
@@ -272,7 +281,7 @@ impl SpatialCache {
     ///
     /// # Errors
     /// A sentence saying what is inconsistent.
-    pub(super) fn from_parts(parts: &CacheParts) -> Result<Self, String> {
+    pub(in crate::guiding) fn from_parts(parts: &CacheParts) -> Result<Self, String> {
         let sound = parts.origin.is_finite() && parts.cell.is_finite() && parts.cell > 0.0;
         if !sound || parts.roots.len() != parts.keys.len() {
             return Err("a grid that is not finite, or cells without a root".into());

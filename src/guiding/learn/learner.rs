@@ -1,0 +1,455 @@
+//! Learning: records of a pass become distributions of directions, and those become the next guiding field. What learns directions
+//! is a [`Model`]; voxels, and all that is learned beside directions, are here.
+//!
+//! Everything is merged in a fixed order (by voxel, then by path), so the result does not depend on the number of threads.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::LEARNING_FRACTION;
+use super::adjoint::Adjoint;
+use super::fraction::FractionRule;
+use super::outliers::Outliers;
+use super::voxel::Voxel;
+use crate::base::Result;
+use crate::base::random::Random;
+use crate::guiding::cache::{Ancestry, CELL_BYTES, SpatialCache, VoxelId};
+use crate::guiding::model::{Directions, Model, ModelKind};
+use crate::guiding::moments::{FRACTIONS, Moments, PictureMoments};
+use crate::guiding::record::{PathRecord, PhotonRecord};
+use crate::guiding::sample::field::{Evidence, GuideField, VoxelGuide};
+use crate::guiding::sample::roulette::AdjointRoulette;
+use crate::guiding::samples::{Around, Samples, Spheres, Told};
+use crate::guiding::target::{DirectLight, Learned, Target};
+use crate::guiding::tree::sampler::SamplingTree;
+use crate::guiding::tree::{CountedTree, Propose, TreeSettings};
+
+/// How the field is learned.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LearnerSettings {
+    /// Cells along the diagonal of the scene's visited part, r_init (Zhu 2021 §7).
+    pub resolution: f32,
+    /// Whether surfaces that face differently have voxels of their own.
+    pub facing: bool,
+    /// Path samples above which a voxel is halved, k_spt (Zhu 2021 §7) or c (Müller 2017 §3.1).
+    pub voxel_samples: u32,
+    /// Whether that number grows with √(samples per pixel) of the iteration (Müller 2017 §3.1).
+    pub growing: bool,
+    /// What learns directions.
+    pub model: ModelKind,
+    /// How it counts trees, if it has any.
+    pub tree: TreeSettings,
+    /// What is deposited.
+    pub target: Target,
+    /// What of direct light.
+    pub direct: DirectLight,
+    /// How often the BSDF is sampled instead of the guide.
+    pub fraction: FractionRule,
+    /// Iterations in which the second moment is learned before that relative to the pixel: with few samples the values of pixels are
+    /// mostly noise (Nilsson 2022 §4.4, after Rath 2020, who calls the former the simple target).
+    pub simple_iterations: u32,
+    /// Whether directions are kept for the centres of voxels, see [`Parallax`](crate::guiding::cache::parallax::Parallax).
+    pub parallax: bool,
+    /// Ceiling of the field in bytes.
+    pub memory: usize,
+    /// Whether [`Evidence`] is kept, beside the field.
+    pub keeps_evidence: bool,
+}
+
+impl Default for LearnerSettings {
+    fn default() -> Self {
+        Self {
+            resolution: 24.0,
+            facing: true,
+            voxel_samples: 8000,
+            growing: false,
+            model: ModelKind::Trees,
+            tree: TreeSettings::default(),
+            target: Target::Variance,
+            direct: DirectLight::All,
+            fraction: FractionRule::Moments,
+            simple_iterations: 0,
+            parallax: true,
+            memory: 24 << 20,
+            keeps_evidence: false,
+        }
+    }
+}
+
+/// What a field is wanted for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Use {
+    /// To learn more: half of the samples come from the BSDF.
+    Learning,
+    /// Each voxel has its own fraction of BSDF samples; one that is better off without its guide has none.
+    Rendering,
+    /// The same, and a voxel where too few paths have found light to tell has none either, unless photons show where light is.
+    WhereTold,
+}
+
+/// Merges records into what is known of voxels.
+pub struct Learner {
+    pub(super) settings: LearnerSettings,
+    pub(super) cache: Option<SpatialCache>,
+    pub(super) voxels: Vec<Voxel>,
+    pub(super) model: Model,
+    /// Groups of voxels in the iteration that is being judged.
+    ancestry: Ancestry,
+    pub(super) iterations: u32,
+    /// Chunks so far, for random numbers.
+    pub(super) chunks: u64,
+    /// Whether the spheres that directions refer to are never fitted anew.
+    pub(super) keeps_spheres: bool,
+    pub(super) outliers: Outliers,
+}
+
+/// As how many samples the moments of a voxel's surroundings count.
+const PRIOR_SAMPLES: f64 = 256.0;
+
+impl Learner {
+    /// A learner that has seen nothing.
+    pub fn new(settings: LearnerSettings) -> Self {
+        let mut learner = Self {
+            model: Model::new(settings.model, &settings.tree, settings.target, 0),
+            settings,
+            cache: None,
+            voxels: Vec::new(),
+            ancestry: Ancestry::default(),
+            iterations: 0,
+            chunks: 0,
+            keeps_spheres: false,
+            outliers: Outliers::default(),
+        };
+        learner.model.clear(learner.target());
+        learner
+    }
+
+    /// What is deposited now.
+    pub fn target(&self) -> Target {
+        match self.settings.target {
+            Target::VariancePixel if self.iterations < self.settings.simple_iterations => Target::Variance,
+            target => target,
+        }
+    }
+
+    /// Number of voxels.
+    pub fn voxels(&self) -> usize {
+        self.voxels.len()
+    }
+
+    /// The spatial cache, once samples have arrived.
+    pub fn cache(&self) -> Option<&SpatialCache> {
+        self.cache.as_ref()
+    }
+
+    /// What learns directions.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The same, to change how it goes on.
+    pub fn model_mut(&mut self) -> &mut Model {
+        &mut self.model
+    }
+
+    /// A learner that knows the voxels of this one and where their light starts, and nothing else.
+    pub fn restarted(&self, settings: LearnerSettings) -> Self {
+        let learned = |old: &Voxel| Spheres { learned: old.spheres.learned, ..Spheres::default() };
+        let mut learner = Self::new(settings);
+        learner.voxels = self.voxels.iter().map(|old| Voxel { spheres: learned(old), ..Voxel::default() }).collect();
+        learner.model.resize(self.voxels.len());
+        Self { cache: self.cache.clone(), keeps_spheres: true, ..learner }
+    }
+
+    /// From now on the spheres that directions refer to are kept.
+    pub fn freeze_spheres(&mut self) {
+        self.keeps_spheres = true;
+    }
+
+    /// Adds one chunk of records. Path samples make voxels where there are none; photons only enter voxels that exist. The
+    /// first chunk of a pass also gives what counts it its shape. Where `deposit_paths` is off, path samples make voxels and judge
+    /// guides, but are not learned from.
+    ///
+    /// Returns the voxel that each photon fell into, [`VoxelId::MAX`] for none.
+    pub fn absorb(&mut self, paths: &[PathRecord], photons: &[PhotonRecord], deposit_paths: bool) -> Vec<VoxelId> {
+        if paths.is_empty() && self.cache.is_none() {
+            return vec![VoxelId::MAX; photons.len()];
+        }
+        let learned = Learned { target: self.target(), direct: self.settings.direct };
+        let LearnerSettings { resolution, facing, fraction, .. } = self.settings;
+        let cache = self.cache.get_or_insert_with(|| {
+            let cache = SpatialCache::fit(&paths.iter().map(|r| r.point).collect::<Vec<_>>(), resolution);
+            if facing { cache } else { cache.without_facing() }
+        });
+        let mut path_voxels = voxels_of(cache, paths, most_voxels(self.settings.memory));
+        self.voxels.resize_with(cache.len(), Voxel::default);
+        self.model.resize(cache.len());
+        let mut photon_voxels: Vec<VoxelId> =
+            photons.par_iter().map(|r| cache.find(r.point, r.normal).unwrap_or(VoxelId::MAX)).collect();
+        let reached = photon_voxels.clone();
+        if self.settings.tree.filtered {
+            self.chunks += 1;
+            let moved = |kind, points: Vec<(Vec3, Vec3)>, voxels: &mut [VoxelId]| {
+                move_voxels(cache, (self.chunks, kind), &points, voxels)
+            };
+            moved(0, paths.iter().map(|r| (r.point, r.normal)).collect(), &mut path_voxels);
+            moved(1, photons.iter().map(|r| (r.point, r.normal)).collect(), &mut photon_voxels);
+        }
+        let samples = Samples::new((paths, &path_voxels), (photons, &photon_voxels), self.voxels.len());
+        self.outliers.absorb(paths, &path_voxels);
+        let (cache, model) = (&*cache, &self.model);
+        let fits = self.settings.parallax && !self.keeps_spheres;
+        self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
+            samples.paths(v).for_each(|record| voxel.judge(record, fraction));
+            let bounds = cache.bounds(v as VoxelId);
+            let deposited = samples.directed(v).filter(|_| deposit_paths);
+            let any = deposited.clone().next().is_some() || samples.photons(v).next().is_some();
+            if any && fits && !voxel.begun {
+                let share = model.path_share(v);
+                voxel.spheres.learned = voxel.fitted_sphere(&bounds, learned, share, deposited, samples.photons(v));
+            }
+            voxel.begun |= any;
+            voxel.count(&bounds, samples.directed(v), samples.photons(v));
+        });
+        let spheres = self.spheres();
+        self.model.observe(&Told { samples: &samples, paths: deposit_paths, spheres: &spheres, learned });
+        reached
+    }
+
+    fn spheres(&self) -> Vec<Spheres> {
+        self.voxels.iter().map(|voxel| voxel.spheres).collect()
+    }
+
+    /// Whether light paths have reached a voxel in this iteration.
+    pub fn has_photons(&self) -> bool {
+        self.voxels.iter().any(|voxel| voxel.photons > 0)
+    }
+
+    /// The quadtrees as counted, one per voxel, where directions are learned by such; none where neither a voxel nor its surroundings
+    /// hold energy.
+    pub fn counted(&mut self) -> Vec<Option<CountedTree<'_>>> {
+        let spheres = self.spheres();
+        let contributions: Vec<f64> = self.voxels.iter().map(|voxel| voxel.contribution).collect();
+        let Some(cache) = &self.cache else { return Vec::new() };
+        self.ancestry = cache.ancestry();
+        self.model.counted(&Around {
+            cache,
+            ancestry: &self.ancestry,
+            spheres: &spheres,
+            contributions: &contributions,
+            keeps_evidence: false,
+        })
+    }
+
+    /// How far photons lower the second moment of guided samples, as a factor in (0, 1], averaged over voxels by what they
+    /// contribute; none before it was measured.
+    pub fn photon_gain(&self) -> Option<f64> {
+        // Voxels whose few samples do not tell have to be left out: they are those that photons may be needed for.
+        let measured =
+            self.voxels.iter().enumerate().filter_map(|(v, voxel)| Some((voxel, self.model.photon_gain(v)?)));
+        let (sum, weight) =
+            measured.fold((0.0, 0.0), |s, (v, gain)| (s.0 + v.contribution * gain, s.1 + v.contribution));
+        (weight > 0.0).then(|| sum / weight)
+    }
+
+    /// What guiding changes, as the picture sees it, the `worst` samples left out. To be asked between [`Learner::fit`] and
+    /// [`Learner::refine`].
+    pub fn picture_moments(&mut self, worst: usize) -> PictureMoments {
+        let mut sum = PictureMoments::default();
+        let (mut squares, mut photons) = (Moments::<1>::default(), 0.0);
+        let mut outliers = self.outliers.by_voxel(worst).peekable();
+        for (v, voxel) in self.voxels.iter().enumerate() {
+            let arrived = f64::from(voxel.photons);
+            photons += arrived;
+            sum.unseen += if voxel.contribution > 0.0 { 0.0 } else { arrived };
+            let (mut own, mut all, mut fractions) = (voxel.squares, voxel.all_squares, voxel.fractions);
+            while let Some(outlier) = outliers.next_if(|outlier| outlier.voxel as usize == v) {
+                own.remove([outlier.squares[0]]);
+                all = (all - outlier.squares[1]).max(0.0);
+                fractions.remove_estimates(&outlier.estimates, LEARNING_FRACTION);
+            }
+            let relative = fractions.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
+            let [learning, guided, unguided] = relative.map(|moment| all * moment);
+            sum.learning += learning;
+            sum.guided += guided;
+            sum.unguided += unguided;
+            squares.merge(&own);
+        }
+        [sum.onward] = squares.sums();
+        sum.effective = squares.effective();
+        sum.unseen /= if photons > 0.0 { photons } else { 1.0 };
+        sum
+    }
+
+    /// Makes the next guides; quadtrees are made of what `propose` makes of them as counted. A voxel of which nothing new is known
+    /// keeps its old guide.
+    ///
+    /// # Errors
+    /// Those of `propose`.
+    pub fn fit(&mut self, propose: &mut Propose) -> Result<()> {
+        let spheres = self.spheres();
+        let contributions: Vec<f64> = self.voxels.iter().map(|voxel| voxel.contribution).collect();
+        let Some(cache) = &self.cache else { return Ok(()) };
+        self.ancestry = cache.ancestry();
+        let around = Around {
+            cache,
+            ancestry: &self.ancestry,
+            spheres: &spheres,
+            contributions: &contributions,
+            keeps_evidence: self.settings.keeps_evidence,
+        };
+        let fixed = cache.bytes() + self.voxels.len() * (size_of::<VoxelGuide>() + size_of::<SamplingTree>());
+        let guides = self.model.fit(&around, propose, self.settings.memory.saturating_sub(fixed))?;
+        self.publish(guides);
+        Ok(())
+    }
+
+    /// Takes guides, and for each how often to sample the BSDF.
+    fn publish(&mut self, guides: Vec<Option<Directions>>) {
+        let ancestry = &self.ancestry;
+        let fractions = ancestry.pooled(&self.voxels, |sum: &mut Moments<_>, v| sum.merge(&v.fractions));
+        let adjoint = pooled_adjoint(&self.voxels, ancestry);
+        let LearnerSettings { fraction: rule, keeps_evidence, .. } = self.settings;
+        self.voxels.par_iter_mut().zip(guides).enumerate().for_each(|(v, (voxel, guide))| {
+            let block = ancestry.block(v);
+            voxel.spheres.guide = voxel.spheres.learned;
+            voxel.known_adjoint = voxel.adjoint;
+            voxel.known_adjoint.add_prior(&adjoint[block], PRIOR_SAMPLES);
+            let Some(guide) = guide else { return };
+            voxel.guide = Some(guide);
+            let mut measured = voxel.fractions;
+            measured.add_prior(&fractions[block], PRIOR_SAMPLES);
+            voxel.told = measured.best().is_some() || voxel.lit;
+            voxel.bsdf_fraction = match rule {
+                FractionRule::Half => LEARNING_FRACTION,
+                FractionRule::Moments => measured.best().map_or(LEARNING_FRACTION, |best| FRACTIONS[best]),
+                FractionRule::Adam => voxel.adam.fraction(),
+            } as f32;
+            if keeps_evidence {
+                let [_, chosen, bsdf] = measured.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
+                voxel.gain = (chosen / bsdf) as f32;
+            }
+        });
+    }
+
+    /// Ends a pass: halves voxels with many samples (both halves inherit what is known and the guide) until none has too many (Müller
+    /// 2017 §3.2, Zhu 2021 §7) or is an eighth of what it was, and forgets the samples.
+    /// The pass had `spp` camera paths per pixel.
+    pub fn refine(&mut self, spp: u32) {
+        if self.cache.is_none() {
+            return;
+        }
+        self.model.turn();
+        let growth = if self.settings.growing { f64::from(spp).sqrt() } else { 1.0 };
+        let limit = (f64::from(self.settings.voxel_samples) * growth) as u32;
+        // Once along each axis: how the samples lie within an eighth is not known.
+        for _ in 0..3 {
+            self.halve(limit);
+        }
+        self.iterations += 1;
+        self.clear();
+    }
+
+    /// Halves the voxels with more path samples than `limit`, as far as the memory allows.
+    fn halve(&mut self, limit: u32) {
+        let Some(cache) = &mut self.cache else { return };
+        // A voxel costs its guide; half of the ceiling is left for the depth of the trees.
+        let guides: usize = self.voxels.iter().filter_map(|v| v.guide.as_ref()).map(Directions::bytes).sum();
+        let mean = guides / self.voxels.len().max(1) + size_of::<VoxelGuide>() + CELL_BYTES;
+        let most = (self.settings.memory / 2) / mean;
+        let mut count = self.voxels.len();
+        let voxels = &self.voxels;
+        let pairs = cache.split(|v| {
+            let wanted = voxels[v as usize].paths() > limit && count < most;
+            count += usize::from(wanted);
+            wanted
+        });
+        self.voxels.resize_with(cache.len(), Voxel::default);
+        self.model.resize(cache.len());
+        for (old, new) in pairs {
+            let axis = (cache.bounds(new).depth - 1) % 3;
+            let (old, new) = (old as usize, new as usize);
+            let halves = [0, 1].map(|half| self.voxels[old].half(axis, half));
+            let all = f64::from(self.voxels[old].paths());
+            self.model.halve(old, new, halves.each_ref().map(|half| f64::from(half.paths()) / all));
+            [self.voxels[old], self.voxels[new]] = halves;
+        }
+    }
+
+    /// Forgets the samples of this iteration, keeps voxels, guides and what earlier iterations left.
+    pub fn clear(&mut self) {
+        self.outliers = Outliers::default();
+        self.model.clear(self.target());
+        self.voxels.par_iter_mut().for_each(Voxel::clear);
+    }
+
+    /// What the field was made of; empty unless the settings ask for it.
+    pub fn evidence(&self) -> Evidence {
+        if !self.settings.keeps_evidence {
+            return Evidence::default();
+        }
+        Evidence { counted: self.model.evidence(), gain: self.voxels.iter().map(|v| v.gain).collect() }
+    }
+
+    /// The field to sample from.
+    pub fn field(&self, of: Use) -> GuideField {
+        self.field_of(self.voxels.len(), of)
+    }
+
+    /// The same of the first `count` voxels, which is the field of a time when there were no more.
+    pub fn field_of(&self, count: usize, of: Use) -> GuideField {
+        let Some(cache) = &self.cache else { return GuideField::empty() };
+        let guide = |voxel: &Voxel| {
+            let bsdf_fraction = match of {
+                Use::Learning => LEARNING_FRACTION as f32,
+                Use::WhereTold if !voxel.told => 1.0,
+                Use::Rendering | Use::WhereTold => voxel.bsdf_fraction,
+            };
+            VoxelGuide {
+                directions: voxel.guide.clone().filter(|_| bsdf_fraction < 1.0),
+                parallax: voxel.spheres.guide,
+                bsdf_fraction,
+                roulette: AdjointRoulette::expecting(voxel.known_adjoint.means()),
+            }
+        };
+        GuideField::new(cache.clone(), self.voxels.iter().take(count).map(guide).collect())
+    }
+}
+
+/// What the blocks send back, each with the whole scene as its surroundings.
+fn pooled_adjoint(voxels: &[Voxel], ancestry: &Ancestry) -> Vec<Adjoint> {
+    let mut scene = Adjoint::default();
+    voxels.iter().for_each(|voxel| scene.merge(&voxel.adjoint));
+    let mut blocks = ancestry.pooled(voxels, |sum: &mut Adjoint, voxel| sum.merge(&voxel.adjoint));
+    blocks.iter_mut().for_each(|block| block.add_scene(&scene));
+    blocks
+}
+
+/// Most voxels whose cells and empty guides take at most half of a ceiling of so many bytes.
+fn most_voxels(memory: usize) -> usize {
+    memory / 2 / (size_of::<VoxelGuide>() + CELL_BYTES)
+}
+
+/// Voxels of the records' points; missing ones are made in the order of the records, up to `most`, then there are none.
+fn voxels_of(cache: &mut SpatialCache, records: &[PathRecord], most: usize) -> Vec<VoxelId> {
+    let known: Vec<Option<VoxelId>> = records.par_iter().map(|r| cache.find(r.point, r.normal)).collect();
+    let find = |(voxel, r): (Option<VoxelId>, &PathRecord)| match voxel {
+        Some(voxel) => voxel,
+        None if cache.len() < most => cache.find_or_insert(r.point, r.normal),
+        None => cache.find(r.point, r.normal).unwrap_or(VoxelId::MAX),
+    };
+    known.into_iter().zip(records).map(find).collect()
+}
+
+/// Moves samples by up to half of their voxel's size along each axis, to another voxel where there is one (Müller 2019 §10.2,
+/// the stochastic filter). `stream` makes the random numbers.
+fn move_voxels(cache: &SpatialCache, stream: (u64, u64), points: &[(Vec3, Vec3)], voxels: &mut [VoxelId]) {
+    voxels.par_iter_mut().zip(points).enumerate().filter(|(_, (voxel, _))| **voxel != VoxelId::MAX).for_each(
+        |(i, (voxel, &(point, normal)))| {
+            let bounds = cache.bounds(*voxel);
+            let mut random = Random::new(stream.0, stream.1, i as u64);
+            let step = Vec3::new(random.next_f32(), random.next_f32(), random.next_f32()) - 0.5;
+            *voxel = cache.find(point + step * (bounds.high - bounds.low), normal).unwrap_or(*voxel);
+        },
+    );
+}

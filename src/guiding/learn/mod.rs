@@ -1,0 +1,14 @@
+//! Learning: what samples say, in voxels, and what follows from it.
+
+pub mod adam;
+pub mod adjoint;
+pub mod emission;
+pub mod fraction;
+pub mod learner;
+
+mod outliers;
+mod stored;
+mod voxel;
+
+/// Fraction of BSDF samples while learning.
+const LEARNING_FRACTION: f64 = 0.5;

@@ -1,0 +1,149 @@
+//! A voxel while it learns: its guide, and what samples say about that, whatever model it is of.
+
+use super::LEARNING_FRACTION;
+use super::adam::Adam;
+use super::adjoint::Adjoint;
+use super::fraction::FractionRule;
+use crate::guiding::cache::Bounds;
+use crate::guiding::cache::parallax::Parallax;
+use crate::guiding::model::Directions;
+use crate::guiding::moments::{FRACTIONS, Moments};
+use crate::guiding::record::{PathRecord, PhotonRecord};
+use crate::guiding::samples::Spheres;
+use crate::guiding::target::Learned;
+
+/// A voxel while it learns.
+#[derive(Debug, Clone)]
+pub(super) struct Voxel {
+    /// Spheres that directions refer to.
+    pub spheres: Spheres,
+    /// Whether the current pass has brought samples to it.
+    pub begun: bool,
+    /// Path samples of this iteration in each eighth of the voxel, bit `axis` of its number being set in the upper half.
+    pub eighths: [u32; 8],
+    /// Photons of this iteration, and whether any had power.
+    pub photons: u32,
+    pub lit: bool,
+    /// What the last iteration with energy made.
+    pub guide: Option<Directions>,
+    /// Fraction of BSDF samples once learning is over, and whether path samples or photons have told that a guide is worth having.
+    pub bsdf_fraction: f32,
+    pub told: bool,
+    /// Σ of what the samples brought to the picture, and of its squares; of the latter with light sampling.
+    pub contribution: f64,
+    pub squares: Moments<1>,
+    pub all_squares: f64,
+    /// Second moments under other fractions of BSDF samples.
+    pub fractions: Moments<{ FRACTIONS.len() }>,
+    pub adam: Adam,
+    /// What its vertices sent back, and the same of the last iteration with what its surroundings know.
+    pub adjoint: Adjoint,
+    pub known_adjoint: Adjoint,
+    /// See [`Evidence`](crate::guiding::sample::field::Evidence).
+    pub gain: f32,
+}
+
+impl Default for Voxel {
+    fn default() -> Self {
+        Self {
+            spheres: Spheres::default(),
+            begun: false,
+            eighths: [0; 8],
+            photons: 0,
+            lit: false,
+            guide: None,
+            bsdf_fraction: LEARNING_FRACTION as f32,
+            told: false,
+            contribution: 0.0,
+            squares: Moments::default(),
+            all_squares: 0.0,
+            fractions: Moments::default(),
+            adam: Adam::default(),
+            adjoint: Adjoint::default(),
+            known_adjoint: Adjoint::default(),
+            gain: f32::NAN,
+        }
+    }
+}
+
+impl Voxel {
+    /// Learns from a path sample what it says about the guide that drew it.
+    pub fn judge(&mut self, record: &PathRecord, rule: FractionRule) {
+        let brought = f64::from(record.importance) * f64::from(record.estimate());
+        self.contribution += brought;
+        let [onward, all] = record.squares();
+        self.squares.add([onward]);
+        self.all_squares += all;
+        self.adjoint.add([record.direct, record.estimate()].map(f64::from));
+        if self.guide.is_some() {
+            self.fractions.add_estimates(&record.estimates(), LEARNING_FRACTION);
+            if record.is_directed() && rule == FractionRule::Adam {
+                self.adam.step(f64::from(record.estimate()), f64::from(record.bsdf_share), LEARNING_FRACTION);
+            }
+        }
+    }
+
+    /// Counts samples that are learned from.
+    pub fn count<'a>(
+        &mut self,
+        bounds: &Bounds,
+        paths: impl Iterator<Item = &'a PathRecord>,
+        photons: impl Iterator<Item = &'a PhotonRecord>,
+    ) {
+        let middle = 0.5 * (bounds.low + bounds.high);
+        for record in paths {
+            self.eighths[record.point.cmpge(middle).bitmask() as usize] += 1;
+            self.begun = true;
+        }
+        for record in photons {
+            self.photons += 1;
+            self.lit |= record.power > 0.0;
+            self.begun = true;
+        }
+    }
+
+    /// The sphere that fits what these samples brought; `path_share` of it is that of path samples. Where the last guide was dense, an
+    /// error of direction costs most: what it knew to be a narrow peak decides.
+    pub fn fitted_sphere<'a>(
+        &self,
+        bounds: &Bounds,
+        learned: Learned,
+        path_share: f64,
+        paths: impl Iterator<Item = &'a PathRecord> + Clone,
+        photons: impl Iterator<Item = &'a PhotonRecord> + Clone,
+    ) -> Parallax {
+        let total = [paths.clone().map(|r| learned.value(r)).sum::<f32>(), photons.clone().map(|r| r.power).sum()];
+        let share = [path_share as f32, 1.0 - path_share as f32];
+        let start = |kind: usize, value: f32, (point, direction, distance)| {
+            let density = self.guide.as_ref().map_or(1.0, |guide| {
+                let seen = self.spheres.guide.to_centre(point, direction);
+                guide.pdf(seen.direction) * seen.density
+            });
+            let weight = if total[kind] > 0.0 { share[kind] * value / total[kind] * density } else { 0.0 };
+            (point + direction * distance, weight)
+        };
+        let paths = paths.map(|r| start(0, learned.value(r), (r.point, r.direction, r.distance)));
+        let photons = photons.map(|r| start(1, r.power, (r.point, r.direction, r.distance)));
+        Parallax::fit(bounds, paths.chain(photons))
+    }
+
+    /// What one half along `axis` starts with, the lower (0) or the upper (1).
+    pub fn half(&self, axis: u32, half: usize) -> Self {
+        let mut part = self.clone();
+        let others = part.eighths.iter_mut().enumerate().filter(|(eighth, _)| (eighth >> axis) & 1 != half);
+        others.for_each(|(_, samples)| *samples = 0);
+        part
+    }
+
+    /// Path samples of this iteration.
+    pub fn paths(&self) -> u32 {
+        self.eighths.iter().sum()
+    }
+
+    /// Forgets the samples of the iteration.
+    pub fn clear(&mut self) {
+        (self.begun, self.eighths, self.photons, self.lit) = (false, [0; 8], 0, false);
+        (self.contribution, self.squares, self.all_squares) = (0.0, Moments::default(), 0.0);
+        (self.fractions, self.adjoint) = (Moments::default(), Adjoint::default());
+    }
+}

@@ -1,0 +1,271 @@
+//! The seam for models of directions. A model is two types: one for all voxels while they learn, and what it makes of each of them,
+//! frozen, to sample from. Whoever learns, samples or stores guides knows [`Model`] and [`Directions`] alone; a new one is a file of
+//! its own and an arm in each `match` of this one.
+//!
+//! Enums and not traits: which model guides is decided once per render, and asking it costs a branch that is always the same.
+
+use glam::Vec3;
+
+use super::jensen::{Histogram, Histograms, histogram_arrays, read_histograms};
+use super::samples::{Around, Told};
+use super::target::Target;
+use super::tree::arrays::{read_trees, tree_arrays};
+use super::tree::sampler::SamplingTree;
+use super::tree::{CountedTree, Propose, TreeSettings, Trees};
+use crate::base::Result;
+use crate::base::tensors::{Tensor, Tensors};
+use crate::math::cylindrical;
+
+/// Which model of directions guides.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ModelKind {
+    /// Directional quadtrees.
+    Trees,
+    /// Histograms of fixed cells (Jensen 1995).
+    Histograms,
+}
+
+/// A distribution of directions, frozen: what a voxel is sampled from. Densities are positive everywhere.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Directions {
+    /// On a quadtree.
+    Tree(SamplingTree),
+    /// On fixed cells.
+    Histogram(Box<Histogram>),
+}
+
+impl From<SamplingTree> for Directions {
+    fn from(tree: SamplingTree) -> Self {
+        Self::Tree(tree)
+    }
+}
+
+impl From<Histogram> for Directions {
+    fn from(histogram: Histogram) -> Self {
+        Self::Histogram(Box::new(histogram))
+    }
+}
+
+impl Directions {
+    /// The direction that a point of the unit square stands for, and its density w.r.t. solid angle. Points that are spread evenly
+    /// stay so.
+    #[inline]
+    pub fn sample(&self, u: [f64; 2]) -> (Vec3, f32) {
+        match self {
+            Self::Tree(tree) => tree.sample(u),
+            Self::Histogram(histogram) => histogram.sample(u),
+        }
+    }
+
+    /// Density of [`Directions::sample`].
+    #[inline]
+    pub fn pdf(&self, direction: Vec3) -> f32 {
+        match self {
+            Self::Tree(tree) => tree.pdf(direction),
+            Self::Histogram(histogram) => histogram.pdf(direction),
+        }
+    }
+
+    /// Densities relative to the uniform one at the centres of `side`² cells of equal solid angle, rows of constant φ.
+    pub fn map(&self, side: usize) -> Vec<f64> {
+        let centre = |i: usize| (i as f64 + 0.5) / side as f64;
+        let cells = (0..side * side).map(|i| cylindrical::to_direction([centre(i % side), centre(i / side)]));
+        cells.map(|direction| f64::from(self.pdf(direction)) * 4.0 * std::f64::consts::PI).collect()
+    }
+
+    /// Bytes in use.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Tree(tree) => tree.bytes(),
+            Self::Histogram(histogram) => size_of::<Self>() + histogram.bytes(),
+        }
+    }
+
+    /// Number of nodes or cells.
+    pub fn nodes(&self) -> usize {
+        match self {
+            Self::Tree(tree) => tree.len(),
+            Self::Histogram(histogram) => histogram.cells(),
+        }
+    }
+
+    /// The arrays of a file that hold one for each voxel, or none. `kind` begins their names, which
+    /// [`file`](super::sample::file) lists.
+    pub(super) fn arrays<'a>(kind: &str, all: &[Option<&Self>]) -> Vec<Tensor<'a>> {
+        let trees = all.iter().map(|of| if let Some(Self::Tree(tree)) = of { Some(tree) } else { None });
+        let histograms = all.iter().map(|of| if let Some(Self::Histogram(of)) = of { Some(&**of) } else { None });
+        let histograms: Vec<_> = histograms.collect();
+        let mut arrays = tree_arrays(kind, &trees.collect::<Vec<_>>()).to_vec();
+        if histograms.iter().any(Option::is_some) {
+            arrays.push(histogram_arrays(kind, &histograms));
+        }
+        arrays
+    }
+
+    /// For `count` voxels what [`Directions::arrays`] were made of.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
+    pub(super) fn read(file: &Tensors, kind: &str, count: usize) -> Result<Vec<Option<Self>>> {
+        let trees = read_trees(file, kind, count)?.into_iter().map(|tree| tree.map(Self::from));
+        let Some(histograms) = read_histograms(file, kind, count)? else { return Ok(trees.collect()) };
+        let histograms = histograms.into_iter().map(|histogram| histogram.map(Self::from));
+        Ok(trees.zip(histograms).map(|(tree, histogram)| tree.or(histogram)).collect())
+    }
+}
+
+/// A model of all voxels while they learn.
+#[derive(Debug, Clone)]
+pub enum Model {
+    /// Directional quadtrees.
+    Trees(Trees),
+    /// Histograms of fixed cells.
+    Histograms(Histograms),
+}
+
+impl Model {
+    /// Nothing known of `voxels`; `target` is what is deposited first.
+    pub(super) fn new(kind: ModelKind, trees: &TreeSettings, target: Target, voxels: usize) -> Self {
+        match kind {
+            ModelKind::Trees => Self::Trees(Trees::new(trees.clone(), target, voxels)),
+            ModelKind::Histograms => Self::Histograms(Histograms::new(target, voxels)),
+        }
+    }
+
+    /// The quadtrees, where it is those.
+    pub fn trees(&self) -> Option<&Trees> {
+        if let Self::Trees(trees) = self { Some(trees) } else { None }
+    }
+
+    /// The same, to change them.
+    pub fn trees_mut(&mut self) -> Option<&mut Trees> {
+        if let Self::Trees(trees) = self { Some(trees) } else { None }
+    }
+
+    /// Adds voxels of which nothing is known, up to so many.
+    pub(super) fn resize(&mut self, voxels: usize) {
+        match self {
+            Self::Trees(trees) => trees.resize(voxels),
+            Self::Histograms(histograms) => histograms.resize(voxels),
+        }
+    }
+
+    /// Judges by a chunk of samples what they were drawn from, then learns from them.
+    pub(super) fn observe(&mut self, told: &Told) {
+        match self {
+            Self::Trees(trees) => trees.observe(told),
+            Self::Histograms(histograms) => histograms.observe(told),
+        }
+    }
+
+    /// Part of path samples, the rest being photons, in what a voxel is made of.
+    pub(super) fn path_share(&self, voxel: usize) -> f64 {
+        match self {
+            Self::Trees(trees) => trees.path_share(voxel),
+            Self::Histograms(_) => 0.5,
+        }
+    }
+
+    /// Quadtrees that reconstruction can make proposals of, per voxel.
+    pub(super) fn counted(&mut self, around: &Around) -> Vec<Option<CountedTree<'_>>> {
+        match self {
+            Self::Trees(trees) => trees.counted(around),
+            Self::Histograms(_) => Vec::new(),
+        }
+    }
+
+    /// What is to be sampled next, per voxel; none where nothing is known. All together take at most about `memory` bytes. Quadtrees
+    /// are made of what `propose` makes of them.
+    ///
+    /// # Errors
+    /// Those of `propose`.
+    pub(super) fn fit(
+        &mut self,
+        around: &Around,
+        propose: &mut Propose,
+        memory: usize,
+    ) -> Result<Vec<Option<Directions>>> {
+        match self {
+            Self::Trees(trees) => Ok(boxed(trees.fit(around, propose, memory)?)),
+            Self::Histograms(histograms) => Ok(boxed(histograms.fit(around, memory))),
+        }
+    }
+
+    /// Distributions as counted before reconstruction, where evidence is kept of such.
+    pub(super) fn evidence(&self) -> Vec<Option<Directions>> {
+        match self {
+            Self::Trees(trees) => boxed(trees.evidence()),
+            Self::Histograms(_) => Vec::new(),
+        }
+    }
+
+    /// How far photons lower the second moment of guided samples in a voxel, as a factor in (0, 1]; none where that is not measured.
+    pub(super) fn photon_gain(&self, voxel: usize) -> Option<f64> {
+        match self {
+            Self::Trees(trees) => trees.photon_gain(voxel),
+            Self::Histograms(_) => None,
+        }
+    }
+
+    /// Ends an iteration whose distributions were made, before voxels are halved.
+    pub(super) fn turn(&mut self) {
+        match self {
+            Self::Trees(trees) => trees.turn(),
+            Self::Histograms(_) => {}
+        }
+    }
+
+    /// Makes voxel `new` the other half of `old`; `parts` of the samples fell into each.
+    pub(super) fn halve(&mut self, old: usize, new: usize, parts: [f64; 2]) {
+        match self {
+            Self::Trees(trees) => trees.halve(old, new, parts),
+            // What follows is forgetting.
+            Self::Histograms(_) => {}
+        }
+    }
+
+    /// Forgets the samples of the iteration. From now on `target` is deposited.
+    pub(super) fn clear(&mut self, target: Target) {
+        match self {
+            Self::Trees(trees) => trees.clear(target),
+            Self::Histograms(histograms) => histograms.clear(target),
+        }
+    }
+
+    /// Number of nodes or cells that samples are counted in.
+    pub fn nodes(&self) -> usize {
+        match self {
+            Self::Trees(trees) => trees.quadtrees().map(|tree| tree.topology().len()).sum(),
+            Self::Histograms(histograms) => histograms.cells(),
+        }
+    }
+
+    /// All that it knows, as arrays of a file.
+    pub(super) fn arrays<'a>(&self) -> Vec<Tensor<'a>> {
+        match self {
+            Self::Trees(trees) => trees.arrays(),
+            Self::Histograms(histograms) => histograms.arrays(),
+        }
+    }
+
+    /// The model of `voxels` that [`Model::arrays`] were made of.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
+    pub(super) fn from_arrays(
+        kind: ModelKind,
+        trees: &TreeSettings,
+        target: Target,
+        voxels: usize,
+        file: &Tensors,
+    ) -> Result<Self> {
+        match kind {
+            ModelKind::Trees => Trees::from_arrays(trees.clone(), target, voxels, file).map(Self::Trees),
+            ModelKind::Histograms => Histograms::from_arrays(target, voxels, file).map(Self::Histograms),
+        }
+    }
+}
+
+fn boxed<T: Into<Directions>>(all: Vec<Option<T>>) -> Vec<Option<Directions>> {
+    all.into_iter().map(|of| of.map(T::into)).collect()
+}
