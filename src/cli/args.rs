@@ -266,35 +266,11 @@ pub struct RenderArgs {
     /// How camera rays find light
     #[arg(long, value_enum, default_value = "neural")]
     pub guide: GuideMode,
-    /// Where guiding samples come from [default: by --guide]
-    #[arg(long, value_enum)]
-    pub samples: Option<SampleKinds>,
-    /// What guiding distributions are proportional to [default: by --guide]
-    #[arg(long, value_enum)]
-    pub target: Option<Target>,
-    /// What trees learn of light that light sampling finds too [default: all; nothing for --guide ppg]
-    #[arg(long, value_enum)]
-    pub direct: Option<DirectLight>,
-    /// How often the BSDF is sampled instead of the guide [default: moments; half for --guide ppg]
-    #[arg(long, value_enum)]
-    pub fraction: Option<FractionRule>,
-    /// Move samples at random within the size of their leaf and their voxel (Müller 2019)
-    #[arg(long)]
-    pub filter: bool,
-    /// Iterations in which `variance` is learned before `--target variance-pixel` (3 in Nilsson 2022)
-    #[arg(long, value_name = "N")]
-    pub simple_iterations: Option<u32>,
-    /// As what part of their number the samples of earlier iterations count in the next [default: 0.5; 0 for --guide ppg]
-    #[arg(long, value_name = "PART", value_parser = part)]
-    pub past: Option<f64>,
-    /// What is made of the trees as counted [default: by --guide]
-    #[arg(long, value_enum)]
-    pub reconstruct: Option<Reconstruction>,
     /// Write the guiding field, for --load-guide and for `fanal inspect`
     #[arg(long, value_name = "FILE", conflicts_with = "load_guide")]
     pub save_guide: Option<PathBuf>,
     /// Guide by a field that an earlier render saved; nothing is learned
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["samples", "target", "reconstruct", "model", "direct", "fraction", "filter", "simple_iterations", "past"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["LearningArgs", "model"])]
     pub load_guide: Option<PathBuf>,
     /// Ceiling of the sampling field in MB
     #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]
@@ -370,9 +346,43 @@ pub struct RenderArgs {
     /// Picture to measure errors against; they go into the statistics
     #[arg(long, value_name = "FILE")]
     pub reference: Option<PathBuf>,
+    /// What papers do otherwise.
+    #[command(flatten)]
+    pub learning: LearningArgs,
     /// Options of every command.
     #[command(flatten)]
     pub common: Common,
+}
+
+/// How guides learn, against what --guide says: to compare with what papers do, and to see what each part is worth.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Research")]
+#[group(id = "LearningArgs", multiple = true)]
+pub struct LearningArgs {
+    /// Where guiding samples come from [default: by --guide]
+    #[arg(long, value_enum)]
+    pub samples: Option<SampleKinds>,
+    /// What guiding distributions are proportional to [default: by --guide]
+    #[arg(long, value_enum)]
+    pub target: Option<Target>,
+    /// What trees learn of light that light sampling finds too [default: all; nothing for --guide ppg]
+    #[arg(long, value_enum)]
+    pub direct: Option<DirectLight>,
+    /// How often the BSDF is sampled instead of the guide [default: moments; half for --guide ppg]
+    #[arg(long, value_enum)]
+    pub fraction: Option<FractionRule>,
+    /// Move samples at random within the size of their leaf and their voxel (Müller 2019)
+    #[arg(long)]
+    pub filter: bool,
+    /// Iterations in which `variance` is learned before `--target variance-pixel` (3 in Nilsson 2022)
+    #[arg(long, value_name = "N")]
+    pub simple_iterations: Option<u32>,
+    /// As what part of their number the samples of earlier iterations count in the next [default: 0.5; 0 for --guide ppg]
+    #[arg(long, value_name = "PART", value_parser = part)]
+    pub past: Option<f64>,
+    /// What is made of the trees as counted [default: by --guide]
+    #[arg(long, value_enum)]
+    pub reconstruct: Option<Reconstruction>,
 }
 
 const INSPECT_EXAMPLES: &str = "Examples:

@@ -34,8 +34,9 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 3: light sampling and going on are judged apart.
-pub const VERSION: u32 = 4;
+/// The version of checkpoints that this program reads and writes. 5: a learner and its model
+/// apart.
+pub const VERSION: u32 = 5;
 
 /// Largest accepted checkpoint in bytes, and what each pixel adds to it.
 const LIMIT: u64 = 1 << 32;

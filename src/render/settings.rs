@@ -168,11 +168,6 @@ impl RenderSettings {
             GuideMode::Jensen => {
                 LearnerSettings { model: ModelKind::Histograms, target: Target::Radiance, ..LearnerSettings::default() }
             }
-            // What the network was trained with.
-            GuideMode::Neural => {
-                let tree = TreeSettings { layout: Layout::Network, ..TreeSettings::default() };
-                LearnerSettings { tree, ..LearnerSettings::default() }
-            }
             _ => LearnerSettings::default(),
         };
         let samples = match guide {
@@ -181,15 +176,16 @@ impl RenderSettings {
             _ => SampleKinds::Both,
         };
         let roulette = if guide == GuideMode::Ppg { Roulette::Throughput } else { Roulette::Window };
-        Self {
+        let reconstruction = match guide {
+            GuideMode::Gaussian => Reconstruction::Gaussian,
+            GuideMode::Neural => Reconstruction::Neural,
+            _ => Reconstruction::None,
+        };
+        let settings = Self {
             transport: TransportSettings { max_depth: 20, nee: true, roulette },
             guide,
             samples,
-            reconstruction: match guide {
-                GuideMode::Gaussian => Reconstruction::Gaussian,
-                GuideMode::Neural => Reconstruction::Neural,
-                _ => Reconstruction::None,
-            },
+            reconstruction,
             learner,
             learning_share: 0.5,
             gives_up: guide != GuideMode::Ppg,
@@ -199,7 +195,16 @@ impl RenderSettings {
             keeps_spread: false,
             stop,
             seed: 0,
-        }
+        };
+        settings.with_reconstruction(reconstruction)
+    }
+
+    /// The same with trees made into distributions by another reconstruction, which says what has to be counted.
+    pub fn with_reconstruction(mut self, reconstruction: Reconstruction) -> Self {
+        self.reconstruction = reconstruction;
+        self.learner.tree.layout =
+            if reconstruction == Reconstruction::Neural { Layout::Network } else { Layout::Values };
+        self
     }
 
     /// The same scene and budget by another mode with that mode's defaults.
@@ -224,8 +229,7 @@ impl RenderSettings {
             self.samples = SampleKinds::Path;
         }
         if !plan.is_on(EffectKind::Reconstruction) || self.guide == GuideMode::None {
-            self.reconstruction = Reconstruction::None;
-            self.learner.tree.layout = Layout::Values;
+            self = self.with_reconstruction(Reconstruction::None);
         }
         self.transport.nee &= plan.is_on(EffectKind::DirectLight);
         self

@@ -50,7 +50,7 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
         let mut loaded = load_scene(&args.scene, &args.effects, args.missing, &args.common)?;
         let load = begun.elapsed().as_secs_f64();
         let request = resolve(args, &loaded.file)?;
-        loaded.file.render.max_depth = request.max_depth;
+        loaded.file.render.max_depth = request.settings.transport.max_depth;
         let reference = reference(&request)?;
         let stop = interrupt::flag()?;
         let progress = progress::progress(args.common.quiet);
@@ -72,7 +72,7 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
 fn reference(request: &RenderRequest) -> Result<Option<Image>> {
     let Some(path) = &request.reference else { return Ok(None) };
     let image = matched(read_image(path, false)?, window_of(path), request.placed())?;
-    let Window { width, height, .. } = request.settings().window(request.size);
+    let Window { width, height, .. } = request.settings.window(request.size);
     if (image.width, image.height) != (width as usize, height as usize) {
         return Err(Error::Options(format!(
             "{}: the reference is {}x{} pixels, the picture {width}x{height}; give --size",
@@ -114,7 +114,7 @@ pub(super) fn settled(request: &RenderRequest, loaded: &LoadedScene) -> (EffectP
         plan.decide(EffectKind::Photons, samples.photons(), "asked for with --samples");
     }
     decide(&mut plan, &request.effects);
-    let settings = request.settings().following(&plan);
+    let settings = request.settings.clone().following(&plan);
     settings.note(&mut plan);
     (plan, settings)
 }

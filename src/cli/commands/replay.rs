@@ -27,7 +27,7 @@ pub fn run(args: &RenderArgs, sample: Sample) -> Result<()> {
     in_pool(&args.common, || {
         let mut loaded = load_scene(&args.scene, &args.effects, args.missing, &args.common)?;
         let request = resolve(args, &loaded.file)?;
-        loaded.file.render.max_depth = request.max_depth;
+        loaded.file.render.max_depth = request.settings.transport.max_depth;
         let (_, settings) = settled(&request, &loaded);
         let field = request.load_guide.as_deref().map(file::load).transpose()?.map(|(field, _)| field);
         let scene = Scene::build(&loaded, request.size)?;
