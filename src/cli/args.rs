@@ -7,10 +7,10 @@ use clap::builder::PossibleValue;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::Vec3;
 
-use crate::film::Window;
 use crate::guiding::learn::fraction::FractionRule;
 use crate::guiding::target::{DirectLight, Target};
 use crate::integrators::Roulette;
+use crate::picture::Window;
 use crate::render::{Aov, GuideMode, Reconstruction, Sample, SampleKinds};
 use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;
@@ -219,8 +219,6 @@ impl Layer {
 pub enum Backend {
     /// The forward pass built into this program
     Embedded,
-    /// The same in bfloat16: for wide networks a little faster on processors that have instructions for it, and a little less exact
-    EmbeddedBf16,
     /// onnxruntime, whose shared library must be installed (ORT_DYLIB_PATH says where)
     Onnx,
 }

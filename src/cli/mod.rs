@@ -34,7 +34,11 @@ fn execute(command: Command) -> anyhow::Result<Ended> {
     let whole = |()| Ended::Whole;
     match command {
         Command::Render(args) => {
-            commands::render::run(&args).with_context(|| format!("cannot render {}", args.scene.display()))
+            let done = match args.replay {
+                Some(sample) => commands::replay::run(&args, sample).map(whole),
+                None => commands::render::run(&args),
+            };
+            done.with_context(|| format!("cannot render {}", args.scene.display()))
         }
         Command::Plan(args) => commands::plan::run(&args).map(whole).context("cannot plan"),
         Command::Compare(args) => {

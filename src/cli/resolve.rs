@@ -5,11 +5,12 @@ use std::time::Duration;
 
 use super::args::{Backend, Layer, LearningArgs, PixelFilter, RenderArgs};
 use crate::base::{Error, Result};
-use crate::film::{Placed, check_size};
+use crate::film::check_size;
 use crate::guiding::learn::learner::LearnerSettings;
 use crate::guiding::target::Target;
 use crate::guiding::tree::TreeSettings;
 use crate::integrators::TransportSettings;
+use crate::picture::Placed;
 use crate::render::{Aov, GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 use crate::scene::file::SceneFile;
 use crate::scene::overrides::Override;

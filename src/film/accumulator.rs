@@ -14,8 +14,8 @@ use rayon::prelude::*;
 
 use super::error::{FLOOR, outliers};
 use crate::base::{Error, Result};
-use crate::materials::image::Image;
 use crate::math::trimmed_mean;
+use crate::picture::Image;
 
 /// Largest accepted number of columns or rows.
 pub const MAX_SIDE: u32 = 1 << 15;

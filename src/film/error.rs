@@ -6,8 +6,8 @@ use glam::Vec3;
 use serde::Serialize;
 
 use crate::base::{Error, Result};
-use crate::materials::image::Image;
 use crate::math::srgb;
+use crate::picture::Image;
 
 /// Added to r² in relative errors, so that black pixels count finitely.
 pub(super) const FLOOR: f64 = 0.01;

@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use crate::materials::image::Image;
 use crate::math::{channel_mean, trimmed_mean};
+use crate::picture::Image;
 
 /// Part of the whole picture's mean that no pixel is expected to fall below.
 const FLOOR: f64 = 0.1;

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 
 use super::distant::{cross_section, ray_through};
 use super::{BoundingSphere, Emission, LightSample};
-use crate::materials::image::Image;
 use crate::math::channel_mean;
+use crate::picture::Image;
 use crate::sampling::grid::Grid;
 
 /// An environment map.

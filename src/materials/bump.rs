@@ -111,8 +111,8 @@ impl Shadowing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::materials::image::Image;
     use crate::materials::texture::Wrap;
+    use crate::picture::Image;
     use glam::Affine2;
     use std::sync::Arc;
 

@@ -9,7 +9,6 @@ pub mod conductor;
 pub mod dielectric;
 pub mod diffuse;
 pub mod fresnel;
-pub mod image;
 pub mod medium;
 pub mod microfacet;
 pub mod phase;
@@ -18,7 +17,6 @@ pub mod principled;
 pub mod rough_conductor;
 pub mod rough_dielectric;
 pub mod rough_diffuse;
-pub mod texels;
 pub mod texture;
 
 use glam::{Vec2, Vec3};

@@ -2,7 +2,7 @@
 
 use glam::{Affine2, Vec2, Vec3};
 
-use super::texels::Texels;
+use crate::picture::Texels;
 
 /// A colour as a function of texture coordinates.
 #[derive(Debug, Clone)]
@@ -158,8 +158,8 @@ mod tests {
     use std::sync::Arc;
 
     use crate::base::random::Random;
-    use crate::materials::image::Image;
-    use crate::materials::texels::ByteImage;
+    use crate::picture::ByteImage;
+    use crate::picture::Image;
 
     fn picture() -> Texture {
         let pixels = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::ZERO, Vec3::splat(0.5)].to_vec();

@@ -5,7 +5,6 @@
 
 use crate::guiding::tree::topology::{MAX_LEVEL, Topology};
 
-pub use super::growing::DecodeLevel;
 pub use super::rows::{CENTRE, NONE, Rows, SLOTS};
 
 /// One level of the trees that are encoded.
@@ -95,6 +94,7 @@ impl Batch {
 mod tests {
     use super::*;
     use crate::base::random::Random;
+    use crate::network::growing::DecodeLevel;
     use crate::network::program::GEOMETRY;
     use hashbrown::HashMap;
 

@@ -4,27 +4,11 @@
 
 use super::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use super::executable::{Executable, Inputs};
+use super::fusion::{NAME, fail};
 use super::program::{Program, decode_program, encode_program};
 use super::weights::Model;
-use crate::base::{Error, Result};
+use crate::base::Result;
 use crate::guiding::tree::topology::MAX_LEVEL;
-
-/// Name of this backend in messages.
-const NAME: &str = "embedded";
-
-/// What the network computes in.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Precision {
-    /// f32.
-    #[default]
-    Single,
-    /// Weights and inputs of layers in bfloat16, sums in f32, see [`bfloat`](super::bfloat).
-    Bfloat,
-}
-
-pub(super) fn fail<T>(message: impl Into<String>) -> Result<T> {
-    Err(Error::Backend { backend: NAME, message: message.into() })
-}
 
 /// A model ready to run without any library.
 #[derive(Debug)]
@@ -32,34 +16,26 @@ pub struct Embedded {
     encode: Vec<Executable>,
     decode: Vec<Executable>,
     per_level: bool,
-    precision: Precision,
 }
 
 impl Embedded {
-    /// Prepares `model` in single precision.
-    ///
-    /// # Errors
-    /// As [`Executable::new`].
-    pub fn new(model: &Model) -> Result<Self> {
-        Self::with_precision(model, Precision::Single)
-    }
-
     /// Prepares `model`.
     ///
     /// # Errors
-    /// As [`Executable::new`].
-    pub fn with_precision(model: &Model, precision: Precision) -> Result<Self> {
+    /// [`Error::Model`](crate::base::Error::Model) for a layer that is missing or misshapen,
+    /// [`Error::Backend`](crate::base::Error::Backend) for a program that is not of the form that this backend fuses
+    /// (selections of selections, inputs wider than [`MAX_CHANNELS`](super::kernels::MAX_CHANNELS)).
+    pub fn new(model: &Model) -> Result<Self> {
         let Model { config, weights } = model;
         let levels = if config.per_level { 0..=MAX_LEVEL } else { 1..=1 };
         let compile = |program: &dyn Fn(usize) -> Program| -> Result<Vec<_>> {
-            levels.clone().map(|level| Executable::new(&program(level), weights, precision)).collect()
+            levels.clone().map(|level| Executable::new(&program(level), weights)).collect()
         };
         Ok(Self {
             encode: compile(&|level| encode_program(config, level))?,
             // The decoder has no level 0: that entry is never used.
             decode: compile(&|level| decode_program(config, level.max(1)))?,
             per_level: config.per_level,
-            precision,
         })
     }
 
@@ -73,10 +49,7 @@ impl Embedded {
 
 impl Backend for Embedded {
     fn name(&self) -> &'static str {
-        match self.precision {
-            Precision::Single => NAME,
-            Precision::Bfloat => "embedded-bf16",
-        }
+        NAME
     }
 
     fn encode(&self, level: usize, inputs: &EncodeInputs) -> Result<Vec<f32>> {

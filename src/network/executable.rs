@@ -3,9 +3,7 @@
 use std::collections::HashMap;
 
 use super::batch::SLOTS;
-use super::bfloat::pairs;
-use super::embedded::{Precision, fail};
-use super::fusion::{Matrix, Source, Step, fuse};
+use super::fusion::{Source, Step, fail, fuse};
 use super::kernels::{Epilogue, Index, Part, apply};
 use super::program::{Op, Program, Value};
 use super::weights::Weights;
@@ -47,13 +45,13 @@ impl Executable {
     /// [`Error::Model`](crate::base::Error::Model) for a layer that is missing or misshapen,
     /// [`Error::Backend`](crate::base::Error::Backend) for a program that is not of the form that this backend fuses
     /// (selections of selections, inputs wider than [`MAX_CHANNELS`](super::kernels::MAX_CHANNELS)).
-    pub fn new(program: &Program, weights: &Weights, precision: Precision) -> Result<Self> {
+    pub fn new(program: &Program, weights: &Weights) -> Result<Self> {
         let input = |(value, op): (Value, &Op)| match op {
             Op::Input(name) => Some((*name, value)),
             _ => None,
         };
         Ok(Self {
-            steps: fuse(program, weights, precision)?,
+            steps: fuse(program, weights)?,
             inputs: program.ops.iter().enumerate().filter_map(input).collect(),
             columns: program.columns.clone(),
             outputs: program.outputs.iter().map(|&(_, value)| value).collect(),
@@ -84,20 +82,8 @@ impl Executable {
             Step::Layer { sources, gather, matrix, residual, relu, to } => {
                 let epilogue = Epilogue { residual: residual.map(get).transpose()?, relu: *relu };
                 let channels = |source: &Source| self.columns[source.value];
-                let layer = match matrix {
-                    Matrix::Single(packed) => {
-                        let read =
-                            sources.iter().map(|s| Ok((get(s.value)?, channels(s)))).collect::<Result<Vec<_>>>()?;
-                        apply(packed, &parts(sources, &read, *gather, inputs)?, epilogue, inputs.rows)
-                    }
-                    Matrix::Pairs(packed) => {
-                        let rounded = |s: &Source| Ok((pairs(get(s.value)?, channels(s)), channels(s).div_ceil(2)));
-                        let rounded = sources.iter().map(rounded).collect::<Result<Vec<_>>>()?;
-                        let read: Vec<_> = rounded.iter().map(|(x, channels)| (x.as_slice(), *channels)).collect();
-                        apply(packed, &parts(sources, &read, *gather, inputs)?, epilogue, inputs.rows)
-                    }
-                };
-                (*to, layer)
+                let read = sources.iter().map(|s| Ok((get(s.value)?, channels(s)))).collect::<Result<Vec<_>>>()?;
+                (*to, apply(matrix, &parts(sources, &read, *gather, inputs)?, epilogue, inputs.rows))
             }
             Step::Add { values: [a, b], to } => (*to, get(*a)?.iter().zip(get(*b)?).map(|(a, b)| a + b).collect()),
             Step::Relu { value, to } => (*to, get(*value)?.iter().map(|x| x.max(0.0)).collect()),
@@ -146,12 +132,12 @@ impl Executable {
 }
 
 /// What a layer reads: the rows of each source, `read` with their columns, under its index; of a convolution nine times.
-fn parts<'a, T>(
+fn parts<'a>(
     sources: &[Source],
-    read: &[(&'a [T], usize)],
+    read: &[(&'a [f32], usize)],
     gather: bool,
     inputs: &'a Inputs,
-) -> Result<Vec<Part<'a, T>>> {
+) -> Result<Vec<Part<'a>>> {
     let mut parts = Vec::with_capacity(SLOTS);
     for (source, &(x, channels)) in sources.iter().zip(read) {
         let part = |index| Part { x, channels, index };

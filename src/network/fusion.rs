@@ -2,12 +2,17 @@
 //! following residual sum and a following rectifier become one step.
 
 use super::batch::SLOTS;
-use super::bfloat::{self, Pair};
-use super::embedded::{Precision, fail};
 use super::kernels::{MAX_CHANNELS, Packed};
 use super::program::{GEOMETRY, Layer, Op, Program, Value};
 use super::weights::Weights;
-use crate::base::Result;
+use crate::base::{Error, Result};
+
+/// Name of the embedded backend.
+pub(super) const NAME: &str = "embedded";
+
+pub(super) fn fail<T>(message: impl Into<String>) -> Result<T> {
+    Err(Error::Backend { backend: NAME, message: message.into() })
+}
 
 /// Input of a fused layer: a value's rows, possibly selected by an index input.
 #[derive(Debug, Clone)]
@@ -16,17 +21,10 @@ pub(super) struct Source {
     pub index: Option<&'static str>,
 }
 
-/// A layer's weights in one of the precisions.
-#[derive(Debug)]
-pub(super) enum Matrix {
-    Single(Packed),
-    Pairs(Packed<Pair>),
-}
-
 /// One pass over memory. `to` is the value that it computes.
 #[derive(Debug)]
 pub(super) enum Step {
-    Layer { sources: Vec<Source>, gather: bool, matrix: Matrix, residual: Option<Value>, relu: bool, to: Value },
+    Layer { sources: Vec<Source>, gather: bool, matrix: Packed, residual: Option<Value>, relu: bool, to: Value },
     Add { values: [Value; 2], to: Value },
     Relu { value: Value, to: Value },
     SoftmaxSiblings { value: Value, to: Value },
@@ -38,7 +36,7 @@ pub(super) enum Step {
 /// # Errors
 /// [`Error::Model`](crate::base::Error::Model) for a layer that is missing or misshapen,
 /// [`Error::Backend`](crate::base::Error::Backend) for a program that is not of the form that can be fused.
-pub(super) fn fuse(program: &Program, weights: &Weights, precision: Precision) -> Result<Vec<Step>> {
+pub(super) fn fuse(program: &Program, weights: &Weights) -> Result<Vec<Step>> {
     let mut steps = vec![];
     let mut layers = program.layers.iter();
     let mut value = 0;
@@ -50,7 +48,7 @@ pub(super) fn fuse(program: &Program, weights: &Weights, precision: Precision) -
             Op::Linear { .. } | Op::GatherLinear { .. } => {
                 let Some(layer) = layers.next() else { return fail("a program with fewer layers than operations") };
                 let step;
-                (step, to) = fuse_layer(program, weights, layer, value, precision)?;
+                (step, to) = fuse_layer(program, weights, layer, value)?;
                 steps.push(step);
             }
             Op::Add(a, b) => steps.push(Step::Add { values: [a, b], to }),
@@ -64,13 +62,7 @@ pub(super) fn fuse(program: &Program, weights: &Weights, precision: Precision) -
 }
 
 /// The layer at `value` with what can be fused around it, and the value that the step ends in.
-fn fuse_layer(
-    program: &Program,
-    weights: &Weights,
-    layer: &Layer,
-    value: Value,
-    precision: Precision,
-) -> Result<(Step, Value)> {
+fn fuse_layer(program: &Program, weights: &Weights, layer: &Layer, value: Value) -> Result<(Step, Value)> {
     let (x, gather) = match program.ops[value] {
         Op::GatherLinear { x, .. } => (x, true),
         Op::Linear { x, .. } => (x, false),
@@ -87,11 +79,7 @@ fn fuse_layer(
     if channels.iter().sum::<usize>() * if gather { SLOTS } else { 1 } != layer.rows {
         return fail(format!("layer {} has {} rows for inputs of {channels:?}", layer.name, layer.rows));
     }
-    let weights = weights.layer(layer)?;
-    let matrix = match precision {
-        Precision::Single => Matrix::Single(Packed::new(weights)),
-        Precision::Bfloat => Matrix::Pairs(bfloat::packed(weights, &channels.repeat(if gather { SLOTS } else { 1 }))),
-    };
+    let matrix = Packed::new(weights.layer(layer)?);
     let (residual, relu, to) = epilogue(program, value);
     Ok((Step::Layer { sources, gather, matrix, residual, relu, to }, to))
 }

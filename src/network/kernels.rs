@@ -3,15 +3,13 @@
 //! A convolution over nine neighbours is nine inputs of the same rows under nine indices; a linear layer of concatenated
 //! inputs is one input each. So neither the gathered nor the concatenated matrix is ever written to memory. Four rows are
 //! computed at once, which are four siblings below the root and mostly lack the same neighbours.
-//!
-//! Numbers are single precision, or [pairs](super::bfloat) of bfloat16 that are multiplied exactly and summed in single precision.
 
 use rayon::prelude::*;
 
 use super::weights::LayerWeights;
 
 /// Rows computed together: with up to 24 columns their sums fill the 16 vector registers of AVX2.
-pub(super) const BLOCK: usize = 4;
+const BLOCK: usize = 4;
 /// Blocks per parallel task.
 const TASK: usize = 256;
 
@@ -33,19 +31,19 @@ pub enum Index<'a> {
 
 /// One block of a layer's input channels.
 #[derive(Debug, Clone, Copy)]
-pub struct Part<'a, T = f32> {
+pub struct Part<'a> {
     /// [rows, channels].
-    pub x: &'a [T],
+    pub x: &'a [f32],
     /// Columns of `x`, not 0.
     pub channels: usize,
     /// Which row goes where.
     pub index: Index<'a>,
 }
 
-impl<'a, T> Part<'a, T> {
+impl<'a> Part<'a> {
     /// The row that output row `row` reads; empty where it is missing.
     #[inline(always)]
-    fn row(&self, row: usize) -> &'a [T] {
+    fn row(&self, row: usize) -> &'a [f32] {
         let source = match self.index {
             Index::Same => row,
             Index::Gather { index, stride, offset } => index[row * stride + offset] as usize,
@@ -66,32 +64,29 @@ pub struct Epilogue<'a> {
 
 /// A layer's weights in panels of columns that fit the registers: [columns / panel][rows][panel].
 #[derive(Debug, Clone)]
-pub struct Packed<T = f32> {
+pub struct Packed {
     panel: usize,
     columns: usize,
     rows: usize,
-    weight: Vec<T>,
+    weight: Vec<f32>,
     bias: Vec<f32>,
 }
+
+/// Columns that are computed together, first what is fastest.
+const PANELS: [usize; 3] = [24, 16, 8];
 
 impl Packed {
     /// Packs a layer.
     pub fn new(layer: &LayerWeights) -> Self {
-        Self::of(&layer.weight, layer.columns, &layer.bias)
-    }
-}
-
-impl<T: Number> Packed<T> {
-    /// Packs a matrix [rows, `columns`] row by row.
-    pub(super) fn of(matrix: &[T], columns: usize, bias: &[f32]) -> Self {
-        let panel = T::PANELS.into_iter().find(|panel| columns.is_multiple_of(*panel)).unwrap_or(1);
+        let LayerWeights { columns, weight: matrix, bias, .. } = layer;
+        let panel = PANELS.into_iter().find(|panel| columns.is_multiple_of(*panel)).unwrap_or(1);
         let mut weight = Vec::with_capacity(matrix.len());
-        for first in (0..columns).step_by(panel) {
-            for row in matrix.chunks_exact(columns) {
+        for first in (0..*columns).step_by(panel) {
+            for row in matrix.chunks_exact(*columns) {
                 weight.extend_from_slice(&row[first..first + panel]);
             }
         }
-        Self { panel, columns, rows: matrix.len() / columns, weight, bias: bias.to_vec() }
+        Self { panel, columns: *columns, rows: matrix.len() / columns, weight, bias: bias.clone() }
     }
 
     /// Output columns.
@@ -108,15 +103,15 @@ impl<T: Number> Packed<T> {
 /// The layer on `rows` rows: [rows, columns]. The parts' channels together are [`Packed::rows`].
 ///
 /// Every output depends on its own row's inputs only and is summed in a fixed order, so threads do not change a bit.
-pub fn apply<T: Number>(packed: &Packed<T>, parts: &[Part<T>], epilogue: Epilogue, rows: usize) -> Vec<f32> {
+pub fn apply(packed: &Packed, parts: &[Part], epilogue: Epilogue, rows: usize) -> Vec<f32> {
     apply_with(Instructions::best(), packed, parts, epilogue, rows)
 }
 
 /// As [`apply`] with the given instructions, or the best that this processor has below them.
-pub fn apply_with<T: Number>(
+pub fn apply_with(
     instructions: Instructions,
-    packed: &Packed<T>,
-    parts: &[Part<T>],
+    packed: &Packed,
+    parts: &[Part],
     epilogue: Epilogue,
     rows: usize,
 ) -> Vec<f32> {
@@ -127,10 +122,10 @@ pub fn apply_with<T: Number>(
         let first = task * TASK * BLOCK;
         let task = Task { packed, parts, epilogue, first };
         match packed.panel {
-            8 => T::run::<8>(&task, instructions, out),
-            16 => T::run::<16>(&task, instructions, out),
-            24 => T::run::<24>(&task, instructions, out),
-            _ => T::run::<1>(&task, instructions, out),
+            8 => task.run::<8>(instructions, out),
+            16 => task.run::<16>(instructions, out),
+            24 => task.run::<24>(instructions, out),
+            _ => task.run::<1>(instructions, out),
         }
     });
     out
@@ -163,98 +158,69 @@ impl Instructions {
     }
 }
 
-/// What rows and weights hold.
-pub trait Number: Copy + Default + Send + Sync {
-    /// Columns that are computed together, first what is fastest.
-    const PANELS: [usize; 3];
-
-    /// `sum` and the product of `x` and `w`, by fused multiplication and addition or without.
-    fn add<const FMA: bool>(sum: f32, x: Self, w: Self) -> f32;
-
-    /// Computes a task's rows with these instructions, which this processor has.
-    fn run<const PANEL: usize>(task: &Task<Self>, instructions: Instructions, out: &mut [f32]) {
-        task.run::<PANEL>(instructions, out);
-    }
-}
-
-impl Number for f32 {
-    const PANELS: [usize; 3] = [24, 16, 8];
-
-    #[inline(always)]
-    fn add<const FMA: bool>(sum: f32, x: Self, w: Self) -> f32 {
-        // Without the instruction, `mul_add` is a slow library call.
-        if FMA { x.mul_add(w, sum) } else { x * w + sum }
-    }
-}
-
-/// How rows are multiplied with weights.
-pub(super) trait Arithmetic<T> {
-    /// Adds `rows` times `weight` [channels, PANEL] to `sums`.
-    fn multiply<const PANEL: usize>(sums: &mut [[f32; PANEL]; BLOCK], rows: [&[T]; BLOCK], weight: &[T]);
-}
-
-/// Number by number, which the compiler makes vectors of.
-struct Each<const FMA: bool>;
-
-impl<T: Number, const FMA: bool> Arithmetic<T> for Each<FMA> {
-    #[inline(always)]
-    fn multiply<const PANEL: usize>(sums: &mut [[f32; PANEL]; BLOCK], rows: [&[T]; BLOCK], weight: &[T]) {
-        // A local copy stays in registers; `sums` itself would be written back in every turn.
-        let mut local = *sums;
-        let [a, b, c, d] = rows;
-        let (weight, _) = weight.as_chunks::<PANEL>();
-        for ((((w, &a), &b), &c), &d) in weight.iter().zip(a).zip(b).zip(c).zip(d) {
-            for (sums, x) in local.iter_mut().zip([a, b, c, d]) {
-                for (sum, &w) in sums.iter_mut().zip(w) {
-                    *sum = T::add::<FMA>(*sum, x, w);
-                }
+/// Adds `rows` times `weight` [channels, PANEL] to `sums`, number by number, which the compiler makes vectors of.
+#[inline(always)]
+fn multiply<const PANEL: usize, const FMA: bool>(
+    sums: &mut [[f32; PANEL]; BLOCK],
+    rows: [&[f32]; BLOCK],
+    weight: &[f32],
+) {
+    // A local copy stays in registers; `sums` itself would be written back in every turn.
+    let mut local = *sums;
+    let [a, b, c, d] = rows;
+    let (weight, _) = weight.as_chunks::<PANEL>();
+    for ((((w, &a), &b), &c), &d) in weight.iter().zip(a).zip(b).zip(c).zip(d) {
+        for (sums, x) in local.iter_mut().zip([a, b, c, d]) {
+            for (sum, &w) in sums.iter_mut().zip(w) {
+                // Without the instruction, `mul_add` is a slow library call.
+                *sum = if FMA { x.mul_add(w, *sum) } else { x * w + *sum };
             }
         }
-        *sums = local;
     }
+    *sums = local;
 }
 
 /// Consecutive output rows from `first` on.
-pub struct Task<'a, T> {
-    packed: &'a Packed<T>,
-    parts: &'a [Part<'a, T>],
+struct Task<'a> {
+    packed: &'a Packed,
+    parts: &'a [Part<'a>],
     epilogue: Epilogue<'a>,
     first: usize,
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,fma")]
-fn rows_avx512<T: Number, const PANEL: usize>(task: &Task<T>, out: &mut [f32]) {
-    task.rows::<PANEL, Each<true>>(out);
+fn rows_avx512<const PANEL: usize>(task: &Task, out: &mut [f32]) {
+    task.rows::<PANEL, true>(out);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn rows_avx2<T: Number, const PANEL: usize>(task: &Task<T>, out: &mut [f32]) {
-    task.rows::<PANEL, Each<true>>(out);
+fn rows_avx2<const PANEL: usize>(task: &Task, out: &mut [f32]) {
+    task.rows::<PANEL, true>(out);
 }
 
-impl<T: Number> Task<'_, T> {
+impl Task<'_> {
     /// Computes the rows with these instructions, which this processor has.
-    pub(super) fn run<const PANEL: usize>(&self, instructions: Instructions, out: &mut [f32]) {
+    fn run<const PANEL: usize>(&self, instructions: Instructions, out: &mut [f32]) {
         match instructions {
             // SAFETY: `apply_with` lets these pass only after their features were detected on this processor.
             #[cfg(target_arch = "x86_64")]
-            Instructions::Avx512 => unsafe { rows_avx512::<T, PANEL>(self, out) },
+            Instructions::Avx512 => unsafe { rows_avx512::<PANEL>(self, out) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2 => unsafe { rows_avx2::<T, PANEL>(self, out) },
-            _ => self.rows::<PANEL, Each<false>>(out),
+            Instructions::Avx2 => unsafe { rows_avx2::<PANEL>(self, out) },
+            _ => self.rows::<PANEL, false>(out),
         }
     }
 
     #[inline(always)]
-    pub(super) fn rows<const PANEL: usize, A: Arithmetic<T>>(&self, out: &mut [f32]) {
+    fn rows<const PANEL: usize, const FMA: bool>(&self, out: &mut [f32]) {
         let columns = self.packed.columns;
         for (block, out) in out.chunks_mut(BLOCK * columns).enumerate() {
             let first = self.first + block * BLOCK;
             for panel in 0..columns / PANEL {
-                let sums = self.block::<PANEL, A>(first, out.len() / columns, panel);
+                let sums = self.block::<PANEL, FMA>(first, out.len() / columns, panel);
                 for (row, (out, sums)) in out.chunks_exact_mut(columns).zip(&sums).enumerate() {
                     self.finish(&mut out[panel * PANEL..][..PANEL], sums, (first + row) * columns + panel * PANEL);
                 }
@@ -264,7 +230,7 @@ impl<T: Number> Task<'_, T> {
 
     /// x · W + b of one panel for the `count` ≤ [`BLOCK`] rows from `first` on.
     #[inline(always)]
-    fn block<const PANEL: usize, A: Arithmetic<T>>(
+    fn block<const PANEL: usize, const FMA: bool>(
         &self,
         first: usize,
         count: usize,
@@ -274,16 +240,16 @@ impl<T: Number> Task<'_, T> {
         let mut sums = [[0.0; PANEL]; BLOCK];
         sums.iter_mut().for_each(|row| row.copy_from_slice(&packed.bias[panel * PANEL..][..PANEL]));
         let mut weight = &packed.weight[panel * packed.rows * PANEL..][..packed.rows * PANEL];
-        let zeros = [T::default(); MAX_CHANNELS];
+        let zeros = [0.0; MAX_CHANNELS];
         for part in self.parts {
             let (of_part, rest) = weight.split_at(part.channels * PANEL);
             weight = rest;
-            let rows: [&[T]; BLOCK] = std::array::from_fn(|r| if r < count { part.row(first + r) } else { &[] });
+            let rows: [&[f32]; BLOCK] = std::array::from_fn(|r| if r < count { part.row(first + r) } else { &[] });
             if rows.iter().all(|row| row.is_empty()) {
                 continue;
             }
             let rows = rows.map(|row| if row.is_empty() { &zeros[..part.channels] } else { row });
-            A::multiply::<PANEL>(&mut sums, rows, of_part);
+            multiply::<PANEL, FMA>(&mut sums, rows, of_part);
         }
         sums
     }

@@ -3,17 +3,15 @@
 
 pub mod backend;
 pub mod batch;
-#[allow(unsafe_code, reason = "instructions that were found on this processor")]
-pub mod bfloat;
 pub mod config;
 pub mod embedded;
-pub mod executable;
+pub mod growing;
 #[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 pub mod kernels;
 pub mod program;
 pub mod seal;
 pub mod weights;
 
+mod executable;
 mod fusion;
-mod growing;
 mod rows;

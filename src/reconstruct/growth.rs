@@ -140,7 +140,8 @@ fn sane_shares(shares: &[f32]) -> Vec<f32> {
 mod tests {
     use super::*;
     use crate::guiding::tree::topology::MAX_LEVEL;
-    use crate::network::batch::{Batch, DecodeLevel};
+    use crate::network::batch::Batch;
+    use crate::network::growing::DecodeLevel;
 
     /// Grows one tree with shares by `share(level, row)` of siblings, everything wanting to split.
     fn grow(share: impl Fn(usize, usize) -> f32) -> Reconstructed {

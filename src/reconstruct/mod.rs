@@ -20,7 +20,7 @@ use crate::guiding::tree::proposal::Proposal;
 use crate::guiding::tree::topology::Topology;
 use crate::network::backend::Backend;
 use crate::network::config::Mode;
-use crate::network::embedded::{Embedded, Precision};
+use crate::network::embedded::Embedded;
 use crate::network::weights::Model;
 
 /// A reconstructed distribution.
@@ -137,15 +137,6 @@ impl Neural {
     /// As [`Model::load`].
     pub fn embedded(folder: &Path) -> Result<Self> {
         Self::with_embedded(Model::load(folder)?)
-    }
-
-    /// The same model, run by the embedded backend in this precision.
-    ///
-    /// # Errors
-    /// As [`Embedded::with_precision`].
-    pub fn in_precision(self, precision: Precision) -> Result<Self> {
-        let backend = Box::new(Embedded::with_precision(&self.model, precision)?);
-        Ok(Self { backend, ..self })
     }
 
     /// The model in `folder`, run by onnxruntime.

@@ -11,8 +11,9 @@ use crate::guiding::tree::distribution::Distribution;
 use crate::guiding::tree::features::{FEATURES, NodeInputs, node_inputs};
 use crate::guiding::tree::topology::Topology;
 use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
-use crate::network::batch::{Batch, DecodeLevel};
+use crate::network::batch::Batch;
 use crate::network::config::Config;
+use crate::network::growing::DecodeLevel;
 use crate::network::weights::Model;
 
 /// Nodes that are reconstructed together: enough to keep calls few, few enough that all their features stay in the cache (a quarter

@@ -12,8 +12,9 @@ use super::pass::{CameraSample, camera_ray};
 use super::settings::RenderSettings;
 use crate::base::Result;
 use crate::base::random::Dimension;
-use crate::film::{Channel, PixelFilter};
+use crate::film::PixelFilter;
 use crate::guiding::sample::field::GuideField;
+use crate::picture::Channel;
 use crate::scene::Scene;
 
 /// Camera samples that features are averaged over, where the picture has as many.

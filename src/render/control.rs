@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use super::checkpoint::Checkpointing;
 use super::statistics::ErrorPoint;
 use crate::base::{Progress, Result};
-use crate::materials::image::Image;
+use crate::picture::Image;
 
 /// What a render tells and asks while it runs. Nothing here changes the picture that it ends with.
 pub struct Control<'a> {

@@ -2,7 +2,6 @@
 
 use std::time::Instant;
 
-use super::pass::Records;
 use super::settings::{RenderSettings, SampleKinds};
 use super::statistics::{Iteration, Seconds};
 use crate::base::Result;
@@ -11,9 +10,21 @@ use crate::guiding::cache::VoxelId;
 use crate::guiding::learn::emission::{self, EmissionGuide, EmissionLearner, Start};
 use crate::guiding::learn::learner::{Learner, Use};
 use crate::guiding::moments::PictureMoments;
+use crate::guiding::record::{PathRecord, PhotonRecord};
 use crate::guiding::sample::field::GuideField;
 use crate::reconstruct::{Reconstructor, reconstruct_within};
 use crate::sampling::discrete::Discrete;
+
+/// Records of one chunk.
+#[derive(Default)]
+pub struct Records {
+    /// Of camera paths.
+    pub paths: Vec<PathRecord>,
+    /// Of light paths.
+    pub photons: Vec<PhotonRecord>,
+    /// How light paths started.
+    pub starts: Vec<Option<Start>>,
+}
 
 /// Learns the guiding field of a render.
 pub struct Learning {

@@ -15,8 +15,8 @@ mod target;
 pub use aov::Aov;
 pub use checkpoint::Checkpointing;
 pub use control::{Control, Refresh, Snapshot};
-pub use learning::Learning;
-pub use pass::{CHUNK, Chunk, PassTracer, Records};
+pub use learning::{Learning, Records};
+pub use pass::{CHUNK, Chunk, PassTracer};
 pub use replay::{Sample, replay};
 pub use settings::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 pub use statistics::{Dropped, Drops, ErrorPoint, GuideStatistics, Iteration, Seconds, Statistics};
@@ -26,12 +26,13 @@ use std::sync::atomic::AtomicBool;
 use crate::base::progress::Progress;
 use crate::base::{Error, Result};
 use crate::film::{
-    FinishedPass, Pass, PixelFilter, PixelSpread, Window, check_size, combine, expected_values, outliers, pixel_spread,
+    FinishedPass, Pass, PixelFilter, PixelSpread, check_size, combine, expected_values, outliers, pixel_spread,
 };
 use crate::guiding::learn::learner::Use;
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::materials::Material;
-use crate::materials::image::Image;
+use crate::picture::Image;
+use crate::picture::Window;
 use crate::reconstruct::Reconstructor;
 use crate::scene::Scene;
 use checkpoint::{MOST_SAMPLES, Moment, Resumed};

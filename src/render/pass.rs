@@ -10,17 +10,18 @@ use std::time::Instant;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::learning::Learning;
+use super::learning::{Learning, Records};
 use super::settings::RenderSettings;
 use super::statistics::{Dropped, Statistics};
 use crate::base::random::{Dimension, Random};
-use crate::film::{Pass, PixelFilter, Window};
+use crate::film::{Pass, PixelFilter};
 use crate::geometry::Ray;
 use crate::guiding::learn::emission::{EmissionGuide, Start};
 use crate::guiding::record::{PathRecord, PhotonRecord};
 use crate::guiding::sample::field::GuideField;
 use crate::integrators::path::{Cause, PathScratch, PathTracer, RayCount};
 use crate::integrators::photon::PhotonTracer;
+use crate::picture::Window;
 use crate::scene::Scene;
 
 /// Paths per chunk: with about four records of 68 bytes each, a chunk holds some 70 MB.
@@ -32,17 +33,6 @@ const PHOTON_STREAM: u64 = 1 << 63;
 
 /// Makes the sequences of camera paths differ from their independent numbers.
 const SEQUENCE_SEED: u64 = 0x5EED_0F5E_7B0B_0105;
-
-/// Records of one chunk.
-#[derive(Default)]
-pub struct Records {
-    /// Of camera paths.
-    pub paths: Vec<PathRecord>,
-    /// Of light paths.
-    pub photons: Vec<PhotonRecord>,
-    /// How light paths started.
-    pub starts: Vec<Option<Start>>,
-}
 
 /// Traces a pass.
 pub struct PassTracer<'a> {

@@ -4,9 +4,10 @@ use super::pass::{CameraSample, camera_ray};
 use super::settings::RenderSettings;
 use super::{Control, Run};
 use crate::base::{Error, Result};
-use crate::film::{PixelFilter, Window};
+use crate::film::PixelFilter;
 use crate::guiding::sample::field::GuideField;
 use crate::integrators::path::{Explanation, PathTracer};
+use crate::picture::Window;
 use crate::scene::Scene;
 
 /// A camera sample, as [`Dropped`](super::Dropped) names it.

@@ -1,7 +1,6 @@
 //! What to render with, resolved once.
 
 use crate::base::{Error, Result};
-use crate::film::Window;
 use crate::guiding::learn::fraction::FractionRule;
 use crate::guiding::learn::learner::LearnerSettings;
 use crate::guiding::model::ModelKind;
@@ -10,6 +9,7 @@ use crate::guiding::tree::TreeSettings;
 use crate::guiding::tree::leaves::Layout;
 use crate::integrators::{Roulette, TransportSettings};
 use crate::network::config::Mode;
+use crate::picture::Window;
 use crate::scene::file::FilterFile;
 use crate::scene::plan::{EffectKind, EffectPlan};
 

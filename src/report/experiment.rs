@@ -14,10 +14,12 @@ use crate::base::files::{crc32, read_json, write_json};
 use crate::base::process::cpu_seconds;
 use crate::base::progress::Silent;
 use crate::base::{Error, Progress, Result};
-use crate::film::{Measures, mean_and_variance, measure_noisy, relative_variance, write};
+use crate::film::{Measures, mean_and_variance, measure_noisy, relative_variance};
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
-use crate::materials::image::Image;
+use crate::picture::Image;
+use crate::picture::read_image;
+use crate::picture::write;
 use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{AsCounted, Neural, Reconstructor};
 use crate::render::{
@@ -25,7 +27,7 @@ use crate::render::{
 };
 use crate::scene::Scene;
 use crate::scene::plan::plan;
-use crate::scene::readers::{LoadedScene, read_image};
+use crate::scene::readers::LoadedScene;
 
 /// A way to render.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use crate::guiding::cache::VoxelId;
 use crate::guiding::sample::field::{Evidence, GuideField};
-use crate::materials::image::Image;
 use crate::math::srgb;
+use crate::picture::Image;
 use crate::scene::Scene;
 
 /// Columns (z) and rows (φ) of the map of a sphere; equal areas are equal solid angles.

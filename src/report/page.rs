@@ -13,9 +13,10 @@ use super::plot::{Against, KINDS, Measure, errors, parts, times};
 use super::results::{FILE, Interval, Reach, Results, SCHEMA_FILE};
 use crate::base::Result;
 use crate::base::files::write_bytes;
-use crate::film::{pixel_error, png};
-use crate::materials::image::Image;
-use crate::scene::readers::read_image;
+use crate::film::pixel_error;
+use crate::picture::Image;
+use crate::picture::read_image;
+use crate::picture::write_png;
 
 const STYLE: &str = include_str!("page/page.css");
 const VIEWER: &str = include_str!("page/viewer.js");
@@ -55,7 +56,10 @@ pub fn write(comparison: &Comparison, folder: &Path) -> Result<()> {
         let name_json = json!(name);
         let script = format!("window.fanal.pictures[{name_json}] = {data};\n");
         write_bytes(&folder.join("data").join(format!("picture-{name}.js")), script.as_bytes())?;
-        write_bytes(&folder.join("data").join(format!("{name}.png")), &png::encode(image, exposure(comparison))?)?;
+        write_bytes(
+            &folder.join("data").join(format!("{name}.png")),
+            &write_png::encode(image, exposure(comparison))?,
+        )?;
         let _ = writeln!(scripts, "<script src=\"data/picture-{name}.js\"></script>");
     }
     write_bytes(&folder.join("data").join("guides.js"), guides(comparison).as_bytes())?;

@@ -25,14 +25,15 @@ use std::sync::atomic::AtomicBool;
 use blocks::{BLOCK, block_means, channel_means, summaries};
 use clap::Parser;
 use fanal::base::progress::Silent;
-use fanal::materials::image::Image;
+use fanal::picture::Image;
+use fanal::picture::read_image;
 use fanal::reconstruct::gaussian::Gaussian;
 use fanal::reconstruct::{AsCounted, Neural, Reconstructor};
 use fanal::render::{GuideMode, Reconstruction, RenderSettings, StopRule, render};
 use fanal::scene::Scene;
 use fanal::scene::overrides::{Override, decide};
 use fanal::scene::plan::{EffectKind, EffectPlan, plan};
-use fanal::scene::readers::{load_with, read_image};
+use fanal::scene::readers::load_with;
 use statistics::{Summary, sidak};
 
 /// Probability of a false alarm per mode and run.

@@ -17,7 +17,7 @@ use clap::{Parser, Subcommand};
 use fanal::base::progress::Progress;
 use fanal::film::{mean_and_variance, measure_noisy};
 use fanal::generate::{self, Family};
-use fanal::materials::image::Image;
+use fanal::picture::Image;
 use fanal::reconstruct::{AsCounted, Neural, Reconstructor};
 use fanal::render::{GuideMode, Outcome, RenderSettings, StopRule, render};
 use fanal::scene::Scene;

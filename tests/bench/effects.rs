@@ -14,6 +14,8 @@
 mod base;
 #[path = "../../src/math/mod.rs"]
 mod math;
+#[path = "../../src/picture/mod.rs"]
+mod picture;
 #[path = "../../src/sampling/mod.rs"]
 mod sampling;
 #[path = "../../src/geometry/mod.rs"]

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use fanal::base::process::cpu_seconds;
 use fanal::base::random::Random;
 use fanal::lights::envmap::Envmap;
-use fanal::materials::image::Image;
+use fanal::picture::Image;
 use fanal::sampling::warp::square_to_sphere;
 use glam::{Mat3, Vec2, Vec3};
 

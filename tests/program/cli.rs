@@ -106,12 +106,12 @@ fn bad_input_is_one_readable_paragraph() {
 
 #[test]
 fn errors_between_pictures() {
-    use fanal::materials::image::Image;
+    use fanal::picture::Image;
     let folder = tempfile::tempdir().unwrap();
     let picture = |name: &str, value: f32| {
         let path = folder.path().join(name);
         let image = Image { width: 3, height: 2, pixels: vec![glam::Vec3::splat(value); 6] };
-        fanal::film::write(&path, &image, &[], 0.0).unwrap();
+        fanal::picture::write(&path, &image, &[], 0.0).unwrap();
         path.display().to_string()
     };
     let (a, b) = (picture("a.exr", 0.3), picture("b.exr", 0.1));
@@ -255,7 +255,7 @@ fn guides_are_saved_loaded_and_drawn() {
 /// Layers lie in one part beside the picture, which does not change by them.
 #[test]
 fn layers_are_written_beside_the_picture() {
-    use fanal::scene::readers::read_exr_channels;
+    use fanal::picture::read_exr_channels;
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| folder.path().join(name).display().to_string();
     let render = |name: &str, options: &[&str]| {
@@ -343,7 +343,7 @@ fn windows_are_rendered_and_compared() {
     assert_eq!(header.own_attributes.layer_position, exr::math::Vec2(3, 4));
     assert_eq!(header.layer_size, exr::math::Vec2(8, 6));
     let shown = render("part.png", &["--crop", "3,4,8,6"]);
-    let size = fanal::scene::readers::read_image(Path::new(&shown), false).map(|image| (image.width, image.height));
+    let size = fanal::picture::read_image(Path::new(&shown), false).map(|image| (image.width, image.height));
     assert_eq!(size.unwrap(), (8, 6));
     for pair in [[&part, &whole], [&whole, &part], [&part, &part]] {
         let text = fanal(&["error", pair[0], pair[1]]);

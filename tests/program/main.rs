@@ -5,6 +5,7 @@
 mod support;
 
 mod cli;
+mod file_circles;
 mod module_order;
 mod report;
 mod resume;

@@ -7,13 +7,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::atomic::Ordering;
 
-use fanal::film::write;
-use fanal::materials::image::Image;
+use fanal::picture::Image;
+use fanal::picture::read_image;
+use fanal::picture::write;
 use fanal::reconstruct::Neural;
 use fanal::render::{GuideMode, RenderSettings, StopRule};
 use fanal::report::results::{Reach, Results, SummaryEntry};
 use fanal::report::{Budget, Experiment, Method, page};
-use fanal::scene::readers::{load, read_image};
+use fanal::scene::readers::load;
 use glam::Vec3;
 use stop::StopAfter;
 

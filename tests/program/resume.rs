@@ -13,18 +13,18 @@ use std::time::{Duration, Instant};
 use fanal::base::progress::Silent;
 use fanal::base::random::Random;
 use fanal::base::{Error, Result};
-use fanal::film::Window;
 use fanal::guiding::sample::field::GuideField;
 use fanal::guiding::tree::CountedTree;
 use fanal::guiding::tree::proposal::Proposal;
-use fanal::materials::image::Image;
+use fanal::picture::Image;
+use fanal::picture::Window;
+use fanal::picture::read_image;
 use fanal::reconstruct::Reconstructor;
 use fanal::render::checkpoint::made_for;
 use fanal::render::{
     Checkpointing, Control, GuideMode, Outcome, RenderSettings, StopRule, learn, render_watched, render_with_field,
 };
 use fanal::scene::Scene;
-use fanal::scene::readers::read_image;
 use scenes::{GUIDES, committed, reconstructor, settings};
 use stop::StopAfter;
 

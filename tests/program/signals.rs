@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use fanal::base::process::ignores;
 use fanal::cli::interrupt::EXIT_EARLY;
-use fanal::scene::readers::read_image;
+use fanal::picture::read_image;
 use tempfile::TempDir;
 
 const SIGHUP: i32 = 1;

@@ -6,9 +6,10 @@ use fanal::base::Error;
 use fanal::lights::Light;
 use fanal::lights::envmap::Envmap;
 use fanal::lights::sky::{Atmosphere, Sky};
+use fanal::picture::read_image;
 use fanal::scene::Scene;
 use fanal::scene::file::LightFile;
-use fanal::scene::readers::{LoadedScene, load, read_image, save};
+use fanal::scene::readers::{LoadedScene, load, save};
 use glam::{DVec3, Vec3};
 use tempfile::TempDir;
 

@@ -5,9 +5,10 @@ use crate::support::scenes;
 use std::path::Path;
 
 use fanal::base::Error;
+use fanal::picture::read_image;
 use fanal::scene::Scene;
 use fanal::scene::file::{Filter, LightFile, MaterialFile, PrincipledFile, TextureFile, Wrap};
-use fanal::scene::readers::{LoadedScene, load, read_image};
+use fanal::scene::readers::{LoadedScene, load};
 use image::{DynamicImage, ImageFormat, Rgb32FImage, RgbImage};
 use tempfile::TempDir;
 

@@ -6,11 +6,12 @@ use std::path::Path;
 
 use fanal::base::Error;
 use fanal::generate::build::{Builder, diffuse};
+use fanal::picture::{read_exr_channels, read_image};
 use fanal::scene::Scene;
 use fanal::scene::file::{
     Distribution, FilterFile, GeometryFile, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile,
 };
-use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking, read_exr_channels, read_image, resolve, save};
+use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking, resolve, save};
 use glam::{Mat4, Vec3};
 
 use crate::support::files;

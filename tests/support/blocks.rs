@@ -1,7 +1,7 @@
 //! Means of blocks of a picture, whose distribution is near enough to normal to be tested where single pixels' are not.
 
-use fanal::materials::image::Image;
 use fanal::math::channel_mean;
+use fanal::picture::Image;
 
 use super::statistics::Summary;
 

@@ -14,12 +14,13 @@ use fanal::guiding::sample::field::Evidence;
 use fanal::guiding::sample::file;
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::{Model, Weights};
+use fanal::picture::{read_exr_channels, read_image};
 use fanal::reconstruct::Neural;
 use fanal::reconstruct::neural::reconstruct_batch;
 use fanal::render::{Control, render, render_watched};
 use fanal::report::{Budget, Experiment, Method, Results, page};
 use fanal::scene::Scene;
-use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking, read_exr_channels, read_image, resolve};
+use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking, resolve};
 use glam::Vec3;
 use image::{DynamicImage, ImageFormat, RgbImage};
 

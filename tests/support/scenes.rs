@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use fanal::base::progress::Silent;
 use fanal::generate::build::{Builder, diffuse};
 use fanal::guiding::target::Target;
-use fanal::materials::image::Image;
+use fanal::picture::Image;
 use fanal::reconstruct::gaussian::Gaussian;
 use fanal::reconstruct::{AsCounted, Neural, Reconstructor};
 use fanal::render::{GuideMode, RenderSettings, SampleKinds, StopRule, render};

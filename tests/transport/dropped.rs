@@ -9,7 +9,6 @@ use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
 use fanal::base::random::Random;
-use fanal::film::Window;
 use fanal::generate::build::{Builder, diffuse, matrix};
 use fanal::guiding::cache::SpatialCache;
 use fanal::guiding::cache::parallax::Parallax;
@@ -18,6 +17,7 @@ use fanal::guiding::sample::roulette::AdjointRoulette;
 use fanal::guiding::tree::distribution::Distribution;
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::integrators::path::{Cause, PathTracer};
+use fanal::picture::Window;
 use fanal::render::{Control, GuideMode, Outcome, RenderSettings, Sample, render, render_with_field, replay};
 use fanal::scene::Scene;
 use fanal::scene::file::{Filter, LightFile, MaterialFile, MediumFile, SceneFile, TextureFile, Wrap, identity3};

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
-use fanal::materials::image::Image;
+use fanal::picture::Image;
 use fanal::render::{GuideMode, Reconstruction, RenderSettings, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{LightFile, SceneFile};

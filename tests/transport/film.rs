@@ -7,8 +7,8 @@ use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
-use fanal::film::{Channel, Window};
 use fanal::generate::build::{Builder, diffuse};
+use fanal::picture::{Channel, Window};
 use fanal::render::{Aov, GuideMode, Outcome, RenderSettings, StopRule, aov, render};
 use fanal::scene::Scene;
 use fanal::scene::file::FilterFile;

@@ -5,7 +5,7 @@ use crate::support::scenes;
 use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
-use fanal::materials::image::Image;
+use fanal::picture::Image;
 use fanal::reconstruct::AsCounted;
 use fanal::render::render;
 use glam::{Quat, Vec3};

@@ -10,7 +10,7 @@ use fanal::generate::build::{Builder, diffuse};
 use fanal::guiding::learn::fraction::FractionRule;
 use fanal::guiding::target::{DirectLight, Target};
 use fanal::integrators::Roulette;
-use fanal::materials::image::Image;
+use fanal::picture::Image;
 use fanal::reconstruct::gaussian::Gaussian;
 use fanal::render::{GuideMode, RenderSettings, SampleKinds, render};
 use fanal::scene::Scene;

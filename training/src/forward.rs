@@ -4,8 +4,9 @@ use burn::tensor::Tensor;
 use fanal::base::random::Random;
 use fanal::guiding::tree::features::FEATURES;
 use fanal::guiding::tree::topology::MAX_LEVEL;
-use fanal::network::batch::{Batch, DecodeLevel, NONE};
+use fanal::network::batch::{Batch, NONE};
 use fanal::network::config::Config;
+use fanal::network::growing::DecodeLevel;
 use fanal::network::program::GEOMETRY;
 
 use crate::batch::{Aligned, HostBatch};

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, ensure};
 use fanal::base::files::{write_bytes, write_json};
 use fanal::generate::dataset::Dataset;
 use fanal::network::backend::Backend;
-use fanal::network::embedded::{Embedded, Precision};
+use fanal::network::embedded::Embedded;
 use fanal::network::weights::{ENCODE_FILE, Model};
 use fanal::reconstruct::gaussian::Gaussian;
 use fanal::reconstruct::onnx::OnnxBackend;
@@ -28,8 +28,6 @@ const TIMED_TREES: usize = 600;
 
 /// Name of the backend that has threads of its own.
 const ONNX: &str = "onnx";
-/// Name of the one in reduced precision.
-const BFLOAT: &str = "embedded-bf16";
 
 /// Names of the files that are written.
 const PLOT_FILE: &str = "pareto.svg";
@@ -124,8 +122,7 @@ pub fn pareto(data: &Dataset, folders: &[PathBuf], limit: usize) -> Result<Paret
 }
 
 fn backends(folder: &Path, model: &Model) -> Result<Vec<Box<dyn Backend + Send>>> {
-    let mut backends: Vec<Box<dyn Backend + Send>> =
-        vec![Box::new(Embedded::new(model)?), Box::new(Embedded::with_precision(model, Precision::Bfloat)?)];
+    let mut backends: Vec<Box<dyn Backend + Send>> = vec![Box::new(Embedded::new(model)?)];
     if !folder.join(ENCODE_FILE).exists() {
         eprintln!("{}: no ONNX files, `export` writes them", folder.display());
         return Ok(backends);
@@ -170,8 +167,8 @@ impl Pareto {
         Ok(())
     }
 
-    /// Two panels over time: KL above the floor, and 1 + V. Models have colours, backends shapes: a circle is single precision, a
-    /// triangle bfloat16, a cross onnxruntime. The grey line joins what nothing beats in both.
+    /// Two panels over time: KL above the floor, and 1 + V. Models have colours, backends shapes: a circle is the embedded one, a
+    /// cross onnxruntime. The grey line joins what nothing beats in both.
     fn plot(&self) -> fanal::base::Result<String> {
         draw((1100, 480), |area| {
             let panels = area.split_evenly((1, 2));
@@ -219,7 +216,6 @@ impl Pareto {
             for &(x, y, variant) in of_model() {
                 match variant.backend.as_str() {
                     ONNX => chart.draw_series([Cross::new((x, y), 4, color.stroke_width(2))])?,
-                    BFLOAT => chart.draw_series([TriangleMarker::new((x, y), 5, color.filled())])?,
                     _ => chart.draw_series([Circle::new((x, y), 4, color.filled())])?,
                 };
             }
@@ -249,11 +245,14 @@ mod tests {
             moment,
             bucket_moments: [Some(moment), None, None, Some(2.0), None],
         };
-        let variants =
-            vec![variant("Gaussian", "-", 10.0, 9.0), variant("a", BFLOAT, 80.0, 7.0), variant("a", ONNX, 200.0, 7.0)];
+        let variants = vec![
+            variant("Gaussian", "-", 10.0, 9.0),
+            variant("a", "embedded", 80.0, 7.0),
+            variant("a", ONNX, 200.0, 7.0),
+        ];
         let pareto = Pareto { trees: 3, threads: 2, variants };
         let text = pareto.to_string();
-        assert!(text.lines().count() == 5 && text.contains("embedded-bf16"), "{text}");
+        assert!(text.lines().count() == 5 && text.contains("embedded"), "{text}");
         let folder = tempfile::tempdir().unwrap();
         pareto.write(&folder.path().join("new")).unwrap();
         let svg = std::fs::read_to_string(folder.path().join("new").join(PLOT_FILE)).unwrap();

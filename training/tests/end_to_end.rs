@@ -9,7 +9,7 @@ use fanal::generate::dataset::{DatasetIndex, check};
 use fanal::generate::recipe::Recipe;
 use fanal::generate::{Family, scene};
 use fanal::guiding::target::Target;
-use fanal::materials::image::Image;
+use fanal::picture::Image;
 use fanal::reconstruct::Neural;
 use fanal::render::{GuideMode, RenderSettings, StopRule, render};
 use fanal::scene::{Scene, readers};

@@ -5,10 +5,10 @@ use crate::base::{Error, Result};
 use crate::cli::args::DatasetArgs;
 use crate::cli::interrupt::Ended;
 use crate::cli::{interrupt, print, progress};
-use crate::film::check_folder;
 use crate::generate::collect::generate;
 use crate::generate::dataset::{Summary, check};
 use crate::generate::recipe::Recipe;
+use crate::picture::check_folder;
 
 /// Follows a recipe, or checks what one has made.
 ///

@@ -4,8 +4,9 @@ use super::in_pool;
 use crate::base::Result;
 use crate::cli::args::ErrorArgs;
 use crate::cli::print;
-use crate::film::{matched, measure, window_of};
-use crate::scene::readers::read_image;
+use crate::film::measure;
+use crate::picture::read_image;
+use crate::picture::{matched, window_of};
 
 /// Reads two pictures and prints how far they are apart; of a whole one and a window of it, the window is compared.
 ///

@@ -3,20 +3,21 @@
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use super::{in_pool, load_scene, replay};
+use super::{in_pool, load_scene};
 use crate::base::files::{crc32, read_bytes, write_json};
 use crate::base::{Error, Progress, Result};
 use crate::cli::args::{Backend, RenderArgs};
 use crate::cli::interrupt::Ended;
 use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::{interrupt, print, progress};
-use crate::film::exr::Attribute;
-use crate::film::{
-    Picture, Window, check_folder, check_writable, matched, measure, window_of, write_or_rescue, write_picture,
-};
+use crate::film::measure;
 use crate::guiding::sample::file;
-use crate::materials::image::Image;
-use crate::network::embedded::Precision;
+use crate::picture::Attribute;
+use crate::picture::Image;
+use crate::picture::read_image;
+use crate::picture::{
+    Picture, Window, check_folder, check_writable, matched, window_of, write_or_rescue, write_picture,
+};
 use crate::reconstruct::gaussian::Gaussian;
 use crate::reconstruct::{AsCounted, Neural, Reconstructor};
 use crate::render::{
@@ -26,7 +27,7 @@ use crate::render::{
 use crate::scene::Scene;
 use crate::scene::overrides::decide;
 use crate::scene::plan::{EffectKind, EffectPlan, plan};
-use crate::scene::readers::{LoadedScene, read_image};
+use crate::scene::readers::LoadedScene;
 
 /// Least time between two pictures while rendering.
 const REFRESH: Duration = Duration::from_secs(2);
@@ -36,9 +37,6 @@ const REFRESH: Duration = Duration::from_secs(2);
 /// # Errors
 /// Everything that reading, rendering and writing can say.
 pub fn run(args: &RenderArgs) -> Result<Ended> {
-    if let Some(sample) = args.replay {
-        return replay::run(args, sample).map(|()| Ended::Whole);
-    }
     args.output.as_deref().map_or(Ok(()), check_writable)?;
     // What is gone on from is kept up to date unless another checkpoint is written.
     let checkpoint = args.checkpoint.as_ref().or(args.resume.as_ref());
@@ -108,7 +106,7 @@ fn stop_rule(stop: StopRule, elapsed: f64, afterwards: f64) -> StopRule {
 }
 
 /// What the scene calls for, and the settings that follow from it and from the command line.
-pub(super) fn settled(request: &RenderRequest, loaded: &LoadedScene) -> (EffectPlan, RenderSettings) {
+pub fn settled(request: &RenderRequest, loaded: &LoadedScene) -> (EffectPlan, RenderSettings) {
     let mut plan = plan(&loaded.file);
     if let Some(samples) = request.samples {
         plan.decide(EffectKind::Photons, samples.photons(), "asked for with --samples");
@@ -218,9 +216,7 @@ fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<(
     }
     let neural = match (&request.model, request.backend) {
         (None, Backend::Embedded) => Neural::built_in()?,
-        (None, Backend::EmbeddedBf16) => Neural::built_in()?.in_precision(Precision::Bfloat)?,
         (Some(folder), Backend::Embedded) => Neural::embedded(folder)?,
-        (Some(folder), Backend::EmbeddedBf16) => Neural::embedded(folder)?.in_precision(Precision::Bfloat)?,
         #[cfg(feature = "onnx")]
         (Some(folder), Backend::Onnx) => Neural::onnx(folder)?,
         #[cfg(feature = "onnx")]

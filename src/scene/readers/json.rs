@@ -7,7 +7,7 @@ use crate::base::{Error, Place, Result};
 use crate::scene::file::{SceneFile, VERSION};
 
 use super::places::Places;
-use super::validate::validate;
+use super::validate::{unsupported_version, validate};
 
 /// Meshes may be written out in the document, so it may be long.
 const LARGEST_FILE: u64 = 1 << 30;
@@ -31,10 +31,6 @@ fn explain(path: &Path, bytes: &[u8], error: &serde_json::Error) -> Error {
     }
     let line = u32::try_from(error.line()).unwrap_or(u32::MAX);
     Error::malformed(Place::line(path, line), error.to_string())
-}
-
-pub(super) fn unsupported_version(place: Place, version: u32) -> Error {
-    Error::Unsupported { place, what: format!("format version {version}"), supported: VERSION.to_string() }
 }
 
 /// Writes a scene file as indented JSON, atomically.

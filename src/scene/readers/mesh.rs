@@ -12,11 +12,6 @@ use crate::scene::file::MeshFile;
 use super::extent::LARGEST;
 use super::{builtin, normals, obj, path, ply, serialized};
 
-/// Meshes may be large, but a scene must not exhaust memory before anything is known about it.
-pub(super) const LARGEST_FILE: u64 = 4 << 30;
-/// Most vertices, and most triangles, of one mesh.
-pub(super) const MOST_ELEMENTS: u64 = 1 << 28;
-
 /// What becomes of vertex normals.
 #[derive(Clone, Copy, PartialEq)]
 enum Shading {

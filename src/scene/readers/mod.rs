@@ -4,9 +4,7 @@
 //! size or a stated limit before memory is asked for.
 
 mod builtin;
-mod exr;
 mod extent;
-mod image;
 mod json;
 mod left_out;
 mod lines;
@@ -31,13 +29,12 @@ use rayon::prelude::*;
 use crate::base::files::crc32;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
-use crate::materials::texels::Texels;
+use crate::picture::Texels;
+use crate::picture::read_texels;
 use crate::scene::effects::Needs;
 use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
 use crate::scene::overrides::{self, Override};
 
-pub use exr::{Channels, read_exr_channels};
-pub use image::{read_image, read_texels};
 pub use json::save;
 pub use missing::Missing;
 pub use textures::image_key;
@@ -46,6 +43,11 @@ use left_out::Reasons;
 use mesh::Cleaned;
 use missing::Absent;
 use places::Places;
+
+/// Meshes may be large, but a scene must not exhaust memory before anything is known about it.
+const LARGEST_MESH_FILE: u64 = 4 << 30;
+/// Most vertices, and most triangles, of one mesh.
+const MOST_ELEMENTS: u64 = 1 << 28;
 
 /// A scene file with everything that it refers to.
 #[derive(Debug, Clone)]

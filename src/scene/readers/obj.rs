@@ -14,8 +14,8 @@ use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 
+use super::LARGEST_MESH_FILE;
 use super::lines::{lines, number, numbers, pieces, words};
-use super::mesh::LARGEST_FILE;
 use corners::{Corner, corner, weld};
 
 /// Reads an OBJ file; polygons become fans of triangles, points and lines are left out. v is turned around, because OBJ counts it from
@@ -24,7 +24,7 @@ use corners::{Corner, corner, weld};
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the file and, where there is one, the line.
 pub fn read(path: &Path) -> Result<Mesh> {
-    let bytes = read_bytes(path, LARGEST_FILE)?;
+    let bytes = read_bytes(path, LARGEST_MESH_FILE)?;
     let fail = |place: Place, why: &str| Error::malformed(place, format!("not a readable OBJ file: {why}"));
     let pieces = pieces(&bytes);
     let counts: Vec<Counts> = pieces.par_iter().map(|piece| Counts::of(piece)).collect();

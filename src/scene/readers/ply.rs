@@ -15,14 +15,14 @@ use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 
-use super::mesh::{LARGEST_FILE, MOST_ELEMENTS};
+use super::{LARGEST_MESH_FILE, MOST_ELEMENTS};
 
 /// Reads a PLY file; polygons become fans of triangles. Texture coordinates are called `u v`, `s t` or `texture_u texture_v`.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the file and, where known, the line.
 pub fn read(path: &Path) -> Result<Mesh> {
-    let bytes = read_bytes(path, LARGEST_FILE)?;
+    let bytes = read_bytes(path, LARGEST_MESH_FILE)?;
     let mut reader = Reader::new(bytes.as_slice());
     let fail = |error: ParseError| explain(path, &error);
     let header = Parser::<Ignored>::new().read_header(&mut reader).map_err(fail)?;

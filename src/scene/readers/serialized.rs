@@ -11,7 +11,7 @@ use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 
-use super::mesh::{LARGEST_FILE, MOST_ELEMENTS};
+use super::{LARGEST_MESH_FILE, MOST_ELEMENTS};
 
 const IDENTIFIER: u16 = 0x041C;
 const HEADER_BYTES: usize = 4;
@@ -30,7 +30,7 @@ const DOUBLE_PRECISION: u32 = 0x2000;
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`], [`Error::Unsupported`] naming the file.
 pub fn read(path: &Path, index: u32) -> Result<(Mesh, bool)> {
-    let bytes = read_bytes(path, LARGEST_FILE)?;
+    let bytes = read_bytes(path, LARGEST_MESH_FILE)?;
     let version = header(path, &bytes, 0)?;
     let start = if index == 0 { 0 } else { offset(path, &bytes, version, index)? };
     header(path, &bytes, start)?;

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use glam::{Affine2, Mat2, Vec2, Vec3};
 
 use crate::base::{Error, Result};
-use crate::materials::texels::Texels;
 use crate::materials::texture::{Texture, Wrap};
+use crate::picture::Texels;
 use crate::scene::file::{Filter, TextureFile, Wrap as WrapFile};
 
 /// The key of a picture in [`LoadedScene::images`](super::LoadedScene::images): its `file`, marked where it is read as raw

@@ -6,8 +6,7 @@ use crate::base::Result;
 use crate::math::srgb;
 
 use super::cie::{FIRST, STEP, TABLE};
-use super::element::Element;
-use super::object::{number, numbers};
+use super::element::{Element, number, numbers};
 
 /// What a colour is for: this decides what a spectrum's colour is held against.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -15,9 +15,6 @@ use super::sunlight::{hosek_wilkie, preetham};
 use crate::base::Result;
 use crate::scene::file::LightFile;
 
-/// What the upgrade calls the `sunsky` of Mitsuba 0.6.
-pub const OLD_SUNSKY: &str = "sunsky 0.6";
-
 /// Angle from edge to edge that the models' sun fills, degrees.
 const DIAMETER: f64 = 0.5358;
 

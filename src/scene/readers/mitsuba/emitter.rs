@@ -7,9 +7,9 @@ use crate::scene::file::LightFile;
 
 use super::Reader;
 use super::color::Use;
-use super::daylight::OLD_SUNSKY;
 use super::element::Element;
 use super::object::{Object, kind};
+use super::upgrade::OLD_SUNSKY;
 
 const KINDS: [&str; 9] =
     ["area (inside a shape)", "point", "spot", "directional", "constant", "envmap", "sunsky", "sky", "sun"];

@@ -7,6 +7,7 @@ mod cie;
 mod color;
 mod conductors;
 mod daylight;
+mod document;
 mod element;
 mod emitter;
 mod material;
@@ -42,7 +43,7 @@ const UNLIMITED_DEPTH: u32 = 1024;
 /// # Errors
 /// [`Error::Io`](crate::base::Error::Io), `Malformed`, `Unsupported`, `Limit`, each with file and line.
 pub(super) fn read(path: &Path) -> Result<Read> {
-    let (scene, warnings) = element::read(path)?;
+    let (scene, warnings) = document::read(path)?;
     let mut ids = Ids::default();
     collect_ids(&scene, &mut ids)?;
     let mut reader = Reader { warnings, ..Reader::new(path, ids) };

@@ -9,7 +9,7 @@ use crate::base::Result;
 use crate::scene::file::Matrix;
 
 use super::color::{self, Use};
-use super::element::Element;
+use super::element::{Element, number, xyz};
 use super::transform;
 use super::unused::{Unused, meant};
 
@@ -222,36 +222,4 @@ fn value(element: &Element) -> Result<&str> {
     element.only_attributes(&["id", "name", "value"])?;
     element.no_children()?;
     element.required("value")
-}
-
-/// One finite number.
-pub fn number(element: &Element, text: &str) -> Result<f64> {
-    match text.trim().parse::<f64>() {
-        // What overflows single precision is as good as infinite.
-        Ok(value) if (value as f32).is_finite() => Ok(value),
-        Ok(_) => Err(element.malformed(format!("\"{text}\" is not a finite number"))),
-        Err(_) => Err(element.malformed(format!("\"{text}\" is not a number"))),
-    }
-}
-
-/// Numbers separated by spaces or commas.
-pub fn numbers(element: &Element, text: &str) -> Result<Vec<f64>> {
-    let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
-    words.map(|word| number(element, word)).collect()
-}
-
-/// `x`, `y`, `z`, each `default` if absent; or `value` with one or three numbers.
-pub fn xyz(element: &Element, default: f64) -> Result<[f64; 3]> {
-    if let Some(text) = element.attribute("value") {
-        if ["x", "y", "z"].iter().any(|axis| element.attribute(axis).is_some()) {
-            return Err(element.malformed("\"value\" together with \"x\", \"y\" or \"z\""));
-        }
-        return match numbers(element, text)?.as_slice() {
-            [all] => Ok([*all; 3]),
-            [x, y, z] => Ok([*x, *y, *z]),
-            other => Err(element.malformed(format!("expected one or three numbers, found {}", other.len()))),
-        };
-    }
-    let axis = |name| element.attribute(name).map_or(Ok(default), |text| number(element, text));
-    Ok([axis("x")?, axis("y")?, axis("z")?])
 }

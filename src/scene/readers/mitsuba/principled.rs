@@ -5,8 +5,8 @@ use crate::materials::texture::luminance;
 use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile};
 
 use super::Reader;
-use super::element::Element;
-use super::object::{Object, kind, numbers};
+use super::element::{Element, numbers};
+use super::object::{Object, kind};
 
 const PROPERTIES: [&str; 17] = [
     "base_color",

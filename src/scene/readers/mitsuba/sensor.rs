@@ -4,7 +4,7 @@ use crate::base::Result;
 use crate::scene::file::{CameraFile, FilmFile, FilterFile};
 
 use super::Reader;
-use super::element::Element;
+use super::element::{Element, number};
 use super::object::{Object, kind};
 
 /// Mitsuba's `far_clip`, which is also where a lens without `focus_distance` is focused.
@@ -154,7 +154,7 @@ fn horizontal_fov(object: &Object, film: &FilmFile) -> Result<f64> {
         }
         (None, focal_length) => {
             let text = focal_length.unwrap_or("50mm");
-            let millimetres = super::object::number(element, text.strip_suffix("mm").unwrap_or(text))?;
+            let millimetres = number(element, text.strip_suffix("mm").unwrap_or(text))?;
             if millimetres <= 0.0 {
                 return Err(element.malformed(format!("focal_length is \"{text}\", expected a positive length")));
             }

@@ -3,9 +3,10 @@
 use glam::Vec3;
 
 use crate::base::Result;
+use crate::picture::read_texels;
 use crate::scene::file::{Filter, TextureFile, Wrap, identity3};
 use crate::scene::readers::missing::{self, Absent};
-use crate::scene::readers::{path, read_texels};
+use crate::scene::readers::path;
 
 use super::Reader;
 use super::color::Use;

@@ -5,8 +5,7 @@ use glam::{DMat3, DMat4, DVec3, DVec4};
 use crate::base::Result;
 use crate::scene::file::Matrix;
 
-use super::element::Element;
-use super::object::{number, numbers, xyz};
+use super::element::{Element, number, numbers, xyz};
 
 /// Reads a `<transform>`.
 pub fn read(element: &Element) -> Result<DMat4> {

@@ -3,8 +3,10 @@
 
 use crate::base::Result;
 
-use super::daylight::OLD_SUNSKY;
 use super::element::Element;
+
+/// What the `sunsky` of Mitsuba 0.6 is called from then on.
+pub const OLD_SUNSKY: &str = "sunsky 0.6";
 
 /// Elements with another name.
 const TAGS: [(&str, &str); 3] = [("lookAt", "lookat"), ("luminaire", "emitter"), ("camera", "sensor")];

@@ -6,14 +6,13 @@ mod number;
 
 use glam::DMat3;
 
-use crate::base::{Error, Result};
+use crate::base::{Error, Place, Result};
 use crate::scene::file::{
     CameraFile, FilmFile, FilterFile, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, MeshFile, RenderFile,
     SceneFile, ShapeFile, VERSION,
 };
 use crate::scene::plan::is_environment;
 
-use super::json::unsupported_version;
 use super::places::Places;
 use number::Checker;
 
@@ -24,6 +23,11 @@ pub use number::{FLATTENS, has_inverse, linear};
 const LARGEST_SIDE: u32 = 16384;
 /// Most pixels of a picture.
 const MOST_PIXELS: u64 = 1 << 26;
+
+/// A scene file of another version than ours.
+pub(super) fn unsupported_version(place: Place, version: u32) -> Error {
+    Error::Unsupported { place, what: format!("format version {version}"), supported: VERSION.to_string() }
+}
 
 /// Checks everything that can be known without opening another file.
 ///

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use crate::base::files::write_bytes;
 use crate::base::{Error, Result};
-use crate::materials::image::Image;
 use crate::math::srgb;
+use crate::picture::Image;
 
 /// Encodes a picture after multiplying it by 2^`exposure`. Values outside [0, 1] are clamped, NaN is black.
 ///

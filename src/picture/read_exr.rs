@@ -9,9 +9,9 @@ use glam::Vec3;
 
 use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
-use crate::materials::image::Image;
+use crate::picture::Image;
 
-use super::image::{LARGEST_FILE, MOST_PIXELS};
+use super::{LARGEST_FILE, MOST_PIXELS};
 
 /// Most samples of all channels and layers together.
 const MOST_SAMPLES: u64 = 1 << 28;

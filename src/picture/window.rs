@@ -5,7 +5,7 @@ use std::path::Path;
 use exr::meta::MetaData;
 
 use crate::base::{Error, Result};
-use crate::materials::image::Image;
+use crate::picture::Image;
 
 /// A rectangle of pixels, counted from the top left of the whole picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -105,7 +105,7 @@ pub fn window_of(path: &Path) -> Placed {
 
 #[cfg(test)]
 mod tests {
-    use super::super::exr::{Picture, encode};
+    use super::super::write_exr::{Picture, encode};
     use super::*;
     use glam::Vec3;
 

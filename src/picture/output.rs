@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::exr::{Attribute, Picture};
-use super::{exr, png};
+use super::write_exr::{Attribute, Picture};
+use super::{write_exr, write_png};
 use crate::base::{Error, Result};
-use crate::materials::image::Image;
+use crate::picture::Image;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Format {
@@ -60,8 +60,8 @@ pub fn write(path: &Path, image: &Image, attributes: &[Attribute], exposure: f32
 /// [`Error::Options`] for an unknown format or an empty picture, [`Error::Io`] naming `path`.
 pub fn write_picture(path: &Path, picture: &Picture, exposure: f32) -> Result<()> {
     match format(path)? {
-        Format::Exr => exr::write(path, picture),
-        Format::Png => png::write(path, picture.image, exposure),
+        Format::Exr => write_exr::write(path, picture),
+        Format::Png => write_png::write(path, picture.image, exposure),
     }
 }
 

@@ -13,7 +13,7 @@ use exr::prelude::{Encoding, Image as ExrImage, Layer, LayerAttributes, Writable
 use super::window::Placed;
 use crate::base::files::write_bytes;
 use crate::base::{Error, Result};
-use crate::materials::image::Image;
+use crate::picture::Image;
 
 /// Name and value of a text attribute.
 pub type Attribute = (String, String);

@@ -10,16 +10,11 @@ use glam::Vec3;
 
 use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
-use crate::materials::image::Image;
-use crate::materials::texels::{ByteImage, Texels};
 use crate::math::srgb;
+use crate::picture::Image;
+use crate::picture::{ByteImage, Texels};
 
-use super::exr;
-
-/// Largest picture file in bytes.
-pub(super) const LARGEST_FILE: u64 = 2 << 30;
-/// Most pixels of a picture.
-pub(super) const MOST_PIXELS: u64 = 1 << 27;
+use super::{LARGEST_FILE, MOST_PIXELS, read_exr};
 
 const EXR_MAGIC: [u8; 4] = [0x76, 0x2F, 0x31, 0x01];
 const PNG_MAGIC: [u8; 4] = [0x89, b'P', b'N', b'G'];
@@ -40,7 +35,7 @@ pub fn read_image(path: &Path, raw: bool) -> Result<Image> {
 pub fn read_texels(path: &Path, raw: bool) -> Result<Texels> {
     let bytes = read_bytes(path, LARGEST_FILE)?;
     let texels = match bytes.first_chunk() {
-        Some(&EXR_MAGIC) => Texels::Float(Arc::new(exr::read_color(path, &bytes)?)),
+        Some(&EXR_MAGIC) => Texels::Float(Arc::new(read_exr::read_color(path, &bytes)?)),
         Some(&PNG_MAGIC) => read_png(path, &bytes, raw)?,
         _ => match other_format(path, &bytes) {
             Some(format) => read_other(path, &bytes, format, raw)?,

@@ -1,0 +1,23 @@
+//! Pictures in memory and on disk: what films, textures, environments and reports have in common.
+
+mod image;
+mod output;
+mod read;
+mod read_exr;
+mod texels;
+mod window;
+mod write_exr;
+pub mod write_png;
+
+pub use image::Image;
+pub use output::{check_folder, check_writable, write, write_or_rescue, write_picture};
+pub use read::{read_image, read_texels};
+pub use read_exr::{Channels, read_exr_channels};
+pub use texels::{ByteImage, Texels};
+pub use window::{Placed, Window, matched, window_of};
+pub use write_exr::{Attribute, Channel, Picture};
+
+/// Largest picture file in bytes.
+const LARGEST_FILE: u64 = 2 << 30;
+/// Most pixels of a picture.
+const MOST_PIXELS: u64 = 1 << 27;
