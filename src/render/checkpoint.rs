@@ -20,9 +20,9 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use super::budget::Verdict;
 use super::learning::Learning;
 use super::settings::{RenderSettings, StopRule};
-use super::split::Verdict;
 use super::state::{Half, Part, Phase, Position, State, Trend};
 use super::statistics::{Dropped, ErrorPoint, Iteration, Statistics};
 use crate::base::files::read_bytes;

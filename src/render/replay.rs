@@ -1,8 +1,9 @@
 //! One camera sample traced again, to see what it met.
 
+use super::control::Control;
 use super::pass::{CameraSample, camera_ray};
+use super::run::Run;
 use super::settings::RenderSettings;
-use super::{Control, Run};
 use crate::base::{Error, Result};
 use crate::film::PixelFilter;
 use crate::guiding::sample::field::GuideField;

@@ -1,6 +1,6 @@
 //! What a render has to remember between two chunks, beside what it learns.
 
-use super::split::Verdict;
+use super::budget::Verdict;
 use crate::film::{FinishedPass, Pass};
 
 /// Everything that the rest of a render follows from.

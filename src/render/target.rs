@@ -5,8 +5,8 @@
 //! number of samples, no half knows anything about its values. The picture is the plain mean of the two; weights that follow the
 //! counts would tie them again. A half that is done goes on being sampled for the estimate until the other is done too.
 
+use super::run::{Rendered, Run};
 use super::state::{Half, Part, Phase, Position};
-use super::{Rendered, Run};
 use crate::base::Result;
 use crate::film::{FinishedPass, Pass, combine_weighted};
 use crate::guiding::sample::field::GuideField;

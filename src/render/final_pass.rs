@@ -1,0 +1,123 @@
+//! The pass that what is left of the budget goes into, and the end of a render.
+
+use super::Outcome;
+use super::checkpoint::MOST_SAMPLES;
+use super::run::{Rendered, Run};
+use super::settings::StopRule;
+use super::state::{Part, Phase, Position};
+use super::statistics::GuideStatistics;
+use crate::base::{Error, Result};
+use crate::film::combine;
+use crate::guiding::sample::field::GuideField;
+
+/// Samples per pixel that tell enough of what pixels will be.
+const LOOK: u32 = 4;
+impl Run<'_> {
+    /// The picture with the field as it is, and the end.
+    pub(super) fn finish(mut self, field: Option<GuideField>) -> Result<Outcome> {
+        let known = field.as_ref();
+        self.statistics.guide = known.map_or(GuideStatistics::default(), GuideStatistics::of);
+        self.watcher.control.progress.message("rendering");
+        let (image, spread) = match self.settings.stop {
+            StopRule::TargetError(error) => self.render_to(error, field.as_ref())?,
+            StopRule::Spp(_) | StopRule::Time(_) => self.final_pass(field.as_ref())?,
+        };
+        self.watcher.control.progress.finish();
+        let pixels = self.pixels() as f64;
+        let mut statistics = self.statistics;
+        statistics.seconds.total = self.watcher.elapsed();
+        statistics.errors = self.watcher.errors;
+        // A pass is spent when it begins.
+        let traced = if self.interrupted { statistics.samples as f64 / pixels } else { f64::INFINITY };
+        statistics.describe(self.scene, self.settings, self.state.spent.min(traced).ceil() as u32);
+        Ok(Outcome {
+            image,
+            spread,
+            statistics,
+            field: field.unwrap_or_else(GuideField::empty),
+            evidence: self.evidence,
+            unkept: self.watcher.unkept,
+            interrupted: self.interrupted,
+        })
+    }
+
+    /// A first pass with a field that nothing was learned for: about what pixels will be, by which roulette judges the rest.
+    pub(super) fn look(&mut self, field: &GuideField, resumed: Option<Part>) {
+        let spp = match self.settings.stop {
+            StopRule::Spp(spp) => (spp / 16).min(LOOK),
+            StopRule::Time(seconds) => {
+                self.watcher.deadline = Some(seconds / 16.0);
+                LOOK
+            }
+            StopRule::TargetError(_) => LOOK,
+        };
+        if spp > 0 {
+            self.state.position = Position { phase: Phase::Look, ..Position::default() };
+            let mut part = resumed.unwrap_or_else(|| self.begin_pass(spp));
+            self.trace(&mut part, Some(field), None, None);
+            let finished = self.finished(&part.pass);
+            self.state.passes.push(finished);
+        }
+    }
+
+    /// What is left of the budget goes into one pass.
+    fn final_pass(&mut self, field: Option<&GuideField>) -> Result<Rendered> {
+        let mut resumed = self.resume(Phase::Final);
+        let batches = if resumed.is_some() { self.state.position.batches } else { 0 };
+        self.state.position = Position { phase: Phase::Final, batches, ..Position::default() };
+        let mut goes_on = resumed.is_some();
+        let mut part = resumed.take().unwrap_or_else(|| self.begin_pass(0));
+        let picture = field.and_then(|_| self.pixel_values());
+        loop {
+            if !goes_on {
+                part.spp = match self.settings.stop {
+                    StopRule::Spp(spp) => (f64::from(spp) - self.state.spent).max(0.0) as u32,
+                    _ => self.batch(self.state.position.batches),
+                };
+                if part.spp == 0 {
+                    break;
+                }
+                if self.watcher.stopped_between() {
+                    self.interrupted = true;
+                    break;
+                }
+                self.state.position.batches += part.spp;
+            }
+            goes_on = false;
+            self.watcher.deadline = match self.settings.stop {
+                StopRule::Time(seconds) => Some(seconds),
+                _ => None,
+            };
+            if !self.trace(&mut part, field, None, picture.as_deref()) {
+                break;
+            }
+        }
+        if self.state.position.batches > 0 {
+            let finished = self.finished(&part.pass);
+            // Those of a guide that was given up stay: it was by what they contain, and what is kept must not depend on that.
+            self.state.passes.push(finished);
+        }
+        if self.state.passes.is_empty() {
+            // Stopped early: they are all there is.
+            self.state.passes = std::mem::take(&mut self.state.early);
+        }
+        let image = combine(&self.state.passes).map_err(|_| {
+            Error::Interrupted("no sample was rendered: the render was stopped before its first pass".into())
+        })?;
+        Ok((image, self.spread(&self.state.passes, None)?))
+    }
+
+    /// Samples per pixel of the next batch under a time budget: about a tenth of what is left, by the speed so far.
+    fn batch(&self, rendered: u32) -> u32 {
+        let StopRule::Time(seconds) = self.settings.stop else { return 0 };
+        let left = seconds - self.watcher.elapsed();
+        let traced = self.statistics.seconds.trace;
+        if rendered == 0 && (self.state.passes.is_empty() || left > 0.0) {
+            return 1;
+        }
+        let per_sample = traced / f64::from(self.state.rendered);
+        let batch = if left <= 0.0 { 0 } else { ((left / per_sample.max(1e-9) * 0.1) as u32).clamp(1, 1 << 16) };
+        // What no checkpoint could hold is not rendered: a few pixels and an hour get there.
+        batch.min(MOST_SAMPLES.saturating_sub(self.state.rendered))
+    }
+}

@@ -1,0 +1,206 @@
+//! Learning while rendering: iterations, and when they end.
+
+use super::budget::{Outlook, Verdict, judged, learns_on};
+use super::learning::Learning;
+use super::run::Run;
+use super::settings::StopRule;
+use super::state::{Part, Phase, Position, Trend};
+use super::statistics::Iteration;
+use crate::base::Result;
+use crate::film::{FinishedPass, outliers};
+use crate::guiding::learn::learner::Use;
+use crate::guiding::sample::field::{Evidence, GuideField};
+use crate::materials::Material;
+use crate::reconstruct::Reconstructor;
+
+/// Iterations after which a verdict should be known even where light is hard to find.
+const LATEST_VERDICT: usize = 4;
+impl Run<'_> {
+    /// Iterations of 2^t samples per pixel while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
+    pub(super) fn learn(&mut self, reconstructor: &dyn Reconstructor) -> Result<GuideField> {
+        let emitted = &self.scene.lights.emission;
+        let learned = self.resumed.as_mut().and_then(|resumed| resumed.learning.take());
+        let mut learning = learned.unwrap_or_else(|| Learning::new(self.settings, emitted));
+        let mut resumed = self.resume(Phase::Learning);
+        let first = resumed.as_ref().map_or(0, |_| self.state.position.iteration);
+        for t in first..31 {
+            let mut part = match resumed.take() {
+                Some(part) => part,
+                None if self.goes_on_learning(t, learning.photon_share) => self.begin_iteration(t, &learning),
+                None => break,
+            };
+            self.watcher.control.progress.message(&format!("learning, iteration {t}"));
+            let Some(finished) = self.iterate(&mut part, &mut learning, reconstructor)? else {
+                // Too many pixels for the time: what little there is left is better spent on samples than on trees.
+                return Ok(GuideField::empty());
+            };
+            let (finished, complete) = finished;
+            // The first two passes are not worth their noise, but they are all there is of a render stopped early.
+            if t >= 2 || !complete {
+                self.state.passes.push(finished);
+            } else {
+                self.state.early.push(finished);
+            }
+        }
+        self.state.gave_up = !self.pays();
+        let (trend, iterations) = (&self.state.trend, &self.statistics.iterations);
+        self.statistics.decisions = decisions(self.state.gave_up, trend, iterations, learning.photon_share);
+        // Of a guide that was given up there is nothing to look at.
+        self.evidence = if self.state.gave_up { Evidence::default() } else { learning.learner.evidence() };
+        Ok(match self.state.trend.verdict {
+            _ if self.state.gave_up => GuideField::empty(),
+            Verdict::Unknown if !self.is_always_guided() => learning.learner.field(Use::WhereTold),
+            _ => learning.learner.field(Use::Rendering),
+        })
+    }
+
+    /// Whether there is to be an iteration `t`.
+    fn goes_on_learning(&self, t: u32, photon_share: f64) -> bool {
+        let earlier = self.statistics.iterations.iter().rev().nth(1).and_then(|iteration| iteration.gain);
+        let hopeless = t >= self.patience() && !self.pays()
+            || !self.is_always_guided() && self.state.trend.verdict.is_hopeless(earlier);
+        !hopeless && !self.watcher.stopped_between() && self.learns_on(1 << t, photon_share)
+    }
+
+    fn begin_iteration(&mut self, t: u32, learning: &Learning) -> Part {
+        self.state.position = Position {
+            phase: Phase::Learning,
+            iteration: t,
+            voxels: learning.learner.voxels(),
+            began: self.watcher.elapsed(),
+            traced: self.statistics.seconds.trace,
+            ..Position::default()
+        };
+        self.begin_pass(1 << t)
+    }
+
+    /// Makes the pass of an iteration and learns from it. Returns the pass and whether all of its samples were made; none where
+    /// there was not even time for the first iteration.
+    fn iterate(
+        &mut self,
+        part: &mut Part,
+        learning: &mut Learning,
+        reconstructor: &dyn Reconstructor,
+    ) -> Result<Option<(FinishedPass, bool)>> {
+        let Position { iteration: t, voxels, began, traced, .. } = self.state.position;
+        let photon_share = learning.photon_share;
+        let field = learning.field_of(voxels);
+        let picture = self.pixel_values();
+        if let StopRule::Time(seconds) = self.settings.stop {
+            self.watcher.deadline = Some(self.settings.learning_share * seconds);
+        }
+        let complete = self.trace(part, Some(&field), Some(learning), picture.as_deref());
+        let finished = self.finished(&part.pass);
+        if t == 0 && !complete {
+            self.state.passes.push(finished);
+            return Ok(None);
+        }
+        let worst = outliers(self.pixels() as usize);
+        let rays = self.reconstruction_rays();
+        let iteration = learning.end_iteration(part.spp, worst, rays, reconstructor, &mut self.statistics.seconds)?;
+        let seconds = self.watcher.elapsed() - began;
+        let variance = part.pass.variance_relative_to(picture.as_deref());
+        let trend = &mut self.state.trend;
+        trend.verdict = variance.map_or(Verdict::Unknown, |v| judged(v, &learning.moments, finished.samples() as f64));
+        trend.variances.extend(finished.sample_variance());
+        trend.useful = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
+        trend.seconds = seconds;
+        if let StopRule::TargetError(_) = self.settings.stop {
+            trend.relative = part.pass.relative_variance();
+        }
+        self.statistics.iterations.push(Iteration {
+            t,
+            spp: part.spp,
+            seconds,
+            mean_variance: finished.sample_variance().map_or(f64::NAN, |v| v / f64::from(part.spp)),
+            gain: trend.verdict.gain(),
+            photon_share,
+            ..iteration
+        });
+        Ok(Some((finished, complete)))
+    }
+
+    /// Iterations before guiding is given up. Learning costs several times what rendering does, so an easy scene should be known
+    /// for one at once; but light that comes through glass or from mirrors is found late, and then it is most of the noise.
+    fn patience(&self) -> u32 {
+        let specular = self.scene.materials().iter().any(Material::is_delta);
+        if specular { 4 } else { 2 }
+    }
+
+    /// Whether what guiding costs does not matter.
+    fn is_always_guided(&self) -> bool {
+        self.learn_only || !self.settings.gives_up
+    }
+
+    /// Whether the guide at hand is worth its price, or its price does not matter.
+    fn pays(&self) -> bool {
+        self.is_always_guided() || self.state.trend.verdict.pays()
+    }
+
+    /// Rays that reconstruction may have cost after this iteration: a share of those of the whole render as far as that can be
+    /// foreseen, which is up to the end of the next iteration.
+    fn reconstruction_rays(&self) -> f64 {
+        let done = match self.settings.stop {
+            StopRule::Spp(spp) => self.state.spent / f64::from(spp),
+            StopRule::Time(seconds) => self.watcher.elapsed() / seconds,
+            StopRule::TargetError(_) => 0.0,
+        };
+        let rays = self.statistics.rays as f64;
+        self.settings.reconstruction_share * (rays / done.clamp(1.0 / 3.0, 1.0))
+    }
+
+    /// Whether another iteration of `camera` paths per pixel is worth its price.
+    fn learns_on(&self, camera: u32, photon_share: f64) -> bool {
+        let trend = &self.state.trend;
+        let kinds = 1.0 + photon_share;
+        let (cost, spent) = (f64::from(camera) * kinds, self.state.spent);
+        let limit = self.settings.learning_share;
+        let outlook = match self.settings.stop {
+            StopRule::Spp(spp) => {
+                let budget = f64::from(spp);
+                Outlook { budget, left: budget - spent, cost, useful: 1.0 / kinds, limit }
+            }
+            StopRule::Time(budget) => {
+                let left = budget - self.watcher.elapsed();
+                Outlook { budget, left, cost: 2.0 * trend.seconds, useful: trend.useful, limit }
+            }
+            // What is learned from does not enter a picture that ends by its own samples; the first iterations find out how
+            // many those will be.
+            StopRule::TargetError(error) => {
+                let left = if trend.relative > 0.0 { trend.relative / error } else { 100.0 * cost };
+                Outlook { budget: spent + left, left, cost, useful: 0.0, limit }
+            }
+        };
+        if self.learn_only {
+            outlook.cost <= outlook.left
+        } else {
+            // Variances of the first iterations are no trend; what is always guided is learned whatever is known.
+            let iterations = trend.variances.len();
+            let verdict = match trend.verdict {
+                Verdict::Gain(_) if iterations < self.patience() as usize => Verdict::Unseen,
+                Verdict::Unknown if iterations < LATEST_VERDICT || self.is_always_guided() => Verdict::Unseen,
+                verdict => verdict,
+            };
+            learns_on(&outlook, &trend.variances, verdict)
+        }
+    }
+}
+
+/// What learning decided, in sentences.
+fn decisions(gave_up: bool, trend: &Trend, iterations: &[Iteration], photon_share: f64) -> Vec<String> {
+    let count = iterations.len();
+    let on = if gave_up { "off: it does not pay" } else { "on" };
+    let measured = match trend.verdict {
+        Verdict::Gain(gain) => format!("{on}: the variance of a sample with it is {gain:.2} times that without"),
+        Verdict::Unseen => format!("{on}: photons know of light that paths have not found yet"),
+        Verdict::Unknown => {
+            format!("{on} only where samples have told that it helps: too few found light to judge it as a whole")
+        }
+    };
+    let guiding = format!("guiding {measured}, after {count} iterations");
+    let photons = iterations.first().filter(|first| first.photon_share > 0.0).map(|_| {
+        let verdict = if photon_share > 0.0 { "on" } else { "off: what they teach does not pay" };
+        format!("photons {verdict}: {:.2} light paths for each camera path in the end", photon_share.abs())
+    });
+    [Some(guiding), photons].into_iter().flatten().collect()
+}

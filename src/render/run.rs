@@ -1,0 +1,175 @@
+//! A render while it runs: its passes, what they leave for the next, and what of it is kept on disk.
+
+use super::checkpoint::{Checkpointing, Moment, Resumed};
+use super::control::{Control, Watcher};
+use super::learning::Learning;
+use super::pass::{CHUNK, Chunk, PassTracer};
+use super::settings::{RenderSettings, StopRule};
+use super::state::{Part, Phase, State};
+use super::statistics::{ErrorPoint, Statistics};
+use crate::base::Result;
+use crate::film::{FinishedPass, Pass, PixelFilter, PixelSpread, check_size, combine, expected_values, pixel_spread};
+use crate::guiding::sample::field::{Evidence, GuideField};
+use crate::picture::{Image, Window};
+use crate::scene::Scene;
+
+/// A picture, and how far its pixels may be off where that is wanted.
+pub(super) type Rendered = (Image, Option<PixelSpread>);
+
+/// Fewest paths in a chunk: enough to keep a few threads busy.
+const LEAST_CHUNK: u64 = 1 << 14;
+/// A chunk is at least this part of the pixels, so that one alone leaves no gaps but narrow ones.
+const EVERY_ROW: u64 = 12;
+
+/// A render while it runs.
+pub(super) struct Run<'a> {
+    pub scene: &'a Scene,
+    pub settings: &'a RenderSettings,
+    /// What of the picture is rendered.
+    pub window: Window,
+    pub filter: PixelFilter,
+    pub watcher: Watcher<'a>,
+    pub statistics: Statistics,
+    /// Whether no picture is wanted, so that the whole budget may go into learning.
+    pub learn_only: bool,
+    pub evidence: Evidence,
+    pub state: State,
+    /// What an earlier process has left, until it is gone on with.
+    pub resumed: Option<Resumed>,
+    /// Whether samples were left out because of the wish to stop.
+    pub interrupted: bool,
+}
+
+impl<'a> Run<'a> {
+    pub fn begin(scene: &'a Scene, settings: &'a RenderSettings, control: &'a Control<'a>) -> Result<Self> {
+        check_size(scene.size[0], scene.size[1])?;
+        settings.check()?;
+        let window = settings.window(scene.size);
+        window.check_inside(scene.size)?;
+        let mut run = Self {
+            scene,
+            settings,
+            window,
+            filter: PixelFilter::new(settings.filter)?,
+            watcher: Watcher::new(control),
+            statistics: Statistics::default(),
+            learn_only: false,
+            evidence: Evidence::default(),
+            state: State::default(),
+            resumed: None,
+            interrupted: false,
+        };
+        let total = match settings.stop {
+            StopRule::Spp(spp) => u64::from(spp) * run.pixels(),
+            StopRule::Time(_) | StopRule::TargetError(_) => 0,
+        };
+        if let StopRule::Time(seconds) = settings.stop {
+            run.watcher.budget = Some(seconds);
+        }
+        control.progress.start(total, "samples");
+        run.read_checkpoint()?;
+        Ok(run)
+    }
+
+    /// Takes up what the checkpoint holds that is to be gone on from, if there is one.
+    fn read_checkpoint(&mut self) -> Result<()> {
+        let control = self.watcher.control;
+        let from = control.checkpoint.and_then(|c| Some((c.resume.as_ref()?, &c.made_for)));
+        let Some((path, made_for)) = from else { return Ok(()) };
+        let size = [self.window.width, self.window.height];
+        let mut resumed = Resumed::read(path, made_for, self.settings, size, &self.scene.lights.emission)?;
+        self.state = std::mem::take(&mut resumed.state);
+        self.statistics = std::mem::take(&mut resumed.statistics);
+        (self.watcher.before, self.watcher.errors) = (resumed.elapsed, std::mem::take(&mut resumed.errors));
+        control.progress.advance(self.statistics.samples);
+        self.resumed = Some(resumed);
+        Ok(())
+    }
+
+    /// The pass that an earlier process has left unfinished, where it was of this kind.
+    pub fn resume(&mut self, phase: Phase) -> Option<Part> {
+        self.resumed.take_if(|_| self.state.position.phase == phase).map(|resumed| resumed.part)
+    }
+
+    pub fn pixels(&self) -> u64 {
+        self.window.pixels()
+    }
+
+    /// The next pass, of `spp` samples per pixel.
+    pub fn begin_pass(&mut self, spp: u32) -> Part {
+        self.state.sequences_from = Some(self.state.rendered);
+        Part { pass: self.empty_pass(), spp, start: 0 }
+    }
+
+    pub fn empty_pass(&self) -> Pass {
+        Pass::new(self.window.width as usize, self.window.height as usize)
+    }
+
+    /// Traces what is left of a pass; returns whether all camera paths were made.
+    pub fn trace(
+        &mut self,
+        part: &mut Part,
+        field: Option<&GuideField>,
+        learning: Option<&mut Learning>,
+        picture: Option<&[f32]>,
+    ) -> bool {
+        // Against a clock, chunks of about a twentieth of a second.
+        let chunk = match (&learning, self.watcher.deadline) {
+            (None, Some(_)) => (0.05 * self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-3)) as u64,
+            _ => CHUNK,
+        };
+        let Part { pass, spp, start } = part;
+        if *start == 0 {
+            self.state.rendered += *spp;
+            self.state.spent += f64::from(*spp) * (1.0 + learning.as_ref().map_or(0.0, |l| l.photon_share));
+        }
+        let tracer = PassTracer {
+            scene: self.scene,
+            settings: self.settings,
+            window: self.window,
+            filter: &self.filter,
+            // One without voxels, of a guide that was given up or not begun, would only be looked up in vain.
+            field: field.filter(|field| !field.voxels().is_empty()),
+            picture,
+            first_sample: self.state.rendered - *spp,
+            sequences_from: self.state.sequences_from,
+            spp: *spp,
+            chunk: chunk.max(LEAST_CHUNK).max(self.pixels().div_ceil(EVERY_ROW)),
+        };
+        let pixels = self.pixels();
+        let (watcher, state, evidence) = (&mut self.watcher, &self.state, &self.evidence);
+        let field = field.map(|field| (field, evidence));
+        watcher.begin_chunk();
+        let so_far = |pass: &Pass| combine(&[state.passes.as_slice(), &[pass.finish()]].concat()).ok();
+        let mut go_on = |chunk: &Chunk| {
+            let Chunk { pass, samples, end: start, learning, statistics } = *chunk;
+            let reached = statistics.samples.div_ceil(pixels) as u32;
+            let keep = |checkpoint: &Checkpointing, elapsed: f64, errors: &[ErrorPoint]| {
+                let Some((path, _)) = &checkpoint.write else { return Ok(()) };
+                let moment = Moment { state, pass, spp: *spp, start, statistics, learning, field, elapsed, errors };
+                moment.write(path, &checkpoint.made_for)
+            };
+            watcher.end_chunk(samples, reached, || so_far(pass), keep)
+        };
+        let complete = tracer.run(pass, *start, learning, &mut self.statistics, &mut go_on);
+        *start = 0;
+        self.interrupted |= !complete && self.watcher.stopped();
+        complete
+    }
+
+    /// About what each pixel will be, by the passes so far; none while no light was found.
+    pub fn pixel_values(&self) -> Option<Vec<f32>> {
+        let State { passes, early, .. } = &self.state;
+        expected_values(&combine(if passes.is_empty() { early } else { passes }).ok()?)
+    }
+
+    /// Ends a pass whose samples may enter the picture.
+    pub fn finished(&self, pass: &Pass) -> FinishedPass {
+        if self.settings.keeps_spread { pass.finish_with_variance() } else { pass.finish() }
+    }
+
+    /// How far pixels of the picture that passes make may be off, where that is wanted.
+    pub fn spread(&self, passes: &[FinishedPass], weights: Option<&[f64]>) -> Result<Option<PixelSpread>> {
+        self.settings.keeps_spread.then(|| pixel_spread(passes, weights)).transpose()
+    }
+}
