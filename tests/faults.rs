@@ -351,7 +351,7 @@ fn sane(scene: &Scene) -> Vec<f64> {
         .flat_map(|guide| [true, false].map(|nee| (guide, nee)))
         .map(|(guide, nee)| {
             let mut settings = settings(guide, 16, 1);
-            settings.transport.nee = nee;
+            settings.transport.light_sampling = nee;
             let image = picture(scene, &settings);
             assert_eq!(image.pixels.len(), (scene.size[0] * scene.size[1]) as usize);
             assert!(image.pixels.iter().all(|p| p.is_finite() && p.min_element() >= 0.0), "{guide:?}, nee {nee}");

@@ -1,5 +1,5 @@
 //! What a process holds at most: while it loads a mesh of a million triangles, for pictures, while it renders and learns from ten
-//! million records, and for the field that guides. The figures are in STABILITY.md.
+//! million records, and for the field that guides. The figures are in docs/stability.md.
 
 #[path = "support/memory.rs"]
 mod memory;
@@ -146,7 +146,7 @@ fn limit_of_ten_million_records() {
     b.look_at(Vec3::new(0.5, 0.4, 0.9), Vec3::new(-0.2, -0.5, 0.0), Vec3::Y, 70.0);
     let scene = built(b.finish());
     let mut settings = settings(GUIDES[4], 64, 1);
-    settings.transport.nee = false;
+    settings.transport.light_sampling = false;
     let (outcome, most) = run(&scene, &settings);
     let Statistics { camera_rays, samples, iterations, .. } = &outcome.statistics;
     // Without shadow rays every ray of a path but the last begins at a record.

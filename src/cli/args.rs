@@ -89,7 +89,7 @@ macro_rules! words {
 
 words!(
     GuideMode,
-    None: "Path tracing with next event estimation and multiple importance sampling",
+    None: "Path tracing with light sampling and multiple importance sampling",
     Jensen: "Jensen 1995: photons in histograms of fixed directions",
     Ppg: "Müller 2017: path samples of radiance in a spatial and directional tree",
     Variance: "Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees",
@@ -291,9 +291,9 @@ pub struct RenderArgs {
     /// What to do about meshes and pictures that the scene names and that are not there
     #[arg(long, value_enum, default_value = "refuse")]
     pub missing: Missing,
-    /// Next event estimation
-    #[arg(long, value_enum, default_value = "on")]
-    pub nee: Switch,
+    /// Light sampling (next event estimation)
+    #[arg(long, alias = "nee", value_enum, default_value = "on")]
+    pub light_sampling: Switch,
     /// 1 = emission only, 2 = direct light, n = n-1 bounces [default: the scene's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     pub max_depth: Option<u32>,

@@ -97,7 +97,7 @@ fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<Render
     let defaults = RenderSettings::new(args.guide, stop(args, scene)?);
     let transport = TransportSettings {
         max_depth: args.max_depth.unwrap_or(scene.render.max_depth),
-        nee: args.nee.is_on(),
+        light_sampling: args.light_sampling.is_on(),
         roulette: args.roulette.unwrap_or(defaults.transport.roulette),
     };
     if transport.max_depth == 0 {

@@ -432,7 +432,7 @@ mod tests {
         assert!((2..5).all(|tile| (share(tile) - 0.5).abs() < 0.01), "{weights:?}");
     }
 
-    /// STABILITY.md, A16: an f32 sum of 1e6 values of 0.1 is off by 1 %.
+    /// docs/stability.md, A16: an f32 sum of 1e6 values of 0.1 is off by 1 %.
     #[test]
     fn a16_mean_of_a_million_samples_is_exact() {
         let mut constant = Pixel::default();
@@ -448,7 +448,7 @@ mod tests {
         assert!((alternating.sample_variance().unwrap()[0] / 250_000.0 - 1.0).abs() < 1e-5);
     }
 
-    /// STABILITY.md, A13: no division by a variance of 0; the result is the plain mean.
+    /// docs/stability.md, A13: no division by a variance of 0; the result is the plain mean.
     #[test]
     fn a13_zero_variance_falls_back_to_the_plain_mean() {
         let constant = [pass(2, |_| 1.0), pass(6, |_| 3.0)];

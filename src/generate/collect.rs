@@ -315,7 +315,7 @@ fn pair_of(tree: &CountedTree, target: &Target) -> TreeSample {
         block_split: tree.block.distribution.topology().split_flags(),
         block: narrow(tree.block.distribution.leaf_mass()),
         block_samples: tree.block.samples,
-        traits: tree.traits,
+        voxel_features: tree.voxel_features,
         target_split: target.distribution.topology().split_flags(),
         target: narrow(target.distribution.leaf_mass()),
         target_bsdf: target.bsdf.clone(),

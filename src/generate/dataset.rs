@@ -212,8 +212,8 @@ pub fn check(folder: &Path) -> Result<Summary> {
         for tree in &trees {
             summary.input_nodes += tree.counted_split.len() as f64;
             summary.target_nodes += tree.target_split.len() as f64;
-            summary.path_samples += f64::from(tree.traits.samples[0]);
-            summary.photon_samples += f64::from(tree.traits.samples[1]);
+            summary.path_samples += f64::from(tree.voxel_features.samples[0]);
+            summary.photon_samples += f64::from(tree.voxel_features.samples[1]);
             summary.floor_kl += f64::from(tree.floor_kl);
         }
     }
@@ -260,7 +260,7 @@ mod tests {
             |e| e.file = "../a.safetensors".into(),
             |e| e.file = "/a.safetensors".into(),
             |e| e.version = 9,
-            |e| e.mode.nee = false,
+            |e| e.mode.light_sampling = false,
         ];
         for spoil in spoil {
             let mut second = entry("b.safetensors", "y", true);

@@ -6,7 +6,7 @@
 //! | name | type | shape |
 //! |---|---|---|
 //! | `ids` | u32 | [T, 6]: scene, family, iteration, kinds of samples, path samples, photons |
-//! | `traits` | f32 | [T, 6]: path share, mean normal, nearness, samples of earlier iterations |
+//! | `voxel_features` | f32 | [T, 6]: path share, mean normal, nearness, samples of earlier iterations |
 //! | `bounds` | f32 | [T, 6] |
 //! | `target_samples` | u64 | [T] |
 //! | `floor_kl` | f32 | [T] |
@@ -29,7 +29,7 @@ use crate::base::{Error, Place, Result};
 use glam::Vec3;
 
 use crate::guiding::target::Target;
-use crate::guiding::tree::features::Traits;
+use crate::guiding::tree::features::VoxelFeatures;
 use crate::guiding::tree::leaves::NETWORK_CHANNELS;
 use crate::guiding::tree::topology::Topology;
 
@@ -70,7 +70,7 @@ pub struct TreeSample {
     /// Samples of the block and of the larger one around it.
     pub block_samples: [f32; 2],
     /// What is known of the voxel as a whole.
-    pub traits: Traits,
+    pub voxel_features: VoxelFeatures,
     /// What the sums of path samples are of. Not in the shard: the index's mode says it.
     pub quantity: Target,
     /// Split flags of the converged tree, Q_gt.
@@ -101,7 +101,7 @@ impl Default for TreeSample {
             block_split: vec![false],
             block: vec![1.0],
             block_samples: [0.0; 2],
-            traits: Traits::default(),
+            voxel_features: VoxelFeatures::default(),
             quantity: Target::Variance,
             target_split: vec![false],
             target: vec![1.0],
@@ -143,7 +143,7 @@ impl TreeSample {
                 return Err(format!("{what} masses sum to {total}, expected 1"));
             }
         }
-        let Traits { path_share, normal, nearness, past, .. } = self.traits;
+        let VoxelFeatures { path_share, normal, nearness, past, .. } = self.voxel_features;
         let in_range = (0.0..=1.0).contains(&path_share) && normal.is_finite();
         if !(in_range && [nearness, past].iter().all(|x| x.is_finite() && *x >= 0.0)) {
             return Err("path share, normal, nearness or samples of earlier iterations are out of range".into());
@@ -183,11 +183,11 @@ fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor<'_>> {
     let flags =
         |of: fn(&TreeSample) -> &Vec<bool>| samples.iter().flat_map(of).map(|&f| u8::from(f)).collect::<Vec<_>>();
     let ids = |s: &TreeSample| {
-        let [paths, photons] = s.traits.samples;
+        let [paths, photons] = s.voxel_features.samples;
         [s.scene, s.family, s.iteration, s.kinds, paths, photons]
     };
-    let traits = |s: &TreeSample| {
-        let Traits { path_share, normal, nearness, past, .. } = s.traits;
+    let voxel_features = |s: &TreeSample| {
+        let VoxelFeatures { path_share, normal, nearness, past, .. } = s.voxel_features;
         [path_share, normal.x, normal.y, normal.z, nearness, past]
     };
     let column = |of: fn(&TreeSample) -> &Vec<f32>| f32s(&mut samples.iter().flat_map(of).copied());
@@ -224,7 +224,7 @@ fn tensors_of(samples: &[TreeSample]) -> Vec<Tensor<'_>> {
         ("target_offset".into(), Dtype::U64, vec![trees + 1], offsets(|s| s.target_split.len()).into()),
         vector("target_samples", Dtype::U64, samples.iter().map(|s| s.target_samples.to_le_bytes())),
         ("target_split".into(), Dtype::U8, vec![target_split.len()], target_split.into()),
-        ("traits".into(), Dtype::F32, vec![trees, TRAITS], f32s(&mut samples.iter().flat_map(traits)).into()),
+        ("traits".into(), Dtype::F32, vec![trees, TRAITS], f32s(&mut samples.iter().flat_map(voxel_features)).into()),
     ]
 }
 
@@ -261,7 +261,7 @@ impl Reader<'_> {
     fn samples(&self) -> Result<Vec<TreeSample>> {
         let ids = self.file.read("ids", Dtype::U32, None, IDS, u32::from_le_bytes)?;
         let trees = ids.len() / IDS;
-        let (bounds, traits) = (self.floats("bounds", trees, 6)?, self.floats("traits", trees, TRAITS)?);
+        let (bounds, voxel_features) = (self.floats("bounds", trees, 6)?, self.floats("traits", trees, TRAITS)?);
         let floor_kl = self.floats("floor_kl", trees, 1)?;
         let target_samples = self.file.read("target_samples", Dtype::U64, Some(trees), 1, u64::from_le_bytes)?;
         let [own, counted] = [self.trees("own", trees)?, self.trees("counted", trees)?];
@@ -274,7 +274,7 @@ impl Reader<'_> {
             [self.floats("target", target.leaves(trees), 1)?, self.floats("target_bsdf", target.leaves(trees), 1)?];
         (0..trees)
             .map(|t| {
-                let (ids, traits) = (&ids[t * IDS..][..IDS], &traits[t * TRAITS..][..TRAITS]);
+                let (ids, voxel_features) = (&ids[t * IDS..][..IDS], &voxel_features[t * TRAITS..][..TRAITS]);
                 let sample = TreeSample {
                     scene: ids[0],
                     family: ids[1],
@@ -288,12 +288,12 @@ impl Reader<'_> {
                     block_split: block.split_of(t),
                     block: block_mass[block.leaves(t)..block.leaves(t + 1)].to_vec(),
                     block_samples: [block_samples[2 * t], block_samples[2 * t + 1]],
-                    traits: Traits {
+                    voxel_features: VoxelFeatures {
                         samples: [ids[4], ids[5]],
-                        past: traits[5],
-                        path_share: traits[0],
-                        normal: Vec3::new(traits[1], traits[2], traits[3]),
-                        nearness: traits[4],
+                        past: voxel_features[5],
+                        path_share: voxel_features[0],
+                        normal: Vec3::new(voxel_features[1], voxel_features[2], voxel_features[3]),
+                        nearness: voxel_features[4],
                     },
                     quantity: Target::Variance,
                     target_split: target.split_of(t),
@@ -354,7 +354,7 @@ mod tests {
             block_split: vec![true, false, false, true, false, false, false, false, false],
             block: vec![0.25, 0.25, 0.1, 0.1, 0.1, 0.1, 0.1],
             block_samples: [170.0, 800.0],
-            traits: Traits {
+            voxel_features: VoxelFeatures {
                 samples: [17, 5],
                 past: 9.5,
                 path_share: 0.25,
@@ -422,8 +422,8 @@ mod tests {
             |s| s.counted[0] = 0.75,
             |s| s.own_split.truncate(4),
             |s| s.target_bsdf.truncate(2),
-            |s| s.traits.path_share = f32::NAN,
-            |s| s.traits.past = -1.0,
+            |s| s.voxel_features.path_share = f32::NAN,
+            |s| s.voxel_features.past = -1.0,
             |s| s.block[0] = 0.5,
             |s| s.block_split.truncate(8),
             |s| s.block_samples[1] = f32::NAN,

@@ -2,7 +2,7 @@
 //! frozen, to sample from. Whoever learns, samples or stores guides knows [`Model`] and [`Directions`] alone; a new one is a file of
 //! its own and an arm in each `match` of this one.
 //!
-//! Enums and not traits: which model guides is decided once per render, and asking it costs a branch that is always the same.
+//! Enums and not voxel_features: which model guides is decided once per render, and asking it costs a branch that is always the same.
 
 use glam::Vec3;
 

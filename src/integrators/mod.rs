@@ -10,8 +10,8 @@ pub mod photon;
 pub struct TransportSettings {
     /// 1 = emission only, 2 = direct light, n = n-1 bounces.
     pub max_depth: u32,
-    /// Next event estimation.
-    pub nee: bool,
+    /// Light sampling: next event estimation.
+    pub light_sampling: bool,
     /// Russian roulette.
     pub roulette: Roulette,
 }

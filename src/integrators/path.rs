@@ -1,4 +1,4 @@
-//! The path tracer: next event estimation with multiple importance sampling, guided directions, Russian roulette, and
+//! The path tracer: light sampling (next event estimation) with multiple importance sampling, guided directions, Russian roulette, and
 //! records of what each vertex received.
 
 mod explain;
@@ -14,7 +14,7 @@ use crate::base::processor::Avx2;
 use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
 use crate::guiding::record::{PathRecord, Radiance};
-use crate::guiding::sample::field::GuideField;
+use crate::guiding::sample::field::{GuideField, VoxelGuide};
 use crate::guiding::sample::roulette::AdjointRoulette;
 use crate::lights::Light;
 use crate::materials::Transport;
@@ -34,6 +34,51 @@ pub struct PathTracer<'a> {
     pub field: Option<&'a GuideField>,
 }
 
+/// A path on its way: all that its next segment depends on.
+struct PathState {
+    ray: Ray,
+    /// Segments so far.
+    depth: u32,
+    /// Π f·|cos θ| / p, roulette and media included.
+    throughput: Vec3,
+    /// The same as if BSDFs had chosen all directions.
+    reflected: Vec3,
+    /// Product of the squared indices that radiance was divided by on its way into glass, and will be multiplied by on its way out.
+    squeezed: f32,
+    medium: Option<MediumId>,
+    previous: Option<Previous>,
+}
+
+impl PathState {
+    fn new(ray: Ray, medium: Option<MediumId>) -> Self {
+        let (throughput, reflected) = (Vec3::ONE, Vec3::ONE);
+        Self { ray, depth: 0, throughput, reflected, squeezed: 1.0, medium, previous: None }
+    }
+}
+
+/// Where a segment ended.
+struct Arrival<'a> {
+    surface: Surface,
+    scattering: Scattering<'a>,
+    /// What media on the way let through, over the density of getting here.
+    passed: Vec3,
+    on_surface: bool,
+    /// Emission towards the vertex before.
+    emission: Emission,
+    /// Shading normal on the side that the path arrived at; zero in a medium.
+    normal: Vec3,
+    /// Whether only delta lobes scatter here.
+    smooth: bool,
+    guide: Option<&'a VoxelGuide>,
+}
+
+/// What a vertex is worth, by what is expected of it: probabilities of light sampling and of going on; for the latter none where
+/// nothing is known.
+struct Worth {
+    light: f32,
+    onward: Option<f32>,
+}
+
 /// What a vertex adds to the light that arrives at it and lets through of it, kept until that is known.
 struct Vertex {
     /// Emission towards the previous vertex as it enters the picture.
@@ -44,6 +89,11 @@ struct Vertex {
     weight: Vec3,
     /// Probability of surviving roulette before going on.
     survival: f32,
+}
+
+impl Vertex {
+    /// Nothing, and the path ends.
+    const END: Self = Self { emitted: Vec3::ZERO, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0 };
 }
 
 /// What a record needs to know of a vertex besides; kept only where records are wanted.
@@ -64,6 +114,24 @@ struct Details {
     step: Option<Step>,
     /// Whether it ended because the direction that was drawn brings nothing: below the horizon, or absorbed.
     absorbed: bool,
+}
+
+impl Details {
+    /// Of a vertex where the path ends, unless more is said.
+    #[inline(always)]
+    fn new(at: &Arrival, path: &PathState) -> Self {
+        Self {
+            point: at.surface.point,
+            shape: at.surface.shape,
+            distance: at.surface.distance,
+            normal: at.normal,
+            throughput: path.throughput,
+            emission: at.emission,
+            direct: Direct::default(),
+            step: None,
+            absorbed: false,
+        }
+    }
 }
 
 /// What light sampling found.
@@ -211,120 +279,165 @@ impl PathTracer<'_> {
 
     #[inline(always)]
     fn extend<E: Effects, const RECORDS: bool>(&self, beginning: Beginning) -> Emission {
-        let Beginning { mut ray, random, pixel, scratch, count } = beginning;
-        let mut previous: Option<Previous> = None;
-        let mut throughput = Vec3::ONE;
-        let mut reflected = Vec3::ONE;
-        // Product of the squared indices that radiance was divided by on its way into glass, and will be multiplied by on its way out.
-        let mut squeezed = 1.0f32;
-        let mut medium = self.scene.camera_medium;
-        for depth in 1.. {
-            if depth > self.settings.max_depth {
-                break;
-            }
-            count.rays += 1;
-            random.begin_vertex(depth);
-            let (surface, scattering, passed);
-            if E::MEDIA || E::MATERIALS {
-                let (arrival, factor) =
-                    self.scene.advance::<E>(&ray, &mut medium, throughput, &mut random.at(Dimension::SEGMENT));
-                let Some(found) = Scattering::at(self.scene, arrival) else {
-                    return self.background(&ray, previous).dimmed(factor);
-                };
-                ((surface, scattering), passed) = (found, factor);
-            } else {
-                // On plain scenes the surface goes through no enum and is made where it stays: it is long, and every copy shows.
-                let Some(hit) = self.scene.accel.intersect(&ray) else { return self.background(&ray, previous) };
-                surface = Surface::new(&ray, &hit, &self.scene.shapes[hit.shape as usize]);
-                (scattering, passed) = (Scattering::Material(self.scene.material(&surface)), Vec3::ONE);
-            }
+        let Beginning { ray, random, pixel, scratch, count } = beginning;
+        let mut path = PathState::new(ray, self.scene.camera_medium);
+        while path.depth < self.settings.max_depth {
+            path.depth += 1;
+            random.begin_vertex(path.depth);
+            let arrival = match self.arrive::<E>(&mut path, random, count) {
+                Ok(arrival) => arrival,
+                Err(background) => return background,
+            };
             if E::MEDIA {
-                throughput *= passed;
-                reflected *= passed;
-                scratch.passed.push(passed);
+                scratch.passed.push(arrival.passed);
             }
-            let on_surface = !E::MEDIA || scattering.is_material();
-            let emission = if on_surface { self.emission(&surface, &ray, previous) } else { Emission::default() };
-            let emission = emission.dimmed(passed);
-            let normal = if on_surface { surface.normal_towards(-ray.direction) } else { Vec3::ZERO };
-            let (point, distance, direct) = (surface.point, surface.distance, Direct::default());
-            let shape = surface.shape;
-            let mut details =
-                Details { point, shape, distance, normal, throughput, emission, direct, step: None, absorbed: false };
-            let emitted = emission.weighted();
-            let mut vertex = Vertex { emitted, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0 };
-            if depth == self.settings.max_depth {
+            let mut vertex = Vertex { emitted: arrival.emission.weighted(), ..Vertex::END };
+            let mut details = Details::new(&arrival, &path);
+            if path.depth == self.settings.max_depth {
                 scratch.push::<RECORDS>(vertex, details);
                 break;
             }
-            let smooth = E::MATERIALS && scattering.is_delta();
-            let field = if E::GUIDING { self.field } else { None };
-            let guide = field.filter(|_| !smooth).and_then(|field| field.at(surface.point, normal));
-            let mixture = Mixture::<E>::new(&surface, scattering, -ray.direction, guide);
-            // Without a guide nothing is known by which a path could be judged.
-            let pixel = if E::GUIDING { pixel } else { None };
-            let carried = channel_mean(throughput);
-            let importance = pixel.map(|value| carried / value);
-            let knows = self.settings.roulette == Roulette::Window;
-            let adjoint = guide.filter(|_| knows).map_or(AdjointRoulette::UNKNOWN, |guide| guide.roulette);
-            let mut light_probability = 0.0;
-            if self.settings.nee && !smooth {
-                light_probability = importance.map_or(1.0, |importance| adjoint.light_probability(importance, carried));
-                details.direct = self.connect(&surface, &mixture, medium, light_probability, random, count);
-                vertex.direct = details.direct.value;
-            }
+            let mixture = Mixture::<E>::new(&arrival.surface, arrival.scattering, -path.ray.direction, arrival.guide);
+            let worth = self.worth::<E>(&path, &arrival, pixel);
+            details.direct = self.connect(&path, &arrival, &mixture, worth.light, random, count);
+            vertex.direct = details.direct.value;
             let Some(sample) = mixture.sample(random, Transport::Radiance) else {
-                details.absorbed = !smooth;
+                details.absorbed = !arrival.smooth;
                 scratch.push::<RECORDS>(vertex, details);
                 break;
             };
-            throughput *= sample.weight;
-            // Without a guide both are the same.
-            reflected = if E::GUIDING { reflected * sample.bsdf_weight } else { throughput };
-            // What a mirror shows has nothing to do with what the voxel's other directions send back.
-            let judging = importance.filter(|_| !sample.delta);
-            let worth = judging.and_then(|importance| adjoint.survival(importance, carried));
-            let judged = if E::GUIDING { throughput.max(reflected) } else { throughput };
-            if E::MATERIALS {
-                squeezed *= mixture.eta(sample.direction).powi(2);
-            }
-            let survival = worth.unwrap_or_else(|| self.survival(depth, judged * squeezed));
-            let survives = survival >= 1.0 || random.at(Dimension::ROULETTE).next_f32() < survival;
-            (vertex.weight, vertex.survival) = (sample.weight, survival);
-            details.step = (survives || !sample.delta).then_some(Step { sample, survival });
+            (vertex.weight, vertex.survival) =
+                (sample.weight, self.survival::<E>(&mut path, &mixture, &sample, &worth));
+            let survives = vertex.survival >= 1.0 || random.at(Dimension::ROULETTE).next_f32() < vertex.survival;
+            details.step = (survives || !sample.delta).then_some(Step { sample, survival: vertex.survival });
+            let survival = vertex.survival;
             scratch.push::<RECORDS>(vertex, details);
-            if !survives || throughput == Vec3::ZERO {
+            if !survives || path.throughput == Vec3::ZERO {
                 break;
             }
-            throughput /= survival;
-            reflected /= survival;
-            let light_probability = if sample.delta { 0.0 } else { light_probability };
-            previous = Some(Previous { point: surface.point, pdf: sample.pdf, light_probability });
-            if E::MEDIA && on_surface {
-                medium = self.scene.medium_beyond(&surface, sample.direction, medium);
-            }
-            ray = surface.leave(sample.direction);
+            self.scatter::<E>(&mut path, &arrival, &sample, survival, worth.light);
         }
         Emission::default()
     }
 
-    /// Probability that the path goes on. Where a guide chose the direction, f·cos/p is small because p is large, that is
-    /// because much light is expected there: ending such paths early would undo what guiding gains. So what counts is the
-    /// share that the surfaces reflect, as if their BSDFs had chosen the directions, or the throughput where that is larger. And
-    /// what glass divides by η² on the way in it multiplies on the way out: inside of it paths are worth as much as outside.
-    fn survival(&self, depth: u32, throughput: Vec3) -> f32 {
-        if self.settings.roulette == Roulette::Off || depth < ROULETTE_START {
+    /// The end of the path's next segment; the background's emission where that is none.
+    #[inline(always)]
+    fn arrive<E: Effects>(
+        &self,
+        path: &mut PathState,
+        random: &Random,
+        count: &mut RayCount,
+    ) -> Result<Arrival<'_>, Emission> {
+        count.rays += 1;
+        let (surface, scattering, passed);
+        if E::MEDIA || E::MATERIALS {
+            let random = &mut random.at(Dimension::SEGMENT);
+            let (arrival, factor) = self.scene.advance::<E>(&path.ray, &mut path.medium, path.throughput, random);
+            let Some(found) = Scattering::at(self.scene, arrival) else {
+                return Err(self.background(path).dimmed(factor));
+            };
+            ((surface, scattering), passed) = (found, factor);
+        } else {
+            // On plain scenes the surface goes through no enum and is made where it stays: it is long, and every copy shows.
+            let Some(hit) = self.scene.accel.intersect(&path.ray) else { return Err(self.background(path)) };
+            surface = Surface::new(&path.ray, &hit, &self.scene.shapes[hit.shape as usize]);
+            (scattering, passed) = (Scattering::Material(self.scene.material(&surface)), Vec3::ONE);
+        }
+        if E::MEDIA {
+            path.throughput *= passed;
+            path.reflected *= passed;
+        }
+        let on_surface = !E::MEDIA || scattering.is_material();
+        let emission = if on_surface { self.emission(&surface, path) } else { Emission::default() };
+        let normal = if on_surface { surface.normal_towards(-path.ray.direction) } else { Vec3::ZERO };
+        let smooth = E::MATERIALS && scattering.is_delta();
+        let field = if E::GUIDING { self.field } else { None };
+        let guide = field.filter(|_| !smooth).and_then(|field| field.at(surface.point, normal));
+        Ok(Arrival {
+            surface,
+            scattering,
+            passed,
+            on_surface,
+            emission: emission.dimmed(passed),
+            normal,
+            smooth,
+            guide,
+        })
+    }
+
+    /// What light sampling and going on are worth at a vertex.
+    #[inline(always)]
+    fn worth<E: Effects>(&self, path: &PathState, at: &Arrival, pixel: Option<f32>) -> Worth {
+        // Without a guide nothing is known by which a path could be judged.
+        let pixel = if E::GUIDING { pixel } else { None };
+        let carried = channel_mean(path.throughput);
+        let importance = pixel.map(|value| carried / value);
+        let knows = self.settings.roulette == Roulette::Window;
+        let adjoint = at.guide.filter(|_| knows).map_or(AdjointRoulette::UNKNOWN, |guide| guide.roulette);
+        let tries = self.settings.light_sampling && !at.smooth;
+        let light = importance.map_or(1.0, |importance| adjoint.light_probability(importance, carried));
+        Worth {
+            light: if tries { light } else { 0.0 },
+            onward: importance.and_then(|importance| adjoint.survival(importance, carried)),
+        }
+    }
+
+    /// Takes the path along the direction that was drawn, to which it survived with probability `survival`.
+    #[inline(always)]
+    fn scatter<E: Effects>(
+        &self,
+        path: &mut PathState,
+        at: &Arrival,
+        sample: &MixtureSample,
+        survival: f32,
+        light_probability: f32,
+    ) {
+        path.throughput /= survival;
+        path.reflected /= survival;
+        let light_probability = if sample.delta { 0.0 } else { light_probability };
+        path.previous = Some(Previous { point: at.surface.point, pdf: sample.pdf, light_probability });
+        if E::MEDIA && at.on_surface {
+            path.medium = self.scene.medium_beyond(&at.surface, sample.direction, path.medium);
+        }
+        path.ray = at.surface.leave(sample.direction);
+    }
+
+    /// Probability that the path goes on in the direction that was drawn, by which its throughput is multiplied. Where a guide chose
+    /// the direction, f·cos/p is small because p is large, that is because much light is expected there: ending such paths early
+    /// would undo what guiding gains. So what counts is the share that the surfaces reflect, as if their BSDFs had chosen the
+    /// directions, or the throughput where that is larger. And what glass divides by η² on the way in it multiplies on the way out:
+    /// inside of it paths are worth as much as outside.
+    #[inline(always)]
+    fn survival<E: Effects>(
+        &self,
+        path: &mut PathState,
+        mixture: &Mixture<E>,
+        sample: &MixtureSample,
+        worth: &Worth,
+    ) -> f32 {
+        path.throughput *= sample.weight;
+        // Without a guide both are the same.
+        path.reflected = if E::GUIDING { path.reflected * sample.bsdf_weight } else { path.throughput };
+        if E::MATERIALS {
+            path.squeezed *= mixture.eta(sample.direction).powi(2);
+        }
+        // What a mirror shows has nothing to do with what the voxel's other directions send back.
+        if let Some(expected) = worth.onward.filter(|_| !sample.delta) {
+            return expected;
+        }
+        if self.settings.roulette == Roulette::Off || path.depth < ROULETTE_START {
             return 1.0;
         }
-        throughput.max_element().clamp(0.05, ROULETTE_MOST)
+        let judged = if E::GUIDING { path.throughput.max(path.reflected) } else { path.throughput };
+        (judged * path.squeezed).max_element().clamp(0.05, ROULETTE_MOST)
     }
 
     /// Emission of a surface that the path ran into.
     #[inline(always)]
-    fn emission(&self, surface: &Surface, ray: &Ray, previous: Option<Previous>) -> Emission {
+    fn emission(&self, surface: &Surface, path: &PathState) -> Emission {
         let Some((index, Light::Area(light))) = self.scene.light_of(surface) else { return Emission::default() };
-        let radiance = light.emitted(surface, -ray.direction);
-        match previous {
+        let radiance = light.emitted(surface, -path.ray.direction);
+        match path.previous {
             Some(p) if p.light_probability > 0.0 => {
                 let choice = self.scene.lights.probability(p.point, index) * p.light_probability;
                 let weight = mis::balance(p.pdf, light.pdf(p.point, surface) * choice);
@@ -335,9 +448,9 @@ impl PathTracer<'_> {
     }
 
     #[inline(always)]
-    fn background(&self, ray: &Ray, previous: Option<Previous>) -> Emission {
-        let (radiance, light_pdf) = self.scene.lights.background(ray.direction);
-        match previous {
+    fn background(&self, path: &PathState) -> Emission {
+        let (radiance, light_pdf) = self.scene.lights.background(path.ray.direction);
+        match path.previous {
             Some(p) if p.light_probability > 0.0 => {
                 let weight = mis::balance(p.pdf, light_pdf * p.light_probability);
                 Emission { radiance, weight, connected: true }
@@ -346,19 +459,21 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Next event estimation: f·L·w / p for one sampled light, tried with `probability`, from a vertex that the path reached
-    /// through `medium`.
+    /// Light sampling: f·L·w / p for one sampled light, tried with `probability`.
     #[inline(always)]
     fn connect<E: Effects>(
         &self,
-        surface: &Surface,
+        path: &PathState,
+        at: &Arrival,
         mixture: &Mixture<E>,
-        medium: Option<MediumId>,
         probability: f32,
         random: &Random,
         count: &mut RayCount,
     ) -> Direct {
-        let nothing = Direct::default();
+        let (nothing, surface) = (Direct::default(), &at.surface);
+        if probability <= 0.0 {
+            return nothing;
+        }
         if E::GUIDING && probability < 1.0 && random.at(Dimension::CONNECTION).next_f32() >= probability {
             return nothing;
         }
@@ -371,7 +486,7 @@ impl PathTracer<'_> {
         }
         let (ray, t_max) = surface.towards(light.wi, light.distance);
         count.rays += 1;
-        let visible = self.scene.passes::<E>(surface, &ray, t_max, medium);
+        let visible = self.scene.passes::<E>(surface, &ray, t_max, path.medium);
         if visible == Vec3::ZERO {
             return nothing;
         }

@@ -44,8 +44,8 @@ impl Photon {
     /// Trees learn from paths what light sampling finds too, but photons straight from a light are left out: kept, they crowd out
     /// what only photons know, and equal samples leave 1.02 to 1.2 times the error (`lamp-room` 1.12, a room with a lamp in a shade
     /// 1.14, a classroom by daylight 1.2). So kinds of samples are compared by the other light alone, see [`PathRecord::shown`](crate::guiding::record::PathRecord::shown).
-    fn is_useful(&self, nee: bool) -> bool {
-        self.scattered || (self.reachable && (self.delta_chain > 0 || !nee))
+    fn is_useful(&self, light_sampling: bool) -> bool {
+        self.scattered || (self.reachable && (self.delta_chain > 0 || !light_sampling))
     }
 
     /// Whether its power is finite; a photon that ends because it is not is counted.
@@ -104,7 +104,7 @@ impl PhotonTracer<'_> {
             }
             let Some((surface, scattering)) = Scattering::at(self.scene, arrival) else { return };
             let on_surface = scattering.is_material();
-            if !scattering.is_delta() && photon.is_useful(self.settings.nee) {
+            if !scattering.is_delta() && photon.is_useful(self.settings.light_sampling) {
                 self.deposit(path, &surface, on_surface, -ray.direction, &photon, records);
             }
             let mixture = Mixture::<E>::new(&surface, scattering, -ray.direction, None);

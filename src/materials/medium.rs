@@ -136,7 +136,7 @@ mod tests {
         }
     }
 
-    /// STABILITY.md, A12: nothing, or everything at once.
+    /// docs/stability.md, A12: nothing, or everything at once.
     #[test]
     fn a12_limits_are_exact() {
         let clear = medium(Vec3::ZERO, 1.0);

@@ -51,7 +51,7 @@ impl HenyeyGreenstein {
 mod tests {
     use super::*;
 
-    /// STABILITY.md, A12: from backwards to forwards, through isotropic.
+    /// docs/stability.md, A12: from backwards to forwards, through isotropic.
     const ALL: [f32; 9] = [-1.0, -0.99, -0.7, -1e-4, 0.0, 1e-6, 0.3, 0.95, 1.0];
 
     #[test]

@@ -50,8 +50,9 @@ pub struct Config {
 pub struct Mode {
     /// `radiance`, `variance` or `variance-pixel`.
     pub target: String,
-    /// Whether next event estimation was on, and so left out of the trees.
-    pub nee: bool,
+    /// Whether there was light sampling, whose light was then left out of the trees.
+    #[serde(rename = "nee")]
+    pub light_sampling: bool,
     /// Whether Russian roulette was on.
     pub roulette: bool,
     /// Share of a tree's total above which a node is split, ρ.

@@ -47,7 +47,7 @@ const OFFSETS: [[i32; 2]; 9] = [[-1, -1], [-1, 0], [-1, 1], [0, -1], [0, 0], [0,
 impl Gaussian {
     /// Smooths a voxel's counted tree.
     pub fn smooth_tree(&self, tree: &CountedTree) -> Distribution {
-        self.smooth(tree.counted, tree.traits.all_samples())
+        self.smooth(tree.counted, tree.voxel_features.all_samples())
     }
 
     /// Smooths `noisy`, which was made from `samples` samples. φ wraps; beyond a pole lies the cell across (φ + π).

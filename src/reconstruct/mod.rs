@@ -210,7 +210,7 @@ mod tests {
     use super::*;
     use crate::guiding::target::Target;
     use crate::guiding::tree::context::Block;
-    use crate::guiding::tree::features::Traits;
+    use crate::guiding::tree::features::VoxelFeatures;
     use crate::guiding::tree::leaves::Leaves;
 
     /// Makes every tree uniform, at a price.
@@ -239,7 +239,7 @@ mod tests {
             counted: &counted,
             own: Leaves { topology: &topology, sums: &sums, layout: Layout::Values, target: Target::Variance },
             block: &block,
-            traits: Traits { samples: [4, 0], ..Traits::default() },
+            voxel_features: VoxelFeatures { samples: [4, 0], ..VoxelFeatures::default() },
             contribution,
         };
         let (made, spent) = reconstruct_within(rays, &[1.0, 3.0, 2.0].map(tree), &Flat(price)).unwrap();

@@ -129,7 +129,7 @@ fn smoothed(input: &CountedTree) -> Distribution {
 }
 
 fn corrected_inputs(input: &CountedTree, smoothed: &Distribution) -> NodeInputs {
-    node_inputs(input.counted, smoothed.node_mass(), &input.own, input.block, &input.traits)
+    node_inputs(input.counted, smoothed.node_mass(), &input.own, input.block, &input.voxel_features)
 }
 
 /// The encoder's output of every level, from the root down.

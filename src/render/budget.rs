@@ -18,7 +18,7 @@ pub struct Outlook {
     /// What the iteration would cost.
     pub cost: f64,
     /// Part of that cost that goes into the picture all the same: the share of camera paths.
-    pub useful: f64,
+    pub camera_part: f64,
     /// Most that learning may take of the budget.
     pub limit: f64,
 }
@@ -75,9 +75,9 @@ impl Verdict {
 /// While light that photons know of was hardly found, variances tell nothing and learning goes on. Where nothing is known, no more is
 /// spent than is free: scenes with fireflies would be learned until half of the budget is gone.
 ///
-/// Stopping now renders `left` at the variance s of the field at hand. Learning on spends `cost`, of which `useful` is rendered at
+/// Stopping now renders `left` at the variance s of the field at hand. Learning on spends `cost`, of which `camera_part` is rendered at
 /// s, and renders the rest at r·s, where r is how much the last iteration lowered the variance. Precisions add up where passes
-/// are combined by inverse variance, so learning pays where (left − cost)(1/r − 1) exceeds cost·(1 − useful).
+/// are combined by inverse variance, so learning pays where (left − cost)(1/r − 1) exceeds cost·(1 − camera_part).
 pub fn learns_on(outlook: &Outlook, variances: &[f64], verdict: Verdict) -> bool {
     let spent = outlook.budget - outlook.left;
     if spent + outlook.cost > outlook.limit * outlook.budget {
@@ -94,7 +94,7 @@ pub fn learns_on(outlook: &Outlook, variances: &[f64], verdict: Verdict) -> bool
     }
     let usable = before.is_finite() && last.is_finite() && before > 0.0 && last > 0.0;
     let factor = if usable { (last / before).clamp(FACTOR[0], FACTOR[1]) } else { FACTOR[1] };
-    (outlook.left - outlook.cost) * (1.0 / factor - 1.0) > outlook.cost * (1.0 - outlook.useful)
+    (outlook.left - outlook.cost) * (1.0 / factor - 1.0) > outlook.cost * (1.0 - outlook.camera_part)
 }
 
 /// What a sample costs with a guide, in samples without: measured on scenes of a few triangles, where it is most. A constant
@@ -140,8 +140,8 @@ fn pays(gain: f64) -> bool {
 mod tests {
     use super::*;
 
-    fn outlook(left: f64, cost: f64, useful: f64) -> Outlook {
-        Outlook { budget: 100.0, left, cost, useful, limit: 0.5 }
+    fn outlook(left: f64, cost: f64, camera_part: f64) -> Outlook {
+        Outlook { budget: 100.0, left, cost, camera_part, limit: 0.5 }
     }
 
     #[test]

@@ -139,7 +139,7 @@ impl Moment<'_> {
 
     fn state_numbers(&self) -> [f64; STATE] {
         let State { passes, early, gave_up, spent, rendered, sequences_from, trend, position, halves } = self.state;
-        let Trend { seconds, useful, verdict, relative, .. } = *trend;
+        let Trend { seconds, camera_part, verdict, relative, .. } = *trend;
         let flag = |flag: bool| f64::from(u8::from(flag));
         let phase = Phase::ALL.iter().position(|phase| *phase == position.phase).unwrap_or(0);
         let done = |i: usize| flag(halves.get(i).is_some_and(|half| half.done.is_some()));
@@ -152,7 +152,7 @@ impl Moment<'_> {
             f64::from(*rendered),
             sequences_from.map_or(-1.0, f64::from),
             seconds,
-            useful,
+            camera_part,
             verdict.number(),
             relative,
             phase as f64,
@@ -259,7 +259,8 @@ fn rows<const N: usize>(file: &Tensors, name: &str) -> Result<Vec<[f64; N]>> {
 }
 
 fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State> {
-    let &[passes, early, gave_up, spent, rendered, sequences, seconds, useful, verdict, relative, ..] = numbers else {
+    let &[passes, early, gave_up, spent, rendered, sequences, seconds, camera_part, verdict, relative, ..] = numbers
+    else {
         return file.fail("state", "numbers are missing");
     };
     let &[_, _, _, _, _, _, _, _, _, _, phase, iteration, voxels, began, traced, batches, each, half, ..] = numbers
@@ -298,7 +299,7 @@ fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State
     let trend = Trend {
         variances: file.read("variances", Dtype::F64, None, 1, f64::from_le_bytes)?,
         seconds,
-        useful,
+        camera_part,
         verdict: Verdict::from_number(verdict),
         relative,
     };

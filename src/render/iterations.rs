@@ -103,7 +103,7 @@ impl Run<'_> {
         let trend = &mut self.state.trend;
         trend.verdict = variance.map_or(Verdict::Unknown, |v| judged(v, &learning.moments, finished.samples() as f64));
         trend.variances.extend(finished.sample_variance());
-        trend.useful = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
+        trend.camera_part = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
         trend.seconds = seconds;
         if let StopRule::TargetError(_) = self.settings.stop {
             trend.relative = part.pass.relative_variance();
@@ -158,17 +158,17 @@ impl Run<'_> {
         let outlook = match self.settings.stop {
             StopRule::Spp(spp) => {
                 let budget = f64::from(spp);
-                Outlook { budget, left: budget - spent, cost, useful: 1.0 / kinds, limit }
+                Outlook { budget, left: budget - spent, cost, camera_part: 1.0 / kinds, limit }
             }
             StopRule::Time(budget) => {
                 let left = budget - self.watcher.elapsed();
-                Outlook { budget, left, cost: 2.0 * trend.seconds, useful: trend.useful, limit }
+                Outlook { budget, left, cost: 2.0 * trend.seconds, camera_part: trend.camera_part, limit }
             }
             // What is learned from does not enter a picture that ends by its own samples; the first iterations find out how
             // many those will be.
             StopRule::TargetError(error) => {
                 let left = if trend.relative > 0.0 { trend.relative / error } else { 100.0 * cost };
-                Outlook { budget: spent + left, left, cost, useful: 0.0, limit }
+                Outlook { budget: spent + left, left, cost, camera_part: 0.0, limit }
             }
         };
         if self.learn_only {

@@ -16,7 +16,7 @@ use crate::scene::plan::{EffectKind, EffectPlan};
 /// What guides the paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GuideMode {
-    /// Nothing: BSDF sampling with next event estimation.
+    /// Nothing: BSDF sampling with light sampling.
     None,
     /// Jensen 1995: photons in histograms of fixed cells.
     Jensen,
@@ -182,7 +182,7 @@ impl RenderSettings {
             _ => Reconstruction::None,
         };
         let settings = Self {
-            transport: TransportSettings { max_depth: 20, nee: true, roulette },
+            transport: TransportSettings { max_depth: 20, light_sampling: true, roulette },
             guide,
             samples,
             reconstruction,
@@ -231,7 +231,7 @@ impl RenderSettings {
         if !plan.is_on(EffectKind::Reconstruction) || self.guide == GuideMode::None {
             self = self.with_reconstruction(Reconstruction::None);
         }
-        self.transport.nee &= plan.is_on(EffectKind::DirectLight);
+        self.transport.light_sampling &= plan.is_on(EffectKind::DirectLight);
         self
     }
 
@@ -242,8 +242,8 @@ impl RenderSettings {
                 plan.decide(kind, false, why);
             }
         };
-        if !self.transport.nee {
-            off(EffectKind::DirectLight, "next event estimation is off");
+        if !self.transport.light_sampling {
+            off(EffectKind::DirectLight, "light sampling is off");
         }
         if self.guide == GuideMode::None {
             let why = "the method is none: nothing is guided";
@@ -263,7 +263,7 @@ impl RenderSettings {
     pub fn mode(&self) -> Mode {
         Mode {
             target: self.learner.target.name().into(),
-            nee: self.transport.nee,
+            light_sampling: self.transport.light_sampling,
             roulette: self.transport.roulette != Roulette::Off,
             split_share: self.learner.tree.split_share as f32,
             direct: self.learner.direct.name().into(),

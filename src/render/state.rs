@@ -30,7 +30,7 @@ pub(super) struct Trend {
     pub variances: Vec<f64>,
     /// Seconds of the last iteration, and the part of them in which camera paths were traced.
     pub seconds: f64,
-    pub useful: f64,
+    pub camera_part: f64,
     /// On the guide that the last iteration made.
     pub verdict: Verdict,
     /// relMSE of a picture with one sample per pixel, by the last iteration; only kept where a target error asks for it.

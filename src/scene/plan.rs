@@ -10,7 +10,7 @@ use super::file::{LightFile, MaterialFile, SceneFile, TextureFile};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EffectKind {
-    /// Next event estimation.
+    /// Light sampling: next event estimation.
     DirectLight,
     /// Emitting shapes.
     AreaLights,

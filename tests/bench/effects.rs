@@ -155,7 +155,7 @@ fn samples(scene: &Scene, tracer: Tracer, per_pixel: u64) -> Vec<Vec3> {
     let starts = indices.map(|(pixel, sample)| camera_ray(scene, pixel, sample));
     match tracer {
         Tracer::Ours => {
-            let settings = TransportSettings { max_depth: MAX_DEPTH, nee: true, roulette: Roulette::Window };
+            let settings = TransportSettings { max_depth: MAX_DEPTH, light_sampling: true, roulette: Roulette::Window };
             let tracer = PathTracer { scene, settings, field: None };
             let (mut scratch, mut rays) = (PathScratch::default(), RayCount::default());
             let mut trace = |(ray, mut random)| tracer.trace(ray, &mut random, &mut scratch, None, None, &mut rays);

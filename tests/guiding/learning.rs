@@ -154,16 +154,19 @@ fn earlier_iterations_are_remembered() {
         let settings = LearnerSettings { tree, parallax: false, voxel_samples: 150, ..LearnerSettings::default() };
         let mut learner = Learner::new(settings);
         learner.absorb(&samples(200, light), &[], true);
-        assert_eq!(learner.counted()[0].as_ref().map(|tree| tree.traits.past), Some(0.0));
+        assert_eq!(learner.counted()[0].as_ref().map(|tree| tree.voxel_features.past), Some(0.0));
         learner.refine(1);
         assert_eq!(learner.voxels(), 4, "200 samples are more than a voxel may have, and so are those of their eighth");
         learner.absorb(&samples(100, -light), &[], true);
         let counted = learner.counted();
-        let tree = counted.iter().flatten().find(|tree| tree.traits.samples[0] > 0).expect("100 samples");
+        let tree = counted.iter().flatten().find(|tree| tree.voxel_features.samples[0] > 0).expect("100 samples");
         let leaf = tree.counted.topology().leaf_at(cylindrical::to_cell(light));
         let mass = tree.counted.node_mass()[leaf];
         assert!((mass - expected).abs() < 1e-6, "{mass}, expected {expected}");
-        assert_eq!(tree.traits.past, counts, "half of the first samples, which all lay in this part of the voxel");
+        assert_eq!(
+            tree.voxel_features.past, counts,
+            "half of the first samples, which all lay in this part of the voxel"
+        );
     }
 }
 

@@ -5,7 +5,7 @@ use fanal::guiding::target::Target;
 use fanal::guiding::tree::CountedTree;
 use fanal::guiding::tree::context::Block;
 use fanal::guiding::tree::distribution::Distribution;
-use fanal::guiding::tree::features::{FEATURES, NodeInputs, Traits};
+use fanal::guiding::tree::features::{FEATURES, NodeInputs, VoxelFeatures};
 use fanal::guiding::tree::leaves::{BSDF, COUNTS, Layout, Leaves, NETWORK_CHANNELS, SQUARES, VALUES};
 use fanal::guiding::tree::topology::{MAX_LEVEL, MAX_NODES, Topology};
 use fanal::network::backend::{Backend, DecodeInputs, EncodeInputs};
@@ -51,14 +51,20 @@ pub struct Tree {
     pub own: Topology,
     pub sums: Vec<f32>,
     pub block: Block,
-    pub traits: Traits,
+    pub voxel_features: VoxelFeatures,
 }
 
 impl Tree {
     /// What a reconstructor is given.
     pub fn input(&self) -> CountedTree<'_> {
         let own = Leaves { topology: &self.own, sums: &self.sums, layout: Layout::Network, target: Target::Variance };
-        CountedTree { counted: &self.counted, own, block: &self.block, traits: self.traits, contribution: 1.0 }
+        CountedTree {
+            counted: &self.counted,
+            own,
+            block: &self.block,
+            voxel_features: self.voxel_features,
+            contribution: 1.0,
+        }
     }
 }
 
@@ -72,7 +78,13 @@ fn with_sums(topology: Topology, sums: Vec<f32>) -> Tree {
     };
     // Around it are twenty times the samples, of a coarser tree.
     let block = Block { distribution: counted.on_grid(counted.topology().levels().min(3)), samples: [1400.0, 9000.0] };
-    Tree { counted, own: topology, sums, block, traits: Traits { samples: [50, 20], ..Traits::default() } }
+    Tree {
+        counted,
+        own: topology,
+        sums,
+        block,
+        voxel_features: VoxelFeatures { samples: [50, 20], ..VoxelFeatures::default() },
+    }
 }
 
 /// Sums as a few random samples per leaf would give, some leaves without photons or without anything.

@@ -168,7 +168,7 @@ fn a09_photons_without_finite_power_are_counted() {
         b.add_quad("lamp", below, [Vec3::X * 0.3, Vec3::Z * 0.3], &black, Some([8e37; 3]));
     }
     let mut settings = settings(GUIDES[2], 16, 1);
-    settings.transport.nee = false;
+    settings.transport.light_sampling = false;
     let outcome = rendered(&built(b.finish()), &settings);
     let drops = &outcome.statistics.dropped;
     // The first iteration has as many photons as pixels.
@@ -180,9 +180,9 @@ fn a09_photons_without_finite_power_are_counted() {
 #[test]
 fn a09_causes_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();
-    let settings = |nee: bool| {
+    let settings = |light_sampling: bool| {
         let mut settings = settings(GUIDES[0], 16, 1);
-        settings.transport.nee = nee;
+        settings.transport.light_sampling = light_sampling;
         settings
     };
     let screen = scene_in(folder.path(), broken_screen(folder.path()));

@@ -560,7 +560,7 @@ fn a12_media_at_their_limits() {
             let mut settings = settings(*guide, 64, 1);
             settings.transport.max_depth = 5000;
             // Without light sampling and roulette the weight of every path is 1.
-            (settings.transport.nee, settings.transport.roulette) = (false, Roulette::Off);
+            (settings.transport.light_sampling, settings.transport.roulette) = (false, Roulette::Off);
             let image = picture(&ball_under_sky(MaterialFile::Null, Some(medium(sigma, albedo, g))), &settings);
             assert!(image.pixels.iter().all(|p| p.is_finite() && p.min_element() >= 0.0), "{sigma} {albedo} {g}");
             let middle = [27, 28, 35, 36].map(|i| f64::from(image.pixels[i].x)).iter().sum::<f64>() / 4.0;
@@ -590,7 +590,7 @@ fn peaked_field(fraction: f32, roulette: AdjointRoulette) -> GuideField {
 /// `n` paths from the middle of a scene: rays per path, and the mean radiance with its standard error. Their pixel is
 /// thought to have the value 1.
 fn paths_in(scene: &Scene, n: u32, roulette: Roulette, field: Option<&GuideField>) -> [f64; 3] {
-    let settings = TransportSettings { max_depth: 300, nee: false, roulette };
+    let settings = TransportSettings { max_depth: 300, light_sampling: false, roulette };
     let tracer = PathTracer { scene, settings, field };
     let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
     let (mut sum, mut squares) = (0.0, 0.0);
@@ -637,7 +637,7 @@ fn a15_glass_does_not_end_paths() {
     b.add_light(LightFile::Constant { radiance: [1.0; 3] });
     b.look_at(Vec3::ZERO, Vec3::X, Vec3::Y, 10.0);
     let scene = built(b.finish());
-    let transport = TransportSettings { max_depth: 20, nee: true, roulette: Roulette::Throughput };
+    let transport = TransportSettings { max_depth: 20, light_sampling: true, roulette: Roulette::Throughput };
     let tracer = PathTracer { scene: &scene, settings: transport, field: None };
     let mut inside = 0;
     for i in 0..200 {
@@ -665,7 +665,7 @@ fn a15_what_finds_nothing_counts() {
     let (directions, roulette) = (tree.map(Into::into), AdjointRoulette::UNKNOWN);
     let guide = VoxelGuide { directions, parallax: Parallax::NONE, bsdf_fraction: 0.5, roulette };
     let field = GuideField::new(cache, vec![guide]);
-    let transport = TransportSettings { max_depth: 2, nee: false, roulette: Roulette::Off };
+    let transport = TransportSettings { max_depth: 2, light_sampling: false, roulette: Roulette::Off };
     let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field) };
     let (mut scratch, mut count, mut records) = (PathScratch::default(), RayCount::default(), vec![]);
     for i in 0..20_000 {

@@ -103,8 +103,8 @@ fn lit_floor(light: Option<LightFile>) -> Scene {
 }
 
 /// Flux into the floor by path tracing: π/albedo · the mean radiance over the floor · its area.
-fn traced_flux(scene: &Scene, nee: bool) -> f64 {
-    let settings = TransportSettings { max_depth: 2, nee, roulette: Roulette::Off };
+fn traced_flux(scene: &Scene, light_sampling: bool) -> f64 {
+    let settings = TransportSettings { max_depth: 2, light_sampling, roulette: Roulette::Off };
     let tracer = PathTracer { scene, settings, field: None };
     let part = |part: u64| {
         let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
@@ -147,9 +147,9 @@ fn emitted_flux(scene: &Scene) -> f64 {
 }
 
 /// The same by the photon tracer, which keeps photons straight from lights where there is no light sampling.
-fn deposited_flux(scene: &Scene, nee: bool) -> f64 {
+fn deposited_flux(scene: &Scene, light_sampling: bool) -> f64 {
     let emission = EmissionGuide::new(&scene.lights.emission);
-    let settings = TransportSettings { max_depth: 2, nee, roulette: Roulette::Throughput };
+    let settings = TransportSettings { max_depth: 2, light_sampling, roulette: Roulette::Throughput };
     let tracer = PhotonTracer { scene, settings, emission: &emission };
     mean_of_parts(|part| {
         let (mut records, mut count) = (vec![], RayCount::default());
@@ -205,7 +205,7 @@ fn s08_photons_of_several_lights_carry_their_sum() {
     b.add_sphere("b", Vec3::new(-0.4, 0.2, 0.0), 0.1, &wall, Some([48.0; 3]));
     let scene = built(b.finish());
     let emission = EmissionGuide::new(&scene.lights.emission);
-    let settings = TransportSettings { max_depth: 2, nee: false, roulette: Roulette::Throughput };
+    let settings = TransportSettings { max_depth: 2, light_sampling: false, roulette: Roulette::Throughput };
     let tracer = PhotonTracer { scene: &scene, settings, emission: &emission };
     let (mut records, mut count) = (vec![], RayCount::default());
     let n = 100_000;
@@ -226,11 +226,14 @@ fn rectangle_factor(a: f64, b: f64) -> f64 {
 /// distance².
 fn direct(name: &str, scene: &Scene, irradiance: f64, reachable: bool) {
     let expected = irradiance * 0.5 / std::f64::consts::PI;
-    for (guide, nee) in GUIDES.iter().flat_map(|&guide| [(guide, true), (guide, false)]) {
-        let transport = TransportSettings { max_depth: 2, nee, roulette: Roulette::Throughput };
+    for (guide, light_sampling) in GUIDES.iter().flat_map(|&guide| [(guide, true), (guide, false)]) {
+        let transport = TransportSettings { max_depth: 2, light_sampling, roulette: Roulette::Throughput };
         let found = mean(&picture(scene, &RenderSettings { transport, ..settings(guide, 256, 1) }));
-        if nee || reachable {
-            assert!((found / expected - 1.0).abs() < 0.025, "{name}, {guide:?}, nee {nee}: {found} {expected}");
+        if light_sampling || reachable {
+            assert!(
+                (found / expected - 1.0).abs() < 0.025,
+                "{name}, {guide:?}, light sampling {light_sampling}: {found} {expected}"
+            );
         } else {
             assert_eq!(found, 0.0, "{name}: nothing can hit this light");
         }

@@ -43,8 +43,8 @@ fn sky_furnace(albedo: f32) -> Scene {
 /// Student's test of the mean over 12 seeds against `expected`, at the level of 3σ: 0.27 % false alarms per case. Its 136 cases
 /// (72 closed furnaces, 10 options, 36 skies, 18 white balls) together raise one in 31 % of new seeds; with these, it is decided.
 /// The standard error must resolve 1 %, or the test could not fail.
-fn furnace(scene: &Scene, guide: Guide, nee: bool, expected: f64) {
-    furnace_with(scene, guide, expected, |settings| settings.transport.nee = nee);
+fn furnace(scene: &Scene, guide: Guide, light_sampling: bool, expected: f64) {
+    furnace_with(scene, guide, expected, |settings| settings.transport.light_sampling = light_sampling);
 }
 
 /// The same with settings changed.
@@ -77,8 +77,8 @@ fn s03_closed_furnaces() {
     for albedo in [0.5, 0.8] {
         let expected = 1.0 / (1.0 - f64::from(albedo));
         for scene in [built(box_furnace(albedo)), sphere_furnace(albedo)] {
-            for (guide, nee) in GUIDES.into_iter().flat_map(|guide| [(guide, true), (guide, false)]) {
-                furnace(&scene, guide, nee, expected);
+            for (guide, light_sampling) in GUIDES.into_iter().flat_map(|guide| [(guide, true), (guide, false)]) {
+                furnace(&scene, guide, light_sampling, expected);
             }
         }
     }
@@ -124,8 +124,8 @@ fn work_follows_the_light() {
 fn s03_sky_furnaces() {
     for albedo in [0.5, 0.8] {
         let scene = sky_furnace(albedo);
-        for (guide, nee) in GUIDES.into_iter().flat_map(|guide| [(guide, true), (guide, false)]) {
-            furnace(&scene, guide, nee, f64::from(albedo));
+        for (guide, light_sampling) in GUIDES.into_iter().flat_map(|guide| [(guide, true), (guide, false)]) {
+            furnace(&scene, guide, light_sampling, f64::from(albedo));
         }
     }
 }

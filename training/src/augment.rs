@@ -6,7 +6,7 @@
 
 use fanal::base::random::Random;
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::tree::features::Traits;
+use fanal::guiding::tree::features::VoxelFeatures;
 use fanal::guiding::tree::leaves::NETWORK_CHANNELS;
 use fanal::guiding::tree::topology::{NO_CHILD, Topology};
 use glam::Vec3;
@@ -59,7 +59,7 @@ impl Symmetry {
             counted_split,
             block: pick(&sample.block, &block_leaves),
             block_split,
-            traits: Traits { normal: sample.traits.normal * signs, ..sample.traits },
+            voxel_features: VoxelFeatures { normal: sample.voxel_features.normal * signs, ..sample.voxel_features },
             target: pick(&sample.target, &target_leaves),
             target_bsdf: pick(&sample.target_bsdf, &target_leaves),
             target_split,

@@ -6,7 +6,7 @@ use fanal::guiding::target::Target;
 use fanal::guiding::tree::CountedTree;
 use fanal::guiding::tree::context::Block;
 use fanal::guiding::tree::distribution::{CommonCell, Distribution, kl_by_level, kl_of_cells, relative_moment};
-use fanal::guiding::tree::features::Traits;
+use fanal::guiding::tree::features::VoxelFeatures;
 use fanal::guiding::tree::leaves::{Layout, Leaves};
 use fanal::guiding::tree::topology::Topology;
 use fanal::network::backend::Backend;
@@ -26,7 +26,7 @@ pub struct Case {
     /// What is known around the voxel.
     pub block: Block,
     /// What is known of the voxel as a whole.
-    pub traits: Traits,
+    pub voxel_features: VoxelFeatures,
     /// What the sums of path samples are of.
     pub quantity: Target,
     /// Q_gt.
@@ -53,7 +53,7 @@ impl Case {
             own: tree("own", &sample.own_split)?,
             own_sums: sample.own_sums.clone(),
             block: Block { distribution: block, samples: sample.block_samples },
-            traits: sample.traits,
+            voxel_features: sample.voxel_features,
             quantity: sample.quantity,
             bsdf: on_tree(target.clone(), &wide(&sample.target_bsdf)),
             target: on_tree(target, &wide(&sample.target)),
@@ -64,7 +64,7 @@ impl Case {
     /// What a reconstructor is given.
     pub fn input(&self) -> CountedTree<'_> {
         let (counted, own, block) = (&self.counted, self.leaves(), &self.block);
-        CountedTree { counted, own, block, traits: self.traits, contribution: 1.0 }
+        CountedTree { counted, own, block, voxel_features: self.voxel_features, contribution: 1.0 }
     }
 
     /// The voxel's own samples.
@@ -74,7 +74,7 @@ impl Case {
 
     /// Path samples and photons in the own tree.
     pub fn samples(&self) -> f64 {
-        self.traits.samples.iter().map(|&n| f64::from(n)).sum()
+        self.voxel_features.samples.iter().map(|&n| f64::from(n)).sum()
     }
 }
 

@@ -94,7 +94,7 @@ pub fn evaluate(data: &Dataset, model: &Model, ablations: &[Ablation], limit: us
     let each = |f: &(dyn Fn(&Case) -> Distribution + Sync), cases: &[Case]| -> Result<Vec<Distribution>> {
         Ok(cases.par_iter().map(f).collect())
     };
-    let hybrid = |c: &Case| c.leaves().hybrid(f64::from(c.traits.path_share));
+    let hybrid = |c: &Case| c.leaves().hybrid(f64::from(c.voxel_features.path_share));
     let shipped = Gaussian::default();
     let mut rows = vec![
         bench.row("uniform", |cases| each(&|_| Distribution::uniform(), cases))?,
@@ -129,7 +129,7 @@ fn mean_tree(cases: &[Case]) -> Distribution {
 }
 
 fn bucket(case: &Case) -> usize {
-    BUCKETS.iter().rposition(|&low| case.traits.samples[0] >= low).unwrap_or(0)
+    BUCKETS.iter().rposition(|&low| case.voxel_features.samples[0] >= low).unwrap_or(0)
 }
 
 /// Trees to tune on and trees to measure on.

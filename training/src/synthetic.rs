@@ -7,7 +7,7 @@ use fanal::base::random::Random;
 use fanal::generate::shard::TreeSample;
 use fanal::guiding::target::Target;
 use fanal::guiding::tree::distribution::{Distribution, kl};
-use fanal::guiding::tree::features::Traits;
+use fanal::guiding::tree::features::VoxelFeatures;
 use fanal::guiding::tree::leaves::{BSDF, COUNTS, Layout, Leaves, NETWORK_CHANNELS, SQUARES, VALUES, solid_angle};
 use fanal::guiding::tree::topology::{MAX_LEVEL, Topology};
 
@@ -181,7 +181,7 @@ pub fn tree_sample(settings: &Settings, seed: u64, index: u32) -> TreeSample {
         counted: counted.leaf_mass().into_iter().map(|m| m as f32).collect(),
         own_split: input_split,
         own_sums,
-        traits: Traits { samples: [count, photon_count], ..Traits::default() },
+        voxel_features: VoxelFeatures { samples: [count, photon_count], ..VoxelFeatures::default() },
         target_split,
         target,
         target_bsdf,

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use anyhow::{Result, anyhow};
 use fanal::generate::dataset::Dataset;
 use fanal::generate::shard::TreeSample;
-use fanal::guiding::tree::features::Traits;
+use fanal::guiding::tree::features::VoxelFeatures;
 use fanal::guiding::tree::leaves::{BSDF, COUNTS, NETWORK_CHANNELS, SQUARES, VALUES};
 use serde::{Deserialize, Serialize};
 
@@ -73,7 +73,7 @@ impl View {
         for pairs in [&mut data.train, &mut data.held_out] {
             let Samples { least, end } = self.samples;
             pairs.retain(|pair| {
-                let paths = pair.traits.samples[0];
+                let paths = pair.voxel_features.samples[0];
                 let converged = self.floor.is_none_or(|most| f64::from(pair.floor_kl) <= most);
                 converged && paths >= least && end.is_none_or(|end| paths < end)
             });
@@ -104,14 +104,14 @@ fn restrict(pair: &mut TreeSample, inputs: Inputs) -> Result<()> {
             row[BSDF] = 0.0;
         }
     }
-    let Traits { samples, past, path_share, .. } = &mut pair.traits;
+    let VoxelFeatures { samples, past, path_share, .. } = &mut pair.voxel_features;
     *past = 0.0;
     for kind in (0..2).filter(|&kind| !kept[kind]) {
         samples[kind] = 0;
         *path_share = kind as f32;
     }
     let case = Case::new(pair)?;
-    let counted = case.leaves().hybrid(f64::from(pair.traits.path_share));
+    let counted = case.leaves().hybrid(f64::from(pair.voxel_features.path_share));
     pair.counted_split = counted.topology().split_flags();
     pair.counted = counted.leaf_mass().iter().map(|&mass| mass as f32).collect();
     pair.validate().map_err(|e| anyhow!("a pair without its context: {e}"))
@@ -143,7 +143,7 @@ mod tests {
             other.counted = vec![1.0];
             (other.block_split, other.block) = (vec![true, false, false, false, false], vec![0.25; 4]);
             other.block_samples = [7.0; 2];
-            other.traits.past = 7.0;
+            other.voxel_features.past = 7.0;
             for row in other.own_sums.chunks_exact_mut(NETWORK_CHANNELS) {
                 match inputs {
                     Inputs::Paths => [VALUES[1], COUNTS[1], SQUARES[1]].iter().for_each(|&c| row[c] = 7.0),

@@ -115,7 +115,7 @@ mod tests {
         (0..count).map(|i| (random_ray(&mut random, i), random.range(0.5, 3.0))).collect()
     }
 
-    /// STABILITY.md, S7: nearest and any hits are the same to the last bit whatever was learned.
+    /// docs/stability.md, S7: nearest and any hits are the same to the last bit whatever was learned.
     #[test]
     fn s07_no_answer_depends_on_the_order() {
         let shapes = shapes();

@@ -1,4 +1,4 @@
-//! Cases S7 and A6 to A8 of STABILITY.md, for both kinds of tests.
+//! Cases S7 and A6 to A8 of docs/stability.md, for both kinds of tests.
 
 use super::*;
 use crate::base::random::Random;
@@ -109,7 +109,7 @@ pub(super) fn random_ray(random: &mut Random, i: usize) -> Ray {
     Ray { origin, direction }
 }
 
-/// STABILITY.md, S7: the same hits as testing every primitive, for placed meshes, instances, spheres, and surfaces that coincide.
+/// docs/stability.md, S7: the same hits as testing every primitive, for placed meshes, instances, spheres, and surfaces that coincide.
 #[test]
 fn s07_hierarchy_equals_brute_force() {
     let mut random = Random::new(11, 0, 0);
@@ -181,7 +181,7 @@ fn kernels_agree() {
     }
 }
 
-/// STABILITY.md, S7 and A6: no ray leaves a closed mesh, through faces, edges or vertices, whatever its size and place; and few of
+/// docs/stability.md, S7 and A6: no ray leaves a closed mesh, through faces, edges or vertices, whatever its size and place; and few of
 /// those that come from 1e5 units away slip through it.
 #[test]
 fn s07_closed_mesh_is_watertight() {
@@ -219,7 +219,7 @@ fn s07_closed_mesh_is_watertight() {
     }
 }
 
-/// STABILITY.md, A8: shapes that no ray can hit, and rays that hit nothing.
+/// docs/stability.md, A8: shapes that no ray can hit, and rays that hit nothing.
 #[test]
 fn a08_nothing_to_hit() {
     let degenerate = Mesh {

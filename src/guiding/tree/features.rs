@@ -49,7 +49,7 @@ const LEAST_SHARE: f32 = 1e-4;
 
 /// What is known of a voxel as a whole.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Traits {
+pub struct VoxelFeatures {
     /// Path samples and photons in its tree.
     pub samples: [u32; 2],
     /// As how many samples earlier iterations count.
@@ -62,14 +62,14 @@ pub struct Traits {
     pub nearness: f32,
 }
 
-impl Traits {
+impl VoxelFeatures {
     /// Own samples, with those of earlier iterations.
     pub fn all_samples(&self) -> f64 {
         self.samples.iter().map(|&n| f64::from(n)).sum::<f64>() + f64::from(self.past)
     }
 }
 
-impl Default for Traits {
+impl Default for VoxelFeatures {
     fn default() -> Self {
         Self { samples: [0; 2], past: 0.0, path_share: 0.5, normal: Vec3::ZERO, nearness: 0.0 }
     }
@@ -108,7 +108,7 @@ pub fn node_inputs(
     smoothed: &[f64],
     own: &Leaves,
     block: &Block,
-    traits: &Traits,
+    voxel_features: &VoxelFeatures,
 ) -> NodeInputs {
     let topology = counted.topology();
     let own_nodes = own_nodes(own);
@@ -121,7 +121,7 @@ pub fn node_inputs(
         log_shares: Vec::with_capacity(topology.len()),
         base: Vec::with_capacity(topology.len()),
     };
-    let tree_counts = traits.samples.map(|n| (n as f32).ln_1p() / LOG_SCALE);
+    let tree_counts = voxel_features.samples.map(|n| (n as f32).ln_1p() / LOG_SCALE);
     let block_counts = block.samples.map(|n| n.ln_1p() / LOG_SCALE);
     for level in 0..topology.levels() {
         let cells = 4f32.powi(level as i32);
@@ -165,15 +165,19 @@ pub fn node_inputs(
             inputs.features.extend(COUNTS.map(|c| (here.sums[c] * at.part).ln_1p() / LOG_SCALE));
             inputs.features.extend([0, 1].map(|kind| (effective(here, kind) * at.part).ln_1p() / LOG_SCALE));
             inputs.features.extend([density(here.sums[BSDF], bsdf_whole), share(here.sums[BSDF], above.sums[BSDF])]);
-            inputs.features.push(Vec3::from(cell_centre(level, topology.cell[node])).dot(traits.normal));
+            inputs.features.push(Vec3::from(cell_centre(level, topology.cell[node])).dot(voxel_features.normal));
             inputs.features.push(level as f32 / MAX_LEVEL as f32);
             inputs.features.extend(tree_counts);
-            inputs.features.extend([traits.path_share, traits.nearness.min(2.0), f32::from(u8::from(inside))]);
+            inputs.features.extend([
+                voxel_features.path_share,
+                voxel_features.nearness.min(2.0),
+                f32::from(u8::from(inside)),
+            ]);
             let block_above = of_block(covering[parent][1]);
             let block_share = if level == 0 { 1.0 } else { ratio(block_part, block_above) };
             inputs.features.extend([log[4], block_share]);
             inputs.features.extend(block_counts);
-            inputs.features.push(traits.past.ln_1p() / LOG_SCALE);
+            inputs.features.push(voxel_features.past.ln_1p() / LOG_SCALE);
         }
     }
     inputs
@@ -256,12 +260,13 @@ mod tests {
 
     /// With a block whose tree is that of [`trees`] as if it were own.
     fn inputs(counted: &Distribution, own: &Leaves) -> NodeInputs {
-        let traits = Traits { samples: [120, 8], past: 70.0, normal: Vec3::Y, ..Traits::default() };
+        let voxel_features =
+            VoxelFeatures { samples: [120, 8], past: 70.0, normal: Vec3::Y, ..VoxelFeatures::default() };
         let (_, topology, _) = trees(5);
         let weights: Vec<f64> = (1..).map(f64::from).take(topology.leaves().count()).collect();
         let distribution = Distribution::from_leaf_weights(topology, &weights);
         let block = Block { distribution, samples: [900.0, 5000.0] };
-        node_inputs(counted, counted.node_mass(), own, &block, &traits)
+        node_inputs(counted, counted.node_mass(), own, &block, &voxel_features)
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! |---|---|
 //! | [`Quadtree`] | sums of what was deposited, per leaf (Q_h) |
 //! | [`Distribution`] | probabilities per node, made of sums or of other distributions |
-//! | [`CountedTree`] | a distribution with the sums, the surroundings and the traits that reconstruction goes by |
+//! | [`CountedTree`] | a distribution with the sums, the surroundings and the voxel_features that reconstruction goes by |
 //! | [`Proposal`] | what reconstruction makes of it |
 //! | [`SamplingTree`] | the packed form that is sampled (Q_r) |
 
@@ -29,7 +29,7 @@ use rayon::prelude::*;
 
 use self::context::{Block, Counted, with_context};
 use self::distribution::Distribution;
-use self::features::Traits;
+use self::features::VoxelFeatures;
 use self::leaves::{Layout, Leaves};
 use self::proposal::{Guess, Judged, LEAST_EFFECTIVE, Proposal, SHARES, UNTOLD};
 use self::quadtree::Quadtree;
@@ -72,7 +72,7 @@ pub struct CountedTree<'a> {
     /// What is known around the voxel; nothing without context.
     pub block: &'a Block,
     /// What is known of the voxel as a whole.
-    pub traits: Traits,
+    pub voxel_features: VoxelFeatures,
     /// What the voxel's path samples contributed to the picture, in any unit.
     pub contribution: f64,
 }
@@ -143,7 +143,7 @@ impl Trees {
     /// by what the iteration measured of their use.
     pub(super) fn counted(&mut self, around: &Around) -> Vec<Option<CountedTree<'_>>> {
         let ancestry = around.ancestry;
-        let priors = ancestry.pooled(&self.voxels, |sum: &mut Moments<_>, v| sum.merge(&v.shares));
+        let priors = ancestry.pooled(&self.voxels, |sum: &mut Moments<_>, v| sum.merge(&v.kind_moments));
         let TreeSettings { past, context, .. } = self.settings;
         let count = |(v, voxel): (usize, &mut TreeVoxel)| voxel.count(&priors[ancestry.block(v)], past);
         let own: Vec<Counted> = self.voxels.par_iter_mut().enumerate().map(count).collect();
@@ -154,10 +154,10 @@ impl Trees {
         };
         let tree = |(v, (voxel, counted)): (usize, (_, _))| {
             let (voxel, counted): (&TreeVoxel, &Option<Distribution>) = (voxel, counted);
-            let traits = voxel.traits(around.cache.bounds(v as VoxelId), &around.spheres[v], past);
+            let voxel_features = voxel.voxel_features(around.cache.bounds(v as VoxelId), &around.spheres[v], past);
             let (own, block) = (voxel.tree.leaves(), &self.blocks[ancestry.block(v)]);
             let counted = counted.as_ref()?;
-            Some(CountedTree { counted, own, block, traits, contribution: around.contributions[v] })
+            Some(CountedTree { counted, own, block, voxel_features, contribution: around.contributions[v] })
         };
         self.voxels.iter().zip(&self.counted).enumerate().map(tree).collect()
     }
@@ -181,19 +181,19 @@ impl Trees {
         places.into_iter().zip(proposed).for_each(|(v, proposal)| proposals[v] = Some(proposal));
         (self.counted, self.blocks) = (Vec::new(), Vec::new());
 
-        let merits = around.ancestry.pooled(&self.voxels, |sum: &mut Moments<_>, v| sum.merge(&v.merits));
+        let merits = around.ancestry.pooled(&self.voxels, |sum: &mut Moments<_>, v| sum.merge(&v.proposal_moments));
         let voxels = &self.voxels;
         let mixed = |(v, proposal): (usize, Option<Proposal>)| {
-            let best = voxels[v].merits_with(&merits[around.ancestry.block(v)]).least(LEAST_EFFECTIVE);
+            let best = voxels[v].proposal_moments_with(&merits[around.ancestry.block(v)]).least(LEAST_EFFECTIVE);
             let share = best.map_or(UNTOLD, |best| SHARES[best]);
             proposal.map(|proposal| (proposal.mixed(share), proposal, share))
         };
         let guides: Vec<Option<(Guess, Proposal, f64)>> = proposals.into_par_iter().enumerate().map(mixed).collect();
         let cap = inner_nodes_cap(guides.iter().flatten().map(|(guide, ..)| &guide.0), memory);
         let pack = |(voxel, guide): (&mut TreeVoxel, Option<(Guess, Proposal, f64)>)| {
-            voxel.kinds = voxel.separated();
+            voxel.kind_trees = voxel.separated();
             let ((distribution, uniform), proposal, share) = guide?;
-            voxel.judged = Judged::new(&proposal, share, cap).map(Box::new);
+            voxel.last_proposals = Judged::new(&proposal, share, cap).map(Box::new);
             if around.keeps_evidence {
                 let counted = voxel.tree.has_energy().then(|| voxel.tree.leaves().hybrid(voxel.path_share));
                 voxel.counted = counted.map(|counted| SamplingTree::new(&counted, 1e-3, cap));
@@ -210,8 +210,8 @@ impl Trees {
 
     /// How far photons lower the second moment of guided samples in a voxel, as a factor in (0, 1]; none where too little is known.
     pub(super) fn photon_gain(&self, voxel: usize) -> Option<f64> {
-        let shares = &self.voxels[voxel].shares;
-        shares.best().map(|_| shares.gain())
+        let moments = &self.voxels[voxel].kind_moments;
+        moments.best().map(|_| moments.gain())
     }
 
     /// Takes what the iteration has left as the past of the next.

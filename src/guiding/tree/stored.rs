@@ -47,8 +47,8 @@ impl Trees {
             voxels.iter().flat_map(|v| [0, 1].map(|i| of(v).map(|pair| &pair[i]))).collect()
         };
         let mut all = tree_arrays("counted", &voxels.iter().map(|v| v.counted.as_ref()).collect::<Vec<_>>()).to_vec();
-        all.extend(tree_arrays("kinds", &pairs(|v| v.kinds.as_deref())));
-        all.extend(tree_arrays("judged", &pairs(|v| v.judged.as_deref().map(|judged| &judged.trees))));
+        all.extend(tree_arrays("kinds", &pairs(|v| v.kind_trees.as_deref())));
+        all.extend(tree_arrays("judged", &pairs(|v| v.last_proposals.as_deref().map(|judged| &judged.trees))));
         all.extend([
             vector("trees", Dtype::U64, std::iter::once(u64::from(self.keeps_shapes).to_le_bytes())),
             vector("past_mass", Dtype::F32, pasts().flat_map(Past::mass).map(|x| x.to_le_bytes())),
@@ -84,8 +84,8 @@ impl Trees {
         for (v, ((tree, counted), voxel)) in quadtrees.into_iter().zip(counted).zip(&mut all.voxels).enumerate() {
             (voxel.tree, voxel.counted) = (tree, counted);
             let (kinds, judged) = pairs.next().unwrap_or_default();
-            voxel.kinds = kinds.map(Box::new);
-            voxel.judged = judged.map(|trees| Box::new(Judged { trees, share: 1.0 }));
+            voxel.kind_trees = kinds.map(Box::new);
+            voxel.last_proposals = judged.map(|trees| Box::new(Judged { trees, share: 1.0 }));
             if !voxel.set_numbers(&numbers[v * columns..][..columns]) {
                 return file.fail("tree_voxel", format!("the numbers of voxel {v} are out of range"));
             }
@@ -162,10 +162,10 @@ impl TreeVoxel {
         all.extend(self.tree.scales().map(f64::from));
         all.extend(self.tree.counts().map(f64::from));
         all.extend(self.normals.to_array().map(f64::from));
-        let share = self.judged.as_ref().map_or(1.0, |judged| judged.share);
+        let share = self.last_proposals.as_ref().map_or(1.0, |judged| judged.share);
         all.extend([f64::from(u8::from(self.shaped)), f64::from(share), self.path_share]);
-        self.shares.push_to(&mut all);
-        self.merits.push_to(&mut all);
+        self.kind_moments.push_to(&mut all);
+        self.proposal_moments.push_to(&mut all);
         all
     }
 
@@ -179,12 +179,12 @@ impl TreeVoxel {
         self.normals = Vec3::from([0; 3].map(|_| next() as f32));
         self.shaped = next() != 0.0;
         let share = next();
-        if let Some(judged) = &mut self.judged {
+        if let Some(judged) = &mut self.last_proposals {
             judged.share = share as f32;
         }
         self.path_share = next();
-        self.shares = Moments::pull_from(&mut next);
-        self.merits = Moments::pull_from(&mut next);
+        self.kind_moments = Moments::pull_from(&mut next);
+        self.proposal_moments = Moments::pull_from(&mut next);
         scales.iter().all(|s| *s >= 0.0)
             && (0.0..=1.0).contains(&share)
             && self.path_share > 0.0

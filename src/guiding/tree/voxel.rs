@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::TreeSettings;
 use super::context::Counted;
-use super::features::Traits;
+use super::features::VoxelFeatures;
 use super::leaves::Layout;
 use super::past::{Past, joined};
 use super::proposal::{Judged, ShareMoments};
@@ -36,13 +36,13 @@ pub(super) struct TreeVoxel {
     /// Part of path samples in what is counted, the rest being photons.
     pub path_share: f64,
     /// Second moments under other mixtures of the trees of path samples and of photons.
-    pub shares: Moments<{ PATH_SHARES.len() }>,
+    pub kind_moments: Moments<{ PATH_SHARES.len() }>,
     /// These trees as the last iteration left them, seen as the guide is.
-    pub kinds: Option<Box<[SamplingTree; 2]>>,
+    pub kind_trees: Option<Box<[SamplingTree; 2]>>,
     /// Second moments under other mixtures of the last proposals.
-    pub merits: ShareMoments,
+    pub proposal_moments: ShareMoments,
     /// These proposals, seen as the guide is.
-    pub judged: Option<Box<Judged>>,
+    pub last_proposals: Option<Box<Judged>>,
     /// Q_h of the last iteration, where evidence is kept.
     pub counted: Option<SamplingTree>,
     /// What earlier iterations left.
@@ -58,10 +58,10 @@ impl TreeVoxel {
             shaped: false,
             normals: Vec3::ZERO,
             path_share: 0.5,
-            shares: Moments::default(),
-            kinds: None,
-            merits: ShareMoments::default(),
-            judged: None,
+            kind_moments: Moments::default(),
+            kind_trees: None,
+            proposal_moments: ShareMoments::default(),
+            last_proposals: None,
             counted: None,
             past: None,
             next_past: None,
@@ -70,7 +70,7 @@ impl TreeVoxel {
 
     /// Judges what the last iteration made by a path sample that was drawn with it.
     pub fn judge(&mut self, record: &PathRecord, guide: &Parallax) {
-        if self.kinds.is_some() || self.judged.is_some() {
+        if self.kind_trees.is_some() || self.last_proposals.is_some() {
             let seen = guide.to_centre(record.point, record.direction);
             self.weigh_kinds(record, seen.direction, f64::from(seen.density));
             self.weigh_proposals(record, seen.direction);
@@ -112,7 +112,7 @@ impl TreeVoxel {
     /// The distribution of this iteration's samples, with a `part` of those before; what measured best of path samples and photons,
     /// here and, as `around` tells, in the surroundings.
     pub fn count(&mut self, around: &Moments<{ PATH_SHARES.len() }>, part: f64) -> Counted {
-        let mut shares = self.shares;
+        let mut shares = self.kind_moments;
         shares.add_prior(around, PRIOR_SAMPLES);
         self.path_share = shares.best().map_or(0.5, |best| PATH_SHARES[best].min(MOST_PATH_SHARE));
         let samples: u32 = self.tree.counts().iter().sum();
@@ -123,17 +123,17 @@ impl TreeVoxel {
     }
 
     /// Second moments under mixtures of proposals, with what the surroundings know.
-    pub fn merits_with(&self, around: &ShareMoments) -> ShareMoments {
-        let mut own = self.merits;
+    pub fn proposal_moments_with(&self, around: &ShareMoments) -> ShareMoments {
+        let mut own = self.proposal_moments;
         own.add_prior(around, PRIOR_SAMPLES);
         own
     }
 
-    pub fn traits(&self, bounds: Bounds, spheres: &Spheres, past: f64) -> Traits {
+    pub fn voxel_features(&self, bounds: Bounds, spheres: &Spheres, past: f64) -> VoxelFeatures {
         let samples = self.tree.counts();
         let count = samples.iter().sum::<u32>().max(1);
         let half = 0.5 * (bounds.high - bounds.low).length();
-        Traits {
+        VoxelFeatures {
             samples,
             past: self.past.as_ref().map_or(0.0, |of| past * of.samples()) as f32,
             path_share: self.path_share as f32,
@@ -157,7 +157,7 @@ impl TreeVoxel {
     /// Forgets the samples of the iteration.
     pub fn clear(&mut self) {
         self.tree.clear();
-        (self.shares, self.merits) = (Moments::default(), Moments::default());
+        (self.kind_moments, self.proposal_moments) = (Moments::default(), Moments::default());
         (self.shaped, self.normals, self.next_past) = (false, Vec3::ZERO, None);
     }
 
@@ -166,7 +166,7 @@ impl TreeVoxel {
     /// would always be better. q is that of the direction `seen` from the centre, times `carried`, dω/dω' of the [`Parallax`]: near
     /// a lamp that differs between the points of a voxel by far more than the candidates do.
     fn weigh_kinds(&mut self, record: &PathRecord, seen: Vec3, carried: f64) {
-        let Some(kinds) = &self.kinds else { return };
+        let Some(kinds) = &self.kind_trees else { return };
         let target = self.tree.target();
         // Photons straight from lights that light sampling finds are left out where they are traced.
         let shown = f64::from(Learned { target, direct: DirectLight::Nothing }.value(record));
@@ -175,16 +175,16 @@ impl TreeVoxel {
         }
         let [path, photon] = SamplingTree::pdfs(kinds, seen).map(f64::from);
         let square = shown.powi(2) / carried;
-        self.shares.add(PATH_SHARES.map(|share| square / (share * path + (1.0 - share) * photon)));
+        self.kind_moments.add(PATH_SHARES.map(|share| square / (share * path + (1.0 - share) * photon)));
     }
 
     /// Judges mixtures of the last proposals by what the path brought back from a direction that one of them was sampled for. Light
     /// that light sampling finds too says little about guides.
     fn weigh_proposals(&mut self, record: &PathRecord, seen: Vec3) {
-        let Some(judged) = &self.judged else { return };
+        let Some(judged) = &self.last_proposals else { return };
         let [onward, ..] = record.estimates();
         if onward.square > 0.0 {
-            self.merits.add(judged.ratios(seen).map(|ratio| onward.with_guide(ratio)));
+            self.proposal_moments.add(judged.ratios(seen).map(|ratio| onward.with_guide(ratio)));
         }
     }
 }
@@ -201,7 +201,7 @@ mod tests {
     fn uniform() -> TreeVoxel {
         let uniform = SamplingTree::new(&Distribution::uniform(), 1.0, usize::MAX);
         TreeVoxel {
-            kinds: Some(Box::new([uniform.clone(), uniform])),
+            kind_trees: Some(Box::new([uniform.clone(), uniform])),
             ..TreeVoxel::new(Layout::Values, Target::Variance)
         }
     }
@@ -226,7 +226,7 @@ mod tests {
             let record = PathRecord { direction, pdf: 1.0, brought, ..PathRecord::absorbed(point, Vec3::Y) };
             voxel.judge(&record, &SPHERE);
         }
-        let means = voxel.shares.means().expect("20,000 samples");
+        let means = voxel.kind_moments.means().expect("20,000 samples");
         assert!(means.iter().all(|mean| (mean - 1.0).abs() < 0.02), "{means:?}");
     }
 
@@ -247,7 +247,7 @@ mod tests {
         let seen = |brought| {
             let mut voxel = uniform();
             voxel.judge(&PathRecord { brought, ..lamp }, &SPHERE);
-            voxel.shares.sums()[0]
+            voxel.kind_moments.sums()[0]
         };
         assert!(seen(lamp.brought) > 0.0);
         assert_eq!(seen(lamp.brought), seen(Radiance { emitted: 0.0, ..lamp.brought }));

@@ -138,7 +138,7 @@ impl<'a> Twin<'a> {
         radiance * mis::balance(pdf, light.pdf(point, surface) * choice)
     }
 
-    /// Next event estimation: f·L·w / p for one sampled light.
+    /// Light sampling: f·L·w / p for one sampled light.
     #[inline(always)]
     fn direct(&self, surface: &Surface, material: &Plain, wo: Vec3, random: &Random) -> Vec3 {
         let (choice, u) = (self.scene.lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());

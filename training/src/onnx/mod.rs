@@ -50,7 +50,7 @@ fn metadata(Model { config, weights }: &Model) -> Vec<(String, String)> {
         ("per_level", config.per_level.to_string()),
         ("weights", format!("{:08x}", weights.checksum())),
         ("target", config.mode.target.clone()),
-        ("nee", config.mode.nee.to_string()),
+        ("nee", config.mode.light_sampling.to_string()),
         ("roulette", config.mode.roulette.to_string()),
         ("split_share", config.mode.split_share.to_string()),
     ];
