@@ -1,5 +1,6 @@
 //! Light transport: the path tracer, the photon tracer, and the mixture that guides both decisions of where to go.
 
+pub mod block;
 pub mod mixture;
 #[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 pub mod path;

@@ -58,7 +58,7 @@ impl PathState {
 
 /// Where a segment ended.
 struct Arrival<'a> {
-    surface: Surface,
+    surface: &'a Surface,
     scattering: Scattering<'a>,
     /// What media on the way let through, over the density of getting here.
     passed: Vec3,
@@ -284,10 +284,20 @@ impl PathTracer<'_> {
         while path.depth < self.settings.max_depth {
             path.depth += 1;
             random.begin_vertex(path.depth);
-            let arrival = match self.arrive::<E>(&mut path, random, count) {
-                Ok(arrival) => arrival,
-                Err(background) => return background,
-            };
+            count.rays += 1;
+            let (surface, scattering, passed);
+            if E::MEDIA || E::MATERIALS {
+                let random = &mut random.at(Dimension::SEGMENT);
+                let (end, factor) = self.scene.advance::<E>(&path.ray, &mut path.medium, path.throughput, random);
+                let Some(found) = Scattering::at(self.scene, end) else { return self.background(&path).dimmed(factor) };
+                ((surface, scattering), passed) = (found, factor);
+            } else {
+                // On plain scenes the surface goes through no enum and is made where it stays: it is long, and every copy shows.
+                let Some(hit) = self.scene.accel.intersect(&path.ray) else { return self.background(&path) };
+                surface = Surface::new(&path.ray, &hit, &self.scene.shapes[hit.shape as usize]);
+                (scattering, passed) = (Scattering::Material(self.scene.material(&surface)), Vec3::ONE);
+            }
+            let arrival = self.arrive::<E>(&mut path, &surface, scattering, passed);
             if E::MEDIA {
                 scratch.passed.push(arrival.passed);
             }
@@ -297,7 +307,7 @@ impl PathTracer<'_> {
                 scratch.push::<RECORDS>(vertex, details);
                 break;
             }
-            let mixture = Mixture::<E>::new(&arrival.surface, arrival.scattering, -path.ray.direction, arrival.guide);
+            let mixture = Mixture::<E>::new(arrival.surface, arrival.scattering, -path.ray.direction, arrival.guide);
             let worth = self.worth::<E>(&path, &arrival, pixel);
             details.direct = self.connect(&path, &arrival, &mixture, worth.light, random, count);
             vertex.direct = details.direct.value;
@@ -320,49 +330,26 @@ impl PathTracer<'_> {
         Emission::default()
     }
 
-    /// The end of the path's next segment; the background's emission where that is none.
+    /// Takes the path to `surface`, or to a point of a medium, through media that let `passed` through.
     #[inline(always)]
-    fn arrive<E: Effects>(
-        &self,
+    fn arrive<'s, E: Effects>(
+        &'s self,
         path: &mut PathState,
-        random: &Random,
-        count: &mut RayCount,
-    ) -> Result<Arrival<'_>, Emission> {
-        count.rays += 1;
-        let (surface, scattering, passed);
-        if E::MEDIA || E::MATERIALS {
-            let random = &mut random.at(Dimension::SEGMENT);
-            let (arrival, factor) = self.scene.advance::<E>(&path.ray, &mut path.medium, path.throughput, random);
-            let Some(found) = Scattering::at(self.scene, arrival) else {
-                return Err(self.background(path).dimmed(factor));
-            };
-            ((surface, scattering), passed) = (found, factor);
-        } else {
-            // On plain scenes the surface goes through no enum and is made where it stays: it is long, and every copy shows.
-            let Some(hit) = self.scene.accel.intersect(&path.ray) else { return Err(self.background(path)) };
-            surface = Surface::new(&path.ray, &hit, &self.scene.shapes[hit.shape as usize]);
-            (scattering, passed) = (Scattering::Material(self.scene.material(&surface)), Vec3::ONE);
-        }
+        surface: &'s Surface,
+        scattering: Scattering<'s>,
+        passed: Vec3,
+    ) -> Arrival<'s> {
         if E::MEDIA {
             path.throughput *= passed;
             path.reflected *= passed;
         }
         let on_surface = !E::MEDIA || scattering.is_material();
-        let emission = if on_surface { self.emission(&surface, path) } else { Emission::default() };
+        let emission = if on_surface { self.emission(surface, path) } else { Emission::default() };
         let normal = if on_surface { surface.normal_towards(-path.ray.direction) } else { Vec3::ZERO };
         let smooth = E::MATERIALS && scattering.is_delta();
         let field = if E::GUIDING { self.field } else { None };
         let guide = field.filter(|_| !smooth).and_then(|field| field.at(surface.point, normal));
-        Ok(Arrival {
-            surface,
-            scattering,
-            passed,
-            on_surface,
-            emission: emission.dimmed(passed),
-            normal,
-            smooth,
-            guide,
-        })
+        Arrival { surface, scattering, passed, on_surface, emission: emission.dimmed(passed), normal, smooth, guide }
     }
 
     /// What light sampling and going on are worth at a vertex.
@@ -397,7 +384,7 @@ impl PathTracer<'_> {
         let light_probability = if sample.delta { 0.0 } else { light_probability };
         path.previous = Some(Previous { point: at.surface.point, pdf: sample.pdf, light_probability });
         if E::MEDIA && at.on_surface {
-            path.medium = self.scene.medium_beyond(&at.surface, sample.direction, path.medium);
+            path.medium = self.scene.medium_beyond(at.surface, sample.direction, path.medium);
         }
         path.ray = at.surface.leave(sample.direction);
     }
@@ -470,7 +457,7 @@ impl PathTracer<'_> {
         random: &Random,
         count: &mut RayCount,
     ) -> Direct {
-        let (nothing, surface) = (Direct::default(), &at.surface);
+        let (nothing, surface) = (Direct::default(), at.surface);
         if probability <= 0.0 {
             return nothing;
         }

@@ -5,9 +5,9 @@
 //! visited so that any part of a pass covers the whole picture evenly: the first chunk shows the learner all of the scene, and a
 //! pass cut short by the clock leaves gaps that their neighbours can fill.
 
+use std::ops::Range;
 use std::time::Instant;
 
-use glam::Vec3;
 use rayon::prelude::*;
 
 use super::learning::{Learning, Records};
@@ -16,10 +16,11 @@ use super::statistics::{Dropped, Statistics};
 use crate::base::random::{Dimension, Random};
 use crate::film::{Pass, PixelFilter};
 use crate::geometry::Ray;
-use crate::guiding::learn::emission::{EmissionGuide, Start};
-use crate::guiding::record::{PathRecord, PhotonRecord};
+use crate::guiding::learn::emission::EmissionGuide;
+use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::GuideField;
-use crate::integrators::path::{Cause, PathScratch, PathTracer, RayCount};
+use crate::integrators::block::CameraPath;
+use crate::integrators::path::PathTracer;
 use crate::integrators::photon::PhotonTracer;
 use crate::picture::Window;
 use crate::scene::Scene;
@@ -79,17 +80,6 @@ fn row_order(height: u32) -> Vec<u32> {
     rows
 }
 
-#[derive(Default)]
-struct Block {
-    radiance: Vec<Vec3>,
-    records: Vec<PathRecord>,
-    photons: Vec<PhotonRecord>,
-    starts: Vec<Option<Start>>,
-    rays: RayCount,
-    /// Linear indices of samples that were not finite.
-    dropped: Vec<(u64, Dropped)>,
-}
-
 impl PassTracer<'_> {
     fn pixels(&self) -> u64 {
         self.window.pixels()
@@ -135,7 +125,7 @@ impl PassTracer<'_> {
 
     fn camera_chunk(
         &self,
-        range: std::ops::Range<u64>,
+        range: Range<u64>,
         rows: &[u32],
         pass: &mut Pass,
         records: Option<&mut Vec<PathRecord>>,
@@ -143,16 +133,19 @@ impl PassTracer<'_> {
     ) {
         let begun = Instant::now();
         let start = range.start;
+        let tracer = PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field };
+        let begin = |index| {
+            let (pixel, sample) = self.camera_sample(index, rows);
+            let (ray, random) = camera_ray(self.scene, self.settings, self.filter, sample);
+            CameraPath { ray, random, pixel: self.picture.map(|picture| picture[pixel as usize]) }
+        };
         let keep = records.is_some();
-        let blocks = self.blocks(range, |i, scratch, block| {
-            let (pixel, sample) = self.place(i, rows);
-            self.camera_path((i, pixel, sample), keep, scratch, block);
-        });
+        let blocks = in_blocks(range, |scratch, numbers| tracer.trace_block(numbers, begin, keep, scratch));
         let mut index = start;
         // Counted from where the pass began, so that the film's halves are those of the sequences.
         let behind = u64::from(self.first_sample - self.sequences_from.unwrap_or(self.first_sample));
         for block in &blocks {
-            let mut dropped = block.dropped.iter().peekable();
+            let mut lost = block.lost.iter().peekable();
             statistics.rays += block.rays.rays;
             statistics.camera_rays += block.rays.rays;
             for &radiance in &block.radiance {
@@ -161,8 +154,11 @@ impl PassTracer<'_> {
                     pass.add(pixel as usize, behind + sample, radiance);
                 } else {
                     statistics.dropped_samples += 1;
-                    let mine = dropped.next_if(|(at, _)| *at == index);
-                    mine.into_iter().for_each(|(_, sample)| statistics.dropped.add(*sample));
+                    let (_, CameraSample { place: pixel, number: sample, sequences_from: pass_from }) =
+                        self.camera_sample(index, rows);
+                    let cause = lost.next_if(|(number, _)| *number == index).map(|(_, cause)| *cause);
+                    let dropped = cause.map(|cause| Dropped { pixel, sample, pass_from, cause });
+                    dropped.into_iter().for_each(|sample| statistics.dropped.add(sample));
                 }
                 index += 1;
             }
@@ -177,7 +173,7 @@ impl PassTracer<'_> {
 
     fn photon_chunk(
         &self,
-        range: std::ops::Range<u64>,
+        range: Range<u64>,
         total: u64,
         emission: &EmissionGuide,
         records: &mut Records,
@@ -188,11 +184,8 @@ impl PassTracer<'_> {
         let tracer = PhotonTracer { scene: self.scene, settings: self.settings.transport, emission };
         let start = range.start;
         let first = u64::from(self.first_sample) * self.pixels();
-        let blocks = self.blocks(range, |i, _, block| {
-            let mut random = Random::new(self.settings.seed, PHOTON_STREAM, first + i);
-            let path = ((i - start) as u32, total);
-            block.starts.push(tracer.trace(&mut random, path, &mut block.photons, &mut block.rays));
-        });
+        let random = |index| Random::new(self.settings.seed, PHOTON_STREAM, first + index);
+        let blocks = in_blocks(range, |(), numbers| tracer.trace_block(numbers, (start, total), random));
         for block in blocks {
             statistics.rays += block.rays.rays;
             statistics.dropped.photons += block.rays.dropped;
@@ -202,26 +195,6 @@ impl PassTracer<'_> {
         statistics.seconds.photons += begun.elapsed().as_secs_f64();
     }
 
-    /// Runs `work` for every index of the range, in parallel blocks that come back in order.
-    fn blocks(
-        &self,
-        range: std::ops::Range<u64>,
-        work: impl Fn(u64, &mut PathScratch, &mut Block) + Sync,
-    ) -> Vec<Block> {
-        let count = (range.end - range.start).div_ceil(BLOCK);
-        (0..count)
-            .into_par_iter()
-            .map_init(PathScratch::default, |scratch, b| {
-                let mut block = Block::default();
-                let first = range.start + b * BLOCK;
-                for i in first..(first + BLOCK).min(range.end) {
-                    work(i, scratch, &mut block);
-                }
-                block
-            })
-            .collect()
-    }
-
     /// Pixel and sample of a linear index.
     fn place(&self, index: u64, rows: &[u32]) -> (u64, u64) {
         let (place, sample) = (index % self.pixels(), index / self.pixels());
@@ -229,32 +202,22 @@ impl PassTracer<'_> {
         (u64::from(rows[(place / width) as usize]) * width + place % width, sample)
     }
 
-    /// Traces sample `sample` of pixel `pixel`, whose linear index is `index`.
-    fn camera_path(
-        &self,
-        (index, pixel, sample): (u64, u64, u64),
-        keep: bool,
-        scratch: &mut PathScratch,
-        block: &mut Block,
-    ) {
+    /// The pixel of a linear index, and its camera sample.
+    fn camera_sample(&self, index: u64, rows: &[u32]) -> (u64, CameraSample) {
+        let (pixel, sample) = self.place(index, rows);
         let number = u64::from(self.first_sample) + sample;
-        let sample = CameraSample { place: self.window.place(pixel), number, sequences_from: self.sequences_from };
-        let (ray, mut random) = camera_ray(self.scene, self.settings, self.filter, sample);
-        let tracer = PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field };
-        let value = self.picture.map(|p| p[pixel as usize]);
-        let before = block.records.len();
-        let records = keep.then_some(&mut block.records);
-        let radiance = tracer.trace(ray, &mut random, scratch, value, records, &mut block.rays);
-        if !radiance.is_finite() {
-            // Nothing is learned from it either.
-            block.records.truncate(before);
-            let (ray, mut random) = camera_ray(self.scene, self.settings, self.filter, sample);
-            let cause = tracer.explain(ray, &mut random, value).cause.unwrap_or(Cause::Overflow);
-            let CameraSample { place: pixel, number: sample, sequences_from: pass_from } = sample;
-            block.dropped.push((index, Dropped { pixel, sample, pass_from, cause }));
-        }
-        block.radiance.push(radiance);
+        (pixel, CameraSample { place: self.window.place(pixel), number, sequences_from: self.sequences_from })
     }
+}
+
+/// Traces a range of numbers in parallel blocks, which come back in order. Workers keep their scratch space from block to block.
+fn in_blocks<S: Default, B: Send>(range: Range<u64>, trace: impl Fn(&mut S, Range<u64>) -> B + Sync + Send) -> Vec<B> {
+    let count = (range.end - range.start).div_ceil(BLOCK);
+    let block = |scratch: &mut S, b: u64| {
+        let first = range.start + b * BLOCK;
+        trace(scratch, first..(first + BLOCK).min(range.end))
+    };
+    (0..count).into_par_iter().map_init(S::default, block).collect()
 }
 
 /// One camera sample.
