@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Result with the library's error type.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// Where in the input an error was found.
+/// The place in the input where an error was found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {
     /// The file that was being read.
@@ -69,31 +69,31 @@ pub enum Error {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's own error.
         source: std::io::Error,
     },
     /// A file's content breaks its format, or a value in it is out of range.
     #[error("{place}: {message}")]
     Malformed {
-        /// Where.
+        /// The place in the input.
         place: Place,
-        /// What is wrong, and what was expected.
+        /// Description of the fault and of what was expected.
         message: String,
     },
     /// A file asks for something that this version cannot do.
     #[error("{place}: {what} is not supported; supported: {supported}")]
     Unsupported {
-        /// Where.
+        /// The place in the input.
         place: Place,
-        /// What was asked for.
+        /// The feature or value that was asked for.
         what: String,
-        /// What could be asked for instead.
+        /// The supported alternatives.
         supported: String,
     },
     /// A count or size exceeds what this version accepts.
     #[error("{place}: {what} is {value}, the limit is {limit}")]
     Limit {
-        /// Where.
+        /// The place in the input.
         place: Place,
         /// The quantity.
         what: String,
@@ -107,7 +107,7 @@ pub enum Error {
     Missing {
         /// The scene.
         scene: PathBuf,
-        /// The files as the scene names them, and where.
+        /// The files as the scene names them, and the places that name them.
         files: Vec<(String, Place)>,
     },
     /// A model does not fit what it is asked to do (features, target, mode, version).
@@ -115,7 +115,7 @@ pub enum Error {
     Model {
         /// The model's folder or file.
         path: PathBuf,
-        /// What does not fit.
+        /// Description of the mismatch.
         message: String,
     },
     /// An inference backend is missing or failed.
@@ -123,7 +123,7 @@ pub enum Error {
     Backend {
         /// Name of the backend.
         backend: &'static str,
-        /// What failed, and what to install.
+        /// Description of the failure, and what to install.
         message: String,
     },
     /// The work was stopped, as asked for, before there was anything to keep.
@@ -134,7 +134,7 @@ pub enum Error {
     Options(String),
 }
 
-/// Every missing file with its place.
+/// Message that lists every missing file with its place.
 fn told(scene: &Path, files: &[(String, Place)]) -> String {
     let each: Vec<String> = files.iter().map(|(file, place)| format!("{file} (named at {place})")).collect();
     let count = if files.len() == 1 { "1 file is".to_owned() } else { format!("{} files are", files.len()) };

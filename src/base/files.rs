@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 
 use super::{Error, Place, Result};
 
-/// Writes `path` atomically with what `content` produces.
+/// Writes the output of `content` to `path` atomically.
 ///
 /// # Errors
 /// [`Error::Io`] naming `path`; the previous file, if any, is untouched then.
@@ -27,10 +27,11 @@ pub fn write_atomically(path: &Path, content: impl FnOnce(&mut dyn Write) -> std
     part.persist(path).map_err(fail)
 }
 
-/// A temporary file, removed unless it is given its name.
+/// A temporary file, deleted on drop unless it was renamed to its final name.
 ///
-/// A process that is killed leaves its own behind. So a file always has the same one, which the next process that writes it takes
-/// over; a lock, which ends with its owner, tells whether there is another at work, and a file of any name is taken then.
+/// A process that is killed leaves its own behind. So an output always has the same temporary file, which the next process that
+/// writes it takes over. A lock, which ends with its owner, tells whether another process is writing; a file of a random name is
+/// used then.
 struct Part {
     file: File,
     name: PathBuf,
@@ -43,7 +44,7 @@ impl Part {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        // Elsewhere nothing tells whether an open file still is what its name stands for.
+        // Only Unix can tell whether an open file is still the one under its name.
         #[cfg(unix)]
         if let Some(part) = path.file_name().and_then(|name| Self::usual(&folder.join(part_of(name)))) {
             return Ok(part);
@@ -52,8 +53,8 @@ impl Part {
         Ok(Self { file, name, renamed: false })
     }
 
-    /// The usual file, emptied; none where another process may be writing to it, or where it is not only what it seems: a link, or a
-    /// file that has just got its final name.
+    /// Opens the usual temporary file, emptied; none where another process may be writing to it, or where the name is a link or the
+    /// file has just got its final name.
     #[cfg(unix)]
     fn usual(name: &Path) -> Option<Self> {
         let file = File::options().write(true).create(true).truncate(false).open(name).ok()?;
@@ -65,7 +66,7 @@ impl Part {
         Some(Self { file, name: name.to_owned(), renamed: false })
     }
 
-    /// Gives the file its final name. The lock ends afterwards.
+    /// Renames the file to its final name. The lock ends afterwards.
     fn persist(mut self, path: &Path) -> std::io::Result<()> {
         std::fs::rename(&self.name, path)?;
         self.renamed = true;
@@ -76,7 +77,7 @@ impl Part {
 impl Drop for Part {
     fn drop(&mut self) {
         if !self.renamed {
-            // What cannot be removed is taken over by the next write.
+            // A file that cannot be removed is taken over by the next write.
             let _ = std::fs::remove_file(&self.name);
         }
     }
@@ -90,7 +91,7 @@ fn part_of(name: &std::ffi::OsStr) -> std::ffi::OsString {
     part
 }
 
-/// Whether an open file is the only one of what its name stands for.
+/// Whether an open file is regular, has a single link, and is the file under the name (same device and inode).
 #[cfg(unix)]
 fn is_alone_at(file: &std::fs::Metadata, named: &std::fs::Metadata) -> bool {
     use std::os::unix::fs::MetadataExt;
@@ -135,7 +136,7 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     write_bytes(path, &serde_json::to_vec_pretty(value).map_err(fail)?)
 }
 
-/// CRC-32 of bytes given in parts: tells damage and differences, not malice.
+/// CRC-32 of bytes given in parts: detects damage and differences, not malice.
 pub fn crc32<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> u32 {
     let mut crc = flate2::Crc::new();
     parts.into_iter().for_each(|part| crc.update(part));
@@ -172,7 +173,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays behind");
     }
 
-    /// What a process left behind that was killed is gone after the next write, and never gets into the file.
+    /// The temporary file of a killed process is gone after the next write, and its content never gets into the file.
     #[cfg(unix)]
     #[test]
     fn f01_leftovers_are_taken_over() {
@@ -184,7 +185,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
-    /// Links under the temporary name are left alone, and what they lead to as well.
+    /// Links under the temporary name are left alone, and so are their targets.
     #[cfg(unix)]
     #[test]
     fn links_are_not_followed() {
@@ -202,7 +203,7 @@ mod tests {
         }
     }
 
-    /// Many that write the same file at once: it is always that of one of them, whole.
+    /// When several threads write the same file at once, it always holds the whole content of one of them.
     #[test]
     fn writers_do_not_mix() {
         let folder = tempfile::tempdir().unwrap();

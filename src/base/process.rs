@@ -1,4 +1,4 @@
-//! What the operating system says about this process; nothing where it does not tell.
+//! CPU time, peak memory and ignored signals of this process, from `/proc`; none where the system has no `/proc`.
 
 /// Clock ticks per second in `/proc/self/stat`: Linux fixes this at 100 for user space.
 const TICKS: f64 = 100.0;

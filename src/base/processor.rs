@@ -1,11 +1,11 @@
-//! What this processor can do beyond what all of its architecture can.
+//! Instruction sets beyond the architecture's baseline, detected at run time.
 
 /// Proof that the processor has AVX2, FMA, BMI1, BMI2 and LZCNT: only [`Avx2::detect`] makes one.
 #[derive(Debug, Clone, Copy)]
 pub struct Avx2(());
 
 impl Avx2 {
-    /// None where something is missing.
+    /// Detects the instruction sets; none where one of them is missing.
     #[inline(always)]
     pub fn detect() -> Option<Self> {
         #[cfg(target_arch = "x86_64")]

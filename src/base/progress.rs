@@ -1,4 +1,4 @@
-//! How long work tells its watcher where it stands, without knowing whether that is a terminal, a file or nobody.
+//! Progress reports of long work; the reporter does not know whether a terminal, a file or nobody is watching.
 
 /// A watcher of counted work. Methods take `&self`, so that one watcher can be shared by all threads.
 pub trait Progress: Sync {
@@ -6,15 +6,15 @@ pub trait Progress: Sync {
     fn start(&self, total: u64, unit: &str);
     /// `n` more units are done.
     fn advance(&self, n: u64);
-    /// What is being done now.
+    /// Describes the current work.
     fn message(&self, text: &str);
-    /// How far the work is: its part that is done, 0 to 1, where counting units does not tell, and what there is so far ("37 spp").
+    /// Reports the part of the work that is done, 0 to 1, where counting units does not tell it, and the result so far ("37 spp").
     fn reached(&self, _part: Option<f64>, _what: &str) {}
     /// The work begun by the last [`Progress::start`] has ended.
     fn finish(&self);
 }
 
-/// Tells nobody.
+/// A watcher that ignores all reports.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 

@@ -11,16 +11,16 @@ use super::sobol;
 /// start of the sequence is a hash of the key, so distinct keys read distant parts of the period.
 #[derive(Debug, Clone)]
 pub struct Random {
-    /// Where the sequence starts.
+    /// Hash of seed, stream and index: the start of the sequence.
     key: u64,
-    /// The vertex of a path that numbers are drawn for, counted from 1; 0 is the camera.
+    /// Path vertex that numbers are drawn for, counted from 1; 0 is the camera.
     vertex: u32,
     state: u64,
-    /// Where there are any, the sequences that the next numbers come from.
+    /// The Sobol' sequences that the next numbers come from; none where all are independent.
     sequence: Option<Sequence>,
 }
 
-/// What a number of a path's vertex is for. What is drawn for one purpose, or not drawn, changes nothing for the others.
+/// The purpose of a random number at a path vertex. Drawing for one purpose, or not drawing, changes nothing for the others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Dimension(u32);
 
@@ -29,41 +29,41 @@ impl Dimension {
     pub const FILM: Self = Self(0);
     /// At the camera: the place on the lens.
     pub const LENS: Self = Self(1);
-    /// The segment that leads to the vertex: holes that it passes, where a medium scatters it.
+    /// On the segment that leads to the vertex: opacity tests at holes, and the free flight in a medium.
     pub const SEGMENT: Self = Self(0);
-    /// Whether light sampling is tried.
+    /// The decision whether to sample a light.
     pub const CONNECTION: Self = Self(1);
     /// The light that is sampled.
     pub const LIGHT: Self = Self(2);
-    /// The point on it.
+    /// The point on the light.
     pub const LIGHT_POINT: Self = Self(3);
     /// Whether the BSDF or the guide chooses the direction, and the guide's direction.
     pub const GUIDE: Self = Self(4);
     /// The lobe of a BSDF.
     pub const LOBE: Self = Self(5);
-    /// Its direction.
+    /// The direction within the lobe.
     pub const DIRECTION: Self = Self(6);
-    /// Whether the path goes on.
+    /// Russian roulette: whether the path goes on.
     pub const ROULETTE: Self = Self(7);
 }
 
-/// Number of names that each vertex has.
+/// Number of dimensions of each vertex.
 const PER_VERTEX: u32 = 8;
-/// Vertices whose first numbers are points of sequences. What is scattered more often is so mixed that sequences gain nothing.
+/// Vertices whose first numbers are points of sequences. Light scattered more often is so mixed that sequences gain nothing.
 const VERTICES: u32 = 6;
-/// Counters from one dimension to the next: more than are ever drawn for one purpose.
+/// Base-2 logarithm of the counters from one dimension to the next: more than are ever drawn for one purpose.
 const APART: u32 = 24;
 
-/// A place in a family of sequences, one per dimension.
+/// A position in a family of sequences, one per dimension.
 #[derive(Debug, Clone, Copy)]
 struct Sequence {
-    /// Tells apart the families.
+    /// Hash that identifies the family.
     key: u64,
-    /// Number of the point.
+    /// Index of the point.
     index: u32,
-    /// The next dimension.
+    /// The dimension to be read next.
     dimension: u32,
-    /// The first that may not be used: what takes more, like a ray through many holes, goes on with independent numbers.
+    /// First dimension not to be read: a purpose that draws more, like a ray through many holes, goes on with independent numbers.
     end: u32,
 }
 
@@ -84,7 +84,7 @@ impl Random {
         Self { key, vertex: 0, state: key, sequence: None }
     }
 
-    /// The same, with the first numbers from point `point` of the sequences of `family`.
+    /// The same generator, with the first numbers from point `point` of the sequences of `family`.
     pub fn in_sequences(self, family: u64, point: u32) -> Self {
         let sequence = Sequence { key: mix(family.wrapping_add(GOLDEN)), index: point, dimension: 0, end: PER_VERTEX };
         Self { sequence: Some(sequence), ..self }
@@ -98,8 +98,8 @@ impl Random {
         }
     }
 
-    /// The numbers of one dimension of this vertex: always the same, whatever else was drawn. The first is a point of a sequence where
-    /// there are any, the others are independent.
+    /// The generator of one dimension of this vertex: its numbers are the same whatever else was drawn. The first is a point of a
+    /// sequence where there are any, the others are independent.
     #[inline(always)]
     pub fn at(&self, dimension: Dimension) -> Self {
         let number = self.vertex * PER_VERTEX + dimension.0;
@@ -108,8 +108,8 @@ impl Random {
         Self { state, sequence, ..*self }
     }
 
-    /// The next point of the plane from the sequences, if there are any left. Where one coordinate is enough, the compiler leaves
-    /// the other out.
+    /// The next 2D point of the sequences, if there are any left. Where one coordinate is enough, the compiler leaves the other
+    /// out.
     #[inline(always)]
     fn next_point(&mut self) -> Option<[u32; 2]> {
         let sequence = self.sequence.as_mut().filter(|sequence| sequence.dimension < sequence.end)?;
@@ -118,7 +118,7 @@ impl Random {
         Some(sobol::point(sequence.index, seed))
     }
 
-    /// A number that tells this generator's key apart from others.
+    /// Hash of seed, stream and index, which identifies this generator.
     pub fn key(&self) -> u64 {
         self.key
     }
@@ -147,7 +147,7 @@ impl Random {
         (self.next_u64() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
     }
 
-    /// Two uniform numbers in [0, 1), independent or a point of a sequence of the plane.
+    /// Two uniform numbers in [0, 1): independent, or a 2D point of a sequence.
     #[inline(always)]
     pub fn next_2d(&mut self) -> [f32; 2] {
         if let Some(point) = self.next_point() {
@@ -157,7 +157,7 @@ impl Random {
         [(bits >> 40) as f32, ((bits >> 8) & 0xFF_FFFF) as f32].map(|x| x * (1.0 / 16_777_216.0))
     }
 
-    /// The same, as multiples of 2⁻⁵³.
+    /// Two uniform numbers in [0, 1), multiples of 2⁻⁵³: independent, or a 2D point of a sequence with random lower bits.
     #[inline(always)]
     pub fn next_2d_f64(&mut self) -> [f64; 2] {
         const STEP: f64 = 1.0 / 9_007_199_254_740_992.0;
@@ -212,7 +212,7 @@ mod tests {
         }
     }
 
-    /// Whatever was drawn before, a dimension of a vertex has its own numbers, which no other has.
+    /// Each dimension of a vertex has numbers of its own, whatever was drawn before.
     #[test]
     fn dimensions_have_numbers_of_their_own() {
         let independent = Random::new(1, 2, 3);

@@ -1,8 +1,8 @@
-//! Points of the Sobol' sequence in the plane, scrambled so that each key has a sequence of its own (Owen 1995).
+//! Points of the 2D Sobol' sequence, scrambled so that each key has a sequence of its own (Owen 1995).
 //!
 //! The scrambling is a hash in which every bit depends on the bits above it only (Laine and Karras 2011; Burley 2020, *Practical
 //! hash-based Owen scrambling*; constants by Vegdahl 2021). The order of the points is scrambled in the same way, so that sequences
-//! of different keys are independent in pairs: pads of planes make up the dimensions of a path.
+//! of different keys are pairwise independent: the dimensions of a path are padded with 2D points of different keys.
 
 /// Point `index` of the sequence with key `seed`: two coordinates as fractions of 2³².
 #[inline(always)]
@@ -24,7 +24,7 @@ fn superset_sums(mut index: u32) -> u32 {
     index
 }
 
-/// Flips each bit or not, by a hash of the bits below it and `seed`: nested scrambling of reversed bits.
+/// Flips each bit or not, by a hash of the bits below it and `seed`: Owen scrambling of reversed bits.
 #[inline(always)]
 fn hash(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3D20_ADEA);

@@ -1,4 +1,4 @@
-//! Arrays in a safetensors file with a version and a checksum: what shards and guide files are made of.
+//! Arrays in a safetensors file with a version and a checksum: the format of shards and guide files.
 //!
 //! The header's metadata hold `version` and `crc32`, the latter over all tensors' bytes in the order of their names.
 
@@ -14,7 +14,7 @@ use super::{Error, Place, Result};
 /// An array to write: name, type, shape, little-endian bytes.
 pub type Tensor<'a> = (Cow<'static, str>, Dtype, Vec<usize>, Cow<'a, [u8]>);
 
-/// A vector of elements of `B` bytes.
+/// A 1D tensor of elements of `B` bytes.
 pub fn vector<'a, const B: usize>(
     name: impl Into<Cow<'static, str>>,
     dtype: Dtype,
@@ -24,7 +24,7 @@ pub fn vector<'a, const B: usize>(
     (name.into(), dtype, vec![bytes.len() / B], bytes.into())
 }
 
-/// Rows of `N` numbers.
+/// A 2D tensor of `f32` rows of `N` numbers.
 pub fn floats<'a, const N: usize>(
     name: impl Into<Cow<'static, str>>,
     rows: impl Iterator<Item = [f32; N]>,
@@ -33,7 +33,7 @@ pub fn floats<'a, const N: usize>(
     (name.into(), Dtype::F32, vec![bytes.len() / (4 * N), N], bytes.into())
 }
 
-/// The same in double precision.
+/// A 2D tensor of `f64` rows of `N` numbers.
 pub fn doubles<'a, const N: usize>(
     name: impl Into<Cow<'static, str>>,
     rows: impl Iterator<Item = [f64; N]>,
@@ -42,7 +42,7 @@ pub fn doubles<'a, const N: usize>(
     (name.into(), Dtype::F64, vec![bytes.len() / (8 * N), N], bytes.into())
 }
 
-/// Where consecutive parts of these lengths begin, and where the last ends, for [`Tensors::offsets`].
+/// A `u64` tensor of the beginnings of consecutive parts of these lengths, and the end of the last, for [`Tensors::offsets`].
 pub fn offsets<'a>(name: impl Into<Cow<'static, str>>, lengths: impl Iterator<Item = usize>) -> Tensor<'a> {
     let ends = lengths.scan(0, |end, length| {
         *end += length as u64;
@@ -51,7 +51,7 @@ pub fn offsets<'a>(name: impl Into<Cow<'static, str>>, lengths: impl Iterator<It
     vector(name, Dtype::U64, std::iter::once(0).chain(ends).map(u64::to_le_bytes))
 }
 
-/// Numbers as they lie in memory, which are not copied where that is how files hold them.
+/// A tensor that borrows numbers from memory; they are copied only on big-endian machines.
 pub fn borrowed<'a, T: bytemuck::NoUninit, const B: usize>(
     name: impl Into<Cow<'static, str>>,
     (dtype, columns): (Dtype, usize),
@@ -116,7 +116,7 @@ pub struct Tensors<'a> {
 }
 
 impl<'a> Tensors<'a> {
-    /// Takes the content of the file `path` of this `kind` and `version`.
+    /// Opens `bytes`, the content of the file `path` of this `kind` and `version`.
     ///
     /// # Errors
     /// [`Error::Malformed`] where it is no safetensors file or damaged, [`Error::Unsupported`] where it has another version.
@@ -160,7 +160,7 @@ impl<'a> Tensors<'a> {
         )
     }
 
-    /// The elements of a tensor whose trailing dimension is `columns` (1: a vector) and whose length is `rows`, if given.
+    /// Reads the elements of a tensor whose trailing dimension is `columns` (1: a vector) and whose length is `rows`, if given.
     ///
     /// # Errors
     /// [`Error::Malformed`] where it is missing or has another type or shape.
@@ -185,7 +185,7 @@ impl<'a> Tensors<'a> {
         Ok(tensor.data().as_chunks::<B>().0.iter().map(|&b| decode(b)).collect())
     }
 
-    /// Where each of `count` parts begins, and where the last ends: rising from 0.
+    /// Reads the beginnings of `count` consecutive parts, and the end of the last: rising from 0.
     ///
     /// # Errors
     /// [`Error::Malformed`] naming the tensor.

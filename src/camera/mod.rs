@@ -14,12 +14,12 @@ pub struct Camera {
     size: [f32; 2],
     aperture_radius: f32,
     focus_distance: f32,
-    /// Added to pixel coordinates.
+    /// Offset that is added to pixel coordinates.
     shift: [f32; 2],
 }
 
 impl Camera {
-    /// Horizontal field of view `fov` in degrees for a picture of `width` × `height` pixels; `aperture_radius` 0 is a pinhole.
+    /// A camera with a horizontal field of view of `fov` degrees for a picture of `width` × `height` pixels; radius 0 is a pinhole.
     pub fn new(to_world: Affine3A, fov: f32, [width, height]: [u32; 2], aperture_radius: f32, focus: f32) -> Self {
         let tan = (0.5 * fov.to_radians()).tan();
         let size = [width as f32, height as f32];
@@ -27,7 +27,7 @@ impl Camera {
         Self { to_world, tan_half, size, aperture_radius, focus_distance: focus, shift: [0.0; 2] }
     }
 
-    /// The same with the picture's middle moved off the viewing axis, by parts of its width (to the right) and height (down).
+    /// The camera with the picture's middle moved off the viewing axis, by parts of its width (to the right) and height (down).
     pub fn shifted(self, [x, y]: [f32; 2]) -> Self {
         Self { shift: [x * self.size[0], y * self.size[1]], ..self }
     }
@@ -37,7 +37,7 @@ impl Camera {
         self.to_world.translation.into()
     }
 
-    /// The numbers for the lens, which a pinhole does not need.
+    /// Random numbers for the lens; a pinhole needs none and gets its centre.
     #[inline]
     pub fn lens(&self, random: &Random) -> [f32; 2] {
         if self.aperture_radius > 0.0 { random.at(Dimension::LENS).next_2d() } else { [0.5; 2] }

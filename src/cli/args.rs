@@ -1,4 +1,4 @@
-//! What can be written on the command line. Nothing here looks at a file; see [`super::resolve`].
+//! The command line's options. Nothing here looks at a file; see [`super::resolve`].
 
 use std::path::PathBuf;
 use std::sync::LazyLock;
@@ -17,7 +17,7 @@ use crate::scene::file::FilterFile;
 use crate::scene::overrides::Override;
 use crate::scene::readers::Missing;
 
-/// What every help of a command that a signal can end says about that.
+/// Exit codes in the help of every command that a signal can end.
 macro_rules! exit_codes {
     () => {
         "\n\nExit codes: 0 done, 75 ended early by Ctrl-C, SIGTERM or SIGHUP with what there is kept, 1 failed, 2 wrong usage.\n\
@@ -268,7 +268,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "load_guide")]
     pub save_guide: Option<PathBuf>,
     /// Guide by a field that an earlier render saved; nothing is learned
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["LearningArgs", "model"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["samples", "target", "reconstruct", "model", "direct", "fraction", "filter", "simple_iterations", "past"])]
     pub load_guide: Option<PathBuf>,
     /// Ceiling of the sampling field in MB
     #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]
@@ -344,18 +344,17 @@ pub struct RenderArgs {
     /// Picture to measure errors against; they go into the statistics
     #[arg(long, value_name = "FILE")]
     pub reference: Option<PathBuf>,
-    /// What papers do otherwise.
-    #[command(flatten)]
-    pub learning: LearningArgs,
     /// Options of every command.
     #[command(flatten)]
     pub common: Common,
+    /// What papers do otherwise. Last, since its heading holds for all that follows.
+    #[command(flatten)]
+    pub learning: LearningArgs,
 }
 
 /// How guides learn, against what --guide says: to compare with what papers do, and to see what each part is worth.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Research")]
-#[group(id = "LearningArgs", multiple = true)]
 pub struct LearningArgs {
     /// Where guiding samples come from [default: by --guide]
     #[arg(long, value_enum)]

@@ -1,4 +1,4 @@
-//! Signals that ask for an end as a wish: the work looks at a flag, stops early and still writes what it has.
+//! Signals that ask a command to end, as a flag: the work looks at it, stops early and still writes what it has.
 
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use crate::base::{Error, Result};
 /// Exit code of work that a signal ended early (EX_TEMPFAIL of sysexits.h): what there is was kept, and the same command makes more.
 pub const EXIT_EARLY: u8 = 75;
 
-/// How far a command came.
+/// Whether a command did all of its work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[must_use]
 pub enum Ended {

@@ -13,15 +13,15 @@ pub const INTERVAL: Duration = Duration::from_secs(10);
 /// Time between two looks at whether a line is due.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Lines on stderr while this lives, also where the work says nothing for long.
+/// Progress lines on stderr as long as this value lives, also while the work reports nothing.
 pub struct Lines {
     log: Arc<Log>,
-    /// Hung up with the rest, which ends the thread that looks.
+    /// Channel that closes when this value is dropped, which ends the thread that looks.
     _lives: Sender<()>,
 }
 
 impl Lines {
-    /// Lines by the time that passes from now on.
+    /// Starts the clock, and the thread that writes a line whenever one is due.
     pub fn begin() -> Self {
         let begun = Instant::now();
         let log = Arc::new(Log::new(Box::new(move || begun.elapsed()), Box::new(std::io::stderr())));
@@ -63,7 +63,7 @@ impl Progress for Lines {
 /// Time since some moment.
 type Clock = Box<dyn Fn() -> Duration + Send + Sync>;
 
-/// What [`Lines`] knows, with a clock and a place to write of its own.
+/// State of [`Lines`], with a clock and an output that tests can replace.
 struct Log {
     clock: Clock,
     state: Mutex<State>,
@@ -110,7 +110,7 @@ impl Log {
 }
 
 impl State {
-    /// What is being done, its part that is done, what there is, and the seconds that it took so far.
+    /// One line: message, percentage done, status or count of units, seconds since the work began.
     fn line(&self, now: Duration) -> String {
         let counted = (self.total > 0).then(|| self.done as f64 / self.total as f64);
         // Rounded down: all is not done before it is.
@@ -186,7 +186,7 @@ mod tests {
             Self { log: Log::new(clock, Box::new(out.clone())), now, out }
         }
 
-        /// What is written when it is looked every quarter of a second until `end`.
+        /// Output of looking every quarter of a second until `end`, in milliseconds.
         fn until(&self, end: u64) -> String {
             while self.now.load(Ordering::Relaxed) < end {
                 self.now.fetch_add(250, Ordering::Relaxed);

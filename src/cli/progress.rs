@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::lines::Lines;
 use crate::base::{Progress, Silent};
 
-/// What fits this process: a bar on a terminal, lines elsewhere, nothing when `quiet`.
+/// Progress display that fits this process: a bar on a terminal, lines elsewhere, nothing when `quiet`.
 pub fn progress(quiet: bool) -> Box<dyn Progress> {
     match (quiet, std::io::stderr().is_terminal()) {
         (true, _) => Box::new(Silent),

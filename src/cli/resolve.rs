@@ -1,4 +1,4 @@
-//! From arguments and scene to the one description of what to render.
+//! Resolves arguments and the scene's defaults into one description of what to render.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -24,9 +24,9 @@ pub struct RenderRequest {
     pub output: PathBuf,
     /// Columns and rows.
     pub size: [u32; 2],
-    /// How it is rendered, as far as the scene's plan has no say in it.
+    /// Render settings before the scene's plan is applied to them.
     pub settings: RenderSettings,
-    /// Where guiding samples come from, if that was asked for against the plan.
+    /// Kinds of samples that guides learn from, if asked for against the plan.
     pub samples: Option<SampleKinds>,
     /// Effects switched on or off against the plan.
     pub effects: Vec<Override>,
@@ -34,26 +34,26 @@ pub struct RenderRequest {
     pub aovs: Vec<Aov>,
     /// Stops by which a PNG file is brightened.
     pub exposure: f32,
-    /// Where the guiding field goes.
+    /// File that the guiding field is written to.
     pub save_guide: Option<PathBuf>,
-    /// Where it comes from.
+    /// File that the guiding field is read from.
     pub load_guide: Option<PathBuf>,
     /// The model's folder; `None` is the model inside the program.
     pub model: Option<PathBuf>,
-    /// Who executes the network.
+    /// Backend that executes the network.
     pub backend: Backend,
-    /// Where checkpoints go, and the least time between two.
+    /// File that checkpoints are written to, and the least time between two.
     pub checkpoint: Option<(PathBuf, Duration)>,
     /// The checkpoint to go on from.
     pub resume: Option<PathBuf>,
-    /// Where statistics go.
+    /// File that statistics are written to.
     pub stats: Option<PathBuf>,
     /// The picture that errors are measured against.
     pub reference: Option<PathBuf>,
 }
 
 impl RenderRequest {
-    /// Where in a larger picture the rendered one is.
+    /// Place of the rendered window in the whole picture; none where all of it is rendered.
     pub fn placed(&self) -> Placed {
         self.settings.crop.map(|window| (window, self.size))
     }
@@ -92,7 +92,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
     })
 }
 
-/// The mode's defaults with what was asked for.
+/// Defaults of the mode with the options that were given.
 fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<RenderSettings> {
     let defaults = RenderSettings::new(args.guide, stop(args, scene)?);
     let transport = TransportSettings {
@@ -137,7 +137,7 @@ fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<Render
     })
 }
 
-/// When to stop.
+/// Rule by which the render ends.
 fn stop(args: &RenderArgs, scene: &SceneFile) -> Result<StopRule> {
     match (args.spp, args.time, args.target_error) {
         (None, None, None) if scene.render.spp == 0 => {
@@ -151,7 +151,7 @@ fn stop(args: &RenderArgs, scene: &SceneFile) -> Result<StopRule> {
     }
 }
 
-/// Refuses what the guide that was asked for cannot do.
+/// Refuses options that the chosen guiding method does not have.
 fn check_guide(args: &RenderArgs) -> Result<()> {
     let LearningArgs { samples, target, direct, fraction, filter, simple_iterations, past, reconstruct } =
         args.learning;

@@ -150,7 +150,7 @@ impl Pass {
         trimmed_mean(&mut variances, worst)
     }
 
-    /// Keeps of the pass what combining needs: the means in f32, the counts, and the variances.
+    /// Reduces the pass to what combining needs: the means in f32, the counts, and the variances.
     pub fn finish(&self) -> FinishedPass {
         let half = |half: &Vec<Pixel>| Half {
             means: half.par_iter().map(|p| Vec3::from_array(p.mean.map(|m| m as f32))).collect(),
@@ -173,7 +173,7 @@ impl Pass {
     }
 }
 
-/// How far the samples of many pixels are spread around their pixels' means.
+/// Pooled deviations of the samples of many pixels from their pixels' means.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Spread {
     /// Degrees of freedom and sum of squared deviations over all pixels, averaged over channels.
@@ -205,7 +205,7 @@ impl Spread {
 /// Side in pixels of the squares of which each has weights of its own.
 const TILE: usize = 16;
 
-/// Spread of a picture's tiles, each with those around it; row by row.
+/// Pooled spread of each tile of a picture together with the tiles around it; row by row.
 fn tiles(pixels: &[Pixel], width: usize) -> Vec<Spread> {
     let height = pixels.len().checked_div(width).unwrap_or(0);
     let [columns, rows] = [width, height].map(|size| size.div_ceil(TILE));
@@ -240,7 +240,7 @@ pub struct FinishedPass {
     pub(super) variance: Vec<Vec3>,
 }
 
-/// Every other sample of a pass.
+/// One half of a finished pass: its even or its odd samples.
 #[derive(Debug, Clone, PartialEq)]
 struct Half {
     means: Vec<Vec3>,
@@ -300,7 +300,7 @@ pub(super) fn weights(passes: &[FinishedPass], half: usize) -> Vec<Vec<f64>> {
     (0..tiles).into_par_iter().map(tile).collect()
 }
 
-/// The picture that passes make together. A pixel without samples in a pass leaves that pass out; one without samples in any has
+/// Combines passes into a picture. A pixel without samples in a pass leaves that pass out; one without samples in any has
 /// the value of the nearest pixel above or below that has some, and is black where there is none within [`REACH`] rows.
 ///
 /// Each half of the passes is weighted by what the *other* half measured. With weights of their own samples, passes with a firefly
@@ -318,7 +318,7 @@ pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
     mixed(passes, |half, tile| if half == 0 { &first[tile] } else { &second[tile] })
 }
 
-/// The same with given weights, for passes whose sample counts were chosen by what others saw.
+/// [`combine`] with given weights, for passes whose sample counts were decided by the samples of others.
 ///
 /// # Errors
 /// As [`combine`].
@@ -326,7 +326,7 @@ pub fn combine_weighted(passes: &[FinishedPass], weights: &[f64]) -> Result<Imag
     mixed(passes, |_, _| weights)
 }
 
-/// Columns and pixels of all passes.
+/// Number of columns and of pixels, which must be the same for all passes.
 pub(super) fn check_alike(passes: &[FinishedPass]) -> Result<[usize; 2]> {
     let first = passes.first().ok_or_else(|| Error::Options("no pass was rendered, so there is no picture".into()))?;
     let size = |pass: &FinishedPass| [pass.width, pass.halves[0].means.len()];
@@ -341,7 +341,7 @@ pub(super) fn tile_of(pixel: usize, width: usize) -> usize {
     pixel / width / TILE * width.div_ceil(TILE) + pixel % width / TILE
 }
 
-/// Halves weighted each in its own way, by `weights` of half and tile, then counted by their samples.
+/// Combines passes half by half, with `weights` of half and tile for the passes; halves count by their samples.
 fn mixed<'a>(passes: &[FinishedPass], weights: impl Fn(usize, usize) -> &'a [f64] + Sync) -> Result<Image> {
     let [width, pixels] = check_alike(passes)?;
     let pixel = |i: usize| {
@@ -366,7 +366,7 @@ fn mixed<'a>(passes: &[FinishedPass], weights: impl Fn(usize, usize) -> &'a [f64
     Ok(Image { width, height: pixels.checked_div(width).unwrap_or(0), pixels: filled(&sampled, width) })
 }
 
-/// How many rows away a pixel without samples looks for one that has some.
+/// Most rows between a pixel without samples and the one whose value it takes.
 const REACH: usize = 32;
 
 fn filled(sampled: &[Option<Vec3>], width: usize) -> Vec<Vec3> {

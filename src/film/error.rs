@@ -1,4 +1,4 @@
-//! How far a picture is from a reference.
+//! Errors of a picture against a reference.
 //!
 //! x is the picture, r the reference; means run over pixels and channels.
 
@@ -14,7 +14,7 @@ pub(super) const FLOOR: f64 = 0.01;
 /// Share of pixels that the trimmed error drops.
 const TRIM: f64 = 0.001;
 
-/// Distances between a picture and its reference.
+/// Errors of a picture against its reference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Measures {
     /// Mean of (x−r)²/(r²+0.01).
@@ -31,7 +31,7 @@ pub struct Measures {
     pub relmse_ldr: f64,
 }
 
-/// How many of so many pixels trimmed errors leave out.
+/// Number of pixels that trimmed errors leave out of a picture of `pixels` pixels: 0.1 %, rounded down.
 pub fn outliers(pixels: usize) -> usize {
     (pixels as f64 * TRIM) as usize
 }
@@ -44,7 +44,7 @@ pub fn measure(picture: &Image, reference: &Image) -> Result<Measures> {
     measure_noisy(picture, reference, None)
 }
 
-/// The same where the reference is itself an estimate with a known variance per pixel and channel: in both relative errors that
+/// [`measure`] where the reference is itself an estimate with a known variance per pixel and channel: in both relative errors that
 /// variance is subtracted from (x−r)², so that what is left is the distance to the truth, on average over references. The other
 /// measures are those of [`measure`].
 ///

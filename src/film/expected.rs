@@ -1,15 +1,15 @@
-//! What pixels will about be, by the noisy picture so far.
+//! Estimated pixel values, from the noisy picture so far.
 
 use rayon::prelude::*;
 
 use crate::math::{channel_mean, trimmed_mean};
 use crate::picture::Image;
 
-/// Part of the whole picture's mean that no pixel is expected to fall below.
+/// Least expected value of a pixel, as a part of the whole picture's mean.
 const FLOOR: f64 = 0.1;
 
-/// The channel mean that every pixel of `image` will about have: a mean over 5 × 5 pixels, with a floor. The largest are left out
-/// of both, so that fireflies do not make everything else look worthless. None while no light was found.
+/// Estimated channel mean of every pixel of `image`: a mean over 5 × 5 pixels, with a floor. The largest values are left out of
+/// both, so that fireflies do not make everything else look worthless. None while no light was found.
 pub fn expected_values(image: &Image) -> Option<Vec<f32>> {
     let found: Vec<f64> = image.pixels.iter().map(|&p| f64::from(channel_mean(p))).collect();
     let floor = FLOOR * trimmed_mean(&mut found.clone(), found.len() / 100)?;

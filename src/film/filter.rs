@@ -1,8 +1,8 @@
 //! Pixel filters by filter importance sampling (Ernst, Stamminger and Greiner 2006).
 //!
 //! A pixel's value is the integral of the light around it, weighted by a filter. Here the filter is the density that the offsets of
-//! the pixel's camera samples are drawn from, so the value is their plain mean: every sample belongs to one pixel, and what is
-//! known of the spread of samples stays true. A splat would share samples between pixels instead, with less noise for wide
+//! the pixel's camera samples are drawn from, so the value is their plain mean: every sample belongs to one pixel, and estimates
+//! from the spread of its samples stay valid. A splat would share samples between pixels instead, with less noise for wide
 //! filters, but with noise that neighbours have in common, and with edges where the film ends.
 //!
 //! All filters are even and separable. Both axes are inverted from one uniform number each, in ascending order, so that numbers
@@ -21,7 +21,7 @@ const GAUSSIAN_END: f64 = 8.0;
 /// A filter ready to be sampled.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PixelFilter {
-    /// Pixels.
+    /// Radius, pixels.
     radius: f32,
     profile: Profile,
 }
@@ -69,8 +69,8 @@ impl PixelFilter {
         })
     }
 
-    /// Maps uniform numbers in [0, 1)² to a place relative to the pixel's top left corner, in pixels. For a box of radius 0.5 they
-    /// are what they were.
+    /// Maps uniform numbers in [0, 1)² to a place relative to the pixel's top left corner, in pixels; the identity for a box of
+    /// radius 0.5.
     pub fn sample(&self, u: [f32; 2]) -> [f32; 2] {
         u.map(|u| {
             let signed = 2.0 * u - 1.0;
@@ -90,7 +90,7 @@ fn blackman_harris(x: f64) -> f64 {
 }
 
 impl Profile {
-    /// A smooth weight over [0, 1], not negative.
+    /// Tabulates a smooth weight over [0, 1] that is not negative.
     fn table(weight: impl Fn(f64) -> f64) -> Self {
         let at = |i: usize, part: f64| weight((i as f64 + part) / CELLS as f64);
         let mut sum = 0.0;

@@ -1,4 +1,4 @@
-//! Film: from samples to pictures, and how far a picture is from a reference.
+//! Film: samples become passes and pictures; errors of a picture against a reference.
 
 pub mod accumulator;
 pub mod error;

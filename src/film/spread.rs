@@ -1,4 +1,4 @@
-//! How many samples a pixel of the picture has, and how far its value may be off by chance.
+//! Sample count and variance of each pixel of a picture.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -6,22 +6,22 @@ use rayon::prelude::*;
 use super::accumulator::{FinishedPass, check_alike, tile_of, weights};
 use crate::base::Result;
 
-/// What stands behind the pixels of a picture, row by row.
+/// Sample count and variance of each pixel of a picture, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PixelSpread {
     /// Samples that the value is made of.
     pub samples: Vec<u32>,
-    /// Variance of the value per channel; 0 where fewer than two samples cannot tell.
+    /// Variance of the value per channel; 0 below two samples.
     pub variance: Vec<Vec3>,
 }
 
-/// The spread behind [`combine`](super::combine)'s picture, or where `fixed` weights are given behind that of
+/// Sample counts and variances of [`combine`](super::combine)'s picture, or where `fixed` weights are given of that of
 /// [`combine_weighted`](super::combine_weighted). A pass that took only one sample of a pixel is taken to be as noisy there as the
 /// noisiest of the others. Passes must have been finished with their variances; those without count as unknown.
 ///
-/// Samples that follow sequences are spread more evenly than independent ones, and their spread within a pixel says too much. So
-/// it gives the pixels of a tile their shares of the variance only; how much that is in all is told by the difference of a pass's
-/// halves, which know nothing of each other.
+/// Samples that follow sequences are spread more evenly than independent ones, so their spread within a pixel overestimates the
+/// variance. It only divides the variance of a tile among its pixels; the sum over a tile is measured by the difference of a
+/// pass's halves, which are independent of each other.
 ///
 /// # Errors
 /// [`Error::Options`](crate::base::Error::Options) where passes differ in size or there is none.
@@ -57,7 +57,7 @@ pub fn pixel_spread(passes: &[FinishedPass], fixed: Option<&[f64]>) -> Result<Pi
     Ok(PixelSpread { samples, variance })
 }
 
-/// By tile: the squared difference of the pass's halves over what independent samples with the pixels' spread would give.
+/// By tile: squared difference of the pass's halves over that expected of independent samples with the pixels' spread.
 fn evenness(pass: &FinishedPass, width: usize) -> Vec<f64> {
     let tiles = (0..pass.variance.len()).map(|i| tile_of(i, width) + 1).max().unwrap_or(0);
     let mut sums = vec![[0.0f64; 2]; tiles];

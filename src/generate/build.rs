@@ -1,4 +1,4 @@
-//! Putting a scene file together piece by piece, and knowing where its solids are.
+//! Builds a scene file piece by piece, and keeps track of its solids.
 
 use glam::{Mat3, Mat4, Quat, Vec3};
 

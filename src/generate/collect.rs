@@ -1,4 +1,4 @@
-//! Collecting training pairs: what rendering would know of a voxel after a few iterations, and what it converges to.
+//! Collecting training pairs: a voxel's trees as a render has them after a few iterations, and the converged distribution.
 //!
 //! One long run of a scene makes the voxels, which are never halved, finds out where their light starts, and collects Q_gt for
 //! all of them from camera paths. Then several short runs learn anew in the same voxels, as a render does, and leave inputs after
@@ -37,21 +37,21 @@ const LEAST_TARGET_SAMPLES: u64 = 256;
 const WORST_FLOOR: f32 = 1.5;
 /// Uniform part in the floor's second argument, which keeps it finite.
 const FLOOR_UNIFORM: f64 = 0.02;
-/// What the inputs of a scene's short runs are made from, in turn, with [`TreeSample::kinds`].
+/// Kinds of samples that the inputs of a scene's short runs are made from, in turn, with [`TreeSample::kinds`].
 const KINDS: [(SampleKinds, u32); 4] =
     [(SampleKinds::Both, 0), (SampleKinds::Both, 0), (SampleKinds::Path, 1), (SampleKinds::Photon, 2)];
 
-/// Name of what a data folder keeps of its recipe.
+/// Name of the file in which a data folder keeps the settings of its recipe.
 const RECIPE_FILE: &str = "recipe.json";
-/// Largest accepted one in bytes.
+/// Largest accepted file of that name, bytes.
 const RECIPE_LIMIT: u64 = 1 << 20;
 
 /// Follows `recipe` into `folder`: one shard per scene and an index. Shards that the index already lists are kept, so an
-/// interrupted run goes on where it stopped, and a recipe may get more scenes. A folder that is refused stays as it was. Returns how
-/// many scenes it did not come to before it was stopped.
+/// interrupted run goes on where it stopped, and a recipe may get more scenes. A folder that is refused stays as it was. Returns
+/// the number of scenes that are missing because it was stopped.
 ///
 /// # Errors
-/// Whatever building a scene, rendering it or writing says; [`Error::Malformed`] for a folder that another recipe made.
+/// Errors of building a scene, rendering it and writing; [`Error::Malformed`] for a folder that another recipe made.
 pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &AtomicBool) -> Result<usize> {
     let mut index =
         if folder.join(INDEX_FILE).exists() { DatasetIndex::read(folder)? } else { DatasetIndex::default() };
@@ -99,12 +99,12 @@ fn shard_name(number: u32, job: &Job) -> String {
     format!("{number:05}-{}.safetensors", job.source.name())
 }
 
-/// What a recipe says of every scene; seeds and what is held out are told by the index.
+/// Settings of a recipe that all scenes share; seeds and what is held out are in the index.
 fn of_scenes(recipe: &Recipe) -> Recipe {
     Recipe { name: String::new(), held_out: 0.0, family: vec![], scene: vec![], ..recipe.clone() }
 }
 
-/// Refuses a folder whose scenes were looked at in another way than `recipe` says, or are others than its `jobs`.
+/// Refuses a folder whose data were made with other settings than `recipe` has, or of other scenes than its `jobs`.
 fn check_folder(recipe: &Recipe, jobs: &[Job], mode: &Mode, index: &DatasetIndex, folder: &Path) -> Result<()> {
     let note = folder.join(RECIPE_FILE);
     if note.exists() && read_json::<Recipe>(&note, RECIPE_LIMIT)? != of_scenes(recipe) {
@@ -125,7 +125,7 @@ fn check_folder(recipe: &Recipe, jobs: &[Job], mode: &Mode, index: &DatasetIndex
     Ok(())
 }
 
-/// What all scenes of a recipe are rendered with.
+/// Render settings of all scenes of a recipe.
 fn render_settings(recipe: &Recipe) -> RenderSettings {
     let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
     settings.learner.target = recipe.target;
@@ -134,10 +134,10 @@ fn render_settings(recipe: &Recipe) -> RenderSettings {
     settings
 }
 
-/// The trees of one scene.
+/// Collects the training pairs of one scene.
 ///
 /// # Errors
-/// Whatever building the scene or rendering it says.
+/// Errors of building the scene and rendering it.
 pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<Vec<TreeSample>> {
     let loaded = match &job.source {
         Source::Family(family) => {
@@ -173,11 +173,11 @@ struct Run<'a> {
     settings: RenderSettings,
     learning: Learning,
     first_sample: u32,
-    /// The passes so far: as in a render, roulette and light sampling go by what pixels will about be.
+    /// The passes so far: as in a render, roulette and light sampling depend on the pixel values estimated from them.
     passes: Vec<FinishedPass>,
 }
 
-/// What a voxel converges to.
+/// Converged distribution of a voxel, Q_gt, with that of BSDF samples.
 struct Target {
     distribution: Distribution,
     bsdf: Vec<f32>,
@@ -326,7 +326,7 @@ fn pair_of(tree: &CountedTree, target: &Target) -> TreeSample {
 }
 
 impl Target {
-    /// What two independent halves say together; none where they have too few samples or too little in common.
+    /// Target from two independent halves together; none where they have too few samples or too little in common.
     fn of(first: &Quadtree, second: &Quadtree, quantity: Quantity) -> Option<Self> {
         let topology = first.topology();
         if topology != second.topology() {
@@ -356,7 +356,7 @@ mod tests {
     use super::super::{Family, scene};
     use super::*;
 
-    /// As in a render, a pass knows from those before what pixels will about be, and leaves out work that brings little: at least a
+    /// As in a render, a pass estimates pixel values from those before, and leaves out work that brings little: at least a
     /// twentieth of the rays, with the same guides. Data of paths that are never judged would not be what renders have.
     #[test]
     fn data_are_collected_with_the_roulette_of_renders() {

@@ -237,7 +237,7 @@ fn lamp(draw: &mut Draw, builder: &mut Builder, room: &Room, onwards: Vec3) {
     }
 }
 
-/// What shines in at the open end: the sky, the sun, both, or a panel; `onwards` points outside.
+/// Light that shines in at the open end: the sky, the sun, both, or a panel; `onwards` points outside.
 fn outside(draw: &mut Draw, builder: &mut Builder, room: &Room, onwards: Vec3) {
     let kind = draw.integer(0, 3);
     if kind == 0 {

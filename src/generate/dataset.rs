@@ -34,11 +34,11 @@ pub struct ShardEntry {
     pub held_out: bool,
     /// Trees in the shard.
     pub samples: u64,
-    /// How its trees were collected.
+    /// Mode that its trees were collected in.
     pub mode: Mode,
 }
 
-/// What a line of any version has.
+/// Keys that an index line of any version has.
 #[derive(Deserialize)]
 struct Versioned {
     version: u32,
@@ -102,7 +102,7 @@ impl DatasetIndex {
 /// All trees of a data folder.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dataset {
-    /// How the trees were collected.
+    /// Mode that the trees were collected in.
     pub mode: Mode,
     /// Trees to train on.
     pub train: Vec<TreeSample>,
@@ -164,7 +164,7 @@ fn read_entry(folder: &Path, entry: &ShardEntry) -> Result<Vec<TreeSample>> {
     Ok(trees)
 }
 
-/// What [`check`] found.
+/// Counts and means over a data folder, found by [`check`].
 #[derive(Debug, Clone, PartialEq, Serialize, Default)]
 pub struct Summary {
     /// Shards read.

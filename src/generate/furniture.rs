@@ -1,4 +1,4 @@
-//! What stands about in rooms: crates, balls, boards, tables, racks and plants.
+//! Furniture and clutter in rooms: crates, balls, boards, tables, racks and plants.
 
 use std::f32::consts::FRAC_PI_2;
 

@@ -16,7 +16,7 @@ use crate::scene::file::LightFile;
 /// Most lamps with a shade in one group: each is a mesh of its own to the ray tracer.
 const MOST_SHADES: u32 = 24;
 
-/// What hangs in one place.
+/// Kinds of lamps.
 #[derive(Debug, Clone, PartialEq)]
 enum Kind {
     /// A bright ball.
@@ -43,7 +43,7 @@ struct Shade {
     turn: Quat,
 }
 
-/// Where the lamps of a group are.
+/// Places of the lamps of a group.
 #[derive(Debug, Clone, Copy)]
 enum Layout {
     /// In rows below the ceiling.
@@ -64,7 +64,7 @@ struct Group {
     kind: Kind,
     layout: Layout,
     count: u32,
-    /// Material of what shines.
+    /// Material of the emitting surface.
     dark: String,
     /// Radius, half edge, or radius of the shade.
     size: f32,

@@ -84,7 +84,7 @@ impl Family {
         }
     }
 
-    /// What builds its scenes before they are scattered.
+    /// Function that builds its scenes before they are scattered.
     fn build(self) -> fn(&mut Draw, &mut Builder) {
         match self {
             Self::Primitives => primitives::build,

@@ -1,4 +1,4 @@
-//! Recipes for training data: which scenes, seen how often, at what resolution. Everything is counted, nothing timed, so the
+//! Recipes for training data: scenes, samples per pixel and resolution. Everything is counted, nothing timed, so the
 //! same recipe gives the same data anywhere.
 
 use std::path::{Path, PathBuf};
@@ -33,10 +33,10 @@ pub struct Recipe {
     pub resolution: [u32; 2],
     /// Iterations t after which inputs are taken; each counts 2^(t+1) − 1 samples per pixel.
     pub iterations: Vec<u32>,
-    /// Cells of the spatial cache along the diagonal of what the camera sees; scenes of a family take them in turn.
+    /// Cells of the spatial cache along the diagonal of the space that the camera sees; scenes of a family take them in turn.
     #[serde(default = "default_grids")]
     pub grids: Vec<u32>,
-    /// What trees hold and so what a network learns to make: `variance`, which rendering uses, or `radiance`.
+    /// Target of the trees and so of the network: `variance`, which rendering uses, or `radiance`.
     #[serde(default = "default_target")]
     pub target: Target,
     /// Camera paths per pixel that targets are collected from.
@@ -54,7 +54,7 @@ pub struct Recipe {
     pub scene: Vec<SceneRecipe>,
 }
 
-/// How much of one family there is.
+/// Number of scenes of one family.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FamilyRecipe {
@@ -75,7 +75,7 @@ pub struct SceneRecipe {
     pub held_out: bool,
 }
 
-/// Where a scene comes from.
+/// Origin of a scene.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Source {
     /// A random scene of a family.
@@ -117,7 +117,7 @@ impl Source {
 /// One scene of a recipe.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Job {
-    /// What it shows.
+    /// Origin of the scene.
     pub source: Source,
     /// 0-based number within the family, or among the files.
     pub index: u32,

@@ -116,7 +116,7 @@ fn lamp(draw: &mut Draw, builder: &mut Builder, room: &Room) {
     builder.add_quad("light", center, [u, v], &dark, Some(emission));
 }
 
-/// What shines through the windows: a panel, a sun, the sky, or sun and sky.
+/// Light that shines through the windows: a panel, a sun, the sky, or sun and sky.
 fn outside(draw: &mut Draw, builder: &mut Builder, room: &Room, windows: &[Opening]) {
     let ground = draw.surface(builder, "ground");
     let level = Vec3::new(room.low.x - room.wall - 5.0, room.low.y - room.wall, 0.5 * (room.low.z + room.high.z));

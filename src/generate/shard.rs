@@ -6,7 +6,7 @@
 //! | name | type | shape |
 //! |---|---|---|
 //! | `ids` | u32 | [T, 6]: scene, family, iteration, kinds of samples, path samples, photons |
-//! | `voxel_features` | f32 | [T, 6]: path share, mean normal, nearness, samples of earlier iterations |
+//! | `traits` | f32 | [T, 6]: path share, mean normal, nearness, samples of earlier iterations |
 //! | `bounds` | f32 | [T, 6] |
 //! | `target_samples` | u64 | [T] |
 //! | `floor_kl` | f32 | [T] |
@@ -51,7 +51,7 @@ pub struct TreeSample {
     pub family: u32,
     /// Iteration after which the input was taken.
     pub iteration: u32,
-    /// What the input was made from: 0 path samples and photons, 1 path samples, 2 photons.
+    /// Kinds of samples in the input: 0 path samples and photons, 1 path samples, 2 photons.
     pub kinds: u32,
     /// The voxel in world space: minimum, maximum.
     pub bounds: [f32; 6],
@@ -69,15 +69,15 @@ pub struct TreeSample {
     pub block: Vec<f32>,
     /// Samples of the block and of the larger one around it.
     pub block_samples: [f32; 2],
-    /// What is known of the voxel as a whole.
+    /// Features of the voxel as a whole.
     pub voxel_features: VoxelFeatures,
-    /// What the sums of path samples are of. Not in the shard: the index's mode says it.
+    /// Quantity that the sums of path samples hold. Not in the shard: the index's mode has it.
     pub quantity: Target,
     /// Split flags of the converged tree, Q_gt.
     pub target_split: Vec<bool>,
     /// Mass per leaf of Q_gt; the sum is 1.
     pub target: Vec<f32>,
-    /// Mass per leaf of what BSDF sampling draws in the voxel; the sum is 1.
+    /// Mass per leaf of the density of BSDF samples in the voxel; the sum is 1.
     pub target_bsdf: Vec<f32>,
     /// Path samples in Q_gt.
     pub target_samples: u64,

@@ -1,4 +1,4 @@
-//! Where the solids of a scene are, to place cameras and objects in free space.
+//! Solids of a scene and distances to them, to place cameras and objects in free space.
 
 use glam::{Quat, Vec3};
 
@@ -51,7 +51,7 @@ impl Solids {
         self.0.iter().map(|s| s.distance(p)).fold(f32::INFINITY, f32::min)
     }
 
-    /// How far one can go from `p` along the unit vector `along`, at most `limit` (sphere tracing, Hart 1996).
+    /// Free distance from `p` along the unit vector `along`, at most `limit` (sphere tracing, Hart 1996).
     pub fn free_path(&self, p: Vec3, along: Vec3, limit: f32) -> f32 {
         let mut gone = 0.0;
         for _ in 0..256 {

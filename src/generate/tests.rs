@@ -1,4 +1,4 @@
-//! What every generated scene must fulfil.
+//! Properties that every generated scene must have.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -110,7 +110,7 @@ fn pictures_are_lit() {
     }
 }
 
-/// What a family is meant to teach is there: every kind of material somewhere, and lamps from few to many.
+/// Scenes vary as training needs: every kind of material somewhere, and lamps from few to many.
 #[test]
 fn scenes_are_varied() {
     let kind = |m: &MaterialFile| {

@@ -9,14 +9,14 @@ use super::sphere::Sphere;
 use crate::math::error_bound::gamma;
 use crate::sampling::discrete::Discrete;
 
-/// A placed surface.
+/// A surface placed in the world.
 #[derive(Debug, Clone)]
 pub struct Shape {
-    /// What is placed.
+    /// The mesh or sphere.
     pub geometry: Geometry,
-    /// The front is where the stored normals do not point.
+    /// Whether the front is the side opposite to the stored normals.
     pub flip_normals: bool,
-    /// Rotation from the world to where a sphere's texture coordinates are those of its poles; none where it changes nothing.
+    /// Rotation from the world to the frame of a sphere's texture coordinates, whose poles are ±z; none for the identity.
     pub turn: Option<Mat3>,
 }
 
@@ -33,7 +33,7 @@ pub enum Geometry {
         normal_to_world: Mat3,
         /// −1 where the placement mirrors the mesh and so turns its winding around; otherwise 1.
         winding: f32,
-        /// Takes the magnitudes of a point's coordinates to bounds of their errors; none where `to_world` is the
+        /// Maps the magnitudes of a point's coordinates to bounds of their errors; none where `to_world` is the
         /// identity: the mesh is in world coordinates.
         rounding: Option<Box<Affine3A>>,
     },
@@ -54,7 +54,7 @@ impl Shape {
         }
     }
 
-    /// The same with a mesh of its own in world coordinates, which spares every hit the way there.
+    /// The same shape with a copy of the mesh in world coordinates, which saves a transform at every hit.
     pub fn in_world(self) -> Self {
         let Geometry::Mesh { mesh, to_world, normal_to_world, winding, rounding: Some(_) } = &self.geometry else {
             return self;
@@ -80,7 +80,7 @@ impl Shape {
         Self { geometry: Geometry::Sphere(Sphere { center, radius }), flip_normals, turn: None }
     }
 
-    /// A sphere whose texture is turned by the orthogonal matrix `to_world`.
+    /// The same sphere, with its texture coordinates rotated by the orthogonal matrix `to_world`.
     pub fn turned(self, to_world: Mat3) -> Self {
         Self { turn: (to_world != Mat3::IDENTITY).then(|| to_world.transpose()), ..self }
     }
@@ -97,8 +97,8 @@ impl Shape {
         }
     }
 
-    /// Bounds of the errors of a triangle's point in the world, given what its coordinates were summed from, without
-    /// signs.
+    /// Bounds of the rounding errors of the world coordinates of a triangle's point; `magnitudes` are the sums of the absolute
+    /// values of the terms that its coordinates were summed from.
     #[inline(always)]
     pub fn error(&self, magnitudes: Vec3) -> Vec3 {
         match &self.geometry {
@@ -129,17 +129,17 @@ impl Shape {
     }
 }
 
-/// World to mesh in double precision: what is left to be bounded is its rounding to singles.
+/// World to mesh in double precision: only its rounding to single precision needs a bound.
 pub(super) fn to_mesh(to_world: &Affine3A) -> DAffine3 {
     to_world.as_daffine3().inverse()
 }
 
-/// See [`Geometry::Mesh`]. Rays meet an instance in the coordinates of its mesh, so the errors that count are those
-/// after a point has been taken there. With M the linear part of the placement, t its translation and N the inverse of
-/// M, the point q = N·(p − t) is rounded relative to |N|·|p|, |N|·|t| and itself, which is at most the sum of both; and
-/// the corners that p was made of relative to |M|·|q| (Pharr, Jakob, Humphreys 2023, §6.8). Seen in the world all are
-/// parts of |M|·|N|·(|p| + |t|). That is far more than |p| where a large t cancels, and where a turn carries the error
-/// of a large coordinate into a small one.
+/// Error bounds of a placed mesh, see [`Geometry::Mesh`]. Rays meet an instance in the coordinates of its mesh, so the errors that
+/// count are those after a point has been taken there. With M the linear part of the placement, t its translation and N the inverse
+/// of M, the point q = N·(p − t) is rounded relative to |N|·|p|, |N|·|t| and itself, which is at most the sum of both; and the
+/// corners that p was made of relative to |M|·|q| (Pharr, Jakob, Humphreys 2023, §6.8). Seen in the world all are parts of
+/// |M|·|N|·(|p| + |t|). That is far more than |p| where a large t cancels, and where a rotation carries the error of a large
+/// coordinate into a small one.
 ///
 /// Five roundings make p, six take it to the mesh, five are those of the corners; and eight are for the direction,
 /// which is rounded four times, along a triangle twice as long as p is far from the origin.

@@ -21,7 +21,7 @@ pub struct Surface {
     pub normal: Vec3,
     /// Shading frame around the shading normal.
     pub frame: Frame,
-    /// The shading normal before a bump map has turned it.
+    /// The shading normal without bump map.
     pub smooth: Vec3,
     /// Texture coordinates.
     pub uv: Vec2,
@@ -80,8 +80,8 @@ impl Surface {
         }
     }
 
-    /// The shading normal on the side that the unit direction `out` points to, without bumps, which would scatter a surface over all
-    /// facings of a guide.
+    /// The shading normal on the side of the unit direction `out`, without bumps, which would spread a surface over all facings of
+    /// a guide.
     pub fn normal_towards(&self, out: Vec3) -> Vec3 {
         if self.smooth.dot(out) < 0.0 { -self.smooth } else { self.smooth }
     }
@@ -92,9 +92,9 @@ impl Surface {
         Ray { origin: offset_origin(self.point, self.error, self.normal, direction), direction }
     }
 
-    /// The ray from this point to the one at `distance` in the unit direction `wi`, and where it stops. It is aimed from its offset
-    /// origin, since at grazing angles the offset would otherwise carry it past the end, and stops short of that by the rounding of
-    /// both ends.
+    /// The ray from this point to the one at `distance` in the unit direction `wi`, and its maximum distance. It is aimed from its
+    /// offset origin, since at grazing angles the offset would otherwise carry it past the end, and stops short of that by the
+    /// rounding of both ends.
     #[inline(always)]
     pub fn towards(&self, wi: Vec3, distance: f32) -> (Ray, f32) {
         let ray = self.leave(wi);
@@ -109,8 +109,8 @@ impl Surface {
     }
 }
 
-/// ∂p/∂u and ∂p/∂v at `surface`, which is the one at `hit` on `shape`, in world units; none where the texture coordinates do not
-/// span the surface.
+/// ∂p/∂u and ∂p/∂v in world units at `surface`, the point of `hit` on `shape`; none where the texture coordinates do not span the
+/// surface.
 pub fn partials(surface: &Surface, hit: &Hit, shape: &Shape) -> Option<[Vec3; 2]> {
     if let Geometry::Sphere(sphere) = &shape.geometry {
         // Derivatives of Sphere::uv's inverse.

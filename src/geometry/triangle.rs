@@ -19,7 +19,7 @@ impl Shear {
         Self::with_inverse(origin, direction, direction.recip())
     }
 
-    /// The same where the inverses of the direction's components are known.
+    /// As [`Shear::new`], where the reciprocals of the direction's components are known.
     #[inline(always)]
     pub(super) fn with_inverse(origin: Vec3, direction: Vec3, inverse: Vec3) -> Self {
         let kz = direction.abs().max_position();

@@ -1,5 +1,5 @@
-//! Histograms of directions, the first model that was guided by (Jensen 1995, *Importance Driven Path Tracing using the Photon
-//! Map*): the sphere in cells of equal solid angle, each as probable as the power of the photons that came through it.
+//! Histograms of directions, the first model of directions for guiding (Jensen 1995, *Importance Driven Path Tracing using the
+//! Photon Map*): the sphere in cells of equal solid angle, each as probable as the power of the photons that came through it.
 //!
 //! Jensen makes one for every hit point, of the nearest photons and of the half sphere above it, each photon weighted by the BSDF. Here
 //! there is one for every voxel and for all of its BSDFs, and the BSDF is sampled beside it. It is the baseline that needs no
@@ -18,22 +18,22 @@ use crate::sampling::grid::Grid;
 
 /// Columns (z) and rows (φ) of the cylindrical map.
 const SIDES: [usize; 2] = [8, 16];
-/// Cells.
+/// Number of cells.
 const CELLS: usize = SIDES[0] * SIDES[1];
 /// Solid angle of a cell, sr.
 const SOLID_ANGLE: f64 = 4.0 * std::f64::consts::PI / CELLS as f64;
 /// Part of the uniform distribution: no photon means only that none was traced there.
 const UNIFORM: f64 = 0.1;
-/// Part of path samples where there are photons too.
+/// Share of path samples where there are photons too.
 const PATH_SHARE: f64 = 0.5;
 
-/// Bytes of one, those of the cells in a [`Grid`] among them.
+/// Bytes of one histogram, those of the cells in a [`Grid`] among them.
 const BYTES: usize = size_of::<Histogram>() + 12 * CELLS;
 
 /// A histogram of directions as it is sampled.
 #[derive(Debug, Clone)]
 pub struct Histogram {
-    /// Per cell, the uniform part included; on no particular scale.
+    /// Mass per cell, the uniform part included; on no particular scale.
     mass: [f32; CELLS],
     grid: Grid,
 }
@@ -45,7 +45,7 @@ impl PartialEq for Histogram {
 }
 
 impl Histogram {
-    /// Of positive masses.
+    /// Histogram of positive masses.
     fn new(mass: [f32; CELLS]) -> Self {
         let weigh = |y: usize, row: &mut [f64]| {
             row.iter_mut().zip(&mass[y * SIDES[0]..]).for_each(|(weight, &mass)| *weight = f64::from(mass));
@@ -53,13 +53,13 @@ impl Histogram {
         Self { mass, grid: Grid::new(SIDES[0], SIDES[1], weigh) }
     }
 
-    /// The direction that a point of the unit square stands for, and its density w.r.t. solid angle.
+    /// Direction that a point of the unit square maps to, and its density w.r.t. solid angle.
     pub fn sample(&self, u: [f64; 2]) -> (Vec3, f32) {
         let (place, relative) = self.grid.sample(u);
         (cylindrical::to_direction(place), density(relative))
     }
 
-    /// Density of [`Histogram::sample`]. Never zero.
+    /// Density of [`Histogram::sample`] w.r.t. solid angle. Never zero.
     pub fn pdf(&self, direction: Vec3) -> f32 {
         density(self.grid.pdf(cylindrical::to_square(direction)))
     }
@@ -75,7 +75,7 @@ impl Histogram {
     }
 }
 
-/// W.r.t. solid angle, of a density relative to the uniform one.
+/// Density w.r.t. solid angle, from one relative to the uniform density.
 fn density(relative: f64) -> f32 {
     (relative / (4.0 * std::f64::consts::PI)) as f32
 }
@@ -86,7 +86,7 @@ pub(super) fn histogram_arrays<'a>(kind: &str, histograms: &[Option<&Histogram>]
     floats(format!("{kind}_bins"), rows)
 }
 
-/// The `count` histograms that [`histogram_arrays`] made; none where it made nothing.
+/// Reads the `count` histograms that [`histogram_arrays`] wrote; none where the file has no array of them.
 ///
 /// # Errors
 /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
@@ -111,17 +111,17 @@ type Sums = [[f64; CELLS]; 2];
 #[derive(Debug, Clone)]
 pub struct Histograms {
     target: Target,
-    /// Per voxel; none where nothing has arrived.
+    /// Sums per voxel; none where no sample has arrived.
     sums: Vec<Option<Box<Sums>>>,
 }
 
 impl Histograms {
-    /// Nothing known of `voxels`.
+    /// Empty histograms of `voxels` voxels, for samples of `target`.
     pub(super) fn new(target: Target, voxels: usize) -> Self {
         Self { target, sums: vec![None; voxels] }
     }
 
-    /// Adds voxels of which nothing is known.
+    /// Adds empty voxels, up to `voxels` of them.
     pub(super) fn resize(&mut self, voxels: usize) {
         self.sums.resize(voxels, None);
     }
@@ -147,8 +147,8 @@ impl Histograms {
         });
     }
 
-    /// What is to be sampled next; none for a voxel that nothing has reached, nor for those that contribute least where all together
-    /// would exceed `memory` bytes.
+    /// Histograms to sample next, one per voxel; none for a voxel that no sample has reached, nor for those that contribute least
+    /// where all together would exceed `memory` bytes.
     pub(super) fn fit(&self, around: &Around, memory: usize) -> Vec<Option<Histogram>> {
         let mut order: Vec<usize> = (0..self.sums.len()).filter(|&v| self.sums[v].is_some()).collect();
         order.sort_by(|&a, &b| around.contributions[b].total_cmp(&around.contributions[a]).then(a.cmp(&b)));
@@ -173,13 +173,13 @@ impl Histograms {
         CELLS * self.sums.iter().flatten().count()
     }
 
-    /// Forgets the samples of the iteration. The next deposits `target`.
+    /// Forgets the samples of the iteration. From now on `target` is deposited.
     pub(super) fn clear(&mut self, target: Target) {
         self.target = target;
         self.sums.fill(None);
     }
 
-    /// All that they know: `histogram_sums` [V, path samples and photons].
+    /// State of the histograms, as arrays of a file: `histogram_sums` [V, sums of path samples and of photons].
     pub(super) fn arrays<'a>(&self) -> Vec<Tensor<'a>> {
         let none = [[0.0; CELLS]; 2];
         let sums = self.sums.iter().flat_map(|sums| sums.as_deref().copied().unwrap_or(none)).flatten();
@@ -187,7 +187,7 @@ impl Histograms {
         vec![("histogram_sums".into(), Dtype::F64, vec![self.sums.len(), 2 * CELLS], bytes.into())]
     }
 
-    /// The histograms of `count` voxels that [`Histograms::arrays`] were made of.
+    /// Reads the histograms of `count` voxels that [`Histograms::arrays`] wrote.
     ///
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
@@ -208,7 +208,7 @@ fn cell(direction: Vec3) -> usize {
     at(y, SIDES[1]) * SIDES[0] + at(x, SIDES[0])
 }
 
-/// With the sum 1; none where there is nothing.
+/// Masses with the sum 1, proportional to `sums`; none where the total is not positive and finite.
 fn normalised(sums: [f64; CELLS]) -> Option<[f64; CELLS]> {
     let total: f64 = sums.iter().sum();
     (total > 0.0 && total.is_finite()).then(|| sums.map(|sum| sum / total))

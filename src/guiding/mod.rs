@@ -1,4 +1,4 @@
-//! Path guiding: what is learned of where light comes from, voxel by voxel, and what is sampled from then on.
+//! Path guiding: distributions of the directions that light comes from, learned voxel by voxel and sampled from then on.
 //!
 //! Data flow, once per pass of a render:
 //!
@@ -8,13 +8,13 @@
 //!                 PhotonRecord (cache)   Voxel     Histograms VoxelGuide
 //! ```
 //!
-//! - [`record`]: what happened at a vertex; [`target`]: what of that is learned; [`moments`]: how guides are judged by it.
-//! - [`cache`]: voxels, and how directions are carried between their points; [`samples`]: records by voxel.
-//! - [`tree`], [`jensen`]: models of directions; [`model`]: what they have in common.
+//! - [`record`]: records of path vertices; [`target`]: the value that is learned of a record; [`moments`]: measures of guides.
+//! - [`cache`]: voxels, and the map of directions between their points; [`samples`]: records by voxel.
+//! - [`tree`], [`jensen`]: models of directions; [`model`]: their common interface.
 //! - [`sample`]: the frozen field, its files, and the roulette that goes by it.
 //! - [`learn`]: the learner, with all that it learns beside directions.
 //!
-//! Each uses what stands above it alone.
+//! Each uses only those above it.
 
 pub mod cache;
 pub mod jensen;

@@ -1,8 +1,8 @@
-//! The seam for models of directions. A model is two types: one for all voxels while they learn, and what it makes of each of them,
-//! frozen, to sample from. Whoever learns, samples or stores guides knows [`Model`] and [`Directions`] alone; a new one is a file of
+//! Interface of models of directions. A model is two types: one that learns for all voxels, and the frozen distribution of a voxel,
+//! which is sampled. Code that learns, samples or stores guides knows [`Model`] and [`Directions`] alone; a new model is a file of
 //! its own and an arm in each `match` of this one.
 //!
-//! Enums and not voxel_features: which model guides is decided once per render, and asking it costs a branch that is always the same.
+//! Enums and not traits: which model guides is decided once per render, and asking it costs a branch that is always the same.
 
 use glam::Vec3;
 
@@ -16,7 +16,7 @@ use crate::base::Result;
 use crate::base::tensors::{Tensor, Tensors};
 use crate::math::cylindrical;
 
-/// Which model of directions guides.
+/// Kind of the model of directions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ModelKind {
     /// Directional quadtrees.
@@ -25,7 +25,7 @@ pub enum ModelKind {
     Histograms,
 }
 
-/// A distribution of directions, frozen: what a voxel is sampled from. Densities are positive everywhere.
+/// A frozen distribution of directions, which a voxel is sampled from. Densities are positive everywhere.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Directions {
     /// On a quadtree.
@@ -47,8 +47,7 @@ impl From<Histogram> for Directions {
 }
 
 impl Directions {
-    /// The direction that a point of the unit square stands for, and its density w.r.t. solid angle. Points that are spread evenly
-    /// stay so.
+    /// Direction that a point of the unit square maps to, and its density w.r.t. solid angle. Evenly spread points stay so.
     #[inline]
     pub fn sample(&self, u: [f64; 2]) -> (Vec3, f32) {
         match self {
@@ -57,7 +56,7 @@ impl Directions {
         }
     }
 
-    /// Density of [`Directions::sample`].
+    /// Density of [`Directions::sample`] w.r.t. solid angle.
     #[inline]
     pub fn pdf(&self, direction: Vec3) -> f32 {
         match self {
@@ -89,7 +88,7 @@ impl Directions {
         }
     }
 
-    /// The arrays of a file that hold one for each voxel, or none. `kind` begins their names, which
+    /// Arrays of a file that hold the distribution of each voxel, or none. `kind` begins their names, which
     /// [`file`](super::sample::file) lists.
     pub(super) fn arrays<'a>(kind: &str, all: &[Option<&Self>]) -> Vec<Tensor<'a>> {
         let trees = all.iter().map(|of| if let Some(Self::Tree(tree)) = of { Some(tree) } else { None });
@@ -102,7 +101,7 @@ impl Directions {
         arrays
     }
 
-    /// For `count` voxels what [`Directions::arrays`] were made of.
+    /// Reads the distributions of `count` voxels that [`Directions::arrays`] wrote.
     ///
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
@@ -124,7 +123,7 @@ pub enum Model {
 }
 
 impl Model {
-    /// Nothing known of `voxels`; `target` is what is deposited first.
+    /// Empty model of `voxels` voxels, for samples of `target`.
     pub(super) fn new(kind: ModelKind, trees: &TreeSettings, target: Target, voxels: usize) -> Self {
         match kind {
             ModelKind::Trees => Self::Trees(Trees::new(trees.clone(), target, voxels)),
@@ -132,17 +131,17 @@ impl Model {
         }
     }
 
-    /// The quadtrees, where it is those.
+    /// The quadtrees; none for another model.
     pub fn trees(&self) -> Option<&Trees> {
         if let Self::Trees(trees) = self { Some(trees) } else { None }
     }
 
-    /// The same, to change them.
+    /// The quadtrees, mutable; none for another model.
     pub fn trees_mut(&mut self) -> Option<&mut Trees> {
         if let Self::Trees(trees) = self { Some(trees) } else { None }
     }
 
-    /// Adds voxels of which nothing is known, up to so many.
+    /// Adds empty voxels, up to `voxels` of them.
     pub(super) fn resize(&mut self, voxels: usize) {
         match self {
             Self::Trees(trees) => trees.resize(voxels),
@@ -150,7 +149,7 @@ impl Model {
         }
     }
 
-    /// Judges by a chunk of samples what they were drawn from, then learns from them.
+    /// Judges by a chunk of samples the distributions that drew them, then learns from them.
     pub(super) fn observe(&mut self, told: &Told) {
         match self {
             Self::Trees(trees) => trees.observe(told),
@@ -158,7 +157,7 @@ impl Model {
         }
     }
 
-    /// Part of path samples, the rest being photons, in what a voxel is made of.
+    /// Share of path samples in a voxel's distribution, the rest being photons.
     pub(super) fn path_share(&self, voxel: usize) -> f64 {
         match self {
             Self::Trees(trees) => trees.path_share(voxel),
@@ -166,7 +165,7 @@ impl Model {
         }
     }
 
-    /// Quadtrees that reconstruction can make proposals of, per voxel.
+    /// Quadtrees that reconstruction can make proposals of, one per voxel; empty for another model.
     pub(super) fn counted(&mut self, around: &Around) -> Vec<Option<CountedTree<'_>>> {
         match self {
             Self::Trees(trees) => trees.counted(around),
@@ -174,8 +173,8 @@ impl Model {
         }
     }
 
-    /// What is to be sampled next, per voxel; none where nothing is known. All together take at most about `memory` bytes. Quadtrees
-    /// are made of what `propose` makes of them.
+    /// Distributions to sample next, one per voxel; none where nothing is known. All together take at most about `memory` bytes.
+    /// Those on quadtrees are made of the proposals of `propose`.
     ///
     /// # Errors
     /// Those of `propose`.
@@ -191,7 +190,7 @@ impl Model {
         }
     }
 
-    /// Distributions as counted before reconstruction, where evidence is kept of such.
+    /// Distributions as counted, before reconstruction, where evidence of them is kept.
     pub(super) fn evidence(&self) -> Vec<Option<Directions>> {
         match self {
             Self::Trees(trees) => boxed(trees.evidence()),
@@ -199,7 +198,7 @@ impl Model {
         }
     }
 
-    /// How far photons lower the second moment of guided samples in a voxel, as a factor in (0, 1]; none where that is not measured.
+    /// Factor in (0, 1] by which photons lower the second moment of guided samples in a voxel; none where that is not measured.
     pub(super) fn photon_gain(&self, voxel: usize) -> Option<f64> {
         match self {
             Self::Trees(trees) => trees.photon_gain(voxel),
@@ -215,11 +214,11 @@ impl Model {
         }
     }
 
-    /// Makes voxel `new` the other half of `old`; `parts` of the samples fell into each.
+    /// Halves voxel `old` into `old` and `new`, which get the shares `parts` of its samples.
     pub(super) fn halve(&mut self, old: usize, new: usize, parts: [f64; 2]) {
         match self {
             Self::Trees(trees) => trees.halve(old, new, parts),
-            // What follows is forgetting.
+            // The sums are cleared next.
             Self::Histograms(_) => {}
         }
     }
@@ -240,7 +239,7 @@ impl Model {
         }
     }
 
-    /// All that it knows, as arrays of a file.
+    /// State of the model, as arrays of a file.
     pub(super) fn arrays<'a>(&self) -> Vec<Tensor<'a>> {
         match self {
             Self::Trees(trees) => trees.arrays(),
@@ -248,7 +247,7 @@ impl Model {
         }
     }
 
-    /// The model of `voxels` that [`Model::arrays`] were made of.
+    /// Reads the model of `voxels` voxels that [`Model::arrays`] wrote.
     ///
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.

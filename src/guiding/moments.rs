@@ -1,4 +1,4 @@
-//! Which mixture of two strategies serves a voxel best: measured second moments of the estimator, for several mixtures at once.
+//! Measured second moments of the estimator under several mixtures of two strategies, by which a voxel's best one is chosen.
 //!
 //! A sample f/p that was drawn from the mixture p also tells what any other mixture p' of the same two strategies would have cost:
 //! the mean of (f/p)²·p/p' is the second moment ∫f²/p' of one sample under p'. All candidates are judged by the same samples, so
@@ -9,37 +9,37 @@ pub const FRACTIONS: [f64; 8] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0];
 /// Weights of the tree of path samples that are tried, the rest being that of photons.
 pub const PATH_SHARES: [f64; 6] = [0.1, 0.3, 0.5, 0.7, 0.9, 1.0];
 
-/// A candidate must promise at least this factor, or the simpler strategy (the last one) is taken: guiding costs time.
+/// Largest second moment of a candidate, relative to the simplest one (the last), with which it is chosen: guiding costs time.
 const WORTH: f64 = 0.95;
-/// Samples below which nothing is decided.
+/// Number of samples below which nothing is decided.
 const LEAST_SAMPLES: f64 = 24.0;
-/// The same for samples that tell as much as the largest ones: the few paths that found the light so far are no reason to give up
-/// the guide that leads to it.
+/// Effective number of samples (Kish) below which nothing is decided: the few paths that found the light so far are no reason to
+/// give up the guide that leads to it.
 const LEAST_EFFECTIVE: f64 = 8.0;
 
 /// Means of `N` quantities over samples. Mostly second moments under `N` candidates, the last of which is the simplest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moments<const N: usize> {
     sums: [f64; N],
-    /// Of the squares of each sample's mean over the candidates.
+    /// Sum over the samples of their squared mean over the candidates.
     squares: f64,
     samples: f64,
 }
 
-/// Second moments of what vertices bring to the picture, summed over all vertices of the paths of an iteration.
+/// Second moments of the contributions of vertices to the picture, summed over all vertices of the paths of an iteration.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct PictureMoments {
-    /// As they were while learning.
+    /// Second moment with the fraction of BSDF samples that was used while learning.
     pub learning: f64,
-    /// With the fractions of BSDF samples found best.
+    /// Second moment with the fractions of BSDF samples found best.
     pub guided: f64,
-    /// With BSDF samples alone.
+    /// Second moment with BSDF samples alone.
     pub unguided: f64,
-    /// The part of `learning` that guided directions bring, without light sampling.
+    /// Part of `learning` that guided directions bring, without light sampling.
     pub onward: f64,
-    /// [`Moments::effective`] of that part.
+    /// Effective number of samples behind `onward`, see [`Moments::effective`].
     pub effective: f64,
-    /// Share of the photons that fell into voxels where no path has found light yet: what guiding will change there is not known.
+    /// Share of the photons that fell into voxels where no path has found light yet: the effect of guiding there is not known.
     pub unseen: f64,
 }
 
@@ -50,13 +50,13 @@ impl<const N: usize> Default for Moments<N> {
 }
 
 impl<const N: usize> Moments<N> {
-    /// Adds what one sample says.
+    /// Adds one sample of the `N` quantities.
     pub fn add(&mut self, moments: [f64; N]) {
         let squares = (moments.iter().sum::<f64>() / N as f64).powi(2);
         self.add_all(&Self { sums: moments, squares, samples: 1.0 }, 1.0);
     }
 
-    /// Takes away again what [`Moments::add`] added, as far as rounding allows.
+    /// Removes a sample that [`Moments::add`] added, as far as rounding allows.
     pub fn remove(&mut self, moments: [f64; N]) {
         let mut added = Self::default();
         added.add(moments);
@@ -65,7 +65,7 @@ impl<const N: usize> Moments<N> {
         self.samples -= added.samples;
     }
 
-    /// Adds another's, all weighted by `weight`.
+    /// Adds the sums of another, weighted by `weight`, unless one is not finite.
     fn add_all(&mut self, other: &Self, weight: f64) {
         if other.sums.iter().all(|m| m.is_finite()) && other.squares.is_finite() {
             self.sums.iter_mut().zip(other.sums).for_each(|(sum, m)| *sum += weight * m);
@@ -74,20 +74,20 @@ impl<const N: usize> Moments<N> {
         }
     }
 
-    /// How many equal samples would tell as much (Kish's effective sample size): few, where most comes from a few fireflies.
+    /// Kish's effective sample size: the number of equal samples that tell as much, small where most comes from a few fireflies.
     pub fn effective(&self) -> f64 {
         let mean = self.sums.iter().sum::<f64>() / N as f64;
         if self.squares > 0.0 { mean * mean / self.squares } else { 0.0 }
     }
 
-    /// Adds another voxel's as if they came from at most `samples` samples.
+    /// Adds the sums of other voxels, scaled down to the weight of at most `samples` samples.
     pub fn add_prior(&mut self, prior: &Self, samples: f64) {
         if prior.samples > 0.0 {
             self.add_all(prior, (samples / prior.samples).min(1.0));
         }
     }
 
-    /// Adds all of another's.
+    /// Adds the sums of another.
     pub fn merge(&mut self, other: &Self) {
         self.add_all(other, 1.0);
     }
@@ -98,7 +98,7 @@ impl<const N: usize> Moments<N> {
         numbers.extend([self.squares, self.samples]);
     }
 
-    /// The moments whose numbers come next.
+    /// Reads the moments whose numbers come next.
     pub(super) fn pull_from(next: &mut impl FnMut() -> f64) -> Self {
         Self { sums: [0; N].map(|_| next()), squares: next(), samples: next() }
     }
@@ -113,7 +113,7 @@ impl<const N: usize> Moments<N> {
         self.sums
     }
 
-    /// Means over the samples; none where too little is known.
+    /// Means over the samples; none where these are too few.
     pub fn means(&self) -> Option<[f64; N]> {
         (self.samples >= LEAST_SAMPLES).then(|| self.sums.map(|sum| sum / self.samples))
     }
@@ -130,7 +130,7 @@ impl<const N: usize> Moments<N> {
         Some(if self.sums[least] > WORTH * self.sums[N - 1] { N - 1 } else { least })
     }
 
-    /// How far the best candidate lowers the second moment against the simplest, in (0, 1]; 1 where too little is known.
+    /// Second moment of the best candidate relative to the simplest, in (0, 1]; 1 where too little is known.
     pub fn gain(&self) -> f64 {
         self.best().map_or(1.0, |best| self.sums[best] / self.sums[N - 1])
     }
@@ -152,18 +152,18 @@ impl Moments<{ FRACTIONS.len() }> {
         self.add(candidates(estimates, alpha));
     }
 
-    /// Takes away again what [`Moments::add_estimates`] added.
+    /// Removes a vertex that [`Moments::add_estimates`] added.
     pub fn remove_estimates(&mut self, estimates: &[Estimate], alpha: f64) {
         self.remove(candidates(estimates, alpha));
     }
 }
 
-/// The second moment under each fraction.
+/// A vertex's estimate of the second moment under each of the [`FRACTIONS`].
 fn candidates(estimates: &[Estimate], alpha: f64) -> [f64; FRACTIONS.len()] {
     FRACTIONS.map(|a| estimates.iter().map(|estimate| estimate.under(a, alpha)).sum())
 }
 
-/// A sample of one of the two strategies that light sampling and the mixture are, weighted by the balance heuristic.
+/// A sample of light sampling, or of the mixture of BSDF and guide, weighted by the balance heuristic.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
     /// Square of the weighted f/p.
@@ -175,20 +175,20 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// What it says of the second moment under a fraction `other`, having been drawn with `alpha`.
+    /// Estimate of the second moment under a fraction `other` of BSDF samples, from this sample, which was drawn with `alpha`.
     fn under(&self, other: f64, alpha: f64) -> f64 {
         let share = f64::from(self.bsdf_share);
         self.with_mixture(other * share / alpha + (1.0 - other) * (1.0 - share) / (1.0 - alpha))
     }
 
-    /// The same under a guide whose density is so many times that of the guide that was sampled.
+    /// Estimate of the second moment under a guide with `ratio` times the density of the guide that was sampled.
     pub fn with_guide(&self, ratio: f64) -> f64 {
         let share = f64::from(self.bsdf_share);
         self.with_mixture(share + (1.0 - share) * ratio)
     }
 
-    /// The same under a mixture whose density is so many times the sampled one's. Both strategies together have ∫f²/(p + p_l), p_l
-    /// being light sampling's density, and sample it with p + p_l together.
+    /// Estimate of the second moment under a mixture with `mixture` times the density of the sampled one. Both strategies together
+    /// have the second moment ∫f²/(p + p_l), p_l being the density of light sampling, and their samples the density p + p_l.
     fn with_mixture(&self, mixture: f64) -> f64 {
         let (mixture, light) = (mixture.max(1e-6), f64::from(self.light_ratio));
         if light.is_finite() { self.square * ((1.0 + light) / (mixture + light)) } else { self.square }

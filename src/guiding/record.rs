@@ -1,13 +1,13 @@
-//! What paths leave behind for learning: plain records, merged later in a fixed order.
+//! Records that paths leave at their vertices for learning, merged later in a fixed order.
 
 use glam::Vec3;
 
 use super::moments::Estimate;
 
-/// A camera path's sampled direction at one vertex, with what the rest of the path brought back along it. It says what happened;
-/// what of that is learned is for [`Learned`](super::target::Learned) to say.
+/// A camera path's sampled direction at one vertex, with the light that the rest of the path brought back along it. It says what
+/// happened; [`Learned`](super::target::Learned) decides which part of that is learned.
 ///
-/// Light that the path ran into at its next vertex stands apart where light sampling could have found it too: it is weighted as it
+/// Emission that the path hit at its next vertex stands apart where light sampling could have found it too: it is weighted as it
 /// enters the picture, by the balance heuristic.
 #[derive(Debug, Clone, Copy)]
 pub struct PathRecord {
@@ -15,12 +15,12 @@ pub struct PathRecord {
     pub point: Vec3,
     /// Shading normal at the vertex, on the side that the path arrived at; zero in a medium.
     pub normal: Vec3,
-    /// Unit direction that was sampled, away from the vertex; zero where none was that could bring anything.
+    /// Unit direction that was sampled, away from the vertex; zero where none was drawn that could bring light.
     pub direction: Vec3,
     /// Distance to the next vertex; infinite for the background.
     pub distance: f32,
-    /// Channel mean of the path's throughput before the vertex over the value of its pixel: what the picture sees of the
-    /// estimate.
+    /// Channel mean of the path's throughput before the vertex over the value of its pixel: the weight of the estimate in the
+    /// picture.
     pub importance: f32,
     /// Density of the direction w.r.t. solid angle times the probability that the path went on.
     pub pdf: f32,
@@ -28,7 +28,7 @@ pub struct PathRecord {
     pub bsdf_share: f32,
     /// Channel means of the radiance that arrived: emission that light sampling could have found too, weighted, and all other.
     pub radiance: Radiance,
-    /// Channel means of f·|cos θ|·L / p of both, radiance.
+    /// Channel means of f·|cos θ|·L / p of both parts, radiance.
     pub brought: Radiance,
     /// Density of light sampling over that of the mixture in the sampled direction, in [0, ∞].
     pub light_ratio: f32,
@@ -40,25 +40,25 @@ pub struct PathRecord {
     pub direct_ratio: f32,
 }
 
-/// Light that arrived, by who could have found it.
+/// Radiance in two parts, by whether light sampling could have found it too.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Radiance {
     /// Emission that light sampling could have found too, weighted against it.
     pub emitted: f32,
-    /// All other.
+    /// All other radiance.
     pub onward: f32,
 }
 
 impl Radiance {
-    /// Both, as they enter the picture.
+    /// Sum of both parts, as it enters the picture.
     pub fn sum(self) -> f32 {
         self.emitted + self.onward
     }
 }
 
 impl PathRecord {
-    /// Of a path that ended at this vertex because what was drawn is below the horizon, or absorbed. It tells what the vertex sends
-    /// back, which is nothing but what light sampling finds, and nothing of directions.
+    /// Record of a path that ended at this vertex because the drawn direction is below the horizon, or absorbed. It counts in the
+    /// mean of the light that the vertex sends back, of which it has only that of light sampling, and says nothing of directions.
     pub fn absorbed(point: Vec3, normal: Vec3) -> Self {
         Self {
             point,
@@ -77,26 +77,27 @@ impl PathRecord {
         }
     }
 
-    /// Whether it has a direction.
+    /// Whether the record has a direction.
     pub fn is_directed(&self) -> bool {
         self.direction != Vec3::ZERO
     }
 
-    /// Channel mean of f·|cos θ|·L̂ / p, radiance: light that was hit is weighted against light sampling. Whoever chooses between
-    /// BSDF and guide by what trees learn alone, light that is hit left out, gives up the BSDF samples that a glossy surface needs
-    /// for a large lamp.
+    /// Channel mean of f·|cos θ|·L̂ / p, radiance: light that was hit is weighted against light sampling. A choice between BSDF and
+    /// guide by the light that trees learn alone, light that is hit left out, would give up the BSDF samples that a glossy surface
+    /// needs for a large lamp.
     pub fn estimate(&self) -> f32 {
         self.brought.sum()
     }
 
-    /// Squares of what it brought to the picture: without and with light sampling.
+    /// Squared contributions of the vertex to the picture, relative to the pixel: without and with light sampling.
     pub fn squares(&self) -> [f64; 2] {
         let [onward, direct] =
             [self.estimate(), self.direct].map(|x| (f64::from(self.importance) * f64::from(x)).powi(2));
         [onward, onward + direct]
     }
 
-    /// What the vertex sent back, by how it was found: the rest of the path, light that the path ran into, light sampling.
+    /// Estimates of the light that the vertex sent back, by how it was found: rest of the path, emission that it hit, light
+    /// sampling.
     pub fn estimates(&self) -> [Estimate; 3] {
         let (all, emitted, direct) =
             (f64::from(self.estimate()), f64::from(self.brought.emitted), f64::from(self.direct));

@@ -5,7 +5,7 @@ use super::cache::{Ancestry, SpatialCache};
 use super::record::{PathRecord, PhotonRecord};
 use super::target::Learned;
 
-/// What a chunk brought to the voxels of a cache. The order of records within a voxel is that in which they were traced.
+/// Records of a chunk, grouped by voxel. Within a voxel they have the order in which they were traced.
 pub struct Samples<'a> {
     paths: &'a [PathRecord],
     photons: &'a [PhotonRecord],
@@ -13,7 +13,7 @@ pub struct Samples<'a> {
 }
 
 impl<'a> Samples<'a> {
-    /// Records with the voxel of each; those at or above `voxels` belong to none.
+    /// Groups records by the voxel given for each; records of a voxel at or above `voxels` are left out.
     pub fn new(
         (paths, path_voxels): (&'a [PathRecord], &[u32]),
         (photons, photon_voxels): (&'a [PhotonRecord], &[u32]),
@@ -28,7 +28,7 @@ impl<'a> Samples<'a> {
         self.by_voxel[0].group(voxel).iter().map(move |&i| &paths[i as usize])
     }
 
-    /// Its path samples that have a direction.
+    /// The path samples of a voxel that have a direction.
     pub fn directed(&self, voxel: usize) -> impl Iterator<Item = &'a PathRecord> + Clone {
         self.paths(voxel).filter(|record| record.is_directed())
     }
@@ -40,12 +40,12 @@ impl<'a> Samples<'a> {
     }
 }
 
-/// How the directions of a voxel are carried to its centre.
+/// Spheres by which the directions of a voxel are carried to its centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spheres {
-    /// For what is learned now.
+    /// Sphere for the samples that are learned from now.
     pub learned: Parallax,
-    /// For the guide of the last iteration.
+    /// Sphere for the guide of the last iteration.
     pub guide: Parallax,
 }
 
@@ -55,29 +55,29 @@ impl Default for Spheres {
     }
 }
 
-/// What a model of directions is told of a chunk.
+/// Samples of a chunk for a model of directions, with the rules for learning from them.
 pub struct Told<'a> {
     /// The samples.
     pub samples: &'a Samples<'a>,
-    /// Whether path samples are learned from; they judge in any case.
+    /// Whether path samples are learned from; they judge guides in any case.
     pub paths: bool,
-    /// Per voxel how directions are seen.
+    /// Spheres of each voxel.
     pub spheres: &'a [Spheres],
-    /// What of path samples is learned.
+    /// Target of path samples, and the rule for their direct light.
     pub learned: Learned,
 }
 
-/// What a model of directions goes by, beside its samples, when it makes distributions.
+/// Data beside the samples from which a model of directions makes distributions.
 pub struct Around<'a> {
     /// The voxels.
     pub cache: &'a SpatialCache,
     /// The groups that they belong to.
     pub ancestry: &'a Ancestry,
-    /// Per voxel how directions are seen.
+    /// Spheres of each voxel.
     pub spheres: &'a [Spheres],
-    /// Per voxel what its path samples contributed to the picture, in any unit.
+    /// Contribution of each voxel's path samples to the picture, in any unit.
     pub contributions: &'a [f64],
-    /// Whether distributions as counted are kept for [`Evidence`](super::sample::field::Evidence).
+    /// Whether distributions are also kept as counted, for [`Evidence`](super::sample::field::Evidence).
     pub keeps_evidence: bool,
 }
 
@@ -88,7 +88,7 @@ struct Groups {
 }
 
 impl Groups {
-    /// Keys at or above `groups` belong to no group.
+    /// Groups the indices of `keys`; keys at or above `groups` belong to no group.
     fn new(keys: &[u32], groups: usize) -> Self {
         let mut start = vec![0u32; groups + 1];
         let valid = |key: &u32| (*key as usize) < groups;

@@ -1,10 +1,10 @@
-//! What of a path record is learned: what sums of records are, and what distributions become proportional to.
+//! Targets of learning: the value of a path record that models sum, and the quantity that distributions become proportional to.
 
 use serde::{Deserialize, Serialize};
 
 use super::record::{PathRecord, Radiance};
 
-/// What is deposited and so what distributions become proportional to.
+/// Quantity that is deposited, and that distributions become proportional to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Target {
@@ -12,17 +12,18 @@ pub enum Target {
     Radiance,
     /// Root of the second moment of the integrand (Rath 2020's simpler form; Zhu 2021 eq. 7): V = (f·cos θ·L̂)²/p.
     Variance,
-    /// The same relative to the pixel (Rath 2020 §5): V times the squared ratio of the path's throughput so far and the pixel's value.
+    /// Root of the second moment relative to the pixel (Rath 2020 §5): V is that of `Variance` times the squared ratio of the
+    /// path's throughput so far and the pixel's value.
     VariancePixel,
 }
 
 impl Target {
-    /// The one of this [name](Self::name).
+    /// Target of this [name](Self::name).
     pub fn named(name: &str) -> Option<Self> {
         [Self::Radiance, Self::Variance, Self::VariancePixel].into_iter().find(|target| target.name() == name)
     }
 
-    /// Its name on the command line, in shards and in models.
+    /// Name on the command line, in shards and in models.
     pub fn name(self) -> &'static str {
         match self {
             Self::Radiance => "radiance",
@@ -41,7 +42,7 @@ impl Target {
     }
 }
 
-/// What guides learn of the light that light sampling finds too.
+/// Rule for the part that guides learn of light that light sampling finds too.
 ///
 /// Learning nothing of it leaves the sky behind the slits of a blind to light sampling, which hardly ever finds it, and to
 /// BSDF samples, of which a guide leaves few.
@@ -49,14 +50,14 @@ impl Target {
 pub enum DirectLight {
     /// Nothing: light sampling handles it.
     Nothing,
-    /// What is left for hitting it, by the weights of multiple importance sampling.
+    /// The part that is left for paths that hit the light, by the weights of multiple importance sampling.
     Weighted,
     /// All of it, as if there were no light sampling.
     All,
 }
 
 impl DirectLight {
-    /// Its name on the command line.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Nothing => "nothing",
@@ -65,7 +66,7 @@ impl DirectLight {
         }
     }
 
-    /// What of the light that arrived is learned, light sampling having `light_ratio` times the density.
+    /// Part of the light that arrived which is learned, where light sampling has `light_ratio` times the density of the mixture.
     fn part(self, arrived: Radiance, light_ratio: f32) -> f32 {
         match self {
             Self::Nothing => arrived.onward,
@@ -77,18 +78,18 @@ impl DirectLight {
     }
 }
 
-/// What guides learn.
+/// Target that guides learn, and their rule for direct light: together they give the value of a path record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Learned {
-    /// What is deposited.
+    /// Quantity that distributions become proportional to.
     pub target: Target,
-    /// What of direct light.
+    /// Rule for light that light sampling finds too.
     pub direct: DirectLight,
 }
 
 impl Learned {
-    /// What models sum over path records: V for the radiance target, √V for second moments (see [`Target`]): as a root, so that
-    /// squares cannot overflow.
+    /// Value of a path record for models to sum: V for the radiance target, √V for second moments (see [`Target`]): as a root, so
+    /// that squares cannot overflow.
     pub fn value(&self, record: &PathRecord) -> f32 {
         let part = |of: Radiance| self.direct.part(of, record.light_ratio);
         let value = match self.target {

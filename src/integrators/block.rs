@@ -1,5 +1,5 @@
-//! Blocks of paths: a range of numbers in, and what their paths brought out, in the order of the numbers. A pass knows this interface alone, so
-//! that a tracer of many paths at once can stand beside the one that traces them one by one.
+//! Blocks of paths: a range of numbers in, radiance, records and photons of their paths out, in the order of the numbers. A pass knows
+//! this interface alone, so that a tracer of many paths at once can stand beside the one that traces them one by one.
 
 use std::ops::Range;
 

@@ -20,17 +20,17 @@ use crate::scene::Scene;
 use crate::scene::effects::Effects;
 use crate::scene::media::Arrival;
 
-/// What turns light around at a vertex.
+/// Scatterer at a vertex.
 #[derive(Debug, Clone, Copy)]
 pub enum Scattering<'a> {
-    /// A surface.
+    /// The material of a surface.
     Material(&'a Material),
-    /// A medium.
+    /// The phase function of a medium.
     Phase(HenyeyGreenstein),
 }
 
 impl<'a> Scattering<'a> {
-    /// What a ray arrived at, and what scatters there; none for the background.
+    /// Surface, or point of a medium, at which a ray arrived, and the scatterer there; none for the background.
     #[inline(always)]
     pub fn at(scene: &'a Scene, arrival: Arrival) -> Option<(Surface, Self)> {
         match arrival {
@@ -40,7 +40,7 @@ impl<'a> Scattering<'a> {
         }
     }
 
-    /// Whether it is a surface's.
+    /// Whether it belongs to a surface.
     pub fn is_material(&self) -> bool {
         matches!(self, Self::Material(_))
     }
@@ -56,13 +56,13 @@ pub struct Mixture<'a, E> {
     surface: &'a Surface,
     scattering: Scattering<'a>,
     wo: Vec3,
-    /// Where there are none but plain diffuse materials, the one here and whether it is seen from the back of a two-sided one. Found
+    /// In scenes with none but plain diffuse materials, the one here and whether it is seen from the back of a two-sided one. Found
     /// without a look at all the others, this is most of what they would cost.
     plain: Option<(&'a Diffuse, bool)>,
     guide: Option<DirectionGuide<'a>>,
-    /// Probability of a delta lobe, p_δ; 0 without a guide, where nobody asks.
+    /// Probability of a delta lobe, p_δ; 0 without a guide, where it is not needed.
     deltas: f32,
-    /// What bumps hide; none where there are none.
+    /// Shadowing by bumps; none where the shading normal has none.
     bumps: Option<Shadowing>,
     effects: PhantomData<E>,
 }
@@ -74,7 +74,7 @@ pub struct MixtureSample {
     pub direction: Vec3,
     /// f·|cos θ| / p.
     pub weight: Vec3,
-    /// f·|cos θ| / p_bsdf: what the surface reflects, whoever proposed the direction.
+    /// f·|cos θ| / p_bsdf: share that the surface reflects, whoever proposed the direction.
     pub bsdf_weight: Vec3,
     /// f·|cos θ|; zero for a delta lobe, where it has no finite value.
     pub value: Vec3,
@@ -115,7 +115,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         Self { surface, scattering, wo, plain, guide, deltas, bumps, effects: PhantomData }
     }
 
-    /// The part of the light from the world direction `wi`, in local coordinates `local`, that bumps do not hide.
+    /// Share of the light from the world direction `wi`, in local coordinates `local`, that bumps do not shadow.
     #[inline(always)]
     fn unhidden(&self, wi: Vec3, local: Vec3) -> f32 {
         if !E::MATERIALS {
@@ -139,7 +139,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         }
     }
 
-    /// Its density before the guide.
+    /// Density of the BSDF or phase function alone for a local direction, w.r.t. solid angle.
     #[inline(always)]
     fn density(&self, local: Vec3) -> f32 {
         if !E::MATERIALS {
@@ -151,7 +151,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         }
     }
 
-    /// A direction in the world by the surface or medium alone, less what bumps hide, which may be all.
+    /// Draws a world direction from the BSDF or phase function alone; what bumps shadow of its weight is taken off, up to all.
     #[inline(always)]
     fn draw(&self, random: &Random, transport: Transport) -> Option<(Vec3, BsdfSample)> {
         let direction = || random.at(Dimension::DIRECTION).next_2d();
@@ -176,7 +176,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         Some((wi, BsdfSample { weight: sample.weight * unhidden, ..sample }))
     }
 
-    /// Index on the side of the world direction `wi` over that on the side that light leaves to, see [`Material::eta`].
+    /// Refractive index on the side of the world direction `wi` over that on the side that light leaves to, see [`Material::eta`].
     #[inline(always)]
     pub fn eta(&self, wi: Vec3) -> f32 {
         match self.scattering {
@@ -251,7 +251,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         Some(MixtureSample { direction, weight, bsdf_weight, value, cos: self.cos(wi), pdf, bsdf_share, delta: false })
     }
 
-    /// The density with which the guide is asked and answers with a direction of density `pdf`, 1 − α left out.
+    /// Density of a direction by way of the guide, (1 − p_δ)·`pdf`; the factor 1 − α is left out.
     #[inline(always)]
     fn guided(&self, pdf: f32) -> f32 {
         if E::MATERIALS { (1.0 - self.deltas).max(0.0) * pdf } else { pdf }
@@ -263,7 +263,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         if sample.delta {
             return self.delta(direction, &sample);
         }
-        // What bumps hide is not there; what is black is, and learned from.
+        // A direction that bumps shadow is no sample; one that is black is, and is learned from.
         let hidden = self.bumps.is_some() && sample.weight == Vec3::ZERO;
         (!hidden).then(|| MixtureSample {
             direction,
@@ -277,7 +277,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         })
     }
 
-    /// A delta lobe's direction; none where nothing comes from there.
+    /// Sample of a delta lobe; none where its weight is zero.
     fn delta(&self, direction: Vec3, sample: &BsdfSample) -> Option<MixtureSample> {
         (sample.weight != Vec3::ZERO).then(|| MixtureSample {
             direction,

@@ -1,4 +1,4 @@
-//! Light transport: the path tracer, the photon tracer, and the mixture that guides both decisions of where to go.
+//! Light transport: the path tracer, the photon tracer, and the mixture of BSDF and guide that both draw directions from.
 
 pub mod block;
 pub mod mixture;
@@ -6,25 +6,25 @@ pub mod mixture;
 pub mod path;
 pub mod photon;
 
-/// What both tracers need to know.
+/// Settings of light transport that the path tracer and the photon tracer share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TransportSettings {
-    /// 1 = emission only, 2 = direct light, n = n-1 bounces.
+    /// Largest depth of a path: 1 = emission only, 2 = direct light, n = n-1 bounces.
     pub max_depth: u32,
-    /// Light sampling: next event estimation.
+    /// Whether lights are sampled (next event estimation).
     pub light_sampling: bool,
     /// Russian roulette.
     pub roulette: Roulette,
 }
 
-/// How roulette decides.
+/// Rules of Russian roulette.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Roulette {
-    /// Paths end only where nothing is left of them.
+    /// No roulette: paths end only where nothing is left of them.
     Off,
     /// By the path's throughput.
     Throughput,
-    /// By what is expected of the path, light sampling too; by throughput where nothing is known.
+    /// By the expected contribution of the path, light sampling too; by throughput where that is not known.
     Window,
 }
 

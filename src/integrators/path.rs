@@ -30,7 +30,7 @@ pub struct PathTracer<'a> {
     pub scene: &'a Scene,
     /// Settings.
     pub settings: TransportSettings,
-    /// What guides the directions; none for plain path tracing.
+    /// The guiding field; none for plain path tracing.
     pub field: Option<&'a GuideField>,
 }
 
@@ -60,7 +60,7 @@ impl PathState {
 struct Arrival<'a> {
     surface: &'a Surface,
     scattering: Scattering<'a>,
-    /// What media on the way let through, over the density of getting here.
+    /// Transmittance of the media on the way, over the density of getting here.
     passed: Vec3,
     on_surface: bool,
     /// Emission towards the vertex before.
@@ -72,14 +72,14 @@ struct Arrival<'a> {
     guide: Option<&'a VoxelGuide>,
 }
 
-/// What a vertex is worth, by what is expected of it: probabilities of light sampling and of going on; for the latter none where
-/// nothing is known.
+/// Probabilities of light sampling and of going on at a vertex, by the light that is expected there; for the latter none where nothing
+/// is known.
 struct Worth {
     light: f32,
     onward: Option<f32>,
 }
 
-/// What a vertex adds to the light that arrives at it and lets through of it, kept until that is known.
+/// Light that a vertex adds, and the part that it lets through of the light that arrives, kept until that light is known.
 struct Vertex {
     /// Emission towards the previous vertex as it enters the picture.
     emitted: Vec3,
@@ -96,7 +96,7 @@ impl Vertex {
     const END: Self = Self { emitted: Vec3::ZERO, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0 };
 }
 
-/// What a record needs to know of a vertex besides; kept only where records are wanted.
+/// Further data of a vertex for its record; kept only where records are wanted.
 struct Details {
     point: Vec3,
     shape: u32,
@@ -134,7 +134,7 @@ impl Details {
     }
 }
 
-/// What light sampling found.
+/// Result of light sampling at a vertex.
 #[derive(Clone, Copy, Default)]
 struct Direct {
     /// f·L·w / p.
@@ -151,7 +151,7 @@ struct Step {
     survival: f32,
 }
 
-/// What has to be remembered of the previous vertex to weight emission that the path runs into.
+/// The previous vertex, as far as the weight of emission that the path runs into depends on it.
 #[derive(Clone, Copy)]
 struct Previous {
     point: Vec3,
@@ -164,7 +164,7 @@ struct Previous {
 #[derive(Default)]
 pub struct PathScratch {
     vertices: Vec<Vertex>,
-    /// What a medium before each vertex lets through, over the density of getting there; none where there are no media.
+    /// Transmittance of the media before each vertex, over the density of getting there; empty where there are no media.
     passed: Vec<Vec3>,
     /// Of each vertex where records are wanted, otherwise none.
     details: Vec<Details>,
@@ -180,7 +180,7 @@ impl PathScratch {
     }
 }
 
-/// What a path begins with, and what it needs on its way.
+/// Beginning of a path, with the scratch space and the counters that it uses on its way.
 struct Beginning<'p> {
     ray: Ray,
     random: &'p mut Random,
@@ -352,7 +352,7 @@ impl PathTracer<'_> {
         Arrival { surface, scattering, passed, on_surface, emission: emission.dimmed(passed), normal, smooth, guide }
     }
 
-    /// What light sampling and going on are worth at a vertex.
+    /// Probabilities of light sampling and of going on at a vertex.
     #[inline(always)]
     fn worth<E: Effects>(&self, path: &PathState, at: &Arrival, pixel: Option<f32>) -> Worth {
         // Without a guide nothing is known by which a path could be judged.

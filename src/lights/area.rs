@@ -19,7 +19,7 @@ pub struct AreaLight {
     shape: Shape,
     radiance: Vec3,
     triangles: Discrete,
-    /// The same triangles in the world; none for a sphere.
+    /// The triangles in world coordinates; empty for a sphere.
     placed: Vec<Placed>,
 }
 
@@ -27,7 +27,7 @@ pub struct AreaLight {
 #[derive(Debug, Clone, Copy)]
 struct Placed {
     corners: [Vec3; 3],
-    /// On the side that emits.
+    /// Unit normal on the emitting side.
     normal: Vec3,
 }
 
@@ -107,7 +107,7 @@ impl AreaLight {
         inside == self.shape.flip_normals
     }
 
-    /// Uniform point, front normal and error bound.
+    /// Samples a point uniformly; returns it with its front normal and error bound.
     #[inline(always)]
     fn sample_point(&self, u: [f32; 2]) -> (Vec3, Vec3, Vec3) {
         match &self.shape.geometry {
@@ -128,7 +128,7 @@ impl AreaLight {
         }
     }
 
-    /// A photon: uniform over the area, cosine-distributed.
+    /// Samples a photon: uniform over the area, cosine-distributed.
     pub fn emit(&self, u: [f32; 2], v: [f32; 2]) -> Option<Emission> {
         let (point, normal, error) = self.sample_point(u);
         let direction = Frame::new(normal).to_world(warp::square_to_cosine_hemisphere(v));
@@ -136,7 +136,7 @@ impl AreaLight {
         Some(Emission { ray: Ray { origin, direction }, power: self.power(), normal })
     }
 
-    /// Where it is, and the normals of its emitting side.
+    /// Box around the light, cone of the normals of its emitting side, and intensity.
     pub(super) fn bounds(&self) -> LightBounds {
         let Geometry::Mesh { mesh, winding, .. } = &self.shape.geometry else {
             let Geometry::Sphere(sphere) = &self.shape.geometry else { unreachable!("a shape is a mesh or a sphere") };
@@ -162,7 +162,7 @@ impl AreaLight {
         LightBounds { low, high, cone: cone.unwrap_or(Cone::ALL), intensity: channel_mean(self.power()) / PI }
     }
 
-    /// π·A·L.
+    /// Emitted power π·A·L, W.
     pub fn power(&self) -> Vec3 {
         self.radiance * (PI * self.triangles.total() as f32)
     }

@@ -31,18 +31,18 @@ pub struct Directional {
 }
 
 impl Directional {
-    /// The only direction.
+    /// The only direction towards the light.
     pub fn sample(&self) -> LightSample {
         LightSample { wi: -self.direction, distance: f32::INFINITY, radiance: self.irradiance, pdf: 1.0, delta: true }
     }
 
-    /// A photon through the scene.
+    /// Samples a photon through the scene.
     pub fn emit(&self, bounds: &BoundingSphere, u: [f32; 2]) -> Emission {
         let ray = ray_through(bounds, self.direction, u);
         Emission { ray, power: self.power(bounds), normal: self.direction }
     }
 
-    /// Irradiance times the cross-section of the scene.
+    /// Power: irradiance times the cross-section of the scene.
     pub fn power(&self, bounds: &BoundingSphere) -> Vec3 {
         self.irradiance * cross_section(bounds)
     }
@@ -56,7 +56,7 @@ pub struct Constant {
 }
 
 impl Constant {
-    /// A uniform direction.
+    /// Samples a uniform direction.
     pub fn sample(&self, u: [f32; 2]) -> LightSample {
         let wi = warp::square_to_sphere(u);
         LightSample { wi, distance: f32::INFINITY, radiance: self.radiance, pdf: Self::pdf(), delta: false }
@@ -67,13 +67,13 @@ impl Constant {
         warp::square_to_sphere_pdf()
     }
 
-    /// A photon through the scene.
+    /// Samples a photon through the scene.
     pub fn emit(&self, bounds: &BoundingSphere, u: [f32; 2], v: [f32; 2]) -> Emission {
         let direction = warp::square_to_sphere(u);
         Emission { ray: ray_through(bounds, direction, v), power: self.power(bounds), normal: direction }
     }
 
-    /// 4π²r²·L.
+    /// Power into the bounding sphere, 4π²r²·L.
     pub fn power(&self, bounds: &BoundingSphere) -> Vec3 {
         self.radiance * (4.0 * PI * cross_section(bounds))
     }

@@ -19,7 +19,7 @@ use crate::sampling::grid::Grid;
 #[derive(Debug, Clone)]
 pub struct Envmap {
     image: Arc<Image>,
-    /// Part of the way from the zenith to the nadir that the rows cover; there is no light below.
+    /// Part of the polar angle from zenith to nadir that the rows cover; there is no light below.
     span: f64,
     scale: f32,
     to_world: Mat3,
@@ -28,7 +28,7 @@ pub struct Envmap {
     mean: Vec3,
 }
 
-/// Where a direction lies in the picture.
+/// Position of a direction in the picture.
 struct Position {
     /// Grid coordinates in [0, 1)²: u shifted by half a texel, so that grid cells lie between texel centres.
     grid: [f64; 2],
@@ -37,14 +37,14 @@ struct Position {
 }
 
 impl Envmap {
-    /// The picture times `scale`, turned by the rotation `to_world`. The picture has at least 1×1 pixels. Beside it ten to twelve bytes
-    /// per pixel are kept.
+    /// An environment of the picture times `scale`, turned by the rotation `to_world`. The picture has at least 1×1 pixels. Ten to
+    /// twelve bytes per pixel are kept beside it.
     pub fn new(image: Arc<Image>, scale: f32, to_world: Mat3) -> Self {
         Self::spanning(1.0, image, scale, to_world)
     }
 
-    /// A picture of `radiance` with `size` (columns, rows), at least 2×2, from the zenith, +y of the rotation `to_world`, to an angle
-    /// of `lowest` in (0, π] away from it, and black below. `radiance` is asked for world directions.
+    /// An environment of `size` (columns, rows), at least 2×2, sampled from `radiance`: from the zenith, +y of the rotation
+    /// `to_world`, to an angle of `lowest` in (0, π] away from it, and black below. `radiance` is asked for world directions.
     pub fn dome(
         [width, height]: [usize; 2],
         lowest: f64,
@@ -54,7 +54,7 @@ impl Envmap {
     ) -> Self {
         let turn = DMat3::from_cols(to_world.x_axis.into(), to_world.y_axis.into(), to_world.z_axis.into());
         let pixel = |index: usize| {
-            // The last row stays above the edge by less than what singles can tell.
+            // The last row stays above the edge by less than single precision resolves.
             let theta = lowest * ((index / width) as f64 / (height - 1) as f64).min(1.0 - 1e-9);
             let phi = std::f64::consts::TAU * ((index % width) as f64 + 0.5) / width as f64;
             let ((sin, cos), (sin_phi, cos_phi)) = (theta.sin_cos(), phi.sin_cos());
@@ -92,7 +92,7 @@ impl Envmap {
         }
     }
 
-    /// None below the picture.
+    /// Position of the direction `wi` in the picture; none below it.
     fn position(&self, wi: Vec3) -> Option<Position> {
         let d = self.to_local * wi;
         let u = f64::from(d.x.atan2(-d.z) / TAU) - 0.5 / self.image.width as f64;
@@ -144,7 +144,7 @@ impl Envmap {
         (self.radiance_at(&position), self.pdf_at(&position))
     }
 
-    /// A direction by radiance.
+    /// Samples a direction in proportion to radiance.
     pub fn sample(&self, u: [f32; 2]) -> Option<LightSample> {
         let ([x, y], _) = self.grid.sample(u.map(f64::from));
         let phi = std::f64::consts::TAU * (x + 0.5 / self.image.width as f64);
@@ -152,19 +152,19 @@ impl Envmap {
         let (sin, cos) = theta.sin_cos();
         let local = Vec3::new((sin * phi.sin()) as f32, cos as f32, (-sin * phi.cos()) as f32);
         let wi = self.to_world * local;
-        // Looking the density up again keeps it equal to what `pdf` says for the rounded direction.
+        // Looking the density up again keeps it equal to that of `pdf` for the rounded direction.
         let (radiance, pdf) = self.radiance_and_pdf(wi);
         (pdf > 0.0).then_some(LightSample { wi, distance: f32::INFINITY, radiance, pdf, delta: false })
     }
 
-    /// A photon through the scene.
+    /// Samples a photon through the scene.
     pub fn emit(&self, bounds: &BoundingSphere, u: [f32; 2], v: [f32; 2]) -> Option<Emission> {
         let LightSample { wi, radiance, pdf, .. } = self.sample(u)?;
         let power = radiance * (cross_section(bounds) / pdf);
         Some(Emission { ray: ray_through(bounds, -wi, v), power, normal: -wi })
     }
 
-    /// 4π²r² times the mean radiance.
+    /// Power into the bounding sphere, 4π²r² times the mean radiance.
     pub fn power(&self, bounds: &BoundingSphere) -> Vec3 {
         self.mean * (4.0 * PI * cross_section(bounds))
     }

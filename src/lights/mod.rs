@@ -1,4 +1,4 @@
-//! Light sources: what arrives from them at a point, and how photons leave them.
+//! Light sources: the light that arrives from them at a point, and the emission of photons.
 
 pub mod area;
 pub mod distant;
@@ -32,7 +32,7 @@ pub struct LightSample {
     pub radiance: Vec3,
     /// Density w.r.t. solid angle; 1 for a delta light.
     pub pdf: f32,
-    /// No ray can hit this light.
+    /// Whether no ray can hit this light.
     pub delta: bool,
 }
 
@@ -147,7 +147,7 @@ impl Light {
         }
     }
 
-    /// Where the light is and where it shines; none for lights at infinity.
+    /// Bounds of the light's position and directions; none for lights at infinity.
     fn bounds(&self) -> Option<LightBounds> {
         match self {
             Self::Area(light) => Some(light.bounds()),
@@ -157,7 +157,7 @@ impl Light {
         }
     }
 
-    /// Emitted power per channel, W; for lights at infinity what enters the bounding sphere.
+    /// Emitted power per channel, W; for lights at infinity the power that enters the bounding sphere.
     pub fn power(&self, bounds: &BoundingSphere) -> Vec3 {
         match self {
             Self::Area(light) => light.power(),
@@ -176,15 +176,15 @@ impl Light {
 pub struct LightSet {
     /// All lights.
     pub lights: Vec<Light>,
-    /// For connections: half uniform, half by power. Those with a place share their sum among them by the tree.
+    /// Probabilities for connections: half uniform, half by power. Lights with a place have 0: the tree divides their sum.
     selection: Discrete,
-    /// What lights with a place have of it in all.
+    /// Total probability of the lights with a place.
     placed: f32,
     tree: LightTree,
-    /// Those infinitely far away that rays can meet.
+    /// Indices of the lights at infinity that rays can hit.
     around: Vec<u32>,
-    /// For photons: half evenly over all lights that shine, half by power, since a sky over a large ground has a million times the
-    /// power of the lamp in the room that is looked at.
+    /// Probabilities for photons: half evenly over all lights that shine, half by power, since a sky over a large ground has a
+    /// million times the power of the lamp in the room that is looked at.
     pub emission: Discrete,
 }
 
@@ -192,14 +192,14 @@ impl LightSet {
     /// Chooses probabilities for `lights` in a scene within `bounds`.
     pub fn new(lights: Vec<Light>, bounds: &BoundingSphere) -> Self {
         let power: Vec<f64> = lights.iter().map(|l| f64::from(channel_mean(l.power(bounds)))).collect();
-        // What overflows single precision is no finite power; it keeps the uniform part.
+        // A power that overflows single precision counts as 0: the light keeps the uniform part.
         let finite = |p: &f64| if p.is_finite() { *p } else { 0.0 };
         let power: Vec<f64> = power.iter().map(finite).collect();
         let total: f64 = power.iter().sum();
         let uniform = 1.0 / lights.len().max(1) as f64;
         let weight = |p: f64| 0.5 * uniform + if total > 0.0 { 0.5 * p / total } else { 0.0 };
         let bounds: Vec<Option<LightBounds>> = lights.iter().map(Light::bounds).collect();
-        // Lights with a place come before the others on the line from 0 to 1, whatever their order in the scene.
+        // Lights with a place come before the others in [0, 1), whatever their order in the scene.
         let mut distant = power.clone();
         let mut placed = 0.0;
         for (weighted, bounds) in distant.iter_mut().zip(&bounds) {
@@ -218,7 +218,7 @@ impl LightSet {
         }
     }
 
-    /// The number for [`LightSet::choose`], which is not needed where there is nothing to choose.
+    /// Random number for [`LightSet::choose`]; 0 where there is nothing to choose.
     #[inline(always)]
     pub fn choice(&self, random: &Random) -> f64 {
         if self.lights.len() > 1 { random.at(Dimension::LIGHT).next_f64() } else { 0.0 }
@@ -244,7 +244,7 @@ impl LightSet {
         }
     }
 
-    /// A sample of a chosen light; its density includes the choice. Lights that rays meet together beyond the scene are sampled together.
+    /// Samples a chosen light; the density includes the choice. Lights at infinity that rays can hit are sampled together.
     pub fn sample(&self, point: Vec3, choice: f64, u: [f32; 2]) -> Option<LightSample> {
         if self.lights.is_empty() {
             return None;

@@ -32,24 +32,24 @@ fn towards(position: Vec3, point: Vec3, intensity: impl Fn(Vec3) -> Vec3) -> Opt
 }
 
 impl Point {
-    /// The only direction.
+    /// The only direction towards the light.
     pub fn sample(&self, point: Vec3) -> Option<LightSample> {
         towards(self.position, point, |_| self.intensity)
     }
 
-    /// A photon in a uniform direction.
+    /// Samples a photon in a uniform direction.
     pub fn emit(&self, u: [f32; 2]) -> Emission {
         let direction = warp::square_to_sphere(u);
         Emission { ray: Ray { origin: self.position, direction }, power: self.power(), normal: direction }
     }
 
-    /// Where it is; it shines everywhere.
+    /// Position and intensity; it shines in all directions.
     pub(super) fn bounds(&self) -> LightBounds {
         let intensity = channel_mean(self.intensity);
         LightBounds { low: self.position, high: self.position, cone: Cone::ALL, intensity }
     }
 
-    /// 4π·I.
+    /// Emitted power, 4π·I.
     pub fn power(&self) -> Vec3 {
         self.intensity * (4.0 * PI)
     }
@@ -90,25 +90,25 @@ impl Spot {
         2.0 * s * s
     }
 
-    /// The only direction.
+    /// The only direction towards the light.
     pub fn sample(&self, point: Vec3) -> Option<LightSample> {
         towards(self.position, point, |direction| self.intensity(direction))
     }
 
-    /// Where it is and shines.
+    /// Position, intensity and cone of directions.
     pub(super) fn bounds(&self) -> LightBounds {
         let intensity = channel_mean(self.intensity);
         LightBounds { low: self.position, high: self.position, cone: Cone::new(self.frame.n, self.cutoff), intensity }
     }
 
-    /// A photon in a uniform direction of the cone.
+    /// Samples a photon in a uniform direction of the cone.
     pub fn emit(&self, u: [f32; 2]) -> Emission {
         let direction = self.frame.to_world(warp::square_to_cone(u, self.cone())).normalize();
         let power = self.intensity(direction) / warp::square_to_cone_pdf(self.cone());
         Emission { ray: Ray { origin: self.position, direction }, power, normal: direction }
     }
 
-    /// ∫ I dω = 2πI·(1 − (sin c − sin b)/(c − b)) with cutoff c and beam width b.
+    /// Emitted power, ∫ I dω = 2πI·(1 − (sin c − sin b)/(c − b)) with cutoff c and beam width b.
     pub fn power(&self) -> Vec3 {
         let (c, b) = (f64::from(self.cutoff), f64::from(self.beam));
         let mean_cos = if c - b > 1e-6 { (c.sin() - b.sin()) / (c - b) } else { c.cos() };

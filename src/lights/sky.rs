@@ -15,10 +15,10 @@ const CIE_Y: f32 = 106.750_26;
 /// half as many have 8e-4, twice as many columns no less.
 const COLUMNS: usize = 512;
 const ROWS: usize = 256;
-/// How near the horizon directions below it are taken to be.
+/// Angle from the zenith at which directions below the horizon are evaluated.
 const ABOVE: f64 = FRAC_PI_2 - 1e-4;
 
-/// What a sky is made of.
+/// Parameters of a clear sky.
 #[derive(Debug, Clone, Copy)]
 pub struct Atmosphere {
     /// Unit direction to the sun, not below the horizon.
@@ -46,7 +46,7 @@ pub struct Sky {
 }
 
 impl Sky {
-    /// None where the model is not defined.
+    /// The sky of an atmosphere; none where the model is not defined.
     pub fn new(air: &Atmosphere) -> Option<Self> {
         let (sun, up) = (air.sun.as_dvec3().normalize_or_zero(), air.up.as_dvec3().normalize_or_zero());
         let elevation = (sun.dot(up).clamp(-1.0, 1.0).asin() as f32).clamp(0.0, std::f32::consts::FRAC_PI_2);
@@ -55,7 +55,7 @@ impl Sky {
         Some(Self { state, sun, up, stretch: air.stretch.into(), extend: air.extend })
     }
 
-    /// Radiance from the unit vector `direction`, W·m⁻²·sr⁻¹·nm⁻¹ in linear RGB. What RGB cannot say is clamped.
+    /// Radiance from the unit vector `direction`, W·m⁻²·sr⁻¹·nm⁻¹ in linear RGB. Negative channels are clamped to 0.
     pub fn radiance(&self, direction: DVec3) -> Vec3 {
         let cos = direction.dot(self.up).clamp(-1.0, 1.0);
         let zenith = cos.acos() / self.stretch;
@@ -71,7 +71,7 @@ impl Sky {
         if self.extend { radiance * fade(cos.acos()) } else { radiance }
     }
 
-    /// A map of it times `scale`.
+    /// Environment map of the sky's radiance times `scale`.
     pub fn envmap(&self, scale: f32) -> Envmap {
         let frame = Frame::new(self.up.as_vec3());
         let to_world = Mat3::from_cols(frame.t, frame.n, frame.s);
@@ -81,7 +81,7 @@ impl Sky {
     }
 }
 
-/// From 1 at the horizon, `angle` = π/2 away from the zenith, to 0 at the nadir, smoothly.
+/// Smooth fade from 1 at the horizon, `angle` = π/2 away from the zenith, to 0 at the nadir.
 fn fade(angle: f64) -> f32 {
     let x = (2.0 - 2.0 * angle / PI).clamp(0.0, 1.0);
     (x * x * (3.0 - 2.0 * x)) as f32

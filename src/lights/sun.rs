@@ -12,7 +12,7 @@ use crate::sampling::warp;
 /// A disk of the same radiance all over.
 #[derive(Debug, Clone, Copy)]
 pub struct Sun {
-    /// Around the unit direction to its centre.
+    /// Frame around the unit direction to its centre.
     frame: Frame,
     /// Radiance, W·m⁻²·sr⁻¹.
     radiance: Vec3,
@@ -54,20 +54,20 @@ impl Sun {
         if self.covers(wi) { warp::square_to_cone_pdf(self.height) } else { 0.0 }
     }
 
-    /// A uniform direction on the disk.
+    /// Samples a uniform direction on the disk.
     pub fn sample(&self, u: [f32; 2]) -> LightSample {
         let wi = self.frame.to_world(warp::square_to_cone(u, self.height));
         let pdf = warp::square_to_cone_pdf(self.height);
         LightSample { wi, distance: f32::INFINITY, radiance: self.radiance, pdf, delta: false }
     }
 
-    /// A photon through the scene.
+    /// Samples a photon through the scene.
     pub fn emit(&self, bounds: &BoundingSphere, u: [f32; 2], v: [f32; 2]) -> Emission {
         let direction = -self.sample(u).wi;
         Emission { ray: ray_through(bounds, direction, v), power: self.power(bounds), normal: direction }
     }
 
-    /// Radiance times solid angle times the cross-section of the scene.
+    /// Power: radiance times solid angle times the cross-section of the scene.
     pub fn power(&self, bounds: &BoundingSphere) -> Vec3 {
         self.radiance * (self.solid_angle() * cross_section(bounds))
     }

@@ -1,27 +1,27 @@
-//! Choosing among many lights by how much each may send to a point: a binary tree over the lights that have a place.
+//! Choosing among many lights by an estimate of how much each sends to a point: a binary tree over the lights that have a place.
 //!
-//! Every node bounds where its lights are, where they shine and how much they send. From the root down, the child that promises more
-//! is taken more often (Conty Estevez and Kulla 2018, *Importance Sampling of Many Lights with Adaptive Tree Splitting*, without the
-//! splitting; orientation bounds by their §4.1, costs by §4.4).
+//! Every node bounds the positions, directions and intensity of its lights. From the root down, the child with the larger estimate
+//! is taken more often (Conty Estevez and Kulla 2018, *Importance Sampling of Many Lights with Adaptive Tree Splitting*, without
+//! the splitting; orientation bounds by their §4.1, costs by §4.4).
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::Vec3;
 
-/// What one light sends, and from where to where.
+/// Bounds of a light's position, directions and intensity.
 #[derive(Debug, Clone, Copy)]
 pub struct LightBounds {
-    /// Corners of the box around it.
+    /// Lower corner of the box around it.
     pub low: Vec3,
-    /// The other corner.
+    /// Upper corner of the box.
     pub high: Vec3,
-    /// All its normals, or its axes of symmetry.
+    /// Cone around all its normals, or its axes of symmetry.
     pub cone: Cone,
-    /// Radiant intensity where it is most, W·sr⁻¹, channel mean.
+    /// Radiant intensity in the direction where it is greatest, W·sr⁻¹, channel mean.
     pub intensity: f32,
 }
 
-/// Directions around an axis.
+/// A cone of directions around an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cone {
     axis: Vec3,
@@ -93,7 +93,7 @@ struct Node {
     cos_half: f32,
     sin_half: f32,
     intensity: f32,
-    /// First of two adjacent children, or a light.
+    /// Index of the first of two adjacent children, or of the light.
     link: u32,
     leaf: bool,
 }
@@ -113,8 +113,8 @@ impl Node {
         }
     }
 
-    /// About the irradiance that the node's lights can send to `point` at most: intensity times the cosine of the least angle by
-    /// which they are turned away, over the squared distance, which counts as no less than the node's size.
+    /// Estimate of the greatest irradiance that the node's lights can send to `point`: intensity times the cosine of the least
+    /// angle by which they are turned away, over the squared distance, which counts as no less than the node's size.
     fn importance(&self, point: Vec3) -> f32 {
         let to = point - self.centre;
         let squared = to.length_squared();
@@ -133,25 +133,25 @@ impl Node {
     }
 }
 
-/// Sine and cosine of max(a - b, 0), for angles in [0, π] given by theirs.
+/// Sine and cosine of max(a - b, 0), for angles in [0, π] given by their sines and cosines.
 fn less((sin_a, cos_a): (f32, f32), (sin_b, cos_b): (f32, f32)) -> (f32, f32) {
     if cos_a >= cos_b { (0.0, 1.0) } else { (sin_a * cos_b - cos_a * sin_b, cos_a * cos_b + sin_a * sin_b) }
 }
 
-/// The tree.
+/// A tree over the lights that have a place.
 #[derive(Debug, Clone, Default)]
 pub struct LightTree {
-    /// Breadth is not kept: children lie side by side, parents before them.
+    /// The nodes: two children are adjacent, and parents come before them.
     nodes: Vec<Node>,
-    /// By light: the turns from the root to its leaf, the first in the lowest bit, and their number; none for lights without a place.
+    /// By light: the turns from the root to its leaf, the first in the lowest bit, and their number; none without a place.
     trails: Vec<Option<(u64, u32)>>,
 }
 
-/// Most turns to a leaf; below, lights that the costs do not tell apart are halved by number.
+/// Greatest depth of splits by cost; below, lights that the costs do not tell apart are halved by number.
 const DEEPEST: u32 = 40;
-/// Intervals of centres between which a node may be split.
+/// Number of intervals of centres along an axis, between which a node may be split.
 const BINS: usize = 12;
-/// Least probability of a child that promises anything: promises do not know what is hidden.
+/// Least probability of a child whose estimate is not 0: estimates ignore occlusion.
 const LEAST: f32 = 0.02;
 
 impl LightTree {
@@ -183,7 +183,7 @@ impl LightTree {
         self.grow(first + 1, right, trail | 1 << depth, depth + 1);
     }
 
-    /// Probability of the first child at `point`; none where neither promises anything.
+    /// Probability of choosing the first child at `point`; none where both estimates are 0.
     fn turn(&self, first: u32, point: Vec3) -> Option<f32> {
         let [a, b] = [first, first + 1].map(|child| self.nodes[child as usize].importance(point));
         let sum = a + b;
@@ -194,7 +194,7 @@ impl LightTree {
         Some(if a > 0.0 && b > 0.0 { share.clamp(LEAST, 1.0 - LEAST) } else { share })
     }
 
-    /// A light for `point` with its probability; none where none can light it.
+    /// Samples a light for `point`; returns its index and probability, none where no light can light it.
     pub fn sample(&self, point: Vec3, mut u: f64) -> Option<(usize, f32)> {
         let mut node = self.nodes.first()?;
         let mut probability = 1.0;
@@ -233,7 +233,7 @@ fn around(lights: &[(u32, LightBounds)]) -> LightBounds {
     all.next().map_or(nothing, |first| all.fold(first, LightBounds::union))
 }
 
-/// Parts the lights in two by the place that costs least, and returns where the second part begins.
+/// Partitions the lights at the split of least cost, and returns where the second part begins.
 fn split(lights: &mut [(u32, LightBounds)]) -> usize {
     let centres = lights.iter().map(|(_, bounds)| bounds.centre());
     let (low, high) = centres.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), c| (low.min(c), high.max(c)));
@@ -286,7 +286,7 @@ mod tests {
         (0..count).map(light).collect()
     }
 
-    /// Probabilities are those of the samples and add up to one where every light counts for something.
+    /// Probabilities equal those of the samples, and add up to one where every light has an estimate above 0.
     #[test]
     fn probabilities_are_those_of_sampling() {
         let mut random = Random::new(6, 0, 0);

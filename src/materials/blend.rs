@@ -15,7 +15,7 @@ pub struct Blend {
 }
 
 impl Blend {
-    /// The weights of both.
+    /// The weights of both materials at `uv`.
     fn weights(&self, uv: Vec2) -> [f32; 2] {
         let weight = self.weight.value(uv).clamp(0.0, 1.0);
         [1.0 - weight, weight]
@@ -39,7 +39,7 @@ impl Blend {
         self.parts[0].delta_probability(uv, wo) * a + self.parts[1].delta_probability(uv, wo) * b
     }
 
-    /// Samples one of the two, chosen by weight; what is left of the number that chose it, chooses its lobe.
+    /// Samples one of the two materials, chosen by weight with `lobe`; the rest of that number then chooses the material's lobe.
     pub fn sample(&self, uv: Vec2, wo: Vec3, lobe: f32, u: [f32; 2], transport: Transport) -> Option<BsdfSample> {
         let weights = self.weights(uv);
         let (chosen, left) =

@@ -9,12 +9,12 @@ use glam::{Vec2, Vec3};
 use super::texture::Texture;
 use crate::math::Frame;
 
-/// What perturbs the normals of a material.
+/// A bump or normal map of a material.
 #[derive(Debug, Clone)]
 pub struct Bump {
     /// The map.
     pub map: Map,
-    /// The back of a two-sided material is shaded as if it were a front with the same map, not as the back of the bumps.
+    /// Whether the back of a two-sided material is shaded as a front with the same map, not as the back of the bumps.
     pub mirrored: bool,
 }
 
@@ -27,7 +27,7 @@ pub enum Map {
     Normals(Texture),
 }
 
-/// What a bump needs to know of a point.
+/// Local geometry of a surface point, from which a bump is computed.
 #[derive(Debug, Clone, Copy)]
 pub struct Tangents {
     /// Unit geometric normal.
@@ -70,7 +70,7 @@ impl Bump {
         };
         let out = frame.to_local(at.out);
         let mut turn = self.mirrored && out.z < 0.0;
-        // Facing away from the viewer; what is mirrored is seen from its other side.
+        // A normal that faces away from the viewer is turned; a mirrored one is seen from its other side.
         let seen = if turn { Vec3::new(-local.x, -local.y, local.z) } else { local };
         turn ^= seen.dot(out) * out.z < 0.0;
         if turn {
@@ -80,8 +80,8 @@ impl Bump {
     }
 }
 
-/// The part of the light that bumps do not hide, and which goes to the side that it should, as seen from a point whose shading
-/// normal was turned from one unit vector to another.
+/// Shadowing by bumps at a point whose shading normal was turned from one unit vector to another: the part of the light that bumps
+/// do not hide and that comes from the same side of the smooth surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Shadowing {
     smooth: Vec3,
@@ -89,15 +89,15 @@ pub struct Shadowing {
 }
 
 impl Shadowing {
-    /// α² = tan²/8 of the angle between the normals, at most 1 (Estevez et al. 2019, eq. 2).
+    /// Shadowing of the turn from `smooth` to `bumped`: α² = tan²/8 of the angle, at most 1 (Estevez et al. 2019, eq. 2).
     pub fn new(smooth: Vec3, bumped: Vec3) -> Self {
         let cos2 = smooth.dot(bumped).powi(2).min(1.0);
         let alpha2 = if cos2 > 0.0 { (0.125 * (1.0 - cos2) / cos2).min(1.0) } else { 1.0 };
         Self { smooth, alpha2 }
     }
 
-    /// For light from the unit direction `wi`, whose cosine with the bumped normal is `cos`: GGX's shadowing, or 0 where the smooth
-    /// surface has the light on its other side.
+    /// Factor for light from the unit direction `wi`, whose cosine with the bumped normal is `cos`: GGX's shadowing, or 0 where the
+    /// smooth surface has the light on its other side.
     pub fn factor(&self, wi: Vec3, cos: f32) -> f32 {
         let smooth = self.smooth.dot(wi);
         if smooth * cos <= 0.0 {

@@ -61,7 +61,7 @@ pub fn dielectric(cos: f32, eta: f32) -> (f32, f32) {
     (0.5 * (s * s + p * p), cos_t)
 }
 
-/// 1 − R of [`dielectric`], which keeps its digits where hardly anything passes: at grazing angles.
+/// 1 − R of [`dielectric`], precise also where hardly anything passes: at grazing angles.
 pub fn transmitted(cos: f32, eta: f32) -> f32 {
     let cos_t = dielectric(cos, eta).1;
     let (s, p) = (cos + eta * cos_t, eta * cos + cos_t);

@@ -1,4 +1,4 @@
-//! Homogeneous participating media: how far light gets in them, and where it is scattered.
+//! Homogeneous participating media: transmittance, and sampling of the distance to a collision.
 
 use glam::Vec3;
 
@@ -7,46 +7,46 @@ use super::phase::HenyeyGreenstein;
 /// Index of a medium in its scene.
 pub type MediumId = u32;
 
-/// Fog, milk, tinted glass: a medium that is the same everywhere.
+/// A medium with the same properties everywhere: fog, milk, tinted glass.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Medium {
     /// Extinction coefficient σ_t per channel, 1 / scene unit.
     pub extinction: Vec3,
-    /// Part of what is lost along a ray that is scattered and not absorbed, σ_s / σ_t per channel, in [0, 1].
+    /// Single-scattering albedo: the part of the extinction that is scattered, σ_s / σ_t per channel, in [0, 1].
     pub albedo: Vec3,
-    /// Directions of scattered light.
+    /// Phase function: the directions of scattered light.
     pub phase: HenyeyGreenstein,
 }
 
-/// How a flight through a medium ends, with the transmittance to there over the density of ending so.
+/// End of a flight through a medium, with the transmittance to there over the density of that end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Flight {
-    /// Light meets the medium at `distance`; `weight` includes the part that is scattered.
+    /// A collision with the medium at `distance`; `weight` includes the part that is scattered.
     Collision {
-        /// From the ray's origin.
+        /// Distance from the ray's origin.
         distance: f32,
-        /// σ_s · T / p.
+        /// σ_s · T / p, p being the density of the distance.
         weight: Vec3,
     },
-    /// It gets through.
+    /// No collision up to the limit.
     Through {
-        /// T / P.
+        /// T / P, P being the probability of no collision.
         weight: Vec3,
     },
 }
 
 impl Medium {
-    /// Part of the light that gets along `distance` per channel (Beer and Lambert).
+    /// Transmittance along `distance` per channel (Beer and Lambert).
     pub fn transmittance(&self, distance: f32) -> Vec3 {
         attenuation(self.extinction, distance)
     }
 
-    /// Samples how far a ray gets of `limit`, which may be infinite. One channel, chosen in proportion to what the path carries
-    /// (`carried`) in it, decides, and the weight is by the density of all of them (Wilkie et al. 2014), so that no channel is
-    /// ever weighted by more than the path's own mean over what it carries itself.
+    /// Samples the flight of a ray of length `limit`, which may be infinite. One channel, chosen in proportion to what the path
+    /// carries (`carried`) in it, decides the distance, and the weight is by the density of all of them (Wilkie et al. 2014), so
+    /// that no channel is ever weighted by more than the path's own mean over what it carries itself.
     pub fn sample(&self, carried: Vec3, limit: f32, choice: f32, u: f32) -> Flight {
         if self.albedo == Vec3::ZERO {
-            // Nothing would come of a collision.
+            // A collision would scatter nothing.
             return Flight::Through { weight: self.transmittance(limit) };
         }
         let share = shares(carried);
@@ -68,13 +68,13 @@ impl Medium {
     }
 }
 
-/// exp(-σ·d), where nothing is lost along no distance or without extinction, not even along an infinite one.
+/// exp(-σ·d) per channel; 1 where σ is 0, even along an infinite distance.
 fn attenuation(extinction: Vec3, distance: f32) -> Vec3 {
     let depth = extinction * distance;
     Vec3::select(extinction.cmpeq(Vec3::ZERO), Vec3::ONE, (-depth).exp())
 }
 
-/// Probability of each channel.
+/// Probability of choosing each channel.
 fn shares(carried: Vec3) -> Vec3 {
     let total = carried.element_sum();
     if carried.cmpge(Vec3::ZERO).all() && total > 0.0 && total.is_finite() {

@@ -60,8 +60,8 @@ impl Microfacets {
         }
     }
 
-    /// The same without approximation (Heitz 2014, eq. 72 and 83): sampling visible normals inverts this form, so its density
-    /// must be this one.
+    /// Smith's shadowing without approximation (Heitz 2014, eq. 72 and 83): sampling visible normals inverts this form, so its
+    /// density must be this one.
     fn visible_share(&self, w: Vec3, h: Vec3) -> f32 {
         if w.dot(h) * w.z <= 0.0 {
             return 0.0;

@@ -33,8 +33,8 @@ use rough_dielectric::RoughDielectric;
 use rough_diffuse::RoughDiffuse;
 use texture::Texture;
 
-/// What a path carries: radiance from the lights to the camera, or importance the other way (photons). Refraction scales
-/// only radiance (Veach 1997, §5.2).
+/// The quantity that a path carries: radiance from the lights to the camera, or importance the other way (photons). Refraction
+/// scales only radiance (Veach 1997, §5.2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Transport {
     /// The path starts at the camera.
@@ -59,24 +59,24 @@ pub struct BsdfSample {
 /// A surface material.
 #[derive(Debug, Clone)]
 pub struct Material {
-    /// Scatters alike on both sides.
+    /// Whether the back scatters like the front.
     pub two_sided: bool,
-    /// Probability that there is a surface at all; none where there is one everywhere.
+    /// Opacity: the probability that a ray meets the surface; none where it is 1 everywhere.
     pub opacity: Option<Texture>,
-    /// What perturbs the shading normal; whoever finds the surface applies it.
+    /// Bump or normal map; the code that finds a surface applies it to the shading normal.
     pub bump: Option<Box<Bump>>,
-    /// Factors on what is scattered; none where both are 1.
+    /// Factors on scattered light; none where both are 1.
     pub tint: Option<Box<Tint>>,
-    /// The scattering.
+    /// The scattering model.
     pub kind: Kind,
 }
 
 /// Factors on scattered light.
 #[derive(Debug, Clone)]
 pub struct Tint {
-    /// On light that stays on its side.
+    /// Factor on reflected light.
     pub reflectance: Texture,
-    /// On light that passes.
+    /// Factor on transmitted light.
     pub transmittance: Texture,
 }
 
@@ -86,7 +86,7 @@ impl Tint {
     }
 }
 
-/// The scattering of a material.
+/// The scattering model of a material.
 #[derive(Debug, Clone)]
 pub enum Kind {
     /// Lambertian.
@@ -146,7 +146,7 @@ impl Material {
     }
 
     /// Refractive index on the side of `wi` over that on the side of `wo`: radiance that is refracted is divided by its square
-    /// (Veach 1997, §5.2). 1 on one side, and where what passes is not refracted.
+    /// (Veach 1997, §5.2). 1 where both are on one side, and where transmitted light is not refracted.
     pub fn eta(&self, wo: Vec3, wi: Vec3) -> f32 {
         if wo.z * wi.z >= 0.0 {
             return 1.0;
@@ -156,7 +156,7 @@ impl Material {
             Kind::Dielectric(m) => m.eta,
             Kind::RoughDielectric(m) => m.eta,
             Kind::Principled(m) => m.eta(),
-            // Of two that refract the first stands for both.
+            // Of two parts that refract, the first decides.
             Kind::Blend(m) => {
                 return m.parts.iter().map(|part| part.eta(wo, -wo)).find(|&eta| eta != 1.0).unwrap_or(1.0);
             }

@@ -1,7 +1,7 @@
 //! Plastic: a clear coat, smooth or rough, over a diffuse base.
 //!
-//! Light that the coat lets in is scattered by the base, and what the coat throws back inside is scattered again, without
-//! limit: f = ρ·T(θₒ)·T(θᵢ) / (π·η²·(1 − ρ'·R)), where T is what the coat lets through from outside, R what it reflects of diffuse
+//! Light that the coat transmits is scattered by the base, and light that the coat reflects back inside is scattered again, without
+//! limit: f = ρ·T(θₒ)·T(θᵢ) / (π·η²·(1 − ρ'·R)), where T is the coat's transmittance from outside, R its reflectance for diffuse
 //! light from inside, and ρ' is 1, or ρ where colours are to saturate with each round (Mitsuba's `plastic` and `roughplastic`,
 //! whose pictures this matches; the smooth case is Shirley et al. 1997 without their fit).
 
@@ -24,11 +24,11 @@ pub struct Plastic {
     eta: f32,
     nonlinear: bool,
     facets: Option<Microfacets>,
-    /// What a rough coat lets through from outside, by cosine; empty for a smooth one.
+    /// Transmittance of a rough coat from outside, at [`COSINES`] cosines from 0 to 1; empty for a smooth one.
     transmitted: Vec<f32>,
-    /// Part of diffuse light from inside that the coat reflects.
+    /// Reflectance of the coat for diffuse light from inside.
     internal: f32,
-    /// How often the coat would be sampled if it reflected half of all light.
+    /// Probability of sampling the coat where it reflects half of all light.
     coat_share: f32,
 }
 
@@ -38,14 +38,14 @@ const COSINES: usize = 64;
 const NORMALS: usize = 32;
 
 impl Plastic {
-    /// A coat with refractive index `eta` relative to the outside over a base with albedo `base`. `reflectance` is a factor on
-    /// what the coat reflects. Without `facets` the coat is smooth.
+    /// Plastic with a coat of refractive index `eta` relative to the outside over a base with albedo `base`. `reflectance` is a
+    /// factor on the coat's reflection. Without `facets` the coat is smooth.
     pub fn new(base: Texture, reflectance: Texture, eta: f32, nonlinear: bool, facets: Option<Microfacets>) -> Self {
         let cosine = |i: usize| i as f32 / (COSINES - 1) as f32;
         let tabulated = if facets.is_some() { COSINES } else { 0 };
         let transmitted = (0..tabulated).map(|i| hemispheric(cosine(i), eta, facets, false)).collect();
-        // 2·∫R·cos. A rough coat's is the mean at 64 cosines, both ends whole: a percent below the integral, but what Mitsuba
-        // has, next to whose pictures a diffuse base would be 2 % too bright else.
+        // 2·∫R·cos. For a rough coat it is the mean at 64 cosines, both ends whole: a percent below the integral, but as in
+        // Mitsuba, next to whose pictures a diffuse base would be 2 % too bright otherwise.
         let weighted = |cos: f32| f64::from(hemispheric(cos, 1.0 / eta, facets, true) * cos);
         let steps = if facets.is_some() { COSINES } else { 64 * COSINES };
         let at = |i: usize| if facets.is_some() { cosine(i) } else { (i as f32 + 0.5) / steps as f32 };
@@ -55,7 +55,7 @@ impl Plastic {
         Self { base, reflectance, eta, nonlinear, facets, transmitted, internal, coat_share }
     }
 
-    /// Part of the light under the angle with cosine `cos` ≥ 0 that the coat lets through.
+    /// Transmittance of the coat from outside, at an angle with cosine `cos` ≥ 0.
     fn transmitted(&self, cos: f32) -> f32 {
         if self.facets.is_none() {
             return fresnel::transmitted(cos, self.eta);
@@ -81,7 +81,7 @@ impl Plastic {
         })
     }
 
-    /// ρ / (1 − ρ'·R).
+    /// Albedo of the base with all rounds inside the coat, ρ / (1 − ρ'·R).
     fn scattered(&self, uv: Vec2) -> Vec3 {
         let base = self.base.eval(uv);
         base / (Vec3::ONE - if self.nonlinear { base } else { Vec3::ONE } * self.internal)
@@ -113,7 +113,7 @@ impl Plastic {
         if self.facets.is_some() || wo.z <= 0.0 { 0.0 } else { self.probabilities(wo)[0] }
     }
 
-    /// How often the coat is sampled, and the base.
+    /// Probabilities of sampling the coat and the base.
     fn probabilities(&self, wo: Vec3) -> [f32; 2] {
         let passed = self.transmitted(wo.z);
         let (coat, base) = ((1.0 - passed) * self.coat_share, passed * (1.0 - self.coat_share));
@@ -143,8 +143,8 @@ impl Plastic {
     }
 }
 
-/// Part of the light under the angle with cosine `cos` that an interface `reflects`, or else lets through: Fresnel's, or its mean over
-/// the visible facets, less what other facets hide from where it goes.
+/// Reflectance of an interface at an angle with cosine `cos` if `reflects`, else its transmittance: Fresnel's, or its mean over the
+/// visible facets, less the part that other facets block on its way out.
 fn hemispheric(cos: f32, eta: f32, facets: Option<Microfacets>, reflects: bool) -> f32 {
     let part = |(reflected, _): (f32, f32)| if reflects { reflected } else { 1.0 - reflected };
     let Some(facets) = facets else { return part(fresnel::dielectric(cos, eta)) };

@@ -1,4 +1,4 @@
-//! The principled material (Burley 2012; Burley 2015 for what lets light through), with the formulas of Mitsuba 3's `principled`:
+//! The principled material (Burley 2012; Burley 2015 for transmission), with the formulas of Mitsuba 3's `principled`:
 //! a diffuse base with retro-reflection, sheen, GGX facets that are metal or dielectric and may refract, and a clear coat.
 //!
 //! The sum of the lobes may reflect more than arrives, mostly at grazing angles. So the whole is divided by an upper bound of
@@ -17,28 +17,28 @@ use super::{BsdfSample, Transport};
 use crate::math::channel_mean;
 use crate::sampling::warp;
 
-/// What is given to make one. Numbers are in [0, 1] unless something else is said.
+/// Parameters of a principled material. Numbers are in [0, 1] unless something else is said.
 #[derive(Debug, Clone)]
 pub struct Parameters {
     /// Albedo of the base; colour of a metal.
     pub base_color: Texture,
     /// Square root of the facets' roughness α.
     pub roughness: Texture,
-    /// From dielectric to metal.
+    /// Blend from dielectric (0) to metal (1).
     pub metallic: Texture,
     /// Refractive index relative to the outside, at least 1.
     pub eta: f32,
-    /// From a white specular reflection of the dielectric to one of the base's hue.
+    /// Tint of the dielectric's specular reflection, from white (0) to the base's hue (1).
     pub spec_tint: f32,
-    /// Grazing reflection as of cloth.
+    /// Strength of the sheen: reflection at grazing angles as of cloth.
     pub sheen: f32,
-    /// From white sheen to one of the base's hue.
+    /// Tint of the sheen, from white (0) to the base's hue (1).
     pub sheen_tint: f32,
     /// Strength of the clear coat.
     pub clearcoat: f32,
-    /// From a satin coat to a glossy one.
+    /// Gloss of the clear coat, from satin (0) to glossy (1).
     pub clearcoat_gloss: f32,
-    /// From the diffuse base to an approximation of scattering below the surface.
+    /// Blend from the diffuse base (0) to an approximation of subsurface scattering (1).
     pub flatness: f32,
     /// Part of the dielectric that refracts instead of having a base.
     pub spec_trans: f32,
@@ -51,7 +51,7 @@ pub struct Principled {
     bounds: Arc<Bounds>,
 }
 
-/// The parameters at a point.
+/// The parameters at a surface point.
 #[derive(Clone, Copy)]
 struct Point {
     base: Vec3,
@@ -59,23 +59,23 @@ struct Point {
     hue: Vec3,
     roughness: f32,
     metallic: f32,
-    /// Part that has a base, and part that refracts.
+    /// Weights of the diffuse base and of refraction.
     opaque: f32,
     clear: f32,
     facets: Microfacets,
 }
 
-/// Probabilities of the lobes as seen from one direction.
+/// Probabilities of sampling the lobes, as seen from one direction.
 struct Lobes {
     facets: f32,
     coat: f32,
 }
 
-/// Burley's least roughness, which keeps densities finite.
+/// Burley's least α, which keeps densities finite.
 const LEAST_ALPHA: f32 = 1e-3;
 /// α of the coat's shadowing (Burley 2012, §5.6).
 const COAT_SHADOWING: f32 = 0.25;
-/// Coat at normal incidence: an index of 1.5.
+/// Reflectance of the coat at normal incidence: an index of 1.5.
 const COAT_REFLECTION: f32 = 0.04;
 
 /// Schlick's (1 − cos θ)⁵.
@@ -92,7 +92,7 @@ impl Principled {
         Self { given, bounds }
     }
 
-    /// Whether it lets light through.
+    /// Whether it transmits light.
     pub fn is_clear(&self) -> bool {
         self.given.spec_trans > 0.0
     }
@@ -118,7 +118,7 @@ impl Principled {
         self.given.eta
     }
 
-    /// Reflection of a facet seen under `cos` from the front: metal by Schlick, dielectric by Fresnel, its tinted part by Schlick.
+    /// Reflectance of a facet seen under `cos` from the front: metal by Schlick, dielectric by Fresnel, its tinted part by Schlick.
     fn reflection(&self, p: &Point, cos: f32) -> Vec3 {
         let weight = schlick(cos);
         let approximate = |normal: Vec3| normal + (Vec3::ONE - normal) * weight;
@@ -132,7 +132,7 @@ impl Principled {
         sum
     }
 
-    /// What a facet seen under `cos` reflects, and what it lets through.
+    /// Reflectance and transmittance of a facet seen under the cosine `cos`.
     fn facet(&self, p: &Point, cos: f32, front: bool) -> [Vec3; 2] {
         let eta = if front { self.given.eta } else { 1.0 / self.given.eta };
         let exact = fresnel::dielectric(cos.clamp(0.0, 1.0), eta).0;
@@ -141,7 +141,7 @@ impl Principled {
         [if front { self.reflection(p, cos) } else { Vec3::splat(p.clear * exact) }, through]
     }
 
-    /// Divides what would be more than arrives. Cosines are those in front; none for a direction behind.
+    /// Factor that keeps the albedo at both directions from exceeding 1. A direction behind the surface has no bound.
     fn bound(&self, p: &Point, wo: Vec3, wi: Vec3) -> f32 {
         let albedo = |w: Vec3| if w.z > 0.0 { self.bounds.albedo(&self.given, p, w.z) } else { 1.0 };
         1.0 / albedo(wo).max(albedo(wi)).max(1.0)
@@ -205,7 +205,7 @@ impl Principled {
         0.1 + (0.001 - 0.1) * self.given.clearcoat_gloss
     }
 
-    /// In proportion to about what each lobe reflects.
+    /// Probabilities of the lobes, about proportional to their reflectances.
     fn lobes(&self, p: &Point, wo: Vec3) -> Lobes {
         if wo.z <= 0.0 {
             return Lobes { facets: 1.0, coat: 0.0 };
@@ -217,7 +217,7 @@ impl Principled {
         Lobes { facets: (reflected + through) / sum, coat: coat / sum }
     }
 
-    /// How often a chosen facet reflects, and how often it refracts: each by itself, since either may be next to nothing.
+    /// Probabilities that a chosen facet reflects and that it refracts: each by itself, since either may be next to nothing.
     fn splits(&self, p: &Point, cos: f32, front: bool) -> [f32; 2] {
         let parts = self.facet(p, cos, front).map(channel_mean);
         if parts[1] == 0.0 { [1.0, 0.0] } else { parts.map(|part| part / (parts[0] + parts[1])) }
@@ -278,7 +278,7 @@ impl Principled {
         (pdf > 0.0 && weight.is_finite()).then_some(BsdfSample { wi, weight, pdf, delta: false })
     }
 
-    /// Reflects or refracts at a visible facet; none where another facet would catch the light.
+    /// Reflects or refracts at a visible facet; none where another facet would block the light.
     fn sample_facet(&self, p: &Point, wo: Vec3, u: [f32; 2], choice: f32) -> Option<Vec3> {
         let (side, eta) = if wo.z > 0.0 { (1.0, self.given.eta) } else { (-1.0, 1.0 / self.given.eta) };
         let wo = wo * side;
@@ -339,7 +339,7 @@ fn sample_gtr1(alpha: f32, [u, v]: [f32; 2]) -> Vec3 {
     Vec3::new(sin * cos_phi, sin * sin_phi, cos)
 }
 
-/// Cosines (closer to one another at grazing angles) and roughnesses at which albedos are tabulated, both from 0 to 1.
+/// Numbers of cosines (closer to one another at grazing angles) and roughnesses at which albedos are tabulated, both from 0 to 1.
 const COSINES: usize = 24;
 const ROUGHNESSES: usize = 8;
 /// Points along each axis of the quadratures.
@@ -407,7 +407,7 @@ impl Bounds {
         }
     }
 
-    /// At least what the material scatters of light under the angle with cosine `cos`.
+    /// Upper bound of the material's albedo at an angle with cosine `cos`.
     fn albedo(&self, given: &Parameters, p: &Point, cos: f32) -> f32 {
         let column = |row: &[f32; COSINES]| between(cos.sqrt() * (COSINES - 1) as f32, row.len(), |i| row[i]);
         let table = |rows: &[[f32; COSINES]; ROUGHNESSES]| {
@@ -437,7 +437,7 @@ fn mean(f: impl Fn([f32; 2]) -> f32) -> f32 {
     sum / (POINTS * POINTS) as f32
 }
 
-/// Linear between the `count` values of `at`.
+/// Linear interpolation between the `count` values of `at`.
 fn between(position: f32, count: usize, at: impl Fn(usize) -> f32) -> f32 {
     let below = (position.max(0.0) as usize).min(count - 2);
     let [a, b] = [at(below), at(below + 1)];

@@ -35,7 +35,7 @@ pub(super) struct Geometry {
 }
 
 impl Geometry {
-    /// None where no facet takes `wi` to `wo`. `eta` is the index behind the surface over the one in front.
+    /// The geometry of a pair; none where no facet takes `wi` to `wo`. `eta` is the index behind the surface over the one in front.
     ///
     /// The half vector of refraction is a small difference of long vectors, which decides how far from the centre of a narrow
     /// lobe a direction lies: it takes double precision.
@@ -66,7 +66,7 @@ impl Geometry {
         self.wi.z > 0.0
     }
 
-    /// Part of the light that a facet reflects, and that it lets through.
+    /// Fresnel reflectance and transmittance of the facet.
     pub fn fresnel(&self) -> [f32; 2] {
         let cos = self.cos_o.min(1.0);
         [fresnel::dielectric(cos, self.eta).0, fresnel::transmitted(cos, self.eta)]
@@ -79,7 +79,7 @@ impl Geometry {
 }
 
 impl RoughDielectric {
-    /// The surface is the same seen from behind, but for its index.
+    /// `wo` turned to the front, its side (1 front, -1 back), and the index from there: from behind, only the index differs.
     fn seen_from(&self, wo: Vec3) -> (Vec3, f32, f32) {
         if wo.z >= 0.0 { (wo, 1.0, self.eta) } else { (-wo, -1.0, 1.0 / self.eta) }
     }

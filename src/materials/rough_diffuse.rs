@@ -9,12 +9,12 @@ use super::diffuse::Diffuse;
 use super::texture::Texture;
 use crate::sampling::warp;
 
-/// Cosines at which albedos are kept, evenly from 0 to 1.
+/// Number of cosines at which albedos are kept, evenly from 0 to 1.
 const COSINES: usize = 33;
 
-/// Oren and Nayar's functional approximation (their §4.4), with light that facets throw at one another, or their qualitative model without
-/// it (§4.5). The variance of the facets' slope is α²/2, as in Mitsuba 0.6, so that α is about the roughness of a microfacet material. At
-/// grazing angles the fit would send back up to 1.05 times as much as arrives; it is bounded.
+/// Oren and Nayar's functional approximation (their §4.4), with interreflection between facets, or their qualitative model without
+/// it (§4.5). The variance of the facets' slope is α²/2, as in Mitsuba 0.6, so that α is about the roughness of a microfacet
+/// material. At grazing angles the fit would send back up to 1.05 times as much as arrives; it is bounded.
 #[derive(Debug, Clone)]
 pub struct RoughDiffuse {
     /// Albedo of the facets.
@@ -22,11 +22,11 @@ pub struct RoughDiffuse {
     qualitative: bool,
     /// The model's C₁ (or A), the factors of its C₂ (or B) and C₃, and C₄.
     c: [f32; 4],
-    /// Albedo of what is scattered once by white facets, by the cosine; none where with what is scattered twice it never exceeds 1.
+    /// Albedo of white facets for light scattered once, by cosine; none where with light scattered twice it never exceeds 1.
     once: Option<Box<[f32; COSINES]>>,
 }
 
-/// Two directions as the model has them.
+/// Two directions in the angles of the model.
 #[derive(Clone, Copy)]
 struct Angles {
     /// The larger and the smaller angle from the normal.
@@ -36,7 +36,7 @@ struct Angles {
     sin_wide: f32,
     tan_narrow: f32,
     tan_half: f32,
-    /// Cosine of the angle between them around the normal.
+    /// Cosine of the azimuth between them.
     cos_phi: f32,
 }
 
@@ -53,7 +53,7 @@ impl Angles {
 }
 
 impl RoughDiffuse {
-    /// Facets of `reflectance` with the roughness `alpha`, not negative.
+    /// A surface of facets of albedo `reflectance` with the roughness `alpha`, not negative.
     pub fn new(reflectance: Texture, alpha: f32, qualitative: bool) -> Self {
         let variance = 0.5 * alpha * alpha;
         let steep = variance / (variance + 0.09);
@@ -67,7 +67,7 @@ impl RoughDiffuse {
         material
     }
 
-    /// π·f of white facets: of light scattered once and twice.
+    /// π·f of white facets, for light scattered once and for light scattered twice.
     fn scattered(&self, angles: &Angles) -> [f32; 2] {
         let [c1, c2, c3, c4] = self.c;
         let Angles { wide, narrow, sin_wide, tan_narrow, tan_half, cos_phi } = *angles;
@@ -81,8 +81,8 @@ impl RoughDiffuse {
         [once, c4 * (1.0 - cos_phi * part * part)]
     }
 
-    /// Albedo of what is scattered once, for a cosine: the mean over cosine-distributed directions. Around the normal the mean of cos φ
-    /// over the half where it is positive is 1/π, that of |cos φ| 2/π.
+    /// Albedo of white facets for light scattered once, at a cosine: the mean over cosine-distributed directions. Around the normal
+    /// the mean of cos φ over the half where it is positive is 1/π, that of |cos φ| 2/π.
     fn albedo_once(&self, cos: f32) -> f32 {
         const STEPS: usize = 512;
         let at = |cos: f32| Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
@@ -95,7 +95,7 @@ impl RoughDiffuse {
         self.c[0] + (0..STEPS).map(mean).sum::<f32>() / STEPS as f32
     }
 
-    /// What f is divided by for a direction with a cosine: the albedo, where that is above 1.
+    /// Divisor of f for a direction with a cosine: the albedo, where that is above 1.
     fn excess(&self, once: &[f32; COSINES], cos: f32, color: Vec3) -> Vec3 {
         let x = cos.clamp(0.0, 1.0) * (COSINES - 1) as f32;
         let below = (x as usize).min(COSINES - 2);
@@ -130,7 +130,7 @@ impl RoughDiffuse {
         (pdf > 0.0).then(|| BsdfSample { wi, weight: self.eval(uv, wo, wi) / pdf, pdf, delta: false })
     }
 
-    /// That of the facets.
+    /// Albedo of the facets.
     pub fn albedo(&self, uv: Vec2) -> Vec3 {
         self.reflectance.eval(uv)
     }

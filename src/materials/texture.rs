@@ -17,12 +17,12 @@ pub enum Texture {
         to_uv: Affine2,
         /// Factor on every value.
         scale: f32,
-        /// What is beyond the picture.
+        /// Continuation beyond the picture's edges.
         wrap: Wrap,
-        /// Whether the nearest pixel is taken rather than the four around, bilinearly.
+        /// Whether the nearest pixel is taken instead of interpolating bilinearly between the four around.
         nearest: bool,
     },
-    /// Two colours in squares of half a unit.
+    /// Two colours in squares of half a texture unit.
     Checkerboard {
         /// Colour where both coordinates are in the same half of their unit.
         color0: Vec3,
@@ -33,24 +33,24 @@ pub enum Texture {
     },
 }
 
-/// Luminance of linear sRGB (IEC 61966-2-1), which is what a colour means where one number is asked for. Exact for greys.
+/// Luminance of linear sRGB (IEC 61966-2-1), the value of a colour where one number is asked for. Exact for greys.
 pub fn luminance(color: Vec3) -> f32 {
     if color == Vec3::splat(color.x) { color.x } else { color.dot(Vec3::new(0.212671, 0.715160, 0.072169)) }
 }
 
-/// What is beyond the edges of a picture.
+/// Continuation of a picture beyond its edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wrap {
-    /// The picture again.
+    /// Repeats the picture.
     Repeat,
-    /// The picture mirrored.
+    /// Repeats the picture, every other time mirrored.
     Mirror,
-    /// The pixels of its edge.
+    /// Repeats the pixels of its edge.
     Clamp,
 }
 
 impl Wrap {
-    /// The column (or row) of `count` that stands for `index`.
+    /// The column (or row), of `count`, to read for `index`.
     fn index(self, index: i64, count: usize) -> usize {
         // Nearly always: it saves a division.
         if (0..count as i64).contains(&index) {
@@ -87,7 +87,7 @@ impl Texture {
         }
     }
 
-    /// The gradient of the luminance in texture coordinates: that of the bilinear filter. Zero for what has steps instead of slopes.
+    /// Gradient of the luminance in texture coordinates: that of the bilinear filter. Zero for textures that have steps.
     pub fn slope(&self, uv: Vec2) -> Vec2 {
         let Self::Bitmap { image, to_uv, scale, wrap, nearest: false } = self else { return Vec2::ZERO };
         let ([upper, lower], weight) = around(image, to_uv.transform_point2(uv), *wrap);
@@ -118,7 +118,7 @@ fn size(image: &Texels) -> Vec2 {
     Vec2::new(width as f32, height as f32)
 }
 
-/// The position in pixels. Wrapping before scaling keeps precision far from the origin.
+/// Position of `uv` in pixels. Wrapping before scaling keeps precision far from the origin.
 fn position(image: &Texels, uv: Vec2, wrap: Wrap) -> Vec2 {
     let near = match wrap {
         Wrap::Repeat => uv - uv.floor(),
@@ -186,7 +186,7 @@ mod tests {
         assert_eq!(other(Wrap::Repeat, true).eval(Vec2::new(0.66, 0.4)), Vec3::Y);
     }
 
-    /// A picture of bytes and one of the values that they mean give the same bits anywhere, however it is filtered and goes on.
+    /// A byte picture and a float picture of its values give the same bits everywhere, with every filter and wrap mode.
     #[test]
     fn bytes_and_values_look_the_same() {
         let mut random = Random::new(4, 0, 0);

@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 
-/// Relative error of n rounded operations.
+/// Bound of the relative error of n rounded operations.
 pub const fn gamma(n: u32) -> f32 {
     let n = n as f32 * (f32::EPSILON * 0.5);
     n / (1.0 - n)
@@ -21,8 +21,8 @@ pub fn offset_origin(point: Vec3, error: Vec3, normal: Vec3, direction: Vec3) ->
     Vec3::new(step(moved.x, offset.x), step(moved.y, offset.y), step(moved.z, offset.z))
 }
 
-/// The next float after the finite `x` on the side that the sign of `side` says, `x` itself where that is 0. Without branches, which
-/// would be as good as random here: floats are ordered like their bits, taken as sign and magnitude.
+/// The next float after the finite `x` in the direction of the sign of `side`, or `x` where `side` is 0. Branch-free, since
+/// branches would be unpredictable here: floats are ordered like their bits, taken as sign and magnitude.
 #[inline(always)]
 fn step(x: f32, side: f32) -> f32 {
     let flipped = |bits: i32| {

@@ -13,7 +13,7 @@ pub fn channel_mean(c: glam::Vec3) -> f32 {
     (c.x + c.y + c.z) * (1.0 / 3.0)
 }
 
-/// The mean of all but the `outliers` largest; none of nothing. Reorders them.
+/// Mean of the values without the `outliers` largest; none where no value is left. Reorders `values`.
 pub fn trimmed_mean(values: &mut [f64], outliers: usize) -> Option<f64> {
     let kept = values.len().checked_sub(outliers).filter(|&kept| kept > 0)?;
     if outliers > 0 {

@@ -1,4 +1,4 @@
-//! What runs the network's steps: plain slices in, plain vectors out, so that the embedded path and onnxruntime are
+//! Backends that run the network's steps: plain slices in, plain vectors out, so that the embedded path and onnxruntime are
 //! interchangeable.
 
 use crate::base::Result;
@@ -8,11 +8,11 @@ use crate::base::Result;
 pub struct EncodeInputs<'a> {
     /// Number of rows, N.
     pub rows: usize,
-    /// [N, F].
+    /// [N, F] input features of the nodes.
     pub features: &'a [f32],
-    /// [N, C].
+    /// [N, C] mean of the four children's outputs; zero rows where there are none.
     pub pooled: &'a [f32],
-    /// [N, 9]; N marks a missing neighbour.
+    /// [N, 9] rows of the 3 × 3 cells around each node; N marks a missing neighbour.
     pub neighbours: &'a [u32],
 }
 
@@ -21,24 +21,24 @@ pub struct EncodeInputs<'a> {
 pub struct DecodeInputs<'a> {
     /// Number of rows, N.
     pub rows: usize,
-    /// [P, C].
+    /// [P, C] features of the level above; those of the encoder's root for level 1.
     pub parents: &'a [f32],
     /// [N] rows of `parents`.
     pub parent_index: &'a [u32],
-    /// [N, C].
+    /// [N, C] output of the encoder where Q_h has the node, else zero.
     pub skip: &'a [f32],
-    /// [N, [`GEOMETRY`](super::program::GEOMETRY)].
+    /// [N, [`GEOMETRY`](super::program::GEOMETRY)] place and densities of the nodes.
     pub geometry: &'a [f32],
     /// [N] logarithm of the share that the logit corrects.
     pub base: &'a [f32],
-    /// [N, 9]; N marks a missing neighbour.
+    /// [N, 9] rows of the 3 × 3 cells around each node; N marks a missing neighbour.
     pub neighbours: &'a [u32],
 }
 
 /// Outputs of the decoder's step.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct DecodeOutput {
-    /// [N, C].
+    /// [N, C] features of the nodes, `parents` of the level below.
     pub decoded: Vec<f32>,
     /// [N] logit of the share among the four siblings.
     pub share_logit: Vec<f32>,
@@ -50,9 +50,9 @@ pub struct DecodeOutput {
     pub leaf: Vec<f32>,
 }
 
-/// Something that runs the steps of one model.
+/// Runs the steps of one model.
 pub trait Backend: Sync {
-    /// Its name in messages and statistics.
+    /// Name in messages and statistics.
     fn name(&self) -> &'static str;
 
     /// The encoder's output [N, C] at `level`.

@@ -1,4 +1,4 @@
-//! What a model is: architecture, features, and the mode that its training data was made in.
+//! Configuration of a model: architecture, features, and the mode that its training data was made in.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -26,7 +26,7 @@ pub struct Config {
     pub width: usize,
     /// Convolutions per level in the encoder and in the decoder each.
     pub convolutions: usize,
-    /// Input channels per node, F; must equal what this version of the renderer computes.
+    /// Input channels per node, F; must equal [`FEATURES`] of this version of the renderer.
     pub features: usize,
     /// Separate weights for every level (Zhu 2021) instead of shared ones with a level channel.
     pub per_level: bool,
@@ -40,7 +40,7 @@ pub struct Config {
     pub min_split_share: f32,
     /// Uniform part mixed into every reconstructed distribution, tuned in training.
     pub uniform: f32,
-    /// What the training data was made with.
+    /// Mode that the training data was made in.
     pub mode: Mode,
 }
 
@@ -57,11 +57,11 @@ pub struct Mode {
     pub roulette: bool,
     /// Share of a tree's total above which a node is split, ρ.
     pub split_share: f32,
-    /// What trees learn of light that light sampling finds too: `nothing`, `weighted` or `all`.
+    /// Part that trees learn of light that light sampling finds too: `nothing`, `weighted` or `all`.
     pub direct: String,
-    /// As how many samples a voxel's surroundings count.
+    /// Number of samples that a voxel's surroundings count as.
     pub context: f32,
-    /// As what part of their number samples of earlier iterations count.
+    /// Part of their number that samples of earlier iterations count as.
     pub past: f32,
 }
 

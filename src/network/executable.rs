@@ -103,7 +103,7 @@ impl Executable {
         }
     }
 
-    /// Sizes and indices, so that nothing is read out of place later.
+    /// Checks sizes and indices, so that nothing is read out of place later.
     fn check(&self, inputs: &Inputs) -> Result<()> {
         let selected = |v| self.steps.iter().any(|step| selects(step, v));
         let mut selectable = usize::MAX;
@@ -131,7 +131,7 @@ impl Executable {
     }
 }
 
-/// What a layer reads: the rows of each source, `read` with their columns, under its index; of a convolution nine times.
+/// Inputs of a layer: the rows of each source, `read` with their columns, under its index; nine times for a convolution.
 fn parts<'a>(
     sources: &[Source],
     read: &[(&'a [f32], usize)],

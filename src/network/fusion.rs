@@ -61,7 +61,7 @@ pub(super) fn fuse(program: &Program, weights: &Weights) -> Result<Vec<Step>> {
     Ok(steps)
 }
 
-/// The layer at `value` with what can be fused around it, and the value that the step ends in.
+/// The layer at `value` with the operations that can be fused around it, and the value that the step ends in.
 fn fuse_layer(program: &Program, weights: &Weights, layer: &Layer, value: Value) -> Result<(Step, Value)> {
     let (x, gather) = match program.ops[value] {
         Op::GatherLinear { x, .. } => (x, true),
@@ -84,7 +84,7 @@ fn fuse_layer(program: &Program, weights: &Weights, layer: &Layer, value: Value)
     Ok((Step::Layer { sources, gather, matrix, residual, relu, to }, to))
 }
 
-/// What a layer reads when it reads `value`: concatenations and selections are not materialised.
+/// Sources that a layer reads for its input `value`: concatenations and selections are not materialised.
 fn sources(program: &Program, value: Value) -> Result<Vec<Source>> {
     match &program.ops[value] {
         Op::Concat(values) => {

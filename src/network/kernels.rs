@@ -13,7 +13,7 @@ const BLOCK: usize = 4;
 /// Blocks per parallel task.
 const TASK: usize = 256;
 
-/// How rows of an input are found.
+/// Rule by which output rows find their rows of an input.
 #[derive(Debug, Clone, Copy)]
 pub enum Index<'a> {
     /// Output row i reads row i.
@@ -24,7 +24,7 @@ pub enum Index<'a> {
         index: &'a [u32],
         /// Indices per output row.
         stride: usize,
-        /// Which of them.
+        /// Position of the index among those of an output row.
         offset: usize,
     },
 }
@@ -36,7 +36,7 @@ pub struct Part<'a> {
     pub x: &'a [f32],
     /// Columns of `x`, not 0.
     pub channels: usize,
-    /// Which row goes where.
+    /// Rule by which output rows find their rows of `x`.
     pub index: Index<'a>,
 }
 
@@ -53,7 +53,7 @@ impl<'a> Part<'a> {
     }
 }
 
-/// What is applied to `x · W + b`.
+/// Operations that follow `x · W + b`.
 #[derive(Debug, Clone, Copy)]
 pub struct Epilogue<'a> {
     /// [rows, columns] to add, if any.
@@ -72,7 +72,7 @@ pub struct Packed {
     bias: Vec<f32>,
 }
 
-/// Columns that are computed together, first what is fastest.
+/// Numbers of columns that are computed together, the fastest first.
 const PANELS: [usize; 3] = [24, 16, 8];
 
 impl Packed {
@@ -134,7 +134,7 @@ pub fn apply_with(
 /// Vector instructions, from fewest to most. All but the first fuse multiplication and addition, and give the same bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Instructions {
-    /// What the build assumes of every machine.
+    /// Those that the build assumes of every machine.
     Portable,
     /// 8 lanes.
     Avx2,
@@ -143,7 +143,7 @@ pub enum Instructions {
 }
 
 impl Instructions {
-    /// The most that this processor has.
+    /// Best instructions that this processor has.
     pub fn best() -> Self {
         #[cfg(target_arch = "x86_64")]
         {

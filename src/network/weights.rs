@@ -35,9 +35,9 @@ pub struct LayerWeights {
     pub rows: usize,
     /// Output channels.
     pub columns: usize,
-    /// [rows, columns], row by row.
+    /// Matrix [rows, columns], row by row.
     pub weight: Vec<f32>,
-    /// [columns].
+    /// Bias [columns].
     pub bias: Vec<f32>,
 }
 

@@ -1,4 +1,4 @@
-//! Pictures in memory and on disk: what films, textures, environments and reports have in common.
+//! Pictures in memory and on disk, shared by films, textures, environments and reports.
 
 mod image;
 mod output;

@@ -1,4 +1,4 @@
-//! Where finished pictures go: checked before the work, and with a second place when the first fails after it.
+//! Writing finished pictures: the path is checked before the work, and a picture that cannot be written there is saved elsewhere.
 
 use std::path::{Path, PathBuf};
 
@@ -30,7 +30,7 @@ pub fn check_writable(path: &Path) -> Result<()> {
     check_folder(path)
 }
 
-/// As [`check_writable`] for a file of any format.
+/// As [`check_writable`], for a file of any format.
 ///
 /// # Errors
 /// [`Error::Io`] naming the file or its folder.
@@ -45,7 +45,7 @@ pub fn check_folder(path: &Path) -> Result<()> {
     tempfile::tempfile_in(folder).map(drop).map_err(|e| Error::io(folder, e))
 }
 
-/// Writes a picture alone, see [`write_picture`].
+/// Writes a picture without further channels or window, see [`write_picture`].
 ///
 /// # Errors
 /// As [`write_picture`].
@@ -80,7 +80,7 @@ pub fn write_or_rescue(path: &Path, picture: &Picture, exposure: f32) -> Result<
     }
 }
 
-/// Writes to a new file: its name carries the process id, so that it replaces nothing.
+/// Writes the picture to the folder for temporary files; the file's name carries the process id, so that it replaces nothing.
 fn rescue(path: &Path, picture: &Picture, exposure: f32) -> Result<PathBuf> {
     let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or("picture");
     let extension = if format(path).is_ok_and(|f| f == Format::Png) { "png" } else { "exr" };

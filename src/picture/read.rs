@@ -1,4 +1,4 @@
-//! Pictures: EXR and PNG by their own crates, JPEG, TGA, BMP and HDR (RGBE) by the crate `image`.
+//! Reading pictures: EXR and PNG by their own crates, JPEG, TGA, BMP and HDR (RGBE) by the crate `image`.
 
 use std::borrow::Cow;
 use std::io::Cursor;
@@ -27,8 +27,8 @@ pub fn read_image(path: &Path, raw: bool) -> Result<Image> {
     Ok(Arc::unwrap_or_clone(read_texels(path, raw)?.to_image()))
 }
 
-/// Reads a picture; the content decides, not the name, but for TGA, which says nothing of itself. What is neither EXR
-/// nor HDR holds sRGB values, unless `raw` says that they are data. Alpha is ignored.
+/// Reads a picture. Its content decides on the format; only TGA, which has no signature, goes by the name. All formats but EXR
+/// and HDR hold sRGB values, unless `raw` says that they are data. Alpha is ignored.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] (also for NaN or infinite pixels), [`Error::Unsupported`].
@@ -96,7 +96,7 @@ fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Texels> {
     Ok(Texels::Float(Arc::new(Image { width, height, pixels })))
 }
 
-/// The first line of an HDR file may name the program or the pixel format; the decoder knows one name.
+/// Replaces the first line of an HDR file, which may name the program or the pixel format, by the only one that the decoder knows.
 fn radiance_header(bytes: &[u8]) -> Cow<'_, [u8]> {
     const NAME: &[u8] = b"#?RADIANCE";
     let end = bytes.iter().position(|&byte| byte == b'\n').unwrap_or(bytes.len());

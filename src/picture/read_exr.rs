@@ -1,4 +1,4 @@
-//! OpenEXR, by the crate `exr`.
+//! Reading OpenEXR, by the crate `exr`.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -16,9 +16,9 @@ use super::{LARGEST_FILE, MOST_PIXELS};
 /// Most samples of all channels and layers together.
 const MOST_SAMPLES: u64 = 1 << 28;
 
-/// Most pixels of a tile of a picture that has fewer.
+/// Most pixels of a tile, where the picture has fewer.
 const LARGEST_TILE: u64 = 1 << 22;
-/// The most bytes that a byte of a file becomes: DEFLATE's 1032, of each of which PXR24 leaves out a quarter.
+/// Largest expansion of a byte: DEFLATE's factor of 1032, times 4/3 for PXR24, which leaves out a quarter of each number.
 const MOST_EXPANSION: u64 = 1032 * 4 / 3;
 
 /// Width, height and named channels of a picture, row by row from the top left.
@@ -58,7 +58,7 @@ fn floats(samples: FlatSamples) -> Vec<f32> {
     }
 }
 
-/// Reads only the header, and refuses what would not fit in memory or cannot be in the file.
+/// Reads only the header, and refuses pictures that would not fit in memory or cannot be in the file.
 fn check_sizes(path: &Path, bytes: &[u8]) -> Result<()> {
     let fail = |why: String| Error::malformed(Place::file(path), format!("not a readable EXR file: {why}"));
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|error| fail(error.to_string()))?;

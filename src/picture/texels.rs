@@ -1,4 +1,4 @@
-//! Pictures as textures keep them: those of eight bits a channel in these bytes, a twelfth to a quarter of what they become.
+//! Pictures for textures. Those of eight bits a channel stay bytes, which take a twelfth to a quarter of the memory of floats.
 
 use std::sync::{Arc, LazyLock};
 
@@ -10,13 +10,13 @@ use crate::math::srgb;
 /// The picture of a texture or of an environment.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Texels {
-    /// Any values.
+    /// Linear RGB floats.
     Float(Arc<Image>),
     /// Eight bits a channel.
     Bytes(Arc<ByteImage>),
 }
 
-/// A picture of bytes, row by row from the top left, each of which stands for one of 256 values.
+/// A picture of bytes, row by row from the top left; a table of 256 linear values decodes them.
 #[derive(Debug, PartialEq)]
 pub struct ByteImage {
     width: usize,
@@ -24,18 +24,18 @@ pub struct ByteImage {
     /// One byte a pixel (grey) or three (red, green, blue).
     samples: Vec<u8>,
     grey: bool,
-    /// What a byte means.
+    /// Linear value of each byte.
     values: &'static [f32; 256],
 }
 
-/// Linear values of sRGB bytes.
+/// Linear values of bytes that hold sRGB.
 static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| DATA.map(srgb::linear));
-/// Values of bytes that are data: from 0 to 1.
+/// Values of bytes that hold data: from 0 to 1.
 static DATA: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|byte| byte as f32 / 255.0));
 
 impl ByteImage {
-    /// From the samples of 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4 channels (with alpha, which is left out), either sRGB
-    /// values or, if `raw`, data. None where there are not as many samples as that takes.
+    /// A picture from samples of 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4 channels (with alpha); alpha is dropped.
+    /// Samples are sRGB values or, if `raw`, data. None where their number does not fit.
     pub fn new(width: usize, height: usize, channels: usize, samples: Vec<u8>, raw: bool) -> Option<Self> {
         let expected = width.checked_mul(height)?.checked_mul(channels)?;
         if samples.len() != expected {
@@ -83,7 +83,7 @@ impl Texels {
         }
     }
 
-    /// Pixels by their numbers, row by row from the top left.
+    /// The pixels of these indices, counted row by row from the top left; linear RGB.
     #[inline]
     pub fn pixels<const N: usize>(&self, indices: [usize; N]) -> [Vec3; N] {
         match self {
@@ -92,7 +92,7 @@ impl Texels {
         }
     }
 
-    /// The mean of all pixels, zero of none.
+    /// Mean of all pixels; zero for an empty picture.
     pub fn mean(&self) -> Vec3 {
         let mean = |sum: glam::DVec3, count: usize| (sum / count.max(1) as f64).as_vec3();
         match self {
@@ -101,7 +101,7 @@ impl Texels {
         }
     }
 
-    /// The whole picture with its values.
+    /// The whole picture in linear RGB floats.
     pub fn to_image(&self) -> Arc<Image> {
         match self {
             Self::Float(image) => Arc::clone(image),
@@ -111,7 +111,7 @@ impl Texels {
         }
     }
 
-    /// What is in memory: equal for equal pictures.
+    /// The pixels' bytes as stored; equal for equal pictures.
     pub fn bytes(&self) -> &[u8] {
         match self {
             Self::Float(image) => bytemuck::cast_slice(&image.pixels),
@@ -124,7 +124,7 @@ impl Texels {
 mod tests {
     use super::*;
 
-    /// Every byte, grey and coloured, with and without alpha, sRGB and raw, is what the transfer curve says, to the last bit.
+    /// Every byte, grey and coloured, with and without alpha, sRGB and raw, has the value of the transfer curve to the last bit.
     #[test]
     fn bytes_mean_what_the_curve_says() {
         for raw in [false, true] {

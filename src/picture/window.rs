@@ -21,7 +21,7 @@ pub struct Window {
 }
 
 impl Window {
-    /// All of a picture with these columns and rows.
+    /// The window that is a whole picture with these columns and rows.
     pub fn whole([width, height]: [u32; 2]) -> Self {
         Self { x: 0, y: 0, width, height }
     }
@@ -70,11 +70,11 @@ impl Window {
     }
 }
 
-/// A window and the columns and rows of the picture that it is a part of; none for a whole picture.
+/// A window, with the columns and rows of the whole picture; none for a whole picture.
 pub type Placed = Option<(Window, [u32; 2])>;
 
-/// What of `image`, which is `own`, there is to hold against a picture that is `other`: of a whole picture that one's window, of
-/// everything else all.
+/// The part of `image`, placed at `own`, to compare with a picture placed at `other`: of a whole picture the other's window, else
+/// all.
 ///
 /// # Errors
 /// [`Error::Options`] where both are different windows.
@@ -89,8 +89,8 @@ pub fn matched(image: Image, own: Placed, other: Placed) -> Result<Image> {
     }
 }
 
-/// The window that the EXR file at `path` holds of a larger picture, and that one's columns and rows; none where it holds a whole
-/// picture, reaches beyond it, or is no EXR file that can be read.
+/// The window that the EXR file at `path` holds of a larger picture, with that picture's columns and rows; none where it holds a
+/// whole picture, reaches beyond it, or is no EXR file that can be read.
 pub fn window_of(path: &Path) -> Placed {
     let meta = MetaData::read_from_file(path, false).ok()?;
     let header = meta.headers.first()?;

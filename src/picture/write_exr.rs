@@ -1,4 +1,4 @@
-//! Pictures as OpenEXR: 32-bit linear RGB, ZIP-compressed, with further channels and text attributes that say how they were made.
+//! Writing OpenEXR: 32-bit linear RGB, ZIP-compressed, with further channels and text attributes that say how a picture was made.
 //!
 //! The same picture with the same attributes gives the same bytes.
 
@@ -18,7 +18,7 @@ use crate::picture::Image;
 /// Name and value of a text attribute.
 pub type Attribute = (String, String);
 
-/// One number per pixel beside the picture, row by row from the top left.
+/// A further channel of a picture: one number per pixel, row by row from the top left.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
     /// Layer and channel, for example `albedo.R`.
@@ -27,16 +27,16 @@ pub struct Channel {
     pub values: Vec<f32>,
 }
 
-/// What goes into a file.
+/// A picture with its channels, window and attributes, as written to a file.
 #[derive(Debug, Clone, Copy)]
 pub struct Picture<'a> {
     /// The picture itself, linear RGB.
     pub image: &'a Image,
-    /// What lies beside it.
+    /// Further channels.
     pub channels: &'a [Channel],
-    /// Where in a larger picture it is, and that one's columns and rows; none where it is all there is.
+    /// Window within a larger picture, with that picture's columns and rows; none for a whole picture.
     pub window: Placed,
-    /// How it was made. Those with an empty name are left out, `software` becomes the standard attribute.
+    /// Text attributes that say how it was made. Those with an empty name are left out, `software` becomes the standard attribute.
     pub attributes: &'a [Attribute],
 }
 
@@ -65,7 +65,7 @@ pub fn encode(picture: &Picture) -> Result<Vec<u8>> {
         AnyChannel::new(name, FlatSamples::F32(values))
     });
     let layers = picture.channels.iter().filter_map(|channel| {
-        // A name that EXR cannot hold is no name of ours.
+        // Channels whose name EXR cannot hold are left out.
         Some(AnyChannel::new(latin(&channel.name)?, FlatSamples::F32(channel.values.clone())))
     });
     let channels = AnyChannels::sort(colour.chain(layers).collect());
@@ -107,8 +107,8 @@ fn latin(text: &str) -> Option<Text> {
     Text::new_or_none(text.chars().map(|c| if u32::from(c) < 256 { c } else { '?' }).collect::<String>())
 }
 
-/// Puts the attributes of a file's only header into the order of their names: the encoder keeps ours in a hash map, whose order
-/// differs from run to run. All lengths stay, so offsets into the file do too. What is no such header is left as it is.
+/// Sorts the attributes of a file's only header by name: the encoder keeps ours in a hash map, whose order differs from run to
+/// run. All lengths stay, so offsets into the file do too. A file without such a header is left as it is.
 fn sort_header(bytes: &mut [u8]) {
     // After magic number and version: name, 0, type, 0, length, value; an empty name ends the header.
     const START: usize = 8;

@@ -1,4 +1,4 @@
-//! Pictures for looking at: exposure, the sRGB curve, 8 bits per channel.
+//! Writing PNG for display: exposure, the sRGB curve, 8 bits per channel.
 
 use std::path::Path;
 

@@ -3,20 +3,20 @@
 use crate::base::Result;
 use crate::network::weights::Model;
 
-/// Its name in messages, in place of a folder's.
+/// Name of the model in messages, in place of a folder's.
 #[cfg(feature = "onnx")]
 pub const NAME: &str = "built-in";
 
 const CONFIG: &[u8] = include_bytes!("../../models/default/config.json");
 const WEIGHTS: &[u8] = include_bytes!("../../models/default/weights.safetensors");
-/// Its encoder for onnxruntime.
+/// Encoder of the model for onnxruntime.
 #[cfg(feature = "onnx")]
 pub const ENCODE: &[u8] = include_bytes!("../../models/default/encode_step.onnx");
-/// Its decoder for onnxruntime.
+/// Decoder of the model for onnxruntime.
 #[cfg(feature = "onnx")]
 pub const DECODE: &[u8] = include_bytes!("../../models/default/decode_step.onnx");
 
-/// Configuration and weights.
+/// Configuration and weights of the model.
 ///
 /// # Errors
 /// [`Error::Model`](crate::base::Error::Model) where the model is of another version than the program.

@@ -3,10 +3,10 @@
 //! In the spirit of Nilsson's level-wise denoising of guiding quadtrees (2022 §4.3): on every level the densities of the nodes that
 //! exist there are smoothed over their 3 × 3 neighbourhood, so that coarse levels smooth far and fine levels near. Nothing is laid
 //! out as a dense matrix, so there is nothing to mask either; the workload is limited by
-//! [`reconstruct_within`](super::reconstruct_within). What a level decides is how its nodes share out their parent's mass, and a
-//! node trusts what was counted the more samples it has: the shares are the mean of a Dirichlet distribution whose prior is the
-//! level smoothed once (which counts as [`Gaussian::near`] samples), smoothed again and again ([`Gaussian::far`]), and equal
-//! shares ([`Gaussian::flat`]).
+//! [`reconstruct_within`](super::reconstruct_within). A level decides in which shares its nodes divide their parent's mass, and a
+//! node trusts the counted shares the more, the more samples it has: the shares are the mean of a Dirichlet distribution whose
+//! prior is the level smoothed once (which counts as [`Gaussian::near`] samples), smoothed again and again ([`Gaussian::far`]), and
+//! equal shares ([`Gaussian::flat`]).
 
 use rayon::prelude::*;
 
@@ -22,13 +22,13 @@ use crate::guiding::tree::topology::{NO_CHILD, Topology, around_children};
 pub struct Gaussian {
     /// Standard deviation in cells of each level.
     pub sigma: f64,
-    /// As how many samples of a node its level smoothed once counts.
+    /// Number of samples of a node that its level smoothed once counts as.
     pub near: f64,
-    /// The same smoothed [`FAR`] times.
+    /// Number of samples of a node that its level smoothed [`FAR`] times counts as.
     pub far: f64,
-    /// As how many samples of a node equal shares count.
+    /// Number of samples of a node that equal shares count as.
     pub flat: f64,
-    /// Uniform part.
+    /// Part of the uniform distribution in the result.
     pub uniform: f32,
 }
 
@@ -38,7 +38,7 @@ impl Default for Gaussian {
     }
 }
 
-/// How often a level is smoothed to see far.
+/// Number of times that a level is smoothed to see far.
 const FAR: usize = 3;
 
 /// Offsets of the neighbourhood in the order of a row of [`Neighbours`].
@@ -88,11 +88,11 @@ impl Gaussian {
     }
 }
 
-/// A mass whose inverse would overflow.
+/// Mass whose inverse would overflow.
 const NOTHING: f64 = 1e-290;
 
-/// Adds `weight` times the four siblings' parts of their sum, equal ones where that is nothing. One division for all four: this is
-/// done three times for every node of every tree.
+/// Adds `weight` times the four siblings' parts of their sum, equal parts where the sum is nothing. One division for all four: this
+/// is done three times for every node of every tree.
 #[inline]
 fn add_shares(evidence: &mut [f64; 4], siblings: [f64; 4], weight: f64) {
     let total: f64 = siblings.iter().sum();

@@ -1,4 +1,4 @@
-//! Which decoded nodes are split: as many as the classifier asks for, but never more than a tree may have.
+//! Choice of the decoded nodes that are split: as many as the classifier asks for, but never more than a tree may have.
 //!
 //! The cap keeps the most energetic splits of the whole tree. A child never holds more than its parent, so the splits that
 //! rank first by mass (ties: by level, then row) always form a tree, and a split that later levels push out takes all its
@@ -57,7 +57,7 @@ impl Growth {
         Self { levels: vec![root], splits }
     }
 
-    /// The flags of the deepest level so far.
+    /// Split flags of the deepest level so far.
     pub fn split(&self) -> &[bool] {
         self.levels.last().map_or(&[], |level| &level.split)
     }
@@ -93,10 +93,10 @@ impl Growth {
         }
     }
 
-    /// The trees: what still hangs on a kept split.
+    /// The trees, made of all nodes that still hang on a kept split.
     ///
     /// # Errors
-    /// What [`Topology::from_split`] reports, as `fail` wraps it.
+    /// Those of [`Topology::from_split`], as `fail` wraps them.
     pub fn finish(self, fail: impl Fn(String) -> crate::base::Error) -> Result<Vec<Reconstructed>> {
         let mut trees = vec![(vec![], vec![]); self.splits.len()];
         let mut alive_above = vec![];

@@ -1,4 +1,4 @@
-//! From the quadtree that accumulated samples (Q_h) to the one that is sampled (Q_r).
+//! Reconstruction: from the quadtree that accumulated samples (Q_h) to the one that is sampled (Q_r).
 
 pub mod gaussian;
 pub mod neural;
@@ -26,7 +26,7 @@ use crate::network::weights::Model;
 /// A reconstructed distribution.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reconstructed {
-    /// Its shape.
+    /// Shape of the tree.
     pub topology: Topology,
     /// Per node its share of the parent, ≥ 0; four siblings' sum to 1 up to rounding, the root's is 1.
     pub node_share: Vec<f32>,
@@ -34,17 +34,17 @@ pub struct Reconstructed {
 
 /// Makes sampling distributions of accumulated trees.
 pub trait Reconstructor: Sync {
-    /// Its name in statistics.
+    /// Name in statistics.
     fn name(&self) -> &'static str;
 
-    /// What reconstructing one node of Q_h costs, in rays traced; 0 for nothing. From measurements on two cores: a ray with its
+    /// Cost of reconstructing one node of Q_h, in rays traced; 0 for nothing. From measurements on two cores: a ray with its
     /// shading takes 0.5 to 0.7 µs of a core, a tree of 407 nodes 81 to 99 µs of both by the network and 13 µs by smoothing.
     fn rays_per_node(&self) -> f64;
 
     /// One proposal per tree, in the same order.
     ///
     /// # Errors
-    /// Whatever the inference backend reports.
+    /// Those of the inference backend.
     fn reconstruct(&self, trees: &[CountedTree]) -> Result<Vec<Proposal>>;
 }
 
@@ -84,13 +84,13 @@ pub fn reconstruct_within(
     Ok((proposals, spent))
 }
 
-/// Even the smallest tree costs as much as this many nodes.
+/// Least number of nodes by which the cost of a tree is counted.
 const LEAST_NODES: usize = 32;
 
 /// No reconstruction: trees as counted.
 #[derive(Debug, Clone, Copy)]
 pub struct AsCounted {
-    /// Uniform part.
+    /// Part of the uniform distribution in the result.
     pub uniform: f32,
 }
 
@@ -118,7 +118,7 @@ impl Reconstructor for AsCounted {
 pub struct Neural {
     /// The model.
     pub model: Model,
-    /// What runs it.
+    /// Backend that runs the model.
     pub backend: Box<dyn Backend + Send>,
 }
 
@@ -230,7 +230,8 @@ mod tests {
         }
     }
 
-    /// Which of three trees, contributing 1, 3 and 2, are reconstructed, with the uniform part of each, and the cost.
+    /// Reconstructs within `rays` three trees that contribute 1, 3 and 2: which of them are reconstructed, the uniform part of
+    /// each, the cost.
     fn within(rays: f64, price: f64) -> ([bool; 3], [f32; 3], f64) {
         let topology = Topology::from_split(&[true, false, false, false, false]).unwrap();
         let (sums, block) = ([1.0, 1.0, 0.0, 0.0].repeat(4), Block::default());

@@ -16,19 +16,18 @@ use crate::network::config::Config;
 use crate::network::growing::DecodeLevel;
 use crate::network::weights::Model;
 
-/// Nodes that are reconstructed together: enough to keep calls few, few enough that all their features stay in the cache (a quarter
-/// faster than 50,000).
+/// Number of nodes that are reconstructed together: enough to keep calls few, few enough that all their features stay in the cache
+/// (a quarter faster than 50,000).
 const BATCH_NODES: usize = 6_000;
-/// A small tree may grow: it counts as at least this many nodes.
+/// Least number of nodes that a tree counts as: a small one may grow.
 const TREE_NODES: usize = 400;
 
 /// Reconstructs all trees; the result's order is that of `inputs`, and does not depend on the number of threads.
 ///
-/// Every root is split. A decoded node is split while its leaf probability is below the configured threshold, its share of
-/// the tree above the configured minimum, and its level above
-/// [`MAX_LEVEL`](crate::guiding::tree::topology::MAX_LEVEL); of more splits than
-/// [`MAX_NODES`](crate::guiding::tree::topology::MAX_NODES) allow, the most energetic remain. The children's shares are the expected
-/// ones, so that a doubtful split counts as much as it is believed.
+/// Every root is split. A decoded node is split while its leaf probability is below the configured threshold, its share of the tree
+/// above the configured minimum, and its level above [`MAX_LEVEL`](crate::guiding::tree::topology::MAX_LEVEL); of more splits than
+/// [`MAX_NODES`](crate::guiding::tree::topology::MAX_NODES) allow, the most energetic remain. The children's shares are the
+/// expected ones, so that a doubtful split counts in proportion to its probability.
 ///
 /// # Errors
 /// [`Error::Backend`] if the backend fails or a tree's sums do not match its leaves.
@@ -36,7 +35,7 @@ pub fn reconstruct_batch(model: &Model, backend: &dyn Backend, inputs: &[Counted
     Ok(correct_batch(model, backend, inputs)?.into_iter().map(|(reconstructed, _)| reconstructed).collect())
 }
 
-/// The same, each beside the smoothed tree that it corrects.
+/// Reconstructs all trees as [`reconstruct_batch`] does; returns each beside the smoothed tree that it corrects.
 ///
 /// # Errors
 /// As [`reconstruct_batch`].
@@ -99,14 +98,14 @@ fn reconstruct(
     }
 }
 
-/// Zhu 2021 eq. 15, which is what training compares with the truth: a parent that is a leaf with probability p gives its children
-/// a quarter each with that probability. `parent` and `share` [N], `leaf` of the level above.
+/// Expected shares (Zhu 2021 eq. 15), which training compares with the truth: a parent that is a leaf with probability p gives its
+/// children a quarter each with that probability. `parent` and `share` [N], `leaf` of the level above.
 fn expected_shares(parent: &[u32], leaf: &[f32], share: &[f32]) -> Vec<f32> {
     let of = |(&parent, &share): (&u32, &f32)| 0.25 * leaf[parent as usize] + (1.0 - leaf[parent as usize]) * share;
     parent.iter().zip(share).map(of).collect()
 }
 
-/// What the network reads of all trees, concatenated.
+/// Inputs of the network for all trees, concatenated.
 fn all_inputs(inputs: &[CountedTree], smoothed: &[Distribution]) -> NodeInputs {
     let mut all = NodeInputs::default();
     for (input, smoothed) in inputs.iter().zip(smoothed) {
@@ -118,12 +117,12 @@ fn all_inputs(inputs: &[CountedTree], smoothed: &[Distribution]) -> NodeInputs {
     all
 }
 
-/// What the network reads of one tree.
+/// Inputs of the network for one tree.
 pub fn inputs_of(input: &CountedTree) -> NodeInputs {
     corrected_inputs(input, &smoothed(input))
 }
 
-/// What the network corrects: the tree smoothed with the default [`Gaussian`].
+/// The tree smoothed with the default [`Gaussian`], which the network corrects.
 fn smoothed(input: &CountedTree) -> Distribution {
     Gaussian::default().smooth_tree(input)
 }

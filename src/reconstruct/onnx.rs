@@ -22,7 +22,7 @@ use crate::network::weights::{DECODE_FILE, ENCODE_FILE, Model};
 
 /// Name of this backend in messages.
 const NAME: &str = "onnx";
-/// Names the library; takes precedence over the usual places.
+/// Environment variable that names the library; it takes precedence over the usual places.
 pub const LIBRARY_VARIABLE: &str = "ORT_DYLIB_PATH";
 /// Largest ONNX file, bytes.
 const MODEL_LIMIT: u64 = 1 << 30;

@@ -1,4 +1,4 @@
-//! Layers beside the picture: what denoisers, compositing and people who look for noise want to know of each pixel.
+//! Layers beside the picture: features, sample counts and variances of each pixel for denoising, compositing and finding noise.
 //!
 //! Features are those of the first surface on a camera ray, whatever it is made of: mirrors and glass are not looked through. They
 //! are averaged over the pixel's first [`MOST_SAMPLES`] camera samples, whose rays are those of the picture. All this is done after
@@ -33,7 +33,7 @@ pub enum Aov {
     Depth,
     /// `samples.Y`: camera samples that the pixel's value is made of.
     Samples,
-    /// `variance.R/G/B`: variance of the pixel's value; 0 where fewer than two samples cannot tell.
+    /// `variance.R/G/B`: variance of the pixel's value; 0 below two samples.
     Variance,
     /// `guiding.Y`: probability that the guide, not the BSDF, chooses the direction in which the path leaves the surface.
     Guiding,
@@ -57,7 +57,7 @@ impl Aov {
         }
     }
 
-    /// Whether it is made of the film's samples; the others are features of surfaces.
+    /// Whether the layer is made of the film's samples; the others are features of surfaces.
     pub fn is_of_film(self) -> bool {
         matches!(self, Self::Samples | Self::Variance)
     }
@@ -76,7 +76,7 @@ impl Aov {
     }
 }
 
-/// What is seen in a pixel.
+/// Features of one camera sample, or their means over a pixel.
 #[derive(Debug, Clone, Copy, Default)]
 struct Features {
     albedo: Vec3,
@@ -144,7 +144,7 @@ fn features(scene: &Scene, settings: &RenderSettings, outcome: &Outcome) -> Resu
     Ok((0..pixels).into_par_iter().with_min_len(256).map(pixel).collect())
 }
 
-/// What one camera ray meets first.
+/// Features of the first surface on the ray of a camera sample; none where it hits nothing.
 fn seen(
     scene: &Scene,
     settings: &RenderSettings,

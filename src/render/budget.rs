@@ -8,29 +8,29 @@ const FREE_SHARE: f64 = 0.25;
 /// single firefly must neither stop learning for good nor promise wonders.
 const FACTOR: [f64; 2] = [0.5, 0.97];
 
-/// What is known before an iteration. Costs are all in one unit: samples per pixel, or seconds.
+/// Budget and expected cost of an iteration before it begins. Costs are all in one unit: samples per pixel, or seconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outlook {
     /// The whole budget.
     pub budget: f64,
-    /// What is left of it.
+    /// Rest of the budget.
     pub left: f64,
-    /// What the iteration would cost.
+    /// Expected cost of the iteration.
     pub cost: f64,
-    /// Part of that cost that goes into the picture all the same: the share of camera paths.
+    /// Share of that cost for camera paths, in [0, 1], which goes into the picture all the same.
     pub camera_part: f64,
-    /// Most that learning may take of the budget.
+    /// Largest share of the budget that learning may take, in [0, 1].
     pub limit: f64,
 }
 
-/// What an iteration measured of its guide.
+/// Verdict of an iteration on the guide that it made.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub enum Verdict {
     /// Variance of a sample with the guide over that without it, in (0, ∞).
     Gain(f64),
-    /// Photons know of light that paths have not found: it is not known how much guiding will change, but that it will.
+    /// Photons show light that camera paths have not found: guiding will change the variance, by how much is not known.
     Unseen,
-    /// Nothing was measured, or what guiding changes is much of the variance and rests on few samples.
+    /// Nothing was measured, or the part of the variance that guiding changes is large and rests on few samples.
     #[default]
     Unknown,
 }
@@ -41,7 +41,7 @@ impl Verdict {
         if let Self::Gain(gain) = self { Some(gain) } else { None }
     }
 
-    /// As one number, for checkpoints.
+    /// The verdict as one number for checkpoints: the gain, ∞ for unseen, NaN for unknown.
     pub fn number(self) -> f64 {
         match self {
             Self::Gain(gain) => gain,
@@ -59,12 +59,12 @@ impl Verdict {
         }
     }
 
-    /// Whether a guide of which this is known is worth its price: all are but those whose gain was measured and is too small.
+    /// Whether a guide with this verdict is worth its cost: all are but those whose gain was measured and is too small.
     pub fn pays(self) -> bool {
         self.gain().is_none_or(pays)
     }
 
-    /// Whether guides that get better as they did since an `earlier` iteration will not have paid for the next either.
+    /// Whether the next guide will not pay either, if it gets better as this one did since an `earlier` gain.
     pub fn is_hopeless(self, earlier: Option<f64>) -> bool {
         let promised = |(gain, earlier): (f64, f64)| gain * (gain / earlier).min(1.0);
         self.gain().zip(earlier).map(promised).is_some_and(|gain| !pays(gain))
@@ -72,8 +72,8 @@ impl Verdict {
 }
 
 /// Whether to learn for another iteration, given the variances of one sample in the iterations so far, and the `verdict` on the guide.
-/// While light that photons know of was hardly found, variances tell nothing and learning goes on. Where nothing is known, no more is
-/// spent than is free: scenes with fireflies would be learned until half of the budget is gone.
+/// With [`Verdict::Unseen`] variances tell nothing, and learning goes on. With [`Verdict::Unknown`] no more than the free share is
+/// spent: scenes with fireflies would be learned until half of the budget is gone.
 ///
 /// Stopping now renders `left` at the variance s of the field at hand. Learning on spends `cost`, of which `camera_part` is rendered at
 /// s, and renders the rest at r·s, where r is how much the last iteration lowered the variance. Precisions add up where passes
@@ -97,17 +97,17 @@ pub fn learns_on(outlook: &Outlook, variances: &[f64], verdict: Verdict) -> bool
     (outlook.left - outlook.cost) * (1.0 / factor - 1.0) > outlook.cost * (1.0 - outlook.camera_part)
 }
 
-/// What a sample costs with a guide, in samples without: measured on scenes of a few triangles, where it is most. A constant
+/// Cost of a sample with a guide over that without: measured on scenes of a few triangles, where it is highest. A constant
 /// and not the clock, so that a budget in samples gives the same picture everywhere.
 const GUIDED_COST: f64 = 1.35;
 
-/// A path's vertices reduce the same variance together: at equal samples the box has 0.87 times the error where the sum over
-/// vertices says 0.80, the room with the door 0.49 where it says 0.40.
+/// Exponent of the gain, since a path's vertices reduce the same variance together: at equal samples the box has 0.87 times the
+/// error where the sum over vertices says 0.80, the room with the door 0.49 where it says 0.40.
 const SHARED: f64 = 0.7;
 
 /// Effective samples below which moments tell nothing: a few paths that found light by chance say little of those that did not.
 const LEAST_EVIDENCE: f64 = 256.0;
-/// Share of photons where paths have found nothing, above which moments tell nothing either.
+/// Share of photons in places where camera paths have found no light, above which moments tell nothing either.
 const MOST_UNSEEN: f64 = 0.2;
 /// Part of the variance that is too small to matter, however little is known of it.
 const SMALL_PART: f64 = 0.25;
@@ -131,7 +131,7 @@ pub fn judged(variance: f64, moments: &PictureMoments, paths: f64) -> Verdict {
     Verdict::Gain((with / without).max(0.0).powf(SHARED))
 }
 
-/// Whether guiding with such a gain is worth what it costs.
+/// Whether guiding with such a gain is worth its cost.
 fn pays(gain: f64) -> bool {
     gain * GUIDED_COST < 1.0
 }

@@ -7,7 +7,7 @@
 //!
 //! | name | type | |
 //! |---|---|---|
-//! | `made_for` | u8 | what the picture depends on, a line of text for each setting |
+//! | `made_for` | u8 | settings that the picture depends on, a line of text each, see [`made_for`] |
 //! | `state` | f64 | numbers in the order of [`state_numbers`] |
 //! | `variances` | f64 | of one sample in each iteration |
 //! | `totals` | f64 | of the statistics, in the order of [`Statistics::numbers`] |
@@ -38,7 +38,7 @@ use crate::sampling::discrete::Discrete;
 /// apart.
 pub const VERSION: u32 = 5;
 
-/// Largest accepted checkpoint in bytes, and what each pixel adds to it.
+/// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;
 const PIXEL_LIMIT: u64 = 1 << 12;
 /// Most samples of a pixel.
@@ -46,10 +46,10 @@ pub(super) const MOST_SAMPLES: u32 = 1 << 26;
 /// Most passes that a render can have made.
 const MOST_PASSES: usize = 64;
 
-/// How a render is kept on disk.
+/// Checkpoints of a render: where they are written and read, and which settings they belong to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpointing {
-    /// What the picture depends on, one line of text for each setting: a checkpoint is only good for the same. See
+    /// Settings that the picture depends on, a line of text each: only a checkpoint with the same text is accepted. See
     /// [`made_for`].
     pub made_for: String,
     /// Where checkpoints go, and the least time between two; more where writing one takes more than a twentieth of it.
@@ -58,14 +58,14 @@ pub struct Checkpointing {
     pub resume: Option<PathBuf>,
 }
 
-/// What a picture depends on, as text: `scene` and `guide` stand for the contents of files, `stop` for the rule as it was asked
-/// for, before what loading took is taken off.
+/// Settings that a picture depends on, as text: `scene` and `guide` stand for the contents of files; the stop rule is that asked
+/// for, before the time for loading is subtracted.
 pub fn made_for(settings: &RenderSettings, size: [u32; 2], scene: &str, guide: &str) -> String {
     let program = env!("CARGO_PKG_VERSION");
     format!("program: {program}\nscene: {scene}\nguide: {guide}\nsize: {size:?}\n{settings:#?}")
 }
 
-/// All that a checkpoint is made of.
+/// State of a render between two chunks, as a checkpoint holds it.
 pub(super) struct Moment<'a> {
     pub state: &'a State,
     pub pass: &'a Pass,
@@ -174,7 +174,7 @@ impl Moment<'_> {
     }
 }
 
-/// Numbers of a state.
+/// Length of the array `state`.
 const STATE: usize = 25;
 
 /// A number as a count. Conversion saturates, and NaN is 0.
@@ -232,7 +232,7 @@ impl Resumed {
     }
 }
 
-/// Says what differs between what a checkpoint was made for and what is wanted.
+/// Refuses a checkpoint of another render and names the first setting that differs.
 fn check_same(path: &Path, found: &str, wanted: &str) -> Result<()> {
     if found == wanted {
         return Ok(());

@@ -1,4 +1,4 @@
-//! Who watches a render: progress, the wish to stop, the picture while it is made.
+//! Control of a running render: progress, early stop, previews of the picture, checkpoints.
 
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,48 +9,48 @@ use super::statistics::ErrorPoint;
 use crate::base::{Progress, Result};
 use crate::picture::Image;
 
-/// What a render tells and asks while it runs. Nothing here changes the picture that it ends with.
+/// Hooks into a running render: progress, early stop, previews, checkpoints. None changes the picture that it ends with.
 pub struct Control<'a> {
-    /// Told about samples.
+    /// Receives the progress, counted in samples.
     pub progress: &'a dyn Progress,
-    /// Set to end early with the picture so far.
+    /// Flag that the caller sets to end the render early with the picture so far.
     pub stop: &'a AtomicBool,
-    /// Shown the picture from time to time.
+    /// Receives previews of the picture; none for no previews.
     pub refresh: Option<Refresh<'a>>,
-    /// How the render is kept on disk, if it is.
+    /// Checkpoints to write and to resume from; none for no checkpoints.
     pub checkpoint: Option<&'a Checkpointing>,
 }
 
 impl<'a> Control<'a> {
-    /// Nothing but progress and the wish to stop.
+    /// Control by progress and stop flag alone.
     pub fn new(progress: &'a dyn Progress, stop: &'a AtomicBool) -> Self {
         Self { progress, stop, refresh: None, checkpoint: None }
     }
 }
 
-/// Shows the picture while it is made.
+/// Previews of the picture while it is rendered.
 pub struct Refresh<'a> {
     /// Least time between two pictures; more where showing one takes more than a twentieth of it.
     pub every: Duration,
-    /// Takes the picture, and says how far it is from a reference where there is one.
+    /// Takes the picture and returns its error against the reference, if there is one.
     pub show: &'a dyn Fn(Snapshot) -> Option<ErrorPoint>,
 }
 
-/// A picture that is still being made.
+/// An unfinished picture and its cost so far.
 pub struct Snapshot {
     /// Linear RGB.
     pub image: Image,
     /// Samples per pixel so far, camera and light paths together.
     pub spp: u32,
-    /// Wall time so far.
+    /// Wall time so far, seconds.
     pub seconds: f64,
 }
 
-/// A render's side of [`Control`], with its clock.
+/// [`Control`] as the render uses it, with its clock and time budget.
 pub(super) struct Watcher<'a> {
     pub control: &'a Control<'a>,
     started: Instant,
-    /// Seconds that earlier processes rendered.
+    /// Seconds rendered by earlier processes, according to the checkpoint.
     pub before: f64,
     /// Seconds after which no chunk may begin that would end later.
     pub deadline: Option<f64>,
@@ -60,14 +60,14 @@ pub(super) struct Watcher<'a> {
     pub errors: Vec<ErrorPoint>,
     /// Why the last checkpoint could not be written; none where it could.
     pub unkept: Option<String>,
-    /// Whether anything may have been left out because of the wish to stop: then no checkpoint of what follows is of use.
+    /// Whether samples may have been left out because of an early stop: then no checkpoint of what follows is of use.
     cut_short: Cell<bool>,
     chunk_began: Instant,
     shown: Rhythm,
     kept: Rhythm,
 }
 
-/// When something was done last, and how long that took.
+/// Time when a repeated job (preview or checkpoint) was last done, and how long it took.
 struct Rhythm {
     last: Instant,
     took: Duration,
@@ -78,7 +78,7 @@ impl Rhythm {
         Self { last: Instant::now(), took: Duration::ZERO }
     }
 
-    /// Whether it is time again: it may take a twentieth of all time.
+    /// Whether the job is due: after `every`, but not before 20 times what it took, so that it takes a twentieth of all time.
     fn due(&self, every: Duration) -> bool {
         self.last.elapsed() >= every.max(20 * self.took)
     }
@@ -113,38 +113,38 @@ impl<'a> Watcher<'a> {
         self.before + self.started.elapsed().as_secs_f64()
     }
 
-    /// Whether the render is to end early.
+    /// Whether the stop flag is set; remembers it if so.
     pub fn stopped(&self) -> bool {
         let stopped = self.control.stop.load(Ordering::Relaxed);
         self.cut_short.set(self.cut_short.get() || stopped);
         stopped
     }
 
-    /// The same between two passes. What checkpoints hold is a moment after a chunk, so where one is to be written, the next chunk is
-    /// the last, and not the one before.
+    /// [`Watcher::stopped`] between two passes. A checkpoint holds the state after a chunk, so where one is to be written, the
+    /// render ends after the next chunk instead of here.
     pub fn stopped_between(&self) -> bool {
         let keeps = self.control.checkpoint.is_some_and(|checkpoint| checkpoint.write.is_some());
         if keeps && !self.cut_short.get() { false } else { self.stopped() }
     }
 
-    /// The next chunk begins now.
+    /// Starts the clock of the next chunk.
     pub fn begin_chunk(&mut self) {
         self.chunk_began = Instant::now();
     }
 
-    /// The last moments before a deadline are worth more as samples.
+    /// Whether less than `every` is left before the deadline: that time is worth more as samples.
     fn is_late(&self, every: Duration) -> bool {
         self.deadline.is_some_and(|end| end - self.elapsed() < every.as_secs_f64())
     }
 
-    /// Says how far the render is, `seconds` after its beginning.
+    /// Reports the progress `seconds` after the beginning: share of the time budget, samples per pixel, latest relMSE.
     fn tell(&self, spp: u32, seconds: f64) {
         let error = self.errors.last().map_or(String::new(), |error| format!(", relMSE {:.3e}", error.relmse));
         self.control.progress.reached(self.budget.map(|budget| seconds / budget), &format!("{spp} spp{error}"));
     }
 
-    /// After a chunk of `samples`: shows the picture and writes a checkpoint where it is time, and says whether there is time for
-    /// another chunk. `keep` writes a checkpoint, given the seconds so far and the errors of the pictures shown.
+    /// After a chunk of `samples`: shows the picture and writes a checkpoint where they are due, and returns whether there is time
+    /// for another chunk. `keep` writes a checkpoint, given the seconds so far and the errors of the pictures shown.
     pub fn end_chunk(
         &mut self,
         samples: u64,
@@ -167,7 +167,7 @@ impl<'a> Watcher<'a> {
         });
         if let Some(checkpoint) = checkpoint {
             let kept = self.kept.time(|| keep(checkpoint, seconds, &self.errors));
-            // What cannot be written now may be written later; the end says so if not.
+            // A failed write is no reason to stop: a later one may succeed, and the outcome tells of the last.
             self.unkept = kept.err().map(|error| error.to_string());
         }
         let chunk = self.chunk_began.elapsed().as_secs_f64();

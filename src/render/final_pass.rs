@@ -1,4 +1,4 @@
-//! The pass that what is left of the budget goes into, and the end of a render.
+//! The final pass, which spends the rest of the budget, and the end of a render.
 
 use super::Outcome;
 use super::checkpoint::MOST_SAMPLES;
@@ -10,10 +10,10 @@ use crate::base::{Error, Result};
 use crate::film::combine;
 use crate::guiding::sample::field::GuideField;
 
-/// Samples per pixel that tell enough of what pixels will be.
+/// Samples per pixel of the first pass with a given field: enough to estimate pixel values.
 const LOOK: u32 = 4;
 impl Run<'_> {
-    /// The picture with the field as it is, and the end.
+    /// Renders the picture with the field as it is, and ends the render.
     pub(super) fn finish(mut self, field: Option<GuideField>) -> Result<Outcome> {
         let known = field.as_ref();
         self.statistics.guide = known.map_or(GuideStatistics::default(), GuideStatistics::of);
@@ -41,7 +41,7 @@ impl Run<'_> {
         })
     }
 
-    /// A first pass with a field that nothing was learned for: about what pixels will be, by which roulette judges the rest.
+    /// Renders a first pass with a given field, which estimates the pixel values that roulette judges the rest by.
     pub(super) fn look(&mut self, field: &GuideField, resumed: Option<Part>) {
         let spp = match self.settings.stop {
             StopRule::Spp(spp) => (spp / 16).min(LOOK),
@@ -60,7 +60,7 @@ impl Run<'_> {
         }
     }
 
-    /// What is left of the budget goes into one pass.
+    /// Spends the rest of the budget on one pass.
     fn final_pass(&mut self, field: Option<&GuideField>) -> Result<Rendered> {
         let mut resumed = self.resume(Phase::Final);
         let batches = if resumed.is_some() { self.state.position.batches } else { 0 };
@@ -94,7 +94,7 @@ impl Run<'_> {
         }
         if self.state.position.batches > 0 {
             let finished = self.finished(&part.pass);
-            // Those of a guide that was given up stay: it was by what they contain, and what is kept must not depend on that.
+            // Passes of a guide that was given up stay: their samples decided that, and what is kept must not depend on samples.
             self.state.passes.push(finished);
         }
         if self.state.passes.is_empty() {
@@ -107,7 +107,7 @@ impl Run<'_> {
         Ok((image, self.spread(&self.state.passes, None)?))
     }
 
-    /// Samples per pixel of the next batch under a time budget: about a tenth of what is left, by the speed so far.
+    /// Samples per pixel of the next batch under a time budget: about a tenth of those for the rest of it, at the speed so far.
     fn batch(&self, rendered: u32) -> u32 {
         let StopRule::Time(seconds) = self.settings.stop else { return 0 };
         let left = seconds - self.watcher.elapsed();
@@ -117,7 +117,7 @@ impl Run<'_> {
         }
         let per_sample = traced / f64::from(self.state.rendered);
         let batch = if left <= 0.0 { 0 } else { ((left / per_sample.max(1e-9) * 0.1) as u32).clamp(1, 1 << 16) };
-        // What no checkpoint could hold is not rendered: a few pixels and an hour get there.
+        // No more samples than a checkpoint can hold: pictures of a few pixels get there within an hour.
         batch.min(MOST_SAMPLES.saturating_sub(self.state.rendered))
     }
 }

@@ -54,7 +54,7 @@ impl Run<'_> {
         })
     }
 
-    /// Whether there is to be an iteration `t`.
+    /// Whether iteration `t` is to be rendered and learned from.
     fn goes_on_learning(&self, t: u32, photon_share: f64) -> bool {
         let earlier = self.statistics.iterations.iter().rev().nth(1).and_then(|iteration| iteration.gain);
         let hopeless = t >= self.patience() && !self.pays()
@@ -121,18 +121,18 @@ impl Run<'_> {
     }
 
     /// Iterations before guiding is given up. Learning costs several times what rendering does, so an easy scene should be known
-    /// for one at once; but light that comes through glass or from mirrors is found late, and then it is most of the noise.
+    /// as one at once; but light that comes through glass or from mirrors is found late, and then it is most of the noise.
     fn patience(&self) -> u32 {
         let specular = self.scene.materials().iter().any(Material::is_delta);
         if specular { 4 } else { 2 }
     }
 
-    /// Whether what guiding costs does not matter.
+    /// Whether guiding is never given up, whatever it costs.
     fn is_always_guided(&self) -> bool {
         self.learn_only || !self.settings.gives_up
     }
 
-    /// Whether the guide at hand is worth its price, or its price does not matter.
+    /// Whether the guide at hand is worth its cost, or its cost does not matter.
     fn pays(&self) -> bool {
         self.is_always_guided() || self.state.trend.verdict.pays()
     }
@@ -149,7 +149,7 @@ impl Run<'_> {
         self.settings.reconstruction_share * (rays / done.clamp(1.0 / 3.0, 1.0))
     }
 
-    /// Whether another iteration of `camera` paths per pixel is worth its price.
+    /// Whether another iteration of `camera` paths per pixel is worth its cost.
     fn learns_on(&self, camera: u32, photon_share: f64) -> bool {
         let trend = &self.state.trend;
         let kinds = 1.0 + photon_share;
@@ -164,8 +164,8 @@ impl Run<'_> {
                 let left = budget - self.watcher.elapsed();
                 Outlook { budget, left, cost: 2.0 * trend.seconds, camera_part: trend.camera_part, limit }
             }
-            // What is learned from does not enter a picture that ends by its own samples; the first iterations find out how
-            // many those will be.
+            // Iterations do not enter a picture that ends by its own samples; the first of them find out how many samples that
+            // will take.
             StopRule::TargetError(error) => {
                 let left = if trend.relative > 0.0 { trend.relative / error } else { 100.0 * cost };
                 Outlook { budget: spent + left, left, cost, camera_part: 0.0, limit }
@@ -186,7 +186,7 @@ impl Run<'_> {
     }
 }
 
-/// What learning decided, in sentences.
+/// Decisions on guiding and photons that learning has taken, a sentence each.
 fn decisions(gave_up: bool, trend: &Trend, iterations: &[Iteration], photon_share: f64) -> Vec<String> {
     let count = iterations.len();
     let on = if gave_up { "off: it does not pay" } else { "on" };

@@ -22,39 +22,39 @@ pub struct Records {
     pub paths: Vec<PathRecord>,
     /// Of light paths.
     pub photons: Vec<PhotonRecord>,
-    /// How light paths started.
+    /// Start of each light path, in the order of the paths.
     pub starts: Vec<Option<Start>>,
 }
 
 /// Learns the guiding field of a render.
 pub struct Learning {
-    /// The trees.
+    /// Learner of the voxels and their distributions.
     pub learner: Learner,
-    /// Where light paths start.
+    /// Density from which the starts of light paths are drawn.
     pub emission: EmissionGuide,
     pub(super) emission_learner: EmissionLearner,
-    /// Light paths for each camera path of the next iteration, in [0, 1]. Once there are none, there will be none.
+    /// Light paths for each camera path of the next iteration, in [0, 1]. Once it is 0, it stays 0.
     pub photon_share: f64,
     iterations: u32,
-    /// Of the last iteration.
+    /// Second moments of contributions to the picture, measured by the last iteration.
     pub moments: PictureMoments,
-    /// What reconstruction has cost so far, in rays.
+    /// Cost of reconstruction so far, in rays traced.
     reconstruction_rays: f64,
 }
 
 /// Iterations in which photons are never given up: path samples that have not found the light cannot judge them.
 const PATIENCE: u32 = 4;
-/// Fewest light paths for each camera path until then.
+/// Fewest light paths for each camera path in these iterations.
 const LEAST_PHOTONS: f64 = 0.25;
 
-/// Light paths for each camera path, given the factor by which photons lower the second moment of what they guide: a third or
-/// less is worth as many as there are camera paths, a twentieth none. In eighths, so that it does not flicker.
+/// Light paths for each camera path, given the second moment of guided samples with photons over that without: lowered by a
+/// third or more it is worth as many as camera paths, by a twentieth or less none. In eighths, so that it does not flicker.
 fn photon_share(gain: f64) -> f64 {
     ((((1.0 - gain) - 0.05) / 0.28 * 8.0).ceil() / 8.0).clamp(0.0, 1.0)
 }
 
 impl Learning {
-    /// Nothing learned yet of a scene whose lights have the powers `emitted`.
+    /// A start without data for a scene whose lights have the powers `emitted`.
     pub fn new(settings: &RenderSettings, emitted: &Discrete) -> Self {
         Self {
             emission: EmissionGuide::new(emitted),
@@ -67,12 +67,12 @@ impl Learning {
         }
     }
 
-    /// Numbers beside the learner's and the photons' own, for checkpoints. Moments are measured anew by each iteration.
+    /// State for checkpoints apart from the learner's and the photons' own. Moments are measured anew by each iteration.
     pub(super) fn numbers(&self) -> [f64; 3] {
         [self.photon_share, f64::from(self.iterations), self.reconstruction_rays]
     }
 
-    /// What was learned, as a checkpoint has it, of a scene whose lights have the powers `emitted`.
+    /// Reads from a checkpoint what was learned of a scene whose lights have the powers `emitted`.
     ///
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
@@ -88,7 +88,7 @@ impl Learning {
         Ok(Self { learner, emission, emission_learner, photon_share, iterations, moments, reconstruction_rays })
     }
 
-    /// Deposits one chunk.
+    /// Deposits the records of one chunk.
     pub fn absorb(&mut self, records: &Records, kinds: SampleKinds, seconds: &mut Seconds) {
         let begun = Instant::now();
         let voxels = self.learner.absorb(&records.paths, &records.photons, kinds.paths());
@@ -103,8 +103,8 @@ impl Learning {
     }
 
     /// Reconstructs the trees of a pass with `spp` camera paths per pixel, publishes the results, refines the voxels. All
-    /// reconstruction of the render so far, this one included, may cost as much as tracing `rays` rays. The `worst` samples do not
-    /// tell whether guiding pays.
+    /// reconstruction of the render so far, this one included, may cost as much as tracing `rays` rays. The `worst` samples are
+    /// left out of the moments that tell whether guiding pays.
     ///
     /// # Errors
     /// Those of the reconstructor.
@@ -142,7 +142,7 @@ impl Learning {
         Ok(Iteration { voxels: self.learner.voxels(), nodes, reconstruct_seconds, ..Iteration::default() })
     }
 
-    /// The field of an iteration that began when there were `voxels`.
+    /// The field that guides an iteration which began with `voxels` voxels.
     pub fn field_of(&self, voxels: usize) -> GuideField {
         self.learner.field_of(voxels, Use::Learning)
     }

@@ -36,21 +36,21 @@ use crate::scene::Scene;
 use run::Run;
 use state::Phase;
 
-/// What a render produced.
+/// Result of a render.
 pub struct Outcome {
     /// The picture, linear RGB.
     pub image: Image,
-    /// How far its pixels may be off, where the settings ask for that.
+    /// Sample counts and variances of its pixels, where the settings ask for them.
     pub spread: Option<PixelSpread>,
-    /// Where time and samples went.
+    /// Statistics of time and samples spent.
     pub statistics: Statistics,
     /// The field that guided the final pass.
     pub field: GuideField,
-    /// What it was made of, where the settings ask for that.
+    /// Counted distributions and gains behind the field, per voxel, where the settings ask for them.
     pub evidence: Evidence,
     /// Why the last checkpoint could not be written; none where it could.
     pub unkept: Option<String>,
-    /// Whether the wish to stop ended it before it was done.
+    /// Whether the stop flag ended the render early.
     pub interrupted: bool,
 }
 
@@ -72,7 +72,7 @@ pub fn render(
     render_watched(scene, settings, reconstructor, &Control::new(progress, stop))
 }
 
-/// [`render`] with a picture shown from time to time.
+/// [`render`] with previews and checkpoints as `control` asks for.
 ///
 /// # Errors
 /// As [`render`].
@@ -95,7 +95,7 @@ pub fn render_watched(
     run.finish(field)
 }
 
-/// Renders `scene` guided by a field that is already there: the whole budget goes into the picture. With a field from
+/// Renders `scene` guided by a given field: the whole budget goes into the picture. With a field from
 /// [`learn`] and a much larger budget this is the oracle, which shows what any reconstruction could reach at most.
 ///
 /// # Errors

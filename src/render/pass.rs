@@ -45,7 +45,7 @@ pub struct PassTracer<'a> {
     pub window: Window,
     /// Where in the pixel's surroundings its samples lie.
     pub filter: &'a PixelFilter,
-    /// What guides.
+    /// The guiding field; none without guiding.
     pub field: Option<&'a GuideField>,
     /// Values that pixels will about have; none where nothing is known of them.
     pub picture: Option<&'a [f32]>,
@@ -67,7 +67,7 @@ pub struct Chunk<'a> {
     pub samples: u64,
     /// Linear index of the next camera path.
     pub end: u64,
-    /// What was learned so far.
+    /// State of learning; none where nothing is learned.
     pub learning: Option<&'a Learning>,
     /// Statistics so far.
     pub statistics: &'a Statistics,

@@ -1,4 +1,4 @@
-//! One camera sample traced again, to see what it met.
+//! Replay of one camera sample, vertex by vertex.
 
 use super::control::Control;
 use super::pass::{CameraSample, camera_ray};
@@ -16,15 +16,14 @@ use crate::scene::Scene;
 pub struct Sample {
     /// Column and row in the whole picture.
     pub pixel: [u32; 2],
-    /// Its number among all of the pixel's.
+    /// Number of the sample among all of its pixel's.
     pub number: u64,
     /// The number at which its pass began; none where its random numbers are independent.
     pub pass_from: Option<u32>,
 }
 
-/// Traces one sample of a render again, which is plain or guided by a `field` that was there before: then what pixels will about be
-/// is found out as that render did it, since roulette goes by it. In the first look at the picture that such a render takes, it
-/// does not know that yet.
+/// Traces one sample of a render again. The render is unguided, or guided by a given `field`: then pixel values are estimated as
+/// that render did it, since roulette depends on them. Samples of its first pass, which makes that estimate, are traced without.
 ///
 /// # Errors
 /// [`Error::Options`] for a pixel outside of the picture, or a sample before its pass; [`Error::Interrupted`]; errors of rendering.

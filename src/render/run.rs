@@ -1,4 +1,4 @@
-//! A render while it runs: its passes, what they leave for the next, and what of it is kept on disk.
+//! A running render: its passes, the state that one leaves for the next, and its checkpoints.
 
 use super::checkpoint::{Checkpointing, Moment, Resumed};
 use super::control::{Control, Watcher};
@@ -13,19 +13,19 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::picture::{Image, Window};
 use crate::scene::Scene;
 
-/// A picture, and how far its pixels may be off where that is wanted.
+/// A picture, and the sample counts and variances of its pixels where they are wanted.
 pub(super) type Rendered = (Image, Option<PixelSpread>);
 
 /// Fewest paths in a chunk: enough to keep a few threads busy.
 const LEAST_CHUNK: u64 = 1 << 14;
-/// A chunk is at least this part of the pixels, so that one alone leaves no gaps but narrow ones.
+/// A chunk has at least a sample for one in so many pixels, so that one chunk alone leaves only narrow gaps.
 const EVERY_ROW: u64 = 12;
 
-/// A render while it runs.
+/// A running render.
 pub(super) struct Run<'a> {
     pub scene: &'a Scene,
     pub settings: &'a RenderSettings,
-    /// What of the picture is rendered.
+    /// Window of the picture that is rendered.
     pub window: Window,
     pub filter: PixelFilter,
     pub watcher: Watcher<'a>,
@@ -34,9 +34,9 @@ pub(super) struct Run<'a> {
     pub learn_only: bool,
     pub evidence: Evidence,
     pub state: State,
-    /// What an earlier process has left, until it is gone on with.
+    /// Checkpoint of an earlier process, until its unfinished pass is taken up.
     pub resumed: Option<Resumed>,
-    /// Whether samples were left out because of the wish to stop.
+    /// Whether samples were left out because the stop flag was set.
     pub interrupted: bool,
 }
 
@@ -71,7 +71,7 @@ impl<'a> Run<'a> {
         Ok(run)
     }
 
-    /// Takes up what the checkpoint holds that is to be gone on from, if there is one.
+    /// Restores the state from the checkpoint to resume from, if there is one.
     fn read_checkpoint(&mut self) -> Result<()> {
         let control = self.watcher.control;
         let from = control.checkpoint.and_then(|c| Some((c.resume.as_ref()?, &c.made_for)));
@@ -86,7 +86,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// The pass that an earlier process has left unfinished, where it was of this kind.
+    /// The unfinished pass of the checkpoint, where it is of this phase.
     pub fn resume(&mut self, phase: Phase) -> Option<Part> {
         self.resumed.take_if(|_| self.state.position.phase == phase).map(|resumed| resumed.part)
     }
@@ -95,7 +95,7 @@ impl<'a> Run<'a> {
         self.window.pixels()
     }
 
-    /// The next pass, of `spp` samples per pixel.
+    /// Begins the next pass, of `spp` samples per pixel.
     pub fn begin_pass(&mut self, spp: u32) -> Part {
         self.state.sequences_from = Some(self.state.rendered);
         Part { pass: self.empty_pass(), spp, start: 0 }
@@ -105,7 +105,7 @@ impl<'a> Run<'a> {
         Pass::new(self.window.width as usize, self.window.height as usize)
     }
 
-    /// Traces what is left of a pass; returns whether all camera paths were made.
+    /// Traces the rest of a pass; returns whether all camera paths were made.
     pub fn trace(
         &mut self,
         part: &mut Part,
@@ -157,18 +157,18 @@ impl<'a> Run<'a> {
         complete
     }
 
-    /// About what each pixel will be, by the passes so far; none while no light was found.
+    /// Estimated value (channel mean) of each pixel, by the passes so far; none while no light was found.
     pub fn pixel_values(&self) -> Option<Vec<f32>> {
         let State { passes, early, .. } = &self.state;
         expected_values(&combine(if passes.is_empty() { early } else { passes }).ok()?)
     }
 
-    /// Ends a pass whose samples may enter the picture.
+    /// Finishes a pass, with the variances of its pixels where they are wanted.
     pub fn finished(&self, pass: &Pass) -> FinishedPass {
         if self.settings.keeps_spread { pass.finish_with_variance() } else { pass.finish() }
     }
 
-    /// How far pixels of the picture that passes make may be off, where that is wanted.
+    /// Sample counts and variances of the pixels of the combined picture, where they are wanted.
     pub fn spread(&self, passes: &[FinishedPass], weights: Option<&[f64]>) -> Result<Option<PixelSpread>> {
         self.settings.keeps_spread.then(|| pixel_spread(passes, weights)).transpose()
     }

@@ -1,4 +1,4 @@
-//! What to render with, resolved once.
+//! Settings of a render, resolved once.
 
 use crate::base::{Error, Result};
 use crate::guiding::learn::fraction::FractionRule;
@@ -13,10 +13,10 @@ use crate::picture::Window;
 use crate::scene::file::FilterFile;
 use crate::scene::plan::{EffectKind, EffectPlan};
 
-/// What guides the paths.
+/// Guiding methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GuideMode {
-    /// Nothing: BSDF sampling with light sampling.
+    /// No guiding: BSDF sampling with light sampling.
     None,
     /// Jensen 1995: photons in histograms of fixed cells.
     Jensen,
@@ -51,7 +51,7 @@ impl GuideMode {
     }
 }
 
-/// What is deposited while learning.
+/// Kinds of samples that are deposited while learning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SampleKinds {
     /// Camera paths.
@@ -83,10 +83,10 @@ impl SampleKinds {
     }
 }
 
-/// What makes distributions of trees.
+/// Reconstructions: how distributions are made of counted trees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reconstruction {
-    /// Nothing: as counted.
+    /// No reconstruction: trees as counted.
     None,
     /// Level-wise smoothing.
     Gaussian,
@@ -105,7 +105,7 @@ impl Reconstruction {
     }
 }
 
-/// When to stop.
+/// Rule by which a render ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StopRule {
     /// Samples per pixel, camera and light paths together.
@@ -121,29 +121,29 @@ pub enum StopRule {
 pub struct RenderSettings {
     /// Light transport.
     pub transport: TransportSettings,
-    /// What guides.
+    /// Guiding method.
     pub guide: GuideMode,
-    /// What is learned from.
+    /// Kinds of samples that are learned from.
     pub samples: SampleKinds,
-    /// What is made of the trees as counted.
+    /// Reconstruction of the counted trees.
     pub reconstruction: Reconstruction,
-    /// How it is learned.
+    /// Settings of the learner.
     pub learner: LearnerSettings,
-    /// Most of the budget that may go into learning; within it learning ends when it no longer pays.
+    /// Largest share of the budget that may go into learning; within it learning ends when it no longer pays.
     pub learning_share: f64,
     /// Whether guiding is left out where it turns out not to pay.
     pub gives_up: bool,
-    /// Most of the render's cost that may go into reconstruction, as a share of what tracing costs. Counted in rays, so that a
+    /// Largest share of the render's cost that may go into reconstruction, relative to that of tracing. Counted in rays, so that a
     /// budget in samples gives the same picture on every machine.
     pub reconstruction_share: f64,
-    /// What of the light around it a pixel shows.
+    /// Pixel filter: the weight of the light around a pixel in its value.
     pub filter: FilterFile,
-    /// What of the picture is rendered; none for all of it. Every pixel gets the samples that it gets in the whole picture, but
-    /// guides learn from what the window shows.
+    /// Window of the picture that is rendered; none for all of it. Every pixel gets the samples that it gets in the whole picture,
+    /// but guides learn from what the window shows.
     pub crop: Option<Window>,
-    /// Whether the outcome tells how far each pixel may be off.
+    /// Whether the outcome has the sample count and variance of each pixel.
     pub keeps_spread: bool,
-    /// When to stop.
+    /// Rule by which the render ends.
     pub stop: StopRule,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -199,7 +199,7 @@ impl RenderSettings {
         settings.with_reconstruction(reconstruction)
     }
 
-    /// The same with trees made into distributions by another reconstruction, which says what has to be counted.
+    /// These settings with another reconstruction, which decides what leaves have to count.
     pub fn with_reconstruction(mut self, reconstruction: Reconstruction) -> Self {
         self.reconstruction = reconstruction;
         self.learner.tree.layout =
@@ -207,7 +207,7 @@ impl RenderSettings {
         self
     }
 
-    /// The same scene and budget by another mode with that mode's defaults.
+    /// Defaults of another mode with the budget, depth, seed, filter, window and memory of these settings.
     pub fn with_guide(&self, guide: GuideMode) -> Self {
         let defaults = Self::new(guide, self.stop);
         let learner = LearnerSettings { memory: self.learner.memory, ..defaults.learner };
@@ -215,12 +215,12 @@ impl RenderSettings {
         Self { transport, seed: self.seed, filter: self.filter, crop: self.crop, learner, ..defaults }
     }
 
-    /// What is rendered of a picture with these columns and rows.
+    /// Window that is rendered of a picture of `size` (columns, rows).
     pub fn window(&self, size: [u32; 2]) -> Window {
         self.crop.unwrap_or(Window::whole(size))
     }
 
-    /// The same without what the scene's plan has off.
+    /// These settings without the effects that are off in the scene's plan.
     pub fn following(mut self, plan: &EffectPlan) -> Self {
         if !plan.is_on(EffectKind::Guiding) {
             self.guide = GuideMode::None;
@@ -235,7 +235,7 @@ impl RenderSettings {
         self
     }
 
-    /// Writes into the plan what these settings leave out of what the scene calls for.
+    /// Switches off in the plan the effects that these settings leave out, with the reason.
     pub fn note(&self, plan: &mut EffectPlan) {
         let mut off = |kind, why: &str| {
             if plan.is_on(kind) {

@@ -1,29 +1,29 @@
-//! What a render has to remember between two chunks, beside what it learns.
+//! State of a render between two chunks, apart from what is learned: a checkpoint holds both.
 
 use super::budget::Verdict;
 use crate::film::{FinishedPass, Pass};
 
-/// Everything that the rest of a render follows from.
+/// State of a render from which the rest of it follows.
 #[derive(Default)]
 pub(super) struct State {
     pub passes: Vec<FinishedPass>,
-    /// Passes that do not enter the picture, but tell about what it will be.
+    /// Finished passes left out of the picture, such as the first two iterations; pixel values are estimated from them too.
     pub early: Vec<FinishedPass>,
-    /// Whether guiding turned out not to pay.
+    /// Whether guiding was given up because it does not pay.
     pub gave_up: bool,
     /// Samples per pixel so far, camera and light paths together.
     pub spent: f64,
     /// Camera samples per pixel so far.
     pub rendered: u32,
-    /// Those before the pass that is being made, where its samples follow sequences.
+    /// Camera samples per pixel before the current pass, where its samples follow sequences; none where they are independent.
     pub sequences_from: Option<u32>,
     pub trend: Trend,
     pub position: Position,
-    /// Of a render to a target error; without the pass of the half that is being traced.
+    /// The halves of a render to a target error, otherwise empty. The half that is being traced has an empty pass here.
     pub halves: Vec<Half>,
 }
 
-/// What the iterations so far say about the next.
+/// Measurements of the iterations so far, by which the next one is decided on.
 #[derive(Default)]
 pub(super) struct Trend {
     /// Variance of one sample in each iteration.
@@ -31,9 +31,9 @@ pub(super) struct Trend {
     /// Seconds of the last iteration, and the part of them in which camera paths were traced.
     pub seconds: f64,
     pub camera_part: f64,
-    /// On the guide that the last iteration made.
+    /// Verdict on the guide that the last iteration made.
     pub verdict: Verdict,
-    /// relMSE of a picture with one sample per pixel, by the last iteration; only kept where a target error asks for it.
+    /// Estimated relMSE of a picture with one sample per pixel, by the last iteration; only kept for a target error.
     pub relative: f64,
 }
 
@@ -43,7 +43,7 @@ pub(super) enum Phase {
     /// An iteration of learning.
     #[default]
     Learning,
-    /// The first pass with a field that is there already.
+    /// The first pass guided by a given field.
     Look,
     /// The final pass.
     Final,
@@ -55,19 +55,19 @@ impl Phase {
     pub const ALL: [Self; 4] = [Self::Learning, Self::Look, Self::Final, Self::Target];
 }
 
-/// Where a render is.
+/// Position of a render: its phase, and how far that has come.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Position {
     pub phase: Phase,
-    /// Learning: the iteration, and the voxels that there were when it began.
+    /// Learning: index of the iteration, and number of voxels when it began.
     pub iteration: u32,
     pub voxels: usize,
-    /// Seconds when it began, and those spent on camera paths until then.
+    /// Seconds of the render when it began, and seconds spent on camera paths until then.
     pub began: f64,
     pub traced: f64,
     /// Final pass: samples per pixel in the batches that have begun.
     pub batches: u32,
-    /// Target: samples per pixel of each half at the last look, and the half that is being traced.
+    /// Target: samples per pixel of each half at the last look, and index (0 or 1) of the half that is being traced.
     pub each: u32,
     pub half: usize,
 }
@@ -75,7 +75,7 @@ pub(super) struct Position {
 /// One half of a render to a target error.
 pub(super) struct Half {
     pub pass: Pass,
-    /// The pass when the other half found it good enough.
+    /// The pass as it was when the other half judged it good enough; none before.
     pub done: Option<FinishedPass>,
 }
 
@@ -84,6 +84,6 @@ pub(super) struct Part {
     pub pass: Pass,
     /// Samples per pixel.
     pub spp: u32,
-    /// Number of the next sample, counted as [`PassTracer`](super::PassTracer) does.
+    /// Linear index of the next camera sample, as in [`PassTracer`](super::PassTracer).
     pub start: u64,
 }

@@ -37,7 +37,7 @@ pub struct Seconds {
 /// One iteration of learning.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Iteration {
-    /// Index.
+    /// Index of the iteration.
     pub t: u32,
     /// Camera paths per pixel.
     pub spp: u32,
@@ -47,18 +47,18 @@ pub struct Iteration {
     pub voxels: usize,
     /// Nodes of all accumulated trees.
     pub nodes: usize,
-    /// Part of the time that made distributions.
+    /// Part of that time spent on making distributions.
     pub reconstruct_seconds: f64,
     /// Light paths for each camera path, as decided from the iterations before.
     pub photon_share: f64,
-    /// Variance of a pixel's mean, averaged; NaN where one sample cannot tell.
+    /// Variance of a pixel's mean, averaged over pixels and channels; NaN where no pixel has two samples.
     pub mean_variance: f64,
-    /// About the variance of a sample with the guide that the iteration made over that without it; none where it cannot tell.
+    /// Estimated variance of a sample with the iteration's guide over that without a guide; none where it is not known.
     pub gain: Option<f64>,
 }
 
 impl Iteration {
-    /// For checkpoints; a gain is never NaN.
+    /// All fields as numbers for checkpoints, NaN for no gain; a gain itself is never NaN.
     pub(super) fn numbers(&self) -> [f64; 9] {
         let Self { t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain } = *self;
         let [t, spp] = [t, spp].map(f64::from);
@@ -76,7 +76,7 @@ impl Iteration {
     }
 }
 
-/// The field of the final pass.
+/// Size of the field that guides the final pass.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct GuideStatistics {
     /// Voxels.
@@ -114,9 +114,9 @@ pub struct Statistics {
     pub seed: u64,
     /// Threads of the pool.
     pub threads: usize,
-    /// Columns of what was rendered.
+    /// Columns of the rendered window.
     pub width: u32,
-    /// Rows of what was rendered.
+    /// Rows of the rendered window.
     pub height: u32,
     /// Samples per pixel spent, camera and light paths together.
     pub spp: u32,
@@ -124,35 +124,35 @@ pub struct Statistics {
     pub seconds: Seconds,
     /// Ray queries.
     pub rays: u64,
-    /// Those of camera paths.
+    /// Ray queries of camera paths.
     pub camera_rays: u64,
-    /// Per second of the total.
+    /// Ray queries per second of the total time.
     pub rays_per_second: f64,
-    /// Camera and light paths.
+    /// Camera and light paths traced.
     pub samples: u64,
-    /// Per second of the total.
+    /// Camera and light paths per second of the total time.
     pub samples_per_second: f64,
     /// Camera samples that were not finite and left out.
     pub dropped_samples: u64,
-    /// Why.
+    /// Causes of dropped samples, and the first of those samples.
     pub dropped: Drops,
     /// Triangles of the scene that have no area and were left out.
     pub skipped_triangles: usize,
-    /// Meshes and pictures of the scene that were not there, as it names them; it was rendered without.
+    /// Meshes and pictures that the scene names and that were not found; it was rendered without them.
     pub missing_files: Vec<String>,
-    /// Guiding.
+    /// Size of the guiding field.
     pub guide: GuideStatistics,
-    /// Learning.
+    /// Iterations of learning.
     pub iterations: Vec<Iteration>,
-    /// Effects of the scene.
+    /// Effects of the scene's plan: which are on, and why.
     pub effects: Vec<Effect>,
-    /// What was decided while rendering, by counts, each in a sentence.
+    /// Decisions on guiding and photons taken while rendering, by counts; a sentence each.
     pub decisions: Vec<String>,
-    /// relMSE as the render estimates it itself, where it ran to a target error.
+    /// relMSE estimated by the render itself, without a reference; only for a render to a target error.
     pub estimated_relmse: Option<f64>,
     /// Errors against the reference, where there is one.
     pub errors: Vec<ErrorPoint>,
-    /// Most memory that the process held, where the system tells.
+    /// Peak resident memory of the process, bytes; none where the system does not tell.
     pub peak_rss_bytes: Option<u64>,
 }
 
@@ -161,16 +161,16 @@ pub struct Statistics {
 pub struct Dropped {
     /// Column and row in the whole picture.
     pub pixel: [u32; 2],
-    /// Its number among all of the pixel's.
+    /// Number of the sample among all of its pixel's.
     pub sample: u64,
     /// The number at which its pass began, where the pass follows sequences of random numbers.
     pub pass_from: Option<u32>,
-    /// Why.
+    /// First quantity on its path that was not finite.
     pub cause: Cause,
 }
 
 impl Dropped {
-    /// What `--replay` takes to trace it again under the same seed.
+    /// Argument of `--replay` that traces the sample again under the same seed.
     pub fn replay(&self) -> String {
         let [x, y] = self.pixel;
         let from = self.pass_from.map_or_else(|| "none".to_owned(), |from| from.to_string());
@@ -193,19 +193,19 @@ impl Dropped {
 /// Samples that were not finite and left out.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Drops {
-    /// Camera samples, by [`Cause::ALL`].
+    /// Dropped camera samples by cause, in the order of [`Cause::ALL`].
     pub causes: [u64; Cause::ALL.len()],
     /// Light paths that ended because their power was not finite.
     pub photons: u64,
-    /// The first camera samples.
+    /// The first dropped camera samples, at most `REMEMBERED`.
     pub first: Vec<Dropped>,
 }
 
-/// Dropped samples that are remembered.
+/// Number of dropped camera samples that are kept one by one.
 const REMEMBERED: usize = 16;
 
 impl Drops {
-    /// Counts one; the first are remembered.
+    /// Counts a dropped camera sample; the first are kept.
     pub fn add(&mut self, dropped: Dropped) {
         let counts = self.causes.iter_mut().zip(Cause::ALL);
         counts.filter(|(_, cause)| *cause == dropped.cause).for_each(|(count, _)| *count += 1);
@@ -214,7 +214,7 @@ impl Drops {
         }
     }
 
-    /// Causes that occurred, with how often they did.
+    /// Names of the causes that occurred, with their counts.
     pub fn counted(&self) -> impl Iterator<Item = (&'static str, u64)> + '_ {
         self.causes.iter().zip(Cause::ALL).filter(|(count, _)| **count > 0).map(|(&count, cause)| (cause.name(), count))
     }
@@ -240,13 +240,13 @@ impl Serialize for Drops {
 /// Error of a picture against a reference.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct ErrorPoint {
-    /// Wall time of the render.
+    /// Wall time of the render, seconds.
     pub seconds: f64,
     /// Samples per pixel.
     pub spp: u32,
     /// Relative mean squared error.
     pub relmse: f64,
-    /// The same without the worst 0.1 % of pixels.
+    /// relMSE without the worst 0.1 % of pixels.
     pub relmse_trimmed: f64,
 }
 

@@ -27,7 +27,7 @@ impl Run<'_> {
     pub(super) fn render_to(&mut self, target: f64, field: Option<&GuideField>) -> Result<Rendered> {
         let mut resumed = self.resume(Phase::Target);
         if resumed.is_none() {
-            // What was learned from decides about the field and so about the number of samples.
+            // Iterations decide about the field and so about the number of samples: they stay out of the picture.
             if !self.state.passes.is_empty() {
                 self.state.early = std::mem::take(&mut self.state.passes);
             }

@@ -9,7 +9,7 @@ const RESAMPLES: usize = 4000;
 /// a logarithm.
 const LEAST: f64 = 1e-9;
 
-/// Mean of logarithms with its 95 % percentile bootstrap interval (Efron and Tibshirani 1993, §13.3), fixed seed.
+/// Geometric mean (that of logarithms) with its 95 % percentile bootstrap interval (Efron and Tibshirani 1993, §13.3), fixed seed.
 pub fn geometric(values: &[f64]) -> Interval {
     let logs: Vec<f64> = values.iter().map(|v| v.max(LEAST).ln()).collect();
     let n = logs.len().max(1) as u32;
@@ -77,7 +77,7 @@ pub fn summarise(methods: &[String], budgets: usize, runs: &[RunEntry]) -> Vec<S
     entries
 }
 
-/// When a curve of (seconds, error) falls to `error` for good: interpolated between the points in logarithms.
+/// Time when a curve of (seconds, error) falls to `error` for good: interpolated between the points in logarithms.
 pub fn reach(curve: &[(f64, f64)], error: f64) -> Reach {
     let mut curve = curve.to_vec();
     curve.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -29,12 +29,12 @@ use crate::scene::Scene;
 use crate::scene::plan::plan;
 use crate::scene::readers::LoadedScene;
 
-/// A way to render.
+/// A method of a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// As `fanal render --guide` does it.
     Guide(GuideMode),
-    /// Guided by converged trees that were made beforehand: what reconstruction could reach at most.
+    /// Guided by converged trees that were made beforehand: a bound for what reconstruction could reach at most.
     Oracle,
 }
 
@@ -48,11 +48,11 @@ impl Method {
     }
 }
 
-/// What to compare.
+/// A comparison to run.
 pub struct Experiment<'a> {
     /// The scene as read.
     pub loaded: &'a LoadedScene,
-    /// As given by the user.
+    /// Path of the scene as given by the user.
     pub path: String,
     /// Seconds that reading took.
     pub load_seconds: f64,
@@ -72,18 +72,18 @@ pub struct Experiment<'a> {
     pub reference_spp: u32,
     /// Samples per pixel that the oracle learns from.
     pub oracle_spp: u32,
-    /// What makes the distributions of the neural method.
+    /// Network that reconstructs for the neural method.
     pub neural: &'a Neural,
     /// The output folder.
     pub folder: &'a Path,
 }
 
-/// Independent parts of a reference that is rendered: their spread is its variance.
+/// Number of independent parts of a reference that is rendered: their spread is its variance.
 const REFERENCE_PARTS: u64 = 4;
 /// First seed of the reference's parts, and of the runs. Apart, so that no run has the reference's noise.
 const REFERENCE_SEED: u64 = 1 << 40;
 const ORACLE_SEED: u64 = 1 << 41;
-/// What the oracle learns with: photons lead it to light that paths alone hardly find.
+/// Guiding method by which the oracle learns: photons lead it to light that paths alone hardly find.
 const ORACLE_GUIDE: GuideMode = GuideMode::Hybrid;
 const FIRST_SEED: u64 = 1;
 
@@ -111,7 +111,7 @@ impl Task {
 
 const PROGRAM: &str = concat!("fanal ", env!("CARGO_PKG_VERSION"));
 
-/// What pictures and times depend on.
+/// Everything that pictures and times of runs depend on.
 struct Identity {
     scene_crc32: u32,
     /// Program and settings of a run, written out: equal texts mean equal runs.
@@ -119,18 +119,18 @@ struct Identity {
 }
 
 impl Identity {
-    /// What pictures depend on that are made by samples per pixel.
+    /// Text of everything that a picture under a budget of samples depends on.
     fn of_pictures(&self) -> String {
         format!("{:08x} {}", self.scene_crc32, self.settings)
     }
 
-    /// What a run's time depends on, too.
+    /// The same with the number of threads, on which a run's time depends too.
     fn of_runs(&self) -> String {
         format!("{} {} threads", self.of_pictures(), rayon::current_num_threads())
     }
 }
 
-/// A run as it is kept beside its picture: what made it, so that a run of other settings is not taken for it.
+/// A run as it is kept beside its picture, with the identity it was made for, so that a run of other settings is not taken for it.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Kept {
@@ -138,7 +138,7 @@ struct Kept {
     run: RunEntry,
 }
 
-/// A comparison as far as it got.
+/// Results of a comparison, complete or interrupted.
 pub struct Comparison {
     /// Everything measured.
     pub results: Results,
@@ -146,12 +146,12 @@ pub struct Comparison {
     pub reference: Image,
     /// Fields of the guided methods at the largest budget.
     pub guides: Vec<(String, Guides)>,
-    /// Runs that it did not come to before it was stopped.
+    /// Number of runs that are missing because it was stopped.
     pub missing: usize,
 }
 
 impl Comparison {
-    /// What to say where runs are missing.
+    /// Message that tells of missing runs; none where there are none.
     pub fn interruption(&self) -> Option<String> {
         let n = self.missing;
         let missing = if n == 1 { "one run is missing".into() } else { format!("{n} runs are missing") };
@@ -160,11 +160,11 @@ impl Comparison {
 }
 
 impl Experiment<'_> {
-    /// Runs what is not there yet and measures everything. Setting `stop` ends it within the run at hand, which
+    /// Renders the runs that are not kept yet and measures all. Setting `stop` ends it within the run at hand, which
     /// is then missing.
     ///
     /// # Errors
-    /// Whatever reading, rendering and writing says; [`Error::Interrupted`] where no run was finished.
+    /// Errors of reading, rendering and writing; [`Error::Interrupted`] where no run was finished.
     pub fn run(&self, progress: &dyn Progress, stop: &AtomicBool) -> Result<Comparison> {
         for folder in ["runs", "data", "plots"].map(|f| self.folder.join(f)) {
             std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
@@ -283,7 +283,7 @@ impl Experiment<'_> {
         render(scene, &settings, reconstructor, control.progress, control.stop)
     }
 
-    /// Renders a run; nothing where it was stopped before it had spent its budget.
+    /// Renders a run; none where it was stopped before it had spent its budget.
     fn one(
         &self,
         scene: &Scene,
@@ -350,8 +350,8 @@ impl Experiment<'_> {
         self.folder.join("runs").join(format!("{method}-{}-guide.json", budget.label()))
     }
 
-    /// What the fields of the last budget know; nothing of a method whose run is missing, since a file of that name would be of
-    /// other settings.
+    /// Maps of the fields at the last budget, by method, without a method whose run is missing, since a file of that name would be
+    /// of other settings.
     fn guides(&self, results: &Results) -> Vec<(String, Guides)> {
         let Some((last, &budget)) = self.budgets.iter().enumerate().next_back() else { return vec![] };
         let there =
@@ -360,7 +360,7 @@ impl Experiment<'_> {
         results.methods.iter().filter(there).filter_map(read).collect()
     }
 
-    /// A field from many samples, as counted.
+    /// The oracle's field: learned from many samples, as counted, and kept in a file.
     fn converged(&self, scene: &Scene, identity: &Identity, control: &Control) -> Result<GuideField> {
         // The name tells what it was made for; a file that cannot be read any more is made again.
         let made_for = crc32([identity.of_pictures().as_bytes()]);

@@ -1,4 +1,4 @@
-//! What each method's field knows at points of the picture, small enough for a page.
+//! Maps of each method's guiding field at points of the picture, small enough for a page.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -12,7 +12,7 @@ const SIDE: usize = 32;
 /// Points along the longer side of the picture.
 const POINTS: u32 = 24;
 
-/// Pixels on a grid, the distribution at what each of them sees.
+/// Pixels on a grid, and the distribution at the surface that each of them sees.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Guides {
@@ -27,7 +27,7 @@ pub struct Guides {
     pub maps: Vec<Option<String>>,
 }
 
-/// Looks up `field` at what the pixels of a grid see.
+/// Looks up `field` at the surfaces that the pixels of a grid see.
 pub fn sample(scene: &Scene, field: &GuideField) -> Guides {
     let [width, height] = scene.size;
     let step = width.max(height).div_ceil(POINTS).max(1);

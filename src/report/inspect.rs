@@ -13,14 +13,14 @@ use crate::scene::Scene;
 const SIDE: usize = 256;
 /// Pixels between maps.
 const GAP: usize = 8;
-/// Powers of ten below the largest density that have a colour of their own.
+/// Range of the colour scale of densities, in powers of ten below the largest.
 const DECADES: f64 = 5.0;
-/// Second moments are shown down to this power of ten.
+/// Range of the colour scale of gains, in powers of ten below 1.
 const GAIN_DECADES: f64 = 2.0;
-/// What nothing is known of.
+/// Colour of places of which nothing is known.
 const NOTHING: Vec3 = Vec3::splat(0.02);
 
-/// What is at a point: the voxels, and their maps.
+/// Voxels at a point, and maps of their distributions.
 pub struct Maps {
     /// A row for each voxel: Q_h, a gap, Q_r.
     pub image: Image,
@@ -56,8 +56,8 @@ pub fn at(field: &GuideField, evidence: &Evidence, point: Vec3) -> Option<Maps> 
     Some(Maps { image: Image { width, height, pixels }, voxels, largest })
 }
 
-/// What each pixel sees first, coloured by how far guiding lowers the second moment of what is brought to the picture from
-/// there: dark where it does nothing, bright where it is a hundredth or less; nearly black where nothing is known.
+/// Picture of the gain at the first surface of each pixel: coloured by how far guiding lowers the second moment of contributions
+/// from there, dark where it does nothing, bright where it is a hundredth or less; nearly black where nothing is known.
 pub fn gains(scene: &Scene, field: &GuideField, evidence: &Evidence) -> Image {
     let [width, height] = scene.size.map(|n| n as usize);
     let pixel = |i: usize| {

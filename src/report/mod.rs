@@ -1,6 +1,6 @@
-//! Comparisons: what accuracy costs in time, measured and shown on a page; and pictures of guiding fields (`inspect`).
+//! Comparisons of methods: error over time and samples, measured and shown on a page; and pictures of guiding fields (`inspect`).
 //!
-//! `experiment` renders and measures, `analysis` summarises, `results` is what is kept, `plot`, `guides` and `page` show it.
+//! `experiment` renders and measures, `analysis` summarises, `results` is the file of results, `plot`, `guides` and `page` show it.
 
 pub mod analysis;
 pub mod experiment;

@@ -21,7 +21,7 @@ use crate::picture::write_png;
 const STYLE: &str = include_str!("page/page.css");
 const VIEWER: &str = include_str!("page/viewer.js");
 
-/// How many of the worst places the viewer offers.
+/// Number of worst places that the viewer offers.
 const WORST: usize = 12;
 
 /// Writes `results.json` and its schema, `runs.csv`, the plots, the viewer's data and `index.html` into `folder`.
@@ -122,7 +122,7 @@ fn lead(comparison: &Comparison) -> String {
     )
 }
 
-/// Three significant digits, so that a table can be read.
+/// Formats a number with three significant digits, for tables.
 pub fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
@@ -183,7 +183,7 @@ fn reach_table(results: &Results) -> String {
     table(&head, &rows)
 }
 
-/// How much sooner the second gets there; only a bound where one of them was not timed.
+/// Table cell: time of `first` over that of `second`; only a bound where one of them was better from its smallest budget on.
 fn speed_up(first: Reach, second: Reach) -> String {
     match (first, second) {
         (Reach::At(a), Reach::At(b)) => cell(a / b, false),
@@ -263,13 +263,13 @@ fn pictures(comparison: &Comparison, folder: &Path) -> Result<Vec<(String, Strin
     Ok(pictures)
 }
 
-/// Little-endian halves, three per pixel; what is too bright for a half becomes the largest one.
+/// Pixels as little-endian half floats, three per pixel, clamped to their range.
 fn halves(image: &Image) -> Vec<u8> {
     let values = image.pixels.iter().flat_map(|p| p.to_array());
     values.flat_map(|v| f16::from_f32(v.clamp(-65504.0, 65504.0)).to_le_bytes()).collect()
 }
 
-/// Stops that bring the reference's mean to a middle grey, in quarters.
+/// Exposure in stops that brings the reference's mean to a middle grey, rounded to quarters.
 fn exposure(comparison: &Comparison) -> f32 {
     let pixels = &comparison.reference.pixels;
     let mean = pixels.iter().map(|p| f64::from(p.element_sum()) / 3.0).sum::<f64>() / pixels.len().max(1) as f64;

@@ -9,7 +9,7 @@ use crate::base::{Error, Result};
 /// Pixels of a plot.
 const SIZE: (u32, u32) = (640, 420);
 
-/// What runs along an axis.
+/// Costs on the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Against {
     /// Wall time.
@@ -18,7 +18,7 @@ pub enum Against {
     Spp,
 }
 
-/// Which error is drawn.
+/// Errors on the vertical axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Measure {
     /// relMSE.
@@ -33,7 +33,7 @@ impl Against {
     /// Both.
     pub const ALL: [Self; 2] = [Self::Seconds, Self::Spp];
 
-    /// For axes and file names.
+    /// Its name on axes and in file names.
     pub fn name(self) -> &'static str {
         match self {
             Self::Seconds => "seconds",
@@ -53,7 +53,7 @@ impl Measure {
     /// All.
     pub const ALL: [Self; 3] = [Self::Trimmed, Self::Relmse, Self::Ldr];
 
-    /// For axes.
+    /// Its name on axes.
     pub fn name(self) -> &'static str {
         match self {
             Self::Relmse => "relMSE",
@@ -62,7 +62,7 @@ impl Measure {
         }
     }
 
-    /// For file names.
+    /// Its name in file names.
     pub fn slug(self) -> &'static str {
         match self {
             Self::Relmse => "relmse",
@@ -71,7 +71,7 @@ impl Measure {
         }
     }
 
-    /// The interval drawn.
+    /// This error of an entry: mean and interval.
     pub fn of(self, entry: &SummaryEntry) -> Interval {
         match self {
             Self::Relmse => entry.relmse,
@@ -151,7 +151,7 @@ pub fn errors(results: &Results, against: Against, measure: Measure) -> Result<S
 /// The corner of the unit square with the least of `lines` in it, for a legend. Upper right where several are as empty.
 pub fn emptiest_corner(lines: &[Vec<[f64; 2]>]) -> SeriesLabelPosition {
     use SeriesLabelPosition::{LowerLeft, LowerRight, UpperLeft, UpperRight};
-    // About what a legend of six methods covers.
+    // Share of the plot that a legend of six methods covers, about.
     const PART: [f64; 2] = [0.25, 0.4];
     const STEPS: u32 = 16;
     let between = |pair: &[[f64; 2]]| {

@@ -1,23 +1,23 @@
-//! Searching cumulative weights without the long way of halving: a table says for equal parts of [0, 1) where each begins (Chen and
-//! Asau 1974, *On Generating Random Variates from an Empirical Distribution*; Devroye 1986, *Non-Uniform Random Variate Generation*,
-//! §III.2.4). The index is that of a binary search, to the last bit, so stratified numbers stay stratified.
+//! Inverting a discrete CDF by cutpoints instead of binary search: a table says for equal parts of [0, 1) where each begins
+//! (Chen and Asau 1974, *On Generating Random Variates from an Empirical Distribution*; Devroye 1986, *Non-Uniform Random Variate
+//! Generation*, §III.2.4). The index is that of a binary search, to the last bit, so stratified numbers stay stratified.
 //!
-//! A binary search reads as many places of a table as it has bits, which for an environment map no cache holds; this reads one
-//! place here and the next few of the cumulative weights.
+//! A binary search reads log₂ n entries of the CDF, which for an environment map fits in no cache; this reads one place of the
+//! table and the next few of the cumulative weights.
 
-/// Cumulative weights for each part of [0, 1): few enough that the table is small beside them, and that a part lies in two cache lines.
+/// Cumulative weights per part of [0, 1), on average: few enough that the table is small, and that a part lies in two cache lines.
 const PER_PART: usize = 2;
-/// Ranges up to this are counted, not halved: no branch depends on `u`.
+/// Longest range that is searched by counting instead of halving: no branch depends on `u`.
 const COUNTED: usize = 16;
 
-/// Numbers in the table for `len` cumulative weights: a power of two of parts, and the end of the last. None for so few that
+/// Length of the table for `len` cumulative weights: a power of two of parts, and the end of the last. 0 for so few weights that
 /// counting them all is as fast.
 pub fn table_len(len: usize) -> usize {
     if len <= COUNTED { 0 } else { len.div_ceil(PER_PART).next_power_of_two() + 1 }
 }
 
-/// Fills a table of [`table_len`] numbers: how many of the ascending `cdf`, which ends with 1, are at most each part's beginning.
-/// There are fewer than 2³² of them.
+/// Fills a table of [`table_len`] entries: the number of weights of the ascending `cdf`, which ends with 1, that are at most each
+/// part's beginning. There are fewer than 2³² of them.
 pub fn fill(cdf: &[f64], table: &mut [u32]) {
     let parts = table.len().saturating_sub(1) as f64;
     let mut below = 0;
@@ -28,7 +28,7 @@ pub fn fill(cdf: &[f64], table: &mut [u32]) {
     }
 }
 
-/// How many of `cdf` are at most `u` in [0, 1], but at most the last index. `table` is what [`fill`] has made of it.
+/// Number of entries of `cdf` that are at most `u` in [0, 1], but at most the last index. `table` comes from [`fill`].
 #[inline]
 pub fn find(cdf: &[f64], table: &[u32], u: f64) -> usize {
     // The number of parts is a power of two, so products and bounds are exact.
@@ -54,7 +54,7 @@ mod tests {
     use crate::base::random::Random;
     use crate::sampling::discrete::accumulate;
 
-    /// As [`find`], by halving.
+    /// As [`find`], by binary search.
     fn halved(cdf: &[f64], u: f64) -> usize {
         cdf.partition_point(|&c| c <= u).min(cdf.len() - 1)
     }

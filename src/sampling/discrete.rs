@@ -1,4 +1,4 @@
-//! Sampling of finite sets by weight.
+//! Sampling of finite sets in proportion to weights.
 
 use super::cutpoints;
 
@@ -7,13 +7,13 @@ use super::cutpoints;
 pub struct Discrete {
     /// Cumulative weights, normalised; `cdf[i]` is the probability of an index ≤ i.
     cdf: Vec<f64>,
-    /// Where to search them.
+    /// Table of [`cutpoints`] for `cdf`.
     table: Vec<u32>,
     total: f64,
 }
 
-/// Makes non-negative weights cumulative and normalised, and returns their sum. What is not finite counts as 0; where all are zero,
-/// they become those of the uniform distribution.
+/// Makes non-negative weights cumulative and normalised, and returns their sum. Weights that are not finite count as 0; where all
+/// are zero, the distribution is uniform.
 pub fn accumulate(weights: &mut [f64]) -> f64 {
     for w in weights.iter_mut() {
         *w = if w.is_finite() { w.max(0.0) } else { 0.0 };
@@ -39,8 +39,8 @@ pub fn probability(cdf: &[f64], i: usize) -> f64 {
     cdf[i] - if i == 0 { 0.0 } else { cdf[i - 1] }
 }
 
-/// The index that `u` in [0, 1) selects among cumulative weights with their table of [`cutpoints`], and `u` stretched to [0, 1)
-/// inside it. Needs at least one index.
+/// The index that `u` in [0, 1) selects among cumulative weights with their table of [`cutpoints`], and `u` rescaled to [0, 1)
+/// within it. Needs at least one index.
 #[inline]
 pub fn sample(cdf: &[f64], table: &[u32], u: f64) -> (usize, f64) {
     let i = cutpoints::find(cdf, table, u);
@@ -51,7 +51,7 @@ pub fn sample(cdf: &[f64], table: &[u32], u: f64) -> (usize, f64) {
 }
 
 impl Discrete {
-    /// From non-negative weights. Where all are zero, the distribution is uniform.
+    /// A distribution from non-negative weights; uniform where all are zero.
     pub fn new(weights: impl IntoIterator<Item = f64>) -> Self {
         let mut cdf: Vec<f64> = weights.into_iter().collect();
         let total = accumulate(&mut cdf);
@@ -81,7 +81,7 @@ impl Discrete {
         probability(&self.cdf, i)
     }
 
-    /// The index that `u` in [0, 1) selects, and `u` stretched to [0, 1) inside it. Needs at least one index.
+    /// The index that `u` in [0, 1) selects, and `u` rescaled to [0, 1) within it. Needs at least one index.
     #[inline]
     pub fn sample(&self, u: f64) -> (usize, f64) {
         sample(&self.cdf, &self.table, u)

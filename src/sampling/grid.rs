@@ -12,13 +12,13 @@ pub struct Grid {
     width: usize,
     /// Cumulative weights of each row, one after the other.
     cdfs: Vec<f64>,
-    /// Where to search each of them: [`cutpoints::table_len`] numbers a row.
+    /// Tables of [`cutpoints`] of the rows, [`cutpoints::table_len`] entries each.
     tables: Vec<u32>,
 }
 
 impl Grid {
-    /// From `height` rows of `width` non-negative weights, both at least 1; `weigh` fills in those of a row. Ten bytes of each are
-    /// kept where the width is a power of two, at most twelve elsewhere.
+    /// A density from `height` rows of `width` non-negative weights, both at least 1; `weigh` fills in the weights of a row. Takes
+    /// ten bytes per weight where the width is a power of two, at most twelve elsewhere.
     pub fn new(width: usize, height: usize, weigh: impl Fn(usize, &mut [f64]) + Sync) -> Self {
         let entries = cutpoints::table_len(width);
         let mut cdfs = vec![0.0; width * height];
@@ -41,7 +41,7 @@ impl Grid {
         &self.cdfs[y * self.width..][..self.width]
     }
 
-    /// A point of the square and its density w.r.t. area.
+    /// Samples a point of the square; returns it with its density w.r.t. area.
     #[inline]
     pub fn sample(&self, [u, v]: [f64; 2]) -> ([f64; 2], f64) {
         let (y, v) = self.rows.sample(v);
@@ -80,7 +80,7 @@ mod tests {
         (i, inside.clamp(0.0, 1.0 - f64::EPSILON))
     }
 
-    /// Points are those of two binary searches to the last bit, and their density is what the look-up says: also where rows are zero
+    /// Points equal those of two binary searches to the last bit, and their density that of the look-up: also where rows are zero
     /// or all is, and where there is one row, one column or one cell.
     #[test]
     fn same_points_as_by_halving() {

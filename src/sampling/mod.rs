@@ -1,4 +1,4 @@
-//! Sampling of simple domains. Every `square_to_x` stands beside its `square_to_x_pdf`; the measure is in the name's docs.
+//! Sampling of simple domains. Every `square_to_x` stands beside its `square_to_x_pdf`; the measure is in the function's docs.
 
 pub mod cutpoints;
 pub mod discrete;

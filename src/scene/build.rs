@@ -1,4 +1,4 @@
-//! From a loaded file to the immutable scene.
+//! Building the immutable scene from a loaded scene file.
 
 use std::collections::BTreeMap;
 
@@ -58,7 +58,7 @@ impl Scene {
             let Some(name) = name else { return Ok(None) };
             media_names.get(name.as_str()).copied().map(Some).ok_or_else(|| unresolved(loaded, "medium", name))
         };
-        // What is said of no shape is where the camera is.
+        // Lights and shapes without a stated medium are in the camera's.
         let camera_medium = medium(&file.camera.medium)?;
         let mut light_medium = Vec::new();
         let mut uses: BTreeMap<Option<&str>, usize> = BTreeMap::new();
@@ -156,7 +156,7 @@ fn mesh_name(file: &ShapeFile) -> Option<&str> {
     }
 }
 
-/// The shape of `file`, `alone` where no other uses its mesh.
+/// Builds the shape of `file`; `alone` says that no other shape uses its mesh.
 fn shape(file: &ShapeFile, alone: bool, loaded: &LoadedScene) -> Result<Shape> {
     let to_world = affine(&file.to_world);
     match &file.geometry {
@@ -278,7 +278,7 @@ fn medium(file: &MediumFile) -> Medium {
     }
 }
 
-/// What a principled material says.
+/// The parameters of a principled material, with its textures.
 fn parameters(file: &PrincipledFile, loaded: &LoadedScene) -> Result<Parameters> {
     Ok(Parameters {
         base_color: texture(&file.base_color, loaded)?,

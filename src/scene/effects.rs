@@ -1,12 +1,12 @@
-//! Which effects the tracers are compiled for.
+//! The effects that the tracers' loops are compiled for.
 //!
-//! What a scene does not call for must not cost anything, so the tracers' loops are compiled several times: the code of an
+//! Effects that a scene does not need must not cost anything, so the tracers' loops are compiled several times: the code of an
 //! effect is there only where its constant is true. [`Needs`] says which of them a scene takes.
 
-/// What a scene calls for beside plain diffuse surfaces and lights.
+/// The effects that a scene needs beyond plain diffuse surfaces and lights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Needs {
-    /// Other materials, holes, bumps.
+    /// Materials other than plain diffuse ones, holes, bumps.
     pub materials: bool,
     /// Participating media or their borders.
     pub media: bool,
@@ -22,10 +22,10 @@ pub trait Effects {
     const MEDIA: bool;
 }
 
-/// A set of effects.
+/// A set of effects, fixed at compile time.
 pub struct With<const GUIDING: bool, const MATERIALS: bool, const MEDIA: bool>;
 
-/// All of them.
+/// All effects.
 pub type Everything = With<true, true, true>;
 
 impl<const GUIDING: bool, const MATERIALS: bool, const MEDIA: bool> Effects for With<GUIDING, MATERIALS, MEDIA> {

@@ -1,4 +1,4 @@
-//! The scene file: one JSON document, and at the same time what every other reader translates to.
+//! The scene file: one JSON document, and at the same time the model that every other reader translates to.
 //!
 //! Lengths are in scene units, angles in degrees, colours in linear RGB. Matrices are 4×4, row by row, and act on column
 //! vectors. Unknown keys are errors.
@@ -61,7 +61,7 @@ pub struct SceneFile {
     pub camera: CameraFile,
     /// The picture.
     pub film: FilmFile,
-    /// How to render unless the command line says otherwise.
+    /// Rendering defaults, which the command line overrides.
     #[serde(default)]
     pub render: RenderFile,
     /// Materials by name.
@@ -99,7 +99,7 @@ pub struct CameraFile {
     /// Name of the medium that the camera is in; none is empty space.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub medium: Option<String>,
-    /// How far the picture's middle is off the viewing axis, in parts of its width (to the right) and height (down).
+    /// Offset of the picture's middle from the viewing axis, in parts of its width (to the right) and height (down).
     #[serde(default, skip_serializing_if = "is_default")]
     pub principal_point_offset: [f32; 2],
 }
@@ -112,7 +112,7 @@ pub enum MediumFile {
     Homogeneous {
         /// Extinction coefficient σ_t per channel, 1 / scene unit.
         sigma_t: [f32; 3],
-        /// Scattered part of what is lost, σ_s / σ_t per channel, in [0, 1].
+        /// Scattered part of the extinction, σ_s / σ_t per channel, in [0, 1].
         albedo: [f32; 3],
         /// Mean cosine of the scattering angle, in (-1, 1); 0 is isotropic.
         #[serde(default, skip_serializing_if = "is_default")]
@@ -120,7 +120,7 @@ pub enum MediumFile {
     },
 }
 
-/// The picture: its size in pixels, and what of the light around them pixels show.
+/// The picture: its size in pixels and its pixel filter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FilmFile {
@@ -133,12 +133,12 @@ pub struct FilmFile {
     pub filter: FilterFile,
 }
 
-/// How much light counts for a pixel by its offset from the pixel's centre along each axis. Lengths are in pixels; beyond the
-/// radius nothing counts. Every filter has the integral 1.
+/// The pixel filter: how much light counts for a pixel by its offset from the pixel's centre along each axis. Lengths are in
+/// pixels; beyond the radius nothing counts. Every filter has the integral 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum FilterFile {
-    /// Everything alike; with a radius of 0.5 the mean over the pixel.
+    /// Weighs all light equally; with a radius of 0.5 the mean over the pixel.
     Box {
         /// Half the filter's width.
         #[serde(default = "half")]
@@ -226,7 +226,7 @@ impl Default for RenderFile {
     }
 }
 
-/// Where a mesh comes from.
+/// The source of a mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum MeshFile {
@@ -237,7 +237,7 @@ pub enum MeshFile {
         /// Shade every face flat. Otherwise a file without vertex normals gets smooth ones.
         #[serde(default, skip_serializing_if = "is_default")]
         face_normals: bool,
-        /// Use 1 − v in place of what v would be.
+        /// Use 1 − v in place of v.
         #[serde(default, skip_serializing_if = "is_default")]
         flip_v: bool,
     },
@@ -248,7 +248,7 @@ pub enum MeshFile {
         /// Shade every face flat. Otherwise a file without vertex normals gets smooth ones.
         #[serde(default, skip_serializing_if = "is_default")]
         face_normals: bool,
-        /// Use 1 − v in place of what v would be.
+        /// Use 1 − v in place of v.
         #[serde(default, skip_serializing_if = "is_default")]
         flip_v: bool,
     },
@@ -367,7 +367,7 @@ pub enum LightFile {
         direction: [f32; 3],
         /// Irradiance on a plane across the direction, W·m⁻² per channel.
         irradiance: [f32; 3],
-        /// Angle that it fills, from edge to edge, in degrees: 0.1 to 180.
+        /// Angular diameter in degrees: 0.1 to 180.
         angle: f32,
     },
     /// The clear sky of Hošek and Wilkie 2012 without the sun's disk, in W·m⁻²·sr⁻¹·nm⁻¹; black below the horizon.
@@ -377,7 +377,7 @@ pub enum LightFile {
         /// World direction upwards.
         #[serde(default = "up", skip_serializing_if = "is_up")]
         up: [f32; 3],
-        /// How hazy the air is, in [1, 10].
+        /// Turbidity: how hazy the air is, in [1, 10].
         turbidity: f32,
         /// Albedo of the ground, which lights the sky, in [0, 1].
         albedo: [f32; 3],
@@ -387,7 +387,7 @@ pub enum LightFile {
         /// Factor on angles from the zenith, in [1, 2]: 2 draws the sky down to the nadir.
         #[serde(default = "one", skip_serializing_if = "is_one")]
         stretch: f32,
-        /// The horizon's light goes on below it, fading out towards the nadir.
+        /// Whether the horizon's light goes on below it, fading out towards the nadir.
         #[serde(default, skip_serializing_if = "is_default")]
         extend: bool,
     },

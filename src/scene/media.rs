@@ -9,7 +9,7 @@ use crate::geometry::{Ray, Surface};
 use crate::materials::medium::{Flight, Medium, MediumId};
 use crate::materials::phase::HenyeyGreenstein;
 
-/// Where a ray ends.
+/// The end of a ray.
 #[derive(Debug, Clone, Copy)]
 pub enum Arrival {
     /// Infinitely far away.
@@ -43,12 +43,12 @@ impl Scene {
         }
     }
 
-    /// The medium that light leaves into from light `index`.
+    /// The medium into which light `index` emits.
     pub fn light_medium(&self, index: usize) -> Option<MediumId> {
         self.light_medium[index]
     }
 
-    /// Where a path's next segment ends, which starts in `medium` and carries `carried`, and the factor on what it carries.
+    /// The end of a path's next segment, which starts in `medium` and carries `carried`, and the factor on what it carries.
     #[inline]
     pub fn advance<E: Effects>(
         &self,
@@ -64,8 +64,7 @@ impl Scene {
         (surface.map_or(Arrival::Background, Arrival::Surface), Vec3::ONE)
     }
 
-    /// Part of the light that comes through along the first `length` of a shadow ray that leaves `from`, which a path reached
-    /// through `medium`.
+    /// Transmittance per channel along the first `length` of a shadow ray that leaves `from`, reached by a path through `medium`.
     #[inline(always)]
     pub fn passes<E: Effects>(&self, from: &Surface, ray: &Ray, length: f32, medium: Option<MediumId>) -> Vec3 {
         if length <= 0.0 {
@@ -80,8 +79,8 @@ impl Scene {
         if self.accel.occluded(ray, length) { Vec3::ZERO } else { Vec3::ONE }
     }
 
-    /// Follows a ray that carries `carried` per channel to where it meets a surface or is scattered by a medium. Returns that
-    /// with the factor on what it carries; `medium`, in which it starts, becomes the one in which it arrives.
+    /// Follows a ray that carries `carried` per channel to where it meets a surface or is scattered by a medium. Returns that end
+    /// with the factor on what it carries; `medium`, in which the ray starts, becomes the one in which it arrives.
     fn travel(&self, ray: &Ray, medium: &mut Option<MediumId>, carried: Vec3, random: &mut Random) -> (Arrival, Vec3) {
         let (mut ray, mut weight, mut behind) = (*ray, Vec3::ONE, 0.0);
         for _ in 0..MOST_HOLES {
@@ -112,9 +111,9 @@ impl Scene {
         (Arrival::Background, Vec3::ZERO)
     }
 
-    /// Part of the light that comes through along the first `length` of a ray that starts in `medium`, per channel.
+    /// Transmittance along the first `length` of a ray that starts in `medium`, per channel.
     fn transmittance(&self, ray: &Ray, length: f32, medium: Option<MediumId>) -> Vec3 {
-        // Most rays meet a wall or nothing, which is found sooner than what they meet first.
+        // Most rays meet an opaque surface or nothing, which is found sooner than the first surface.
         let mut meets_others = false;
         let wall = self.accel.occluded_by(ray, length, |shape| {
             let solid = self.shape_solid[shape as usize];
@@ -129,7 +128,7 @@ impl Scene {
         }
     }
 
-    /// The same, surface by surface.
+    /// As [`Scene::transmittance`], surface by surface.
     fn transmittance_of_surfaces(&self, ray: &Ray, length: f32, mut medium: Option<MediumId>) -> Vec3 {
         let (mut through, mut ray, mut left) = (Vec3::ONE, *ray, length);
         for _ in 0..MOST_HOLES {
@@ -151,15 +150,15 @@ impl Scene {
         Vec3::ZERO
     }
 
-    /// The medium that a ray arrives in at `surface`, going in `direction`, where it is thought to be in `medium`. A point near a
-    /// border may be on either side of it by rounding; the next border tells.
+    /// The medium in which a ray in `direction` arrives at `surface`, where it is thought to be in `medium`. A point near a border
+    /// may be on either side of it by rounding; the next border tells.
     fn medium_before(&self, surface: &Surface, direction: Vec3, medium: Option<MediumId>) -> Option<MediumId> {
         let [before, beyond] = [-direction, direction].map(|side| self.medium_beyond(surface, side, medium));
         if medium == beyond { before } else { medium }
     }
 }
 
-/// A ray that goes on behind `surface` to the end of the length `left` that it had, and its new length. It is aimed anew: the
+/// The ray that goes on behind `surface` to the end of its remaining length `left`, and its new length. It is aimed anew: the
 /// offsets from many surfaces would otherwise carry it past that end, to a light's own surface.
 fn go_on(surface: &Surface, ray: &Ray, left: f32) -> (Ray, f32) {
     let next = surface.leave(ray.direction);
@@ -193,7 +192,7 @@ mod tests {
         <shape type="cube"><transform name="to_world"><scale value="0.2"/><translate x="0.6" y="-0.4"/></transform></shape>
     </scene>"#;
 
-    /// What is found with one look for walls first is what is found from surface to surface.
+    /// Looking for opaque surfaces first gives the same transmittance as going from surface to surface.
     #[test]
     fn walls_first_or_surface_by_surface_lets_the_same_light_through() {
         let folder = tempfile::tempdir().unwrap();

@@ -41,19 +41,19 @@ pub struct Scene {
     pub shapes: Vec<Shape>,
     shape_material: Vec<u32>,
     shape_light: Vec<Option<u32>>,
-    /// Whether a shape lets no light pass anywhere; see [`Scene::opacity`].
+    /// Whether a shape is opaque everywhere; see [`Scene::opacity`].
     shape_solid: Vec<bool>,
     materials: Vec<Material>,
     /// Whether any shape has holes or is only the border of a medium.
     has_masks: bool,
     media: Vec<Medium>,
-    /// Media on both sides of a shape; none where the shape does not say.
+    /// Media on both sides of each shape; none where the shape states none.
     shape_border: Vec<Option<Border>>,
-    /// Media that light leaves into, by light.
+    /// Medium into which each light emits.
     light_medium: Vec<Option<MediumId>>,
     /// The medium around the camera.
     pub camera_medium: Option<MediumId>,
-    /// What the tracers must be compiled for.
+    /// The effects that the tracers must be compiled for.
     needs: Needs,
     /// Whether any shape has a bump or normal map.
     has_bumps: bool,
@@ -63,7 +63,7 @@ pub struct Scene {
 const MOST_HOLES: usize = 1 << 12;
 
 impl Scene {
-    /// The nearest surface on a ray that is there: a masked one is with the probability of its opacity.
+    /// The nearest surface that stops a ray: a masked one does so with the probability of its opacity.
     #[inline]
     pub fn trace(&self, ray: &Ray, random: &mut Random) -> Option<Surface> {
         let mut surface = self.intersect(ray)?;
@@ -80,7 +80,7 @@ impl Scene {
         Some(surface)
     }
 
-    /// Probability that a surface is there. Light is sampled on whole surfaces, so what shines has no holes.
+    /// Opacity of a surface: the probability that it stops a ray. Light is sampled on whole surfaces, so emitters have no holes.
     fn opacity(&self, surface: &Surface) -> f32 {
         let material = self.material(surface);
         if matches!(material.kind, Kind::Null) {
@@ -101,7 +101,7 @@ impl Scene {
         Some(surface)
     }
 
-    /// Turns the shading frame by the material's bumps, as seen from the unit direction `out`.
+    /// Perturbs the shading frame by the material's bump or normal map, as seen from the unit direction `out`.
     fn bend(&self, surface: &mut Surface, hit: &Hit, out: Vec3) {
         let Some(bump) = &self.material(surface).bump else { return };
         let Some(partials) = partials(surface, hit, &self.shapes[hit.shape as usize]) else { return };
@@ -116,18 +116,18 @@ impl Scene {
         &self.materials[self.shape_material[surface.shape as usize] as usize]
     }
 
-    /// Number of a shape's material among [`Scene::materials`].
+    /// Index of a shape's material among [`Scene::materials`].
     pub fn material_of(&self, shape: u32) -> usize {
         self.shape_material[shape as usize] as usize
     }
 
-    /// The light that a surface is, with its index in [`Scene::lights`].
+    /// The light that a surface belongs to, with its index in [`Scene::lights`].
     pub fn light_of(&self, surface: &Surface) -> Option<(usize, &Light)> {
         let index = self.shape_light[surface.shape as usize]? as usize;
         Some((index, &self.lights.lights[index]))
     }
 
-    /// What the tracers must be compiled for.
+    /// The effects that the tracers must be compiled for.
     pub fn needs(&self) -> Needs {
         self.needs
     }

@@ -1,7 +1,7 @@
 //! Effects that are switched on or off against the scene's plan.
 //!
-//! What is switched off is taken out of the scene file before anything that it refers to is read: it loads nothing and runs
-//! nothing. What is switched on although the scene does not call for it is compiled in and finds nothing to do.
+//! A switched-off effect is taken out of the scene file before anything that it refers to is read: it loads nothing and runs
+//! nothing. A switched-on effect that the scene does not call for is compiled in and finds nothing to do.
 
 use std::str::FromStr;
 
@@ -11,12 +11,12 @@ use super::plan::{
     EffectKind, EffectPlan, is_clear, is_coated, is_directional, is_environment, is_glossy, is_mirror, is_pane,
 };
 
-/// `+name` or `-name`.
+/// One effect switched on or off, written `+name` or `-name`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Override {
-    /// Which effect.
+    /// The effect.
     pub kind: EffectKind,
-    /// Whether it is to be on.
+    /// Whether it is switched on.
     pub on: bool,
 }
 
@@ -36,7 +36,7 @@ impl FromStr for Override {
     }
 }
 
-/// Takes what is switched off out of the scene, and returns what the tracers must be compiled for besides.
+/// Takes the switched-off effects out of the scene; returns the further effects that the tracers must be compiled for.
 pub fn apply(scene: &mut SceneFile, overrides: &[Override]) -> Needs {
     let mut needs = Needs::default();
     for &Override { kind, on } in overrides {
@@ -50,7 +50,7 @@ pub fn apply(scene: &mut SceneFile, overrides: &[Override]) -> Needs {
     needs
 }
 
-/// Writes into a plan what was asked for.
+/// Records the overrides in a plan.
 pub fn decide(plan: &mut EffectPlan, overrides: &[Override]) {
     for &Override { kind, on } in overrides {
         plan.decide(kind, on, "asked for with --effects");
@@ -104,7 +104,7 @@ fn remove(scene: &mut SceneFile, kind: EffectKind) {
             });
             make_diffuse(scene, is_coated);
         }
-        // Not of the scene but of how it is rendered.
+        // Properties of the rendering, not of the scene.
         K::DirectLight | K::Photons | K::Guiding | K::Reconstruction => {}
     }
 }
@@ -113,7 +113,7 @@ fn is_bump(material: &MaterialFile) -> bool {
     matches!(material, MaterialFile::BumpMap { .. } | MaterialFile::NormalMap { .. })
 }
 
-/// Borders of media stay, so that what is inside a medium stays visible.
+/// Removes the media. Their borders stay, so that objects inside a medium stay visible.
 fn remove_media(scene: &mut SceneFile) {
     scene.media.clear();
     scene.camera.medium = None;
@@ -122,7 +122,7 @@ fn remove_media(scene: &mut SceneFile) {
     }
 }
 
-/// Takes off what passes, wherever it is among what is around a material.
+/// Removes all wrappers around a material, such as masks, for which `test` is true.
 fn take_off(material: &mut MaterialFile, test: fn(&MaterialFile) -> bool) {
     while test(material) {
         let Some(inside) = material.inside_mut() else { return };
@@ -133,7 +133,7 @@ fn take_off(material: &mut MaterialFile, test: fn(&MaterialFile) -> bool) {
     }
 }
 
-/// The mean of a checkerboard; grey instead of a picture, which is not read.
+/// Replaces a texture by a constant: the mean of a checkerboard, or grey for a picture, which is not read.
 fn flatten(texture: &mut TextureFile) {
     let value = match texture {
         TextureFile::Rgb { .. } => return,
@@ -143,12 +143,12 @@ fn flatten(texture: &mut TextureFile) {
     *texture = TextureFile::rgb(value);
 }
 
-/// A plain surface of the same colour instead of every part that passes; two-sided, since light came from everywhere.
+/// Replaces every part for which `test` is true by a diffuse one of the same colour; two-sided, since light came from everywhere.
 fn make_diffuse(scene: &mut SceneFile, test: fn(&MaterialFile) -> bool) {
     scene.materials.values_mut().for_each(|material| flatten_parts(material, test, false));
 }
 
-/// [`make_diffuse`] for one material, which something `two_sided` may be around already.
+/// [`make_diffuse`] for one material; `two_sided` says that it is inside a two-sided one already.
 fn flatten_parts(material: &mut MaterialFile, test: fn(&MaterialFile) -> bool, two_sided: bool) {
     let two_sided = two_sided || matches!(material, MaterialFile::TwoSided { .. });
     if let MaterialFile::Blend { materials, .. } = material {
@@ -198,7 +198,7 @@ mod tests {
                    {"type": "directional", "direction": [0,0,1], "irradiance": [1,1,1]},
                    {"type": "constant", "radiance": [1,1,1]}]}"#;
 
-    /// Each effect of the scene, switched off alone, is gone from its plan, and no other is but what depends on it.
+    /// Switching off one effect of the scene removes it from the plan, and no other but those that depend on it.
     #[test]
     fn what_is_off_is_gone() {
         let whole: SceneFile = serde_json::from_str(SCENE).unwrap();

@@ -1,4 +1,4 @@
-//! Which effects a scene calls for, and what in it calls for them.
+//! The effects that a scene calls for, each with its cause in the scene.
 
 use std::collections::BTreeSet;
 
@@ -32,21 +32,21 @@ pub enum EffectKind {
     Glossy,
     /// Plastic, clear coats.
     Coats,
-    /// Holes.
+    /// Holes in surfaces, by opacity.
     Masks,
     /// Shading normals from textures.
     BumpMaps,
     /// Colours that vary.
     Textures,
-    /// Fog and the like.
+    /// Participating media, such as fog.
     Medium,
-    /// A lens.
+    /// Depth of field of a thin lens.
     DepthOfField,
     /// Light paths to learn from.
     Photons,
     /// Learned directions.
     Guiding,
-    /// Making good distributions of noisy ones.
+    /// Reconstruction of good distributions from noisy ones.
     Reconstruction,
 }
 
@@ -114,14 +114,14 @@ pub struct EffectPlan {
     pub effects: Vec<Effect>,
 }
 
-/// One effect.
+/// One effect of a plan.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Effect {
-    /// Which.
+    /// The effect.
     pub name: EffectKind,
     /// Whether the scene calls for it.
     pub on: bool,
-    /// What calls for it, or why it is off.
+    /// The parts of the scene that call for it, or the reason why it is off.
     pub cause: String,
 }
 
@@ -131,7 +131,7 @@ impl EffectPlan {
         self.effects.iter().any(|effect| effect.name == kind && effect.on)
     }
 
-    /// Decides otherwise, because of `cause`.
+    /// Changes the decision on an effect, because of `cause`.
     pub fn decide(&mut self, kind: EffectKind, on: bool, cause: impl Into<String>) {
         if let Some(effect) = self.effects.iter_mut().find(|effect| effect.name == kind) {
             (effect.on, effect.cause) = (on, cause.into());
@@ -139,10 +139,10 @@ impl EffectPlan {
     }
 }
 
-/// The names of what has a property; an effect is on where there are some.
+/// Names of the parts of a scene with some property; an effect is on where there are some.
 type Names = BTreeSet<String>;
 
-/// Looks through a scene. Materials that no shape uses do not count.
+/// Plans the effects of a scene. Materials that no shape uses do not count.
 pub fn plan(scene: &SceneFile) -> EffectPlan {
     let effects = EffectKind::ALL.into_iter().map(|name| {
         let (on, cause) = Survey::new(scene).verdict(name);
@@ -151,7 +151,7 @@ pub fn plan(scene: &SceneFile) -> EffectPlan {
     EffectPlan { scene: scene.name.clone(), effects: effects.collect() }
 }
 
-/// What a scene holds.
+/// A scene, with the materials that its shapes use.
 struct Survey<'a> {
     scene: &'a SceneFile,
     materials: Vec<(&'a str, &'a MaterialFile)>,
@@ -218,14 +218,14 @@ impl<'a> Survey<'a> {
         self.scene.lights.iter().map(|light| light_name(light).to_owned()).chain(self.emitters()).collect()
     }
 
-    /// Media that some ray can be in.
+    /// Names of the media that some ray can be in.
     fn media(&self) -> Names {
         let shapes = self.scene.shapes.iter().flat_map(|shape| [&shape.interior, &shape.exterior]);
         shapes.chain([&self.scene.camera.medium]).flatten().cloned().collect()
     }
 
-    /// Photons find what camera paths seldom do: light that comes by way of clear or smooth things, and light of lamps that
-    /// stand hidden. Photons of a sky start all over the scene's outside, and few of them arrive where the camera looks; where
+    /// Whether to trace photons, and why. They find light that camera paths seldom do: by way of clear or smooth things, and of
+    /// hidden lamps. Photons of a sky start all over the scene's outside, and few of them arrive where the camera looks; where
     /// nothing gathers them, or they come alike from everywhere, they mislead more than they tell (measured on scenes/blinds).
     fn photons(&self) -> (bool, String) {
         let lights = self.all_lights();
@@ -248,7 +248,7 @@ impl<'a> Survey<'a> {
         }
     }
 
-    /// Guiding needs a lobe to choose directions in, and light that comes by way of a surface or a medium.
+    /// Whether to guide, and why. It needs a lobe to choose directions in, and light that comes by way of a surface or a medium.
     fn guiding(&self) -> (bool, String) {
         let mut guidable = self.having(is_guidable);
         guidable.extend(self.media());
@@ -268,7 +268,7 @@ fn on(verb: &str, causes: &Names, why_off: &str) -> (bool, String) {
     if causes.is_empty() { (false, why_off.into()) } else { (true, format!("{verb} {}", list(causes))) }
 }
 
-/// At most four names.
+/// Lists at most four names, and counts the others.
 fn list(names: &Names) -> String {
     let shown: Vec<&str> = names.iter().take(4).map(String::as_str).collect();
     let more = names.len() - shown.len();
@@ -287,27 +287,27 @@ fn light_name(light: &LightFile) -> &'static str {
     }
 }
 
-/// Whether light comes from all around.
+/// Whether a light surrounds the scene.
 pub(super) fn is_environment(light: &LightFile) -> bool {
     matches!(light, LightFile::Constant { .. } | LightFile::Envmap { .. } | LightFile::Sky { .. })
 }
 
-/// Whether light comes from one direction, or nearly so.
+/// Whether a light comes from one direction, or nearly so.
 pub(super) fn is_directional(light: &LightFile) -> bool {
     matches!(light, LightFile::Directional { .. } | LightFile::Sun { .. })
 }
 
-/// Whether one of the parts passes.
+/// Whether `test` is true for one of the material's parts.
 fn has(material: &MaterialFile, test: impl Fn(&MaterialFile) -> bool) -> bool {
     material.parts().into_iter().any(test)
 }
 
-/// Smooth metal.
+/// Whether a part is a smooth metal.
 pub(super) fn is_mirror(material: &MaterialFile) -> bool {
     has(material, |part| matches!(part, MaterialFile::Conductor { .. }))
 }
 
-/// Glass, rough or smooth.
+/// Whether a part is glass, rough or smooth.
 pub(super) fn is_clear(material: &MaterialFile) -> bool {
     has(material, |part| match part {
         MaterialFile::Principled(file) => file.spec_trans > 0.0,
@@ -315,17 +315,17 @@ pub(super) fn is_clear(material: &MaterialFile) -> bool {
     })
 }
 
-/// A thin pane.
+/// Whether a part is a thin pane.
 pub(super) fn is_pane(material: &MaterialFile) -> bool {
     has(material, |part| matches!(part, MaterialFile::ThinDielectric { .. }))
 }
 
-/// Rough metal, and principled materials.
+/// Whether a part is a rough metal or a principled material.
 pub(super) fn is_glossy(material: &MaterialFile) -> bool {
     has(material, |part| matches!(part, MaterialFile::RoughConductor { .. } | MaterialFile::Principled(_)))
 }
 
-/// Plastic, and clear coats.
+/// Whether a part is plastic or has a clear coat.
 pub(super) fn is_coated(material: &MaterialFile) -> bool {
     has(material, |part| match part {
         MaterialFile::Principled(file) => file.clearcoat > 0.0,
@@ -333,7 +333,7 @@ pub(super) fn is_coated(material: &MaterialFile) -> bool {
     })
 }
 
-/// Whether some part leaves a choice of directions.
+/// Whether some part has a lobe that is not delta, which leaves a choice of directions.
 fn is_guidable(material: &MaterialFile) -> bool {
     has(material, |part| {
         !matches!(

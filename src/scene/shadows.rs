@@ -1,4 +1,4 @@
-//! Shadow rays like those of a render, known before it: what the hierarchy learns from where to look for occluders first.
+//! Sample shadow rays like those of a render, from which the hierarchy learns where to look for occluders first.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -8,9 +8,9 @@ use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
 use crate::materials::Transport;
 
-/// Of the random numbers that an order is learned from, so that it is the same whenever the scene is.
+/// Seed of the random numbers, so that the learned order is the same whenever the scene is.
 const SEED: u64 = 0x05AA_D0E5;
-/// Shadow rays that are learned from. Twice as many gain next to nothing more.
+/// Number of shadow rays that are learned from. Twice as many gain next to nothing more.
 const SAMPLES: usize = 2500;
 /// Camera paths per unit of parallel work.
 const BLOCK: u64 = 32;
@@ -24,7 +24,7 @@ const MOST_SEGMENTS: u32 = 8;
 const SURE_VERTICES: u32 = 3;
 
 impl Scene {
-    /// Puts the hierarchy in the order that finds occluders soonest, where that pays. No query is answered otherwise. Paths have
+    /// Reorders the hierarchy so that it finds occluders soonest, where that pays. No query's answer changes. Paths have
     /// `max_depth` segments at most.
     pub(super) fn order_for_shadows(&mut self, max_depth: u32) {
         if self.accel.is_worth_ordering() {
@@ -33,8 +33,8 @@ impl Scene {
         }
     }
 
-    /// Shadow rays, each with its end, from camera paths of up to `max_depth` segments that are not guided: `count` of them, fewer
-    /// where few vertices are connected to a light. Paths pass through media as if they were not there.
+    /// Shadow rays, each with its maximum distance, from unguided camera paths of up to `max_depth` segments: `count` of them,
+    /// fewer where few vertices are connected to a light. Paths pass through media as if they were not there.
     pub fn shadow_rays(&self, count: usize, max_depth: u32, seed: u64) -> Vec<(Ray, f32)> {
         let mut rays = Vec::new();
         if self.lights.lights.is_empty() {
@@ -91,7 +91,7 @@ impl Scene {
         }
     }
 
-    /// The shadow ray of a light that is chosen and sampled as the path tracer does, if there is one to be asked about.
+    /// The shadow ray to a light that is chosen and sampled as the path tracer does; none where the light contributes nothing.
     fn shadow_of(&self, surface: &Surface, wo: Vec3, random: &Random) -> Option<(Ray, f32)> {
         let (choice, u) = (self.lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
         let light = self.lights.sample(surface.point, choice, u)?;

@@ -130,8 +130,8 @@ fn f03_damaged_onnx_files() {
 #[test]
 fn f05_models_that_fail_inside_onnxruntime() {
     let Some(library) = library() else { return };
-    let scene = committed("door-ajar", [8, 6]);
-    let settings = settings(GUIDES[6], 16, 1);
+    let scene = committed("cornell", [16, 12]);
+    let settings = settings(GUIDES[6], 32, 1);
     let stop = AtomicBool::new(false);
     for (file, name, other) in [
         (ENCODE_FILE, "pooled", "poolex"),

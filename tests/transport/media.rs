@@ -27,7 +27,9 @@ fn check_at(level: f64, scene: &Scene, guide: Guide, [spp, max_depth]: [u32; 2],
         .map(|seed| {
             let mut settings = settings(guide, spp, seed);
             settings.transport.max_depth = max_depth;
-            settings.learner.resolution = 4.0;
+            if guide.0 != GuideMode::Ppg {
+                settings.learner.resolution = 4.0;
+            }
             let image = picture(scene, &settings);
             let sum = image.pixels.iter().fold(glam::DVec3::ZERO, |sum, pixel| sum + pixel.as_dvec3());
             (sum / image.pixels.len() as f64).to_array()

@@ -1,4 +1,4 @@
-//! The network with something taken away, to see that it uses it.
+//! Ablations: evaluation of the network with something taken away, to see that it uses it.
 
 use anyhow::Result;
 use fanal::base::random::Random;
@@ -28,7 +28,7 @@ pub enum Ablation {
 }
 
 impl Ablation {
-    /// What the row is called.
+    /// Name of the ablation's row in the table.
     pub fn name(self) -> &'static str {
         match self {
             Self::Neighbours => "network, no neighbours",
@@ -39,7 +39,7 @@ impl Ablation {
         }
     }
 
-    /// What the network makes of the cases without it.
+    /// Distributions that the ablated network reconstructs for the cases.
     ///
     /// # Errors
     /// Those of [`reconstruct`].
@@ -65,7 +65,7 @@ impl Ablation {
     }
 }
 
-/// A Fisher-Yates shuffle of one layer's weights, with a fixed seed: their distribution stays, what they learned goes.
+/// A Fisher-Yates shuffle of one layer's weights, with a fixed seed: their distribution stays, their learned order is lost.
 fn with_shuffled_layer(model: &Model) -> Model {
     let mut model = model.clone();
     let mut random = Random::new(1, 0, 0);
@@ -87,7 +87,7 @@ fn without_own(cases: &[Case]) -> Vec<Case> {
     cases
 }
 
-/// Every case with the input of the one half the list away.
+/// Every case with the input of the case half the list away.
 fn shuffled(cases: &[Case]) -> Vec<Case> {
     let mut inputs = cases.to_vec();
     inputs.rotate_left(cases.len() / 2);

@@ -15,7 +15,7 @@ use glam::Vec3;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Symmetry(pub u8);
 
-/// All eight.
+/// All eight symmetries.
 pub const ALL: [Symmetry; 8] =
     [Symmetry(0), Symmetry(1), Symmetry(2), Symmetry(3), Symmetry(4), Symmetry(5), Symmetry(6), Symmetry(7)];
 
@@ -27,14 +27,14 @@ impl Symmetry {
         [half_turn, half_turn ^ mirror_phi, mirror_z]
     }
 
-    /// Which old child lies where child `k` of a node at `level` is in the new tree: x runs along z, y along φ, and half a turn
-    /// changes only the topmost bit of y.
+    /// Index of the old child that lies where child `k` of a node at `level` is in the new tree: x runs along z, y along φ, and
+    /// half a turn changes only the topmost bit of y.
     fn child(self, level: usize, k: usize) -> usize {
         let phi = (self.0 >> 1 & 1) ^ if level == 0 { self.0 & 1 } else { 0 };
         k ^ usize::from(self.0 >> 2 & 1) ^ usize::from(phi) << 1
     }
 
-    /// The transformed sample; every quantity in it, the target too.
+    /// The transformed sample: every quantity in it, the target too.
     ///
     /// # Errors
     /// A sentence if the sample is not valid.
@@ -67,7 +67,7 @@ impl Symmetry {
         })
     }
 
-    /// The new tree's flags, and for each of its leaves the rank of the old leaf.
+    /// The new tree's split flags, and for each of its leaves the rank of the old leaf.
     fn permute(self, tree: &Topology) -> (Vec<bool>, Vec<usize>) {
         let mut rank = vec![0; tree.len()];
         tree.leaves().enumerate().for_each(|(i, leaf)| rank[leaf] = i);
@@ -106,7 +106,7 @@ mod tests {
     use fanal::guiding::tree::features::FEATURES;
     use fanal::reconstruct::neural::inputs_of;
 
-    /// With a block that is another pair's.
+    /// A sample with the block of another one.
     fn sample(seed: u64) -> TreeSample {
         let [sample, other] = [0, 1].map(|index| tree_sample(&Settings::default(), seed, index));
         TreeSample { block_split: other.counted_split, block: other.counted, block_samples: [300.0, 900.0], ..sample }
@@ -120,7 +120,7 @@ mod tests {
         }
     }
 
-    /// Every feature of a node is that of the node it came from: the network's input knows no preferred frame but the map's.
+    /// Every feature of a node equals that of the node it came from: the network's input has no preferred frame but the map's.
     #[test]
     fn features_transform_with_their_cells() {
         let sample = sample(7);

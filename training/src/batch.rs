@@ -1,4 +1,4 @@
-//! Training pairs laid out for one step, on the host: what a background thread can prepare.
+//! Training pairs laid out on the host for one step, so that a background thread can prepare them.
 
 use fanal::generate::shard::TreeSample;
 use fanal::guiding::tree::distribution::Distribution;
@@ -33,13 +33,13 @@ pub struct Targets {
     pub first_child: Vec<u32>,
     /// Per node its share of the tree.
     pub mass: Vec<f32>,
-    /// Per node what BSDF sampling draws of it.
+    /// Per node its mass in the distribution of BSDF sampling.
     pub bsdf: Vec<f32>,
     /// Per tree the index of its root.
     pub root: Vec<u32>,
 }
 
-/// One pair, prepared.
+/// One pair, prepared for a batch.
 struct Prepared {
     case: Case,
     inputs: NodeInputs,
@@ -76,7 +76,7 @@ impl HostBatch {
 }
 
 impl Targets {
-    /// `bsdf` is on the same tree.
+    /// Appends a converged tree and the distribution of BSDF sampling, which is on the same tree.
     fn push(&mut self, tree: &Distribution, bsdf: &Distribution) {
         let start = self.mass.len() as u32;
         self.root.push(start);
@@ -87,21 +87,21 @@ impl Targets {
     }
 }
 
-/// Where the rows of a decoded level lie in the converged trees.
+/// Positions of the rows of a decoded level in the converged trees.
 #[derive(Debug, Clone, Default)]
 pub struct Aligned {
     /// Per row the converged node of the same cell, or [`NONE`] below the converged tree's leaves.
     pub node: Vec<u32>,
     /// Per row the converged mass of its cell; below a leaf its part of the leaf.
     pub mass: Vec<f32>,
-    /// The same of what BSDF sampling draws.
+    /// Per row the mass of its cell under BSDF sampling, likewise.
     pub bsdf: Vec<f32>,
     /// Per row how many levels it lies below a converged leaf.
     pub below: Vec<u8>,
 }
 
 impl Aligned {
-    /// The roots of all trees.
+    /// The alignment of the roots of all trees.
     pub fn roots(targets: &Targets) -> Self {
         let trees = targets.root.len();
         Self { node: targets.root.clone(), mass: vec![1.0; trees], bsdf: vec![1.0; trees], below: vec![0; trees] }
@@ -112,7 +112,7 @@ impl Aligned {
         self.node[row] != NONE && targets.first_child[self.node[row] as usize] != NONE
     }
 
-    /// The level below, whose rows have these parents; siblings are adjacent in fours.
+    /// The alignment of the level below, whose rows have these parents; siblings are adjacent in fours.
     pub fn children(&self, targets: &Targets, parents: &[u32]) -> Self {
         let mut next = Self::default();
         for (row, &parent) in parents.iter().enumerate() {

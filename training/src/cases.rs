@@ -1,4 +1,4 @@
-//! Trees to evaluate on, ready to be reconstructed by any method and compared.
+//! Training pairs unpacked for evaluation: any method can reconstruct them, and results are compared.
 
 use anyhow::{Result, anyhow};
 use fanal::generate::shard::TreeSample;
@@ -14,7 +14,7 @@ use fanal::network::weights::Model;
 use fanal::reconstruct::neural::reconstruct_batch;
 use rayon::prelude::*;
 
-/// A pair, unpacked.
+/// An unpacked training pair.
 #[derive(Debug, Clone)]
 pub struct Case {
     /// The voxel's samples as counted, with its context.
@@ -23,17 +23,17 @@ pub struct Case {
     pub own: Topology,
     /// Sums of its leaves.
     pub own_sums: Vec<f32>,
-    /// What is known around the voxel.
+    /// Pooled distribution of the block of cells around the voxel.
     pub block: Block,
-    /// What is known of the voxel as a whole.
+    /// Features of the voxel as a whole.
     pub voxel_features: VoxelFeatures,
-    /// What the sums of path samples are of.
+    /// Quantity that the sums of path samples hold.
     pub quantity: Target,
-    /// Q_gt.
+    /// The target tree Q_gt.
     pub target: Distribution,
-    /// What BSDF sampling draws, on the same tree.
+    /// Distribution of BSDF sampling, on the same tree.
     pub bsdf: Distribution,
-    /// KL between two halves of Q_gt.
+    /// KL between two halves of Q_gt, nats.
     pub floor: f64,
 }
 
@@ -61,7 +61,7 @@ impl Case {
         })
     }
 
-    /// What a reconstructor is given.
+    /// The input of a reconstructor.
     pub fn input(&self) -> CountedTree<'_> {
         let (counted, own, block) = (&self.counted, self.leaves(), &self.block);
         CountedTree { counted, own, block, voxel_features: self.voxel_features, contribution: 1.0 }
@@ -72,7 +72,7 @@ impl Case {
         Leaves { topology: &self.own, sums: &self.own_sums, layout: Layout::Network, target: self.quantity }
     }
 
-    /// Path samples and photons in the own tree.
+    /// Number of path samples and photons in the own tree.
     pub fn samples(&self) -> f64 {
         self.voxel_features.samples.iter().map(|&n| f64::from(n)).sum()
     }
@@ -87,7 +87,7 @@ fn on_tree(topology: Topology, masses: &[f64]) -> Distribution {
     Distribution::from_shares(topology, &shares)
 }
 
-/// At most `limit` of the samples, evenly spread, unpacked.
+/// Unpacks at most `limit` of the samples, evenly spread.
 ///
 /// # Errors
 /// As [`Case::new`].
@@ -101,7 +101,7 @@ pub fn every(samples: &[TreeSample], limit: usize) -> impl Iterator<Item = &Tree
     samples.iter().step_by(stride)
 }
 
-/// What the network makes of the cases.
+/// Distributions that the network reconstructs for the cases.
 ///
 /// # Errors
 /// Those of [`reconstruct_batch`].
@@ -111,13 +111,13 @@ pub fn reconstruct(model: &Model, backend: &dyn Backend, cases: &[Case]) -> Resu
     Ok(trees.into_iter().map(|t| Distribution::from_shares(t.topology, &t.node_share)).collect())
 }
 
-/// For every case the cells that its target and a method's result have in common.
+/// The cells that the target and a method's result have in common, for every case.
 pub fn common(cases: &[Case], guides: &[Distribution]) -> Vec<Vec<CommonCell>> {
     let cells = |(case, guide): (&Case, &Distribution)| Distribution::common_cells(&case.target, &case.bsdf, guide);
     cases.par_iter().zip(guides).map(cells).collect()
 }
 
-/// Mean KL at a uniform part.
+/// Mean KL at a uniform part, nats.
 pub fn mean_kl(cells: &[Vec<CommonCell>], uniform: f64) -> f64 {
     cells.par_iter().map(|c| kl_of_cells(c, uniform)).sum::<f64>() / cells.len().max(1) as f64
 }
@@ -128,7 +128,7 @@ pub fn tune_uniform(cells: &[Vec<CommonCell>], score: impl Fn(&[Vec<CommonCell>]
     grid.map(|u| (score(cells, u), u)).min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.1, |(_, u)| u)
 }
 
-/// Mean logarithm of what a picture feels, see [`relative_moment`], at a uniform part.
+/// Mean logarithm of 1 + V, see [`relative_moment`], at a uniform part.
 pub fn mean_log_moment(cells: &[Vec<CommonCell>], uniform: f64) -> f64 {
     cells.par_iter().map(|c| relative_moment(c, uniform).ln()).sum::<f64>() / cells.len().max(1) as f64
 }

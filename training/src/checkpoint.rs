@@ -1,4 +1,4 @@
-//! Everything that a training run needs to go on: one safetensors file with a checksum, written atomically.
+//! Checkpoints, from which a training run goes on: one safetensors file with a checksum, written atomically.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -21,28 +21,28 @@ pub const CHECKPOINT_FILE: &str = "checkpoint.safetensors";
 
 const LIMIT: u64 = 256 << 20;
 
-/// The version of checkpoints that this program reads. 2: with a checksum. 3: tells other data of the same size.
+/// The version of checkpoints that this program reads. 2: with a checksum. 3: detects other data of the same size.
 const VERSION: u32 = 3;
 
 /// The pairs of a run: the order in which they are shown is a permutation of their numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Data {
-    /// Pairs.
+    /// Number of pairs.
     pub pairs: usize,
     /// CRC-32 of the indices of the data folders, in their order.
     pub crc32: u32,
 }
 
-/// What a checkpoint says about its run. Order and augmentation are functions of seed and step, so no generator is stored.
+/// The state of a run in a checkpoint. Order and augmentation are functions of seed and step, so no generator is stored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct State {
     /// The model's configuration.
     pub config: Config,
-    /// What is minimised.
+    /// The loss that is minimised.
     pub loss: Loss,
-    /// What the network is shown.
+    /// The choice of inputs and pairs that the network is shown.
     #[serde(default)]
     pub view: View,
     /// Seed of weights, order and augmentation.
@@ -51,7 +51,7 @@ pub struct State {
     pub batch: usize,
     /// Parts that a step is divided into; sums of gradients depend on it in their last bits.
     pub parts: usize,
-    /// What is trained on.
+    /// The training data.
     pub data: Data,
     /// Steps done.
     pub step: u64,
@@ -59,7 +59,7 @@ pub struct State {
     pub seconds: f64,
     /// Best mean ln(1 + V) on validation trees so far.
     pub best: Option<f64>,
-    /// Validations since.
+    /// Number of validations since the best one.
     pub unimproved: u32,
 }
 
@@ -91,7 +91,7 @@ pub fn save(path: &Path, state: &State, net: &Net, optimiser: &Optimiser) -> Res
     Ok(())
 }
 
-/// Reads what [`save`] wrote.
+/// Reads a checkpoint that [`save`] wrote.
 ///
 /// # Errors
 /// When the file cannot be read, is damaged, of another version, or does not fit its own configuration.
@@ -120,7 +120,7 @@ pub fn load(path: &Path, device: &Device) -> Result<(State, Net, Optimiser)> {
         let moment = |part: &str, i: usize, len: usize| -> Result<Vec<f32>> {
             let name = format!("{name}.{part}.moment{i}");
             let values = read(name.clone(), len)?;
-            // The second one is a mean of squares, whose root is divided by.
+            // The second moment is a mean of squares, whose root is divided by.
             ensure!(i == 0 || values.iter().all(|&x| x >= 0.0), "{} ({name}): negative", path.display());
             Ok(values)
         };

@@ -1,4 +1,4 @@
-//! How far each method's distributions are from the converged ones, on trees of held-out scenes.
+//! Evaluation of how far each method's distributions are from the converged ones, on trees of held-out scenes.
 
 use std::time::Instant;
 
@@ -24,14 +24,14 @@ pub const TUNING_TREES: usize = 400;
 const MEAN_TREES: usize = 1000;
 const MEAN_LEVEL: usize = 5;
 
-/// One method's figures; KL in nats.
+/// Measurements of one method; KL in nats.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
     /// The method.
     pub name: String,
     /// Uniform part at which V is least on training trees.
     pub uniform: f64,
-    /// Mean KL over held-out trees, at the uniform part at which that is least on training trees.
+    /// Mean KL over held-out trees, at the uniform part at which it is least on training trees.
     pub kl: f64,
     /// Median KL.
     pub median_kl: f64,
@@ -49,11 +49,11 @@ pub struct Row {
     pub buckets: [Option<f64>; 5],
     /// Mean KL that each level adds.
     pub levels: Vec<f64>,
-    /// Mean nodes.
+    /// Mean number of nodes.
     pub nodes: f64,
-    /// Mean nodes that Q_h does not have.
+    /// Mean number of nodes that Q_h does not have.
     pub nodes_added: f64,
-    /// Mean nodes of Q_h that are gone.
+    /// Mean number of nodes of Q_h that are gone.
     pub nodes_removed: f64,
     /// Microseconds per tree, all threads together.
     pub microseconds: f64,
@@ -66,11 +66,11 @@ pub struct Evaluation {
     pub trees: usize,
     /// Trees per bucket.
     pub bucket_trees: [usize; 5],
-    /// Mean nodes of the counted trees.
+    /// Mean number of nodes of the counted trees.
     pub input_nodes: f64,
-    /// Mean nodes of Q_gt.
+    /// Mean number of nodes of Q_gt.
     pub target_nodes: f64,
-    /// Mean KL between two halves of the target: nothing can be measured below.
+    /// Mean KL between two halves of the target: no method can be measured to be nearer.
     pub floor: f64,
     /// The Gaussian's tuned parameters: σ in cells, samples that near, far and equal shares count as.
     pub gaussian: [f64; 4],
@@ -139,7 +139,7 @@ pub struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    /// For methods that are tuned on `tuning` and measured on `cases`.
+    /// A bench for methods that are tuned on `tuning` and measured on `cases`.
     pub fn new(tuning: &'a [Case], cases: &'a [Case]) -> Self {
         Self { tuning, cases }
     }
@@ -189,7 +189,7 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// Nodes of the guide that the counted tree does not have, and the other way round.
+/// Number of nodes of the guide that the counted tree does not have, and the other way round.
 fn changed_nodes(case: &Case, guide: &Distribution) -> [f64; 2] {
     let (before, after) = (case.counted.topology(), guide.topology());
     let mut common = 1;

@@ -1,4 +1,4 @@
-//! The network over a whole batch: the encoder from the deepest level up, the decoder along the structure that training needs.
+//! The network over a whole batch: the encoder from the deepest level up, the decoder down the structure that training needs.
 
 use burn::tensor::Tensor;
 use fanal::base::random::Random;
@@ -13,15 +13,15 @@ use crate::batch::{Aligned, HostBatch};
 use crate::loss::NEVER;
 use crate::model::{Net, index, rows, to_vec, with_zero_row};
 
-/// All decoded rows of a batch, levels 1, 2, … one after the other, with what the loss compares them to.
+/// All decoded rows of a batch, levels 1, 2, … one after the other, with the values that the loss compares them to.
 pub struct DecodedRows {
-    /// [R, 1].
+    /// [R, 1] logit of the share among four siblings.
     pub share_logit: Tensor<2>,
-    /// [R, 1].
+    /// [R, 1] logit of being a leaf.
     pub leaf_logit: Tensor<2>,
-    /// [R] row of the parent, plus 1; 0 where the parent is a root.
+    /// [R] index of the parent's row, plus 1; 0 where the parent is a root.
     pub parent: Vec<u32>,
-    /// [R] the tree.
+    /// [R] index of the tree.
     pub tree: Vec<u32>,
     /// [R] converged mass of the cell.
     pub mass: Vec<f32>,
@@ -39,11 +39,11 @@ pub struct DecodedRows {
     pub trees: usize,
 }
 
-/// Rows that both the network and the truth call leaves are divided with this probability: eq. 15 gives the class a gradient
-/// only where children were decoded, and dividing all of them would quadruple the work.
+/// Probability of dividing rows that both the network and the truth call leaves: eq. 15 gives the class a gradient only where
+/// children were decoded, and dividing all of them would quadruple the work.
 const EXTRA_LEVEL: f32 = 0.2;
 
-/// Deepest level below a converged leaf that a mistaken split is followed to.
+/// Greatest number of levels below a converged leaf to which a mistaken split is followed.
 const MAX_BELOW: u8 = 2;
 
 /// The encoder's outputs [N, C] per level, from the root down.
@@ -92,7 +92,7 @@ pub fn decode(
     walk.finish()
 }
 
-/// The decoder on its way down.
+/// State of the decoder, level by level from the root.
 struct Walk {
     level: DecodeLevel,
     split: Vec<bool>,
@@ -100,7 +100,7 @@ struct Walk {
     features: Tensor<2>,
     /// Predicted mass per row of the level.
     predicted: Vec<f32>,
-    /// Index in the output of the level's first row, plus 1.
+    /// Index of the level's first row in the output, plus 1.
     start: usize,
     share_logits: Vec<Tensor<2>>,
     leaf_logits: Vec<Tensor<2>>,

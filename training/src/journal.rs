@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 pub const LOG_FILE: &str = "losses.jsonl";
 /// Name of the plot in a model folder.
 pub const PLOT_FILE: &str = "losses.svg";
-/// Points that the plot draws of the loss; lines of the log are averaged to at most as many, since single ones are mostly noise.
+/// Most points of the loss in the plot; lines of the log are averaged to at most as many, since single ones are mostly noise.
 const POINTS: usize = 200;
 
 /// One line of the log: means over the steps since the line before.
@@ -51,7 +51,7 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// The lines up to `step` of an earlier part of the run; empty if there is no log.
+    /// Reads the lines up to `step` of an earlier part of the run; empty if there is no log.
     pub fn read(folder: &Path, step: u64) -> Self {
         let text = std::fs::read_to_string(folder.join(LOG_FILE)).unwrap_or_default();
         let entries = text.lines().filter_map(|line| serde_json::from_str::<Entry>(line).ok());
@@ -87,7 +87,7 @@ impl Journal {
         let validation: Vec<(f64, f64)> =
             self.entries.iter().filter_map(|e| e.validation_moment.map(|moment| (e.epoch, moment))).collect();
         let all = || train.iter().chain(&validation).map(|p| p.1).filter(|y| y.is_finite());
-        // Losses fall fast at first and little afterwards: what matters lies far above zero.
+        // Losses fall fast at first and little afterwards: the interesting range lies far above zero.
         let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(y), h.max(y)));
         let margin = (0.05 * (high - low)).max(1e-3);
         let (low, high) = if low <= high { (low - margin, high + margin) } else { (0.0, 1.0) };

@@ -1,4 +1,4 @@
-//! Which pairs make up which step, and a background thread that prepares them.
+//! The pairs of each step, and a background thread that prepares them.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -10,7 +10,7 @@ use fanal::network::config::Config;
 use crate::augment::augment;
 use crate::batch::HostBatch;
 
-/// Batches prepared ahead.
+/// Number of batches prepared ahead.
 const AHEAD: usize = 3;
 
 /// The order of training: a pure function of the step, so that a resumed run goes on as if it had not stopped.
@@ -22,14 +22,14 @@ pub struct Plan {
     pub batch: usize,
     /// Pairs in the data.
     pub samples: usize,
-    /// Parts of a step that are computed side by side.
+    /// Parts of a step that are computed in parallel.
     pub parts: usize,
-    /// The network that they are laid out for.
+    /// Configuration of the network that batches are laid out for.
     pub config: Config,
 }
 
 impl Plan {
-    /// Steps that meet every pair once.
+    /// Number of steps that meet every pair once.
     pub fn steps_per_epoch(&self) -> u64 {
         self.samples.div_ceil(self.batch.max(1)).max(1) as u64
     }

@@ -1,4 +1,4 @@
-//! What training minimises.
+//! The loss that training minimises.
 //!
 //! The expected share of a node is E = p·¼ + (1 − p)·s, p its parent's probability of being a leaf and s the share that the
 //! softmax gives it (Zhu 2021 eq. 15); a root is never a leaf. All in logarithms, so that saturated logits stay finite.
@@ -25,10 +25,10 @@ pub enum Loss {
 /// Weight of nodes without target mass, in eq. 16 and in the classification.
 const MASS_FLOOR: f32 = 1e-3;
 
-/// Part of KL in [`Loss::Variance`]: the moment alone hardly says anything about what lies below the BSDF's half of the mixture.
+/// Part of KL in [`Loss::Variance`]: the moment alone hardly depends on the values below the BSDF's half of the mixture.
 const KL_PART: f64 = 0.3;
 
-/// A parent that is never a leaf: p = 1e-13.
+/// Logit of a parent that is never a leaf: p = 1e-13.
 pub const NEVER: f32 = -30.0;
 
 /// Smallest logarithm of an expected share; below it the gradient would only be noise.
@@ -36,7 +36,7 @@ const LOG_FLOOR: f32 = -40.0;
 
 /// The loss, and its parts for the log.
 pub struct Losses {
-    /// [1] what is minimised.
+    /// [1] the loss that is minimised.
     pub total: Tensor<1>,
     /// [1] the value part.
     pub value: Tensor<1>,
@@ -111,7 +111,7 @@ fn per_tree(decoded: &DecodedRows, weights: impl Iterator<Item = f32>) -> Vec<f3
     weights
 }
 
-/// Uniform part of the tree in [`log_moment`]; about what `eval` tunes.
+/// Uniform part of the tree in [`log_moment`]; about the value that `eval` finds.
 const UNIFORM: f32 = 0.03;
 
 /// Mean over trees of ln ∫ t² / (½·p_bsdf + ½·q).

@@ -65,7 +65,7 @@ impl Net {
         Ok(Self { device: device.clone(), parameters, encode, decode })
     }
 
-    /// Where the parameters live.
+    /// The device of the parameters.
     pub fn device(&self) -> &Device {
         &self.device
     }
@@ -82,7 +82,7 @@ impl Net {
         &self.parameters
     }
 
-    /// Replaces a layer's parameters, for an optimiser's step.
+    /// Replaces a layer's parameters after an optimiser's step.
     pub fn set(&mut self, layer: &str, parameter: Parameter) {
         self.parameters.insert(layer.to_owned(), parameter.tracked(&self.device));
     }
@@ -139,8 +139,8 @@ impl Net {
         Decoded { features, share_logit, share, leaf_logit, leaf }
     }
 
-    /// Executes a program. Its inputs and outputs are those that the renderer's `program` module documents; a name that is
-    /// missing here means that the two were changed apart, which the agreement test catches.
+    /// Runs a program. Its inputs and outputs are those that the renderer's `program` module documents; a name that is missing here
+    /// means that only one of the two was changed, which the agreement test catches.
     fn run<const O: usize>(
         &self,
         program: &Program,
@@ -179,7 +179,7 @@ impl Net {
     }
 
     fn linear(&self, x: Tensor<2>, layer: &str) -> Tensor<2> {
-        // Built from the same configuration as the programs, so every layer is there.
+        // Built from the same configuration as the programs, so every layer exists.
         let p = &self.parameters[layer];
         x.matmul(p.weight.clone()) + p.bias.clone().unsqueeze::<2>()
     }
@@ -244,7 +244,7 @@ pub fn index(values: &[u32], device: &Device) -> Tensor<1, Int> {
     Tensor::from_data(TensorData::new(values, [n]), device)
 }
 
-/// The values of a tensor, row by row; not numbers where a device could not be read, which no step of the optimiser takes over.
+/// The values of a tensor, row by row; NaN where a device could not be read, so that the optimiser takes no step.
 pub fn to_vec<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     let size = tensor.dims().iter().product();
     tensor.try_into_vec_as::<f32>().unwrap_or_else(|_| vec![f32::NAN; size])

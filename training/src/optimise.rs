@@ -10,13 +10,13 @@ use crate::model::{Net, Parameter, to_vec};
 /// Gradients of each layer's weight and bias.
 pub type Gradients = BTreeMap<String, (Tensor<2>, Tensor<1>)>;
 
-/// The gradients of `net`'s parameters out of a backward pass, times `scale`.
+/// Collects the gradients of `net`'s parameters from a backward pass, times `scale`.
 pub fn collect(net: &Net, graph: &Graph, scale: f32) -> Gradients {
     let of = |p: &Parameter| Some((p.weight.grad(graph)?.mul_scalar(scale), p.bias.grad(graph)?.mul_scalar(scale)));
     net.parameters().iter().filter_map(|(name, p)| Some((name.clone(), of(p)?))).collect()
 }
 
-/// Sums of gradients, in the given order.
+/// Adds up gradients, in the given order.
 pub fn sum(parts: Vec<Gradients>) -> Gradients {
     let mut total = Gradients::new();
     for (name, (weight, bias)) in parts.into_iter().flatten() {
@@ -45,9 +45,9 @@ pub struct Optimiser {
 pub struct Moments {
     /// Steps taken.
     pub time: usize,
-    /// Of the weight.
+    /// Moments of the weight.
     pub weight: [Tensor<2>; 2],
-    /// Of the bias.
+    /// Moments of the bias.
     pub bias: [Tensor<1>; 2],
 }
 

@@ -1,4 +1,4 @@
-//! What accuracy costs in time: several models in every backend, on the same held-out trees.
+//! Accuracy against time: several models in every backend, on the same held-out trees.
 
 use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
@@ -21,12 +21,12 @@ use crate::cases::{Case, reconstruct, spread};
 use crate::evaluate::{BUCKETS, Bench, Row, TUNING_TREES};
 use crate::tuning::tune_gaussian;
 
-/// Rounds of the timing; all variants take turns in each.
+/// Rounds of timing; all variants take turns in each.
 const ROUNDS: usize = 5;
-/// Trees that are timed.
+/// Number of trees that are timed.
 const TIMED_TREES: usize = 600;
 
-/// Name of the backend that has threads of its own.
+/// Name of the backend that has its own threads.
 const ONNX: &str = "onnx";
 
 /// Names of the files that are written.
@@ -38,7 +38,7 @@ const TABLE_FILE: &str = "pareto.json";
 pub struct Variant {
     /// Name of the model's folder, or of a baseline.
     pub model: String,
-    /// What ran it.
+    /// Name of the backend; - for baselines.
     pub backend: String,
     /// Number of weights; 0 for baselines.
     pub weights: usize,
@@ -48,7 +48,7 @@ pub struct Variant {
     pub kl_above_floor: f64,
     /// Geometric mean of 1 + V.
     pub moment: f64,
-    /// The same per bucket of path samples.
+    /// Geometric mean of 1 + V per bucket of path samples.
     pub bucket_moments: [Option<f64>; 5],
 }
 
@@ -57,13 +57,13 @@ pub struct Variant {
 pub struct Pareto {
     /// Held-out trees that accuracy was measured on.
     pub trees: usize,
-    /// Threads that the times are of.
+    /// Number of threads that the times were measured with.
     pub threads: usize,
     /// The variants.
     pub variants: Vec<Variant>,
 }
 
-/// A way to reconstruct.
+/// A method of reconstruction.
 enum Method {
     Gaussian(Gaussian),
     Network { model: Box<Model>, backend: Box<dyn Backend + Send> },
@@ -167,8 +167,8 @@ impl Pareto {
         Ok(())
     }
 
-    /// Two panels over time: KL above the floor, and 1 + V. Models have colours, backends shapes: a circle is the embedded one, a
-    /// cross onnxruntime. The grey line joins what nothing beats in both.
+    /// Draws two panels over time: KL above the floor, and 1 + V. Models have colours, backends shapes: a circle is the embedded
+    /// one, a cross onnxruntime. The grey line joins the variants that no other beats in both.
     fn plot(&self) -> fanal::base::Result<String> {
         draw((1100, 480), |area| {
             let panels = area.split_evenly((1, 2));

@@ -11,7 +11,7 @@ const PANEL: (u32, u32) = (460, 320);
 /// One panel.
 #[derive(Debug, Clone)]
 pub struct Panel {
-    /// What is drawn.
+    /// Title of the panel.
     pub title: String,
     /// Labels below, one for each place.
     pub labels: Vec<String>,
@@ -21,7 +21,7 @@ pub struct Panel {
     pub bars: bool,
 }
 
-/// All panels in rows of `columns`, as an SVG.
+/// Draws all panels in rows of `columns`, as an SVG.
 ///
 /// # Errors
 /// When drawing fails.
@@ -39,7 +39,7 @@ fn draw_panel(panel: &Panel, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Resul
     let values = || panel.series.iter().flat_map(|(_, values)| values).copied().filter(|v| v.is_finite());
     let high = values().fold(0.0, f64::max).max(1e-9);
     let low = values().fold(f64::INFINITY, f64::min);
-    // Lines far above zero would be flat there; bars without their foot would lie.
+    // Lines far above zero would be flat with a foot of 0; bars with another foot would mislead.
     let near = (0.5 * high..=high).contains(&low);
     let foot = if panel.bars || !near { 0.0 } else { low - 0.1 * (high - low).max(0.05 * high) };
     let top = high + 0.1 * (high - foot);
@@ -83,7 +83,7 @@ fn draw_panel(panel: &Panel, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Resul
     Ok(())
 }
 
-/// What is drawn, in the unit square up to `top`: a line for each series, or for each bar.
+/// Points of the drawn lines or bars in the unit square up to `top`: a line for each series, or for each bar.
 fn shapes(panel: &Panel, [foot, top]: [f64; 2]) -> Vec<Vec<[f64; 2]>> {
     let places = panel.labels.len() as f64;
     let point = |at: usize, v: f64| [(at as f64 + 0.5) / places, (v - foot) / (top - foot)];

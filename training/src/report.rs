@@ -1,4 +1,4 @@
-//! What a finished run has learned: how far off it is on each level, and whether its leaf classifier means what it says.
+//! Report on a finished run: its error on each level, and the calibration of its leaf classifier.
 
 use std::path::Path;
 
@@ -34,13 +34,13 @@ const UNIFORM: f64 = 0.03;
 pub struct Bin {
     /// Mean predicted probability.
     pub predicted: f64,
-    /// Part that are leaves of the target.
+    /// Share of the rows that are leaves of the target.
     pub observed: f64,
     /// Number of rows.
     pub rows: u64,
 }
 
-/// Measured on the validation trees.
+/// Measurements on the validation trees.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     /// Validation trees.
@@ -54,7 +54,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// Runs the network on `samples`.
+    /// Measures the network on `samples`.
     ///
     /// # Errors
     /// When a pair is not valid or the network cannot be run.
@@ -108,7 +108,7 @@ impl Report {
     }
 }
 
-/// Over all rows that a training pass decodes.
+/// Calibration of the leaf classifier over all rows that a training pass decodes.
 fn calibration(model: &Model, samples: &[&TreeSample]) -> Result<[Bin; BINS]> {
     let net = Net::new(&model.config, &model.weights, &Device::flex())?;
     let mut bins = [Bin::default(); BINS];

@@ -1,4 +1,4 @@
-//! The state of one training run and what a step does to it.
+//! The state of one training run, and its training step.
 
 use std::time::{Duration, Instant};
 
@@ -23,14 +23,14 @@ use crate::train::Settings;
 
 /// Steps between lines of the log.
 const LOG_EVERY: u64 = 10;
-/// Least time between validations relative to what one takes.
+/// Least time between validations, relative to the duration of one.
 const VALIDATION_SHARE: u32 = 20;
 
 /// Least uniform part of a trained model. Validation trees are few: where the network gives up a direction by mistake, a render of
 /// millions of paths finds it, and shows a firefly.
 const LEAST_UNIFORM: f32 = 0.02;
 
-/// Less is no improvement for those who wait for one, in ln(1 + V).
+/// Least improvement in ln(1 + V) that counts for patience.
 const LEAST_GAIN: f64 = 1e-4;
 
 /// Sums since the last line of the log.
@@ -44,7 +44,7 @@ struct Sums {
     norm: f64,
 }
 
-/// A training run: the network, its optimiser, its log, and how far it is.
+/// A training run: the network, its optimiser, its log, and its progress.
 pub struct Run<'a> {
     settings: &'a Settings,
     /// Configuration and progress.
@@ -62,7 +62,7 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// A fresh run, or the one whose checkpoint lies in the model folder.
+    /// Starts a run afresh, or resumes the one whose checkpoint lies in the model folder.
     ///
     /// # Errors
     /// When the settings are not valid, or the checkpoint cannot be read or was made with other settings.
@@ -131,7 +131,7 @@ impl<'a> Run<'a> {
         self.settings.patience.is_some_and(|patience| self.state.unimproved >= patience)
     }
 
-    /// One step on the parts of a batch; now and then validates and saves.
+    /// Trains one step on the parts of a batch; now and then validates and saves.
     ///
     /// # Errors
     /// When a thread panics or a file cannot be written.
@@ -165,7 +165,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Forward and backward, one thread for each part: gradients, and the value and class parts of the loss.
+    /// Runs forward and backward passes, one thread for each part; returns gradients, and the value and class parts of the loss.
     fn backward(&self, batch: &[HostBatch], beta: f64, trees: usize) -> Result<(Vec<Gradients>, f64, f64)> {
         let one = &|(i, part): (usize, &HostBatch)| {
             let net = self.net.replica();
@@ -216,7 +216,7 @@ impl<'a> Run<'a> {
         Model { config: self.state.config.clone(), weights: self.net.weights() }
     }
 
-    /// Measures the network on the validation trees; the best weights go into the model folder.
+    /// Measures the network on the validation trees; writes the best weights to the model folder.
     ///
     /// # Errors
     /// When the model cannot be run or written.
@@ -264,7 +264,7 @@ fn config(settings: &Settings, mode: Mode) -> Config {
         per_level: settings.per_level,
         image: settings.image,
         leaf_threshold: 0.5,
-        // A quarter of what the voxels' own trees were split by, and about half of what the targets were.
+        // A quarter of the share by which the voxels' own trees were split, and about half of that of the targets.
         min_split_share: 0.25 * mode.split_share,
         uniform: 0.1,
         mode,

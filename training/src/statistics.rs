@@ -1,4 +1,4 @@
-//! What a data set holds, as a table and as plots.
+//! Statistics of a data set, as a table and as plots.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{Display, Formatter};
@@ -16,31 +16,31 @@ use crate::plot::{Panel, panels};
 const PLOT_FILE: &str = "statistics.svg";
 const TABLE_FILE: &str = "statistics.json";
 
-/// Counts of pairs whose quantity lies in [2^k, 2^(k + 1)), k from 0 on; the first also counts what is less.
+/// Numbers of pairs whose quantity lies in [2^k, 2^(k + 1)), k from 0 on; the first also counts smaller ones.
 type Octaves = Vec<u64>;
 
 /// Statistics of all pairs of a data set.
 #[derive(Debug, Clone, Serialize)]
 pub struct Statistics {
-    /// Scenes to train on, and held out.
+    /// Number of scenes to train on, and held out.
     pub scenes: [usize; 2],
-    /// Pairs to train on, and of held-out scenes.
+    /// Number of pairs to train on, and of held-out scenes.
     pub pairs: [usize; 2],
-    /// Pairs by kinds of samples in the input: both, paths only, photons only.
+    /// Pairs by the kinds of samples in the input: both, paths only, photons only.
     pub kinds: [u64; 3],
     /// Pairs by iteration.
     pub iterations: BTreeMap<u32, u64>,
-    /// By own path samples.
+    /// Pairs by their own path samples.
     pub path_samples: Octaves,
-    /// By own photons.
+    /// Pairs by their own photons.
     pub photons: Octaves,
-    /// By nodes of the counted tree.
+    /// Pairs by nodes of the counted tree.
     pub counted_nodes: Octaves,
-    /// By nodes of the target.
+    /// Pairs by nodes of the target.
     pub target_nodes: Octaves,
-    /// By path samples in the target.
+    /// Pairs by path samples in the target.
     pub target_samples: Octaves,
-    /// By levels of the target.
+    /// Pairs by levels of the target.
     pub target_levels: Vec<u64>,
     /// Deciles of the convergence floor in nats, from the least to the largest.
     pub floor: [f64; 11],
@@ -49,7 +49,7 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// Looks at every pair.
+    /// Computes the statistics of all pairs.
     ///
     /// # Errors
     /// When there are no pairs, or a pair is not valid.

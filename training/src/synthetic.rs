@@ -11,12 +11,12 @@ use fanal::guiding::tree::features::VoxelFeatures;
 use fanal::guiding::tree::leaves::{BSDF, COUNTS, Layout, Leaves, NETWORK_CHANNELS, SQUARES, VALUES, solid_angle};
 use fanal::guiding::tree::topology::{MAX_LEVEL, Topology};
 
-/// What to generate.
+/// Settings of the generator.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
-    /// Samples of each kind in Q_h: drawn log-uniformly between these.
+    /// Range of the number of samples of each kind in Q_h, drawn log-uniformly.
     pub samples: [u32; 2],
-    /// Path samples in the target.
+    /// Number of path samples in the target.
     pub target_samples: u32,
     /// Share of the total above which a node is split, ρ.
     pub split_share: f64,
@@ -35,7 +35,7 @@ struct Lobe {
     kappa: f64,
 }
 
-/// A sample's value, and where its direction falls.
+/// A sample's value, and the cell of its direction.
 struct Record {
     value: f64,
     cell: [u32; 2],
@@ -58,7 +58,7 @@ fn uniform_direction(random: &mut Random) -> [f64; 3] {
     [radius * phi.cos(), radius * phi.sin(), z]
 }
 
-/// Radiance with unit integral: the lobes' densities, and a twentieth of constant light. In sr⁻¹.
+/// Radiance with unit integral, sr⁻¹: the densities of the lobes, and a twentieth of constant light.
 fn radiance(lobes: &[Lobe], w: [f64; 3]) -> f64 {
     let total: f64 = lobes.iter().map(|l| l.weight).sum();
     let density = |l: &Lobe| {
@@ -69,7 +69,7 @@ fn radiance(lobes: &[Lobe], w: [f64; 3]) -> f64 {
     0.95 * lobes.iter().map(|l| l.weight / total * density(l)).sum::<f64>() + 0.05 / (4.0 * PI)
 }
 
-/// A direction distributed like [`radiance`].
+/// Samples a direction in proportion to [`radiance`].
 fn sample_radiance(lobes: &[Lobe], random: &mut Random) -> [f64; 3] {
     if random.next_f64() < 0.05 {
         return uniform_direction(random);
@@ -107,7 +107,7 @@ fn record(value: f64, direction: [f64; 3]) -> Record {
     Record { value, cell: unit.map(|u| (u * side).clamp(0.0, side - 1.0) as u32) }
 }
 
-/// Splits while a node's share of either kind exceeds `split_share`; returns the flags and every record's leaf rank.
+/// Splits nodes while the share of either kind exceeds `split_share`; returns the flags and every record's leaf rank.
 fn build(kinds: [&[Record]; 2], split_share: f64) -> (Vec<bool>, [Vec<usize>; 2]) {
     let totals = kinds.map(|records| records.iter().map(|r| r.value).sum::<f64>());
     let mut ranks = kinds.map(|records| vec![0; records.len()]);
@@ -120,7 +120,7 @@ fn build(kinds: [&[Record]; 2], split_share: f64) -> (Vec<bool>, [Vec<usize>; 2]
                 let sum: f64 = node[k].iter().map(|&i| kinds[k][i].value).sum();
                 totals[k] > 0.0 && sum > split_share * totals[k]
             };
-            // A single sample would be chased to the deepest level.
+            // With a single sample, nodes would be split down to the deepest level.
             let splits = depth < MAX_LEVEL.min(10) && (0..2).any(|k| node[k].len() > 1 && exceeds(k));
             split.push(splits);
             if !splits {
@@ -191,7 +191,7 @@ pub fn tree_sample(settings: &Settings, seed: u64, index: u32) -> TreeSample {
     }
 }
 
-/// The target tree from many samples: flags, leaf masses, those of a uniform BSDF, and the KL between its two halves.
+/// The target tree from many samples: flags, leaf masses, masses of a uniform BSDF, and the KL between its two halves.
 fn converged(settings: &Settings, truth: &[Lobe], random: &mut Random) -> (Vec<bool>, Vec<f32>, Vec<f32>, f32) {
     let records: Vec<Record> = (0..settings.target_samples)
         .map(|_| {

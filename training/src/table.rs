@@ -1,4 +1,4 @@
-//! An evaluation as a table for people.
+//! An evaluation as a text table.
 
 use std::fmt::{Display, Formatter, Result};
 

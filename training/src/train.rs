@@ -25,54 +25,54 @@ use crate::report::Report;
 use crate::run::Run;
 use crate::view::View;
 
-/// What to train, on what, for how long.
+/// Settings of a training run: the network, the data and the limits.
 #[derive(Debug, Clone)]
 pub struct Settings {
     /// The data folders.
     pub data: Vec<PathBuf>,
     /// The model folder.
     pub output: PathBuf,
-    /// Stop after so many minutes of training (over all parts of a resumed run).
+    /// Minutes of training after which to stop (over all parts of a resumed run).
     pub minutes: Option<f64>,
-    /// Stop after so many passes over the data.
+    /// Passes over the data after which to stop.
     pub epochs: Option<u64>,
-    /// Go on from the checkpoint in the model folder.
+    /// Whether to go on from the checkpoint in the model folder.
     pub resume: bool,
     /// Channels, C.
     pub width: usize,
     /// Convolutions per level.
     pub convolutions: usize,
-    /// What is minimised.
+    /// The loss that is minimised.
     pub loss: Loss,
-    /// Separate weights for every level.
+    /// Whether every level has separate weights.
     pub per_level: bool,
     /// Level of an image network, see [`Config::image`](fanal::network::config::Config::image).
     pub image: Option<usize>,
-    /// Stop after so many validations that are no better than the best.
+    /// Number of validations without improvement after which to stop.
     pub patience: Option<u32>,
-    /// What the network is shown.
+    /// The choice of inputs and pairs that the network is shown.
     pub view: View,
-    /// Where burn computes, without autodiff.
+    /// The device on which burn computes, without autodiff.
     pub device: Device,
     /// Seed of weights, order and augmentation.
     pub seed: u64,
     /// Pairs per step.
     pub batch: usize,
-    /// Parts of a step that are computed side by side; a resumed run keeps its own.
+    /// Parts of a step that are computed in parallel; a resumed run keeps its own.
     pub parts: usize,
     /// Peak learning rate.
     pub rate: f64,
     /// Time between checkpoints, and least time between validations.
     pub every: Duration,
-    /// Interrupt after this step, as Ctrl-C would.
+    /// Step after which to interrupt, as Ctrl-C would.
     pub stop_after: Option<u64>,
-    /// No progress.
+    /// Whether to show no progress.
     pub quiet: bool,
 }
 
-/// Trees that validation looks at.
+/// Number of trees for validation.
 const VALIDATION_TREES: usize = 384;
-/// What a run ends with.
+/// Result of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
     /// Steps done.
@@ -81,7 +81,7 @@ pub struct Outcome {
     pub best: f64,
     /// Trees per second of training in this part of the run.
     pub trees_per_second: f64,
-    /// Whether the budget was spent, or patience; otherwise it was interrupted.
+    /// Whether the budget or the patience was spent; otherwise the run was interrupted.
     pub finished: bool,
 }
 
@@ -122,7 +122,7 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     let unimproved = run.state.unimproved;
     run.validate()?;
     if !finished {
-        // Where a run happens to be interrupted says nothing about whether it still improves.
+        // An interruption at any moment says nothing about whether the run still improves.
         run.state.unimproved = run.state.unimproved.min(unimproved);
     }
     run.save()?;
@@ -135,15 +135,15 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     Ok(Outcome { step: run.state.step, best, trees_per_second: trees as f64 / seconds.max(1e-9), finished })
 }
 
-/// The checksum of what the data folders' indices say: shards, seeds of their scenes, numbers of trees.
+/// Checksum of the data folders' indices: shards, seeds of their scenes, numbers of trees.
 fn indices(folders: &[PathBuf]) -> Result<u32> {
     let read = |folder: &PathBuf| Ok(serde_json::to_vec(&DatasetIndex::read(folder)?.shards)?);
     let all = folders.iter().map(read).collect::<Result<Vec<_>>>()?;
     Ok(crc32(all.iter().map(Vec::as_slice)))
 }
 
-/// Trees to train on and trees to choose the best weights by: every tenth scene of the training data if there are enough,
-/// otherwise the held-out trees. Those are otherwise left to `eval`. Scenes of several folders that have the same number go together.
+/// Trees to train on, and trees to choose the best weights by: every tenth scene of the training data if there are enough,
+/// else the held-out trees, which are otherwise left to `eval`. Scenes of several folders that have the same number go together.
 fn divide(data: Dataset) -> Result<(Vec<TreeSample>, Vec<TreeSample>)> {
     if data.train.is_empty() {
         bail!("the data folder has no trees to train on");
@@ -158,7 +158,7 @@ fn divide(data: Dataset) -> Result<(Vec<TreeSample>, Vec<TreeSample>)> {
     Ok((training, validation))
 }
 
-/// Progress on stderr: a bar on a terminal, elsewhere a line from time to time.
+/// Progress display on stderr: a bar on a terminal, elsewhere a line from time to time.
 struct Shown {
     bar: ProgressBar,
     lines: Option<Lines>,
@@ -176,7 +176,7 @@ impl Shown {
         Self { bar, lines: None }
     }
 
-    /// After a step, with the part of the budget that is spent.
+    /// Shows the state after a step; `part` is the part of the budget that is spent.
     fn step(&self, part: f64, message: String) {
         if let Some(lines) = &self.lines {
             lines.message("training");

@@ -1,4 +1,4 @@
-//! Finding the Gaussian baseline's parameters: it has to be as strong as it can be.
+//! Tuning of the Gaussian baseline's parameters: it has to be as strong as it can be.
 
 use fanal::guiding::tree::distribution::Distribution;
 use fanal::reconstruct::gaussian::Gaussian;

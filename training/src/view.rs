@@ -1,5 +1,5 @@
-//! What a network is shown of the pairs: to see what the context, the photons or the path samples are worth, and whether networks
-//! for a range of sample counts are better than one for all.
+//! Choice of the inputs and pairs that a network is shown: to see how much the context, the photons or the path samples contribute,
+//! and whether networks for a range of sample counts are better than one for all.
 
 use std::str::FromStr;
 
@@ -32,9 +32,9 @@ pub enum Inputs {
 /// A range of numbers of own path samples, written `16..64`; either end may be missing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Samples {
-    /// The least.
+    /// The least number.
     pub least: u32,
-    /// The first that is too many; none if there is no limit.
+    /// The first number that is too many; none if there is no limit.
     pub end: Option<u32>,
 }
 
@@ -56,16 +56,16 @@ impl FromStr for Samples {
 /// A choice of inputs and pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct View {
-    /// What inputs are made from.
+    /// Source of the inputs.
     pub inputs: Inputs,
-    /// Which pairs are used.
+    /// Range of the own path samples of the pairs that are used.
     pub samples: Samples,
     /// Largest KL between two halves of a target, in nats; none if there is no limit.
     pub floor: Option<f64>,
 }
 
 impl View {
-    /// Leaves out of `data` what is not shown. A network that was not shown the context is of another mode.
+    /// Removes from `data` what is not shown. A network that was not shown the context is of another mode.
     ///
     /// # Errors
     /// When a pair is not valid.
@@ -88,7 +88,7 @@ impl View {
     }
 }
 
-/// Makes the pair's input anew from what is shown.
+/// Makes the pair's input anew from what `inputs` names.
 fn restrict(pair: &mut TreeSample, inputs: Inputs) -> Result<()> {
     let alone = TreeSample::default();
     (pair.block_split, pair.block, pair.block_samples) = (alone.block_split, alone.block, alone.block_samples);
@@ -138,7 +138,7 @@ mod tests {
             let mut pair = whole.clone();
             restrict(&mut pair, inputs).unwrap();
             let mut other = whole.clone();
-            // Whatever is not shown may be anything.
+            // Data that are not shown may have any value.
             other.counted_split = vec![false];
             other.counted = vec![1.0];
             (other.block_split, other.block) = (vec![true, false, false, false, false], vec![0.25; 4]);

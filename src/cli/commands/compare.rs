@@ -16,7 +16,7 @@ use crate::report::{Budget, Experiment, page};
 /// Runs the comparison and writes its page.
 ///
 /// # Errors
-/// Everything that reading, rendering and writing can say.
+/// Errors of reading, rendering and writing.
 pub fn run(args: &CompareArgs) -> Result<Ended> {
     std::fs::create_dir_all(&args.output).map_err(|e| Error::io(&args.output, e))?;
     in_pool(&args.common, || {

@@ -13,7 +13,7 @@ use crate::picture::check_folder;
 /// Follows a recipe, or checks what one has made.
 ///
 /// # Errors
-/// Everything that recipe, generation and data folder can say.
+/// Errors of the recipe, of generation and of the data folder.
 pub fn run(args: &DatasetArgs) -> Result<Ended> {
     let watcher = progress::progress(args.common.quiet);
     match (&args.check, &args.recipe, &args.output) {

@@ -8,10 +8,10 @@ use crate::film::measure;
 use crate::picture::read_image;
 use crate::picture::{matched, window_of};
 
-/// Reads two pictures and prints how far they are apart; of a whole one and a window of it, the window is compared.
+/// Reads a picture and its reference and prints the errors; of a whole one and a window of it, the window is compared.
 ///
 /// # Errors
-/// What [`read_image`], [`matched`] and [`measure`] say.
+/// Errors of [`read_image`], [`matched`] and [`measure`].
 pub fn run(args: &ErrorArgs) -> Result<()> {
     let (picture, reference) =
         in_pool(&args.common, || Ok((read_image(&args.picture, false)?, read_image(&args.reference, false)?)))?;

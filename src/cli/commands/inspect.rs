@@ -12,10 +12,10 @@ use crate::render::GuideStatistics;
 use crate::report::inspect::{self, Maps};
 use crate::scene::Scene;
 
-/// Prints what a guide file holds and draws what is asked for.
+/// Prints a summary of a guide file, and draws the picture that is asked for.
 ///
 /// # Errors
-/// What reading the file and the scene and writing the picture say; [`Error::Options`] for a point where there is no voxel.
+/// Errors of reading the file and the scene and of writing the picture; [`Error::Options`] for a point without a voxel.
 pub fn run(args: &InspectArgs) -> Result<()> {
     args.output.as_deref().map_or(Ok(()), check_writable)?;
     if let (Some(output), None, None) = (&args.output, args.at, &args.scene) {
@@ -59,7 +59,7 @@ fn summary(field: &GuideField, evidence: &Evidence) -> [String; 2] {
     [size, gain]
 }
 
-/// What the colours and rows of the maps are.
+/// Legend of the maps: the scale of colours, then a line for each row.
 fn legend(maps: &Maps, field: &GuideField, evidence: &Evidence) -> Vec<String> {
     let colours =
         format!("brightest: {:.3} times the uniform density; five powers of ten to the darkest", maps.largest);

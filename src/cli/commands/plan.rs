@@ -7,10 +7,10 @@ use crate::cli::print;
 use crate::scene::overrides::decide;
 use crate::scene::plan::plan;
 
-/// Prints what a scene calls for.
+/// Prints the plan of a scene: the effects that are on or off, and why.
 ///
 /// # Errors
-/// What reading the scene says.
+/// Errors of reading the scene.
 pub fn run(args: &PlanArgs) -> Result<()> {
     let mut plan =
         plan(&in_pool(&args.common, || load_scene(&args.scene, &args.effects, args.missing, &args.common))?.file);

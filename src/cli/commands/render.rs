@@ -35,10 +35,10 @@ const REFRESH: Duration = Duration::from_secs(2);
 /// Loads, checks everything that can be known beforehand, renders.
 ///
 /// # Errors
-/// Everything that reading, rendering and writing can say.
+/// Errors of reading, rendering and writing.
 pub fn run(args: &RenderArgs) -> Result<Ended> {
     args.output.as_deref().map_or(Ok(()), check_writable)?;
-    // What is gone on from is kept up to date unless another checkpoint is written.
+    // The checkpoint to resume from is kept up to date unless another one is written.
     let checkpoint = args.checkpoint.as_ref().or(args.resume.as_ref());
     for other in [args.stats.as_ref(), args.save_guide.as_ref(), checkpoint].into_iter().flatten() {
         check_folder(other)?;
@@ -82,22 +82,22 @@ fn reference(request: &RenderRequest) -> Result<Option<Image>> {
     Ok(Some(image))
 }
 
-/// What writing a picture takes, in seconds for each pixel: measured for EXR files, PNG files take less.
+/// Time to write a picture, in seconds per pixel: measured for EXR files, PNG files take less.
 const WRITING: f64 = 4e-7;
-/// What each further channel takes.
+/// Time to write each further channel, in seconds per pixel.
 const LAYER_WRITING: f64 = 1.5e-7;
-/// What finding features takes, in seconds for each pixel and thread.
+/// Time to find features, in seconds per pixel on one thread.
 const FEATURES: f64 = 16e-7;
 
-/// What is left to do for each pixel once it is rendered, in seconds.
+/// Time needed after rendering to find features and to write the picture, in seconds per pixel.
 fn afterwards(aovs: &[Aov], threads: usize) -> f64 {
     let channels: usize = aovs.iter().map(|aov| aov.channels().len()).sum();
     let features = if aovs.iter().all(|aov| aov.is_of_film()) { 0.0 } else { FEATURES / threads.max(1) as f64 };
     WRITING + LAYER_WRITING * channels as f64 + features
 }
 
-/// The rule to stop by when a command `elapsed` seconds old starts to render and is `afterwards` seconds from its end when that is
-/// done: `--time` is that of the whole command.
+/// Stop rule of a render that starts `elapsed` seconds after the command and ends `afterwards` seconds before it: `--time` is
+/// that of the whole command.
 fn stop_rule(stop: StopRule, elapsed: f64, afterwards: f64) -> StopRule {
     match stop {
         StopRule::Time(seconds) => StopRule::Time((seconds - elapsed - afterwards).max(0.1 * seconds)),
@@ -105,7 +105,7 @@ fn stop_rule(stop: StopRule, elapsed: f64, afterwards: f64) -> StopRule {
     }
 }
 
-/// What the scene calls for, and the settings that follow from it and from the command line.
+/// Effect plan of the scene, and the settings that follow from it and from the command line.
 pub fn settled(request: &RenderRequest, loaded: &LoadedScene) -> (EffectPlan, RenderSettings) {
     let mut plan = plan(&loaded.file);
     if let Some(samples) = request.samples {
@@ -117,12 +117,12 @@ pub fn settled(request: &RenderRequest, loaded: &LoadedScene) -> (EffectPlan, Re
     (plan, settings)
 }
 
-/// A render that is over.
+/// Result of a render.
 struct Made {
     statistics: Statistics,
-    /// Whether the picture is where it should be.
+    /// Whether the picture and the guide could be written where they should be.
     written: Result<()>,
-    /// Why the last checkpoint is not.
+    /// Why the last checkpoint could not be written; none where it could.
     unkept: Option<String>,
     /// Whether it was ended before it was done.
     interrupted: bool,
@@ -149,7 +149,7 @@ fn render(
     let left = pixels * afterwards(&request.aovs, rayon::current_num_threads());
     settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), left);
     let show = |snapshot: Snapshot| {
-        // What cannot be written now may be written later; the end says so if not.
+        // A failed write is no reason to stop: a later one may succeed, and the last one is reported.
         let picture = Picture { window: request.placed(), ..Picture::plain(&snapshot.image, &header) };
         let _ = write_picture(&request.output, &picture, request.exposure);
         let measures = measure(&snapshot.image, reference?).ok()?;
@@ -189,7 +189,7 @@ fn report(request: &RenderRequest, statistics: &Statistics) -> Result<()> {
     write_json(path, statistics)
 }
 
-/// How the render is kept on disk, where that was asked for. `model` tells apart what makes distributions.
+/// Checkpoints to write and to resume from, where asked for. `model` identifies the reconstructor.
 fn checkpointing(
     request: &RenderRequest,
     settings: &RenderSettings,
@@ -207,7 +207,7 @@ fn checkpointing(
     Ok(Some(Checkpointing { made_for, write: request.checkpoint.clone(), resume: request.resume.clone() }))
 }
 
-/// What makes distributions in the mode asked for, and a text that tells it apart from others.
+/// Reconstructor for the mode asked for, and a text that identifies it.
 fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<(Box<dyn Reconstructor>, String)> {
     match settings.reconstruction {
         Reconstruction::None => return Ok((Box::new(AsCounted::default()), "as counted".into())),
@@ -232,7 +232,7 @@ fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<(
     Ok((Box::new(neural), model))
 }
 
-/// What the header of an EXR file says about its making, before it is made. No name may be one that EXR reserves for other types,
+/// Attributes of an EXR file's header that are known before rendering. No name may be one that EXR reserves for other types,
 /// such as `version`.
 fn attributes(request: &RenderRequest, settings: &RenderSettings) -> Vec<Attribute> {
     let [width, height] = request.size;
@@ -255,7 +255,8 @@ fn attributes(request: &RenderRequest, settings: &RenderSettings) -> Vec<Attribu
     .to_vec()
 }
 
-/// What it says once it is made. Of all attributes only `seconds` and `threads` differ between two makings of the same picture.
+/// Attributes that are known after rendering. Of all attributes only `seconds` and `threads` differ between two renders of the
+/// same picture.
 fn results(statistics: &Statistics) -> Vec<Attribute> {
     let causes: Vec<String> = statistics.dropped.counted().map(|(cause, count)| format!("{cause} {count}")).collect();
     let missing = statistics.missing_files.len();

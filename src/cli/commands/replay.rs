@@ -1,4 +1,4 @@
-//! `fanal render --replay`: one sample told vertex by vertex.
+//! `fanal render --replay`: one sample explained vertex by vertex.
 
 use glam::Vec3;
 
@@ -17,7 +17,7 @@ use crate::scene::readers::LoadedScene;
 /// Traces the sample and prints its path.
 ///
 /// # Errors
-/// Everything that reading and rendering can say; [`Error::Options`] for a guide that is learned while rendering.
+/// Errors of reading and rendering; [`Error::Options`] for a guide that is learned while rendering.
 pub fn run(args: &RenderArgs, sample: Sample) -> Result<()> {
     if args.guide != GuideMode::None && args.load_guide.is_none() {
         return Err(Error::Options(
@@ -42,7 +42,7 @@ fn vector(v: Vec3) -> String {
     format!("({:.6e}, {:.6e}, {:.6e})", v.x, v.y, v.z)
 }
 
-/// The path, a line for each thing that it met.
+/// Describes the path, in a few lines for each vertex.
 fn describe(found: &Explanation, scene: &Scene, loaded: &LoadedScene, sample: Sample) -> Vec<String> {
     let [x, y] = sample.pixel;
     let from = sample.pass_from.map_or("on its own".into(), |from| format!("of the pass that begins at {from}"));

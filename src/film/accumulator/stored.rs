@@ -1,6 +1,6 @@
 //! Passes as arrays of a file, so that an interrupted render can go on.
 //!
-//! For P pixels and T tiles, each name behind that of the pass and a dot; a half's also behind its number and a dot:
+//! Names have the name of the pass and a dot before them; those of a half also its number and a dot. For P pixels and T tiles:
 //!
 //! | name | type | shape | |
 //! |---|---|---|---|
@@ -117,7 +117,7 @@ fn read_counts(file: &Tensors, name: &str, pixels: usize) -> Result<Vec<u32>> {
 }
 
 impl Spread {
-    /// Exact: there are fewer than 2⁵³ samples.
+    /// Both sums as numbers; exact, since there are fewer than 2⁵³ samples.
     fn numbers(&self) -> [f64; 2] {
         [self.freedom as f64, self.sum]
     }

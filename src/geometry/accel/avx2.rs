@@ -1,5 +1,5 @@
-//! The tests with vector instructions. Every lane does what [`Shear::intersect`] and [`super::portable`] do, operation by
-//! operation; products and sums are rounded apart, never fused, so that hits are the same to the last bit.
+//! Ray-box and ray-triangle tests with vector instructions. Every lane does what [`Shear::intersect`] and [`super::portable`] do,
+//! operation by operation; products and sums are rounded apart, never fused, so that hits are the same to the last bit.
 
 use std::arch::x86_64::*;
 
@@ -34,7 +34,7 @@ fn store4(values: &mut [f32; LANES], vector: __m128) {
     *values = bytemuck::cast(vector);
 }
 
-/// See [`super::portable::boxes`]. Of maximum and minimum the second operand remains where the first is not a number.
+/// See [`super::portable::boxes`]. Maximum and minimum return the second operand where the first is NaN.
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 pub fn boxes(node: &Node, slabs: &Slabs, t_max: f32, distances: &mut Array) -> u32 {
@@ -50,11 +50,11 @@ pub fn boxes(node: &Node, slabs: &Slabs, t_max: f32, distances: &mut Array) -> u
     _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as u32
 }
 
-/// What the test of a packet found.
+/// Result of testing the triangles of a packet.
 struct Found {
-    /// Lanes that the ray meets.
+    /// Lanes whose triangle the ray meets, one bit each.
     mask: u32,
-    /// Lanes that have an edge function of zero, to be tested in double precision.
+    /// Lanes with an edge function of zero, to be tested in double precision.
     on_edge: u32,
     distances: __m128,
     inverse: __m128,
@@ -86,7 +86,7 @@ fn test<const INCLUSIVE: bool>(packet: &Packet, shear: &Shear, t_max: f32) -> Fo
     let w = _mm_sub_ps(_mm_mul_ps(bx, ay), _mm_mul_ps(by, ax));
     let is_zero = |edge: __m128| _mm_cmp_ps::<_CMP_EQ_OQ>(edge, zero);
     let on_edge = _mm_or_ps(_mm_or_ps(is_zero(u), is_zero(v)), is_zero(w));
-    // All of one sign: the least is not negative or the largest is not positive. Neither holds for what is not a number.
+    // All of one sign: the least is not negative or the largest is not positive. Neither holds for NaN.
     let least = _mm_min_ps(u, _mm_min_ps(v, w));
     let largest = _mm_max_ps(u, _mm_max_ps(v, w));
     let one_sign = _mm_or_ps(_mm_cmp_ps::<_CMP_GE_OQ>(least, zero), _mm_cmp_ps::<_CMP_LE_OQ>(largest, zero));
@@ -180,7 +180,7 @@ pub fn occluders(packet: &Packet, shear: &Shear, t_max: f32) -> u32 {
     if on_edge == 0 { mask } else { mask | occluders_on_edge(packet, shear, on_edge, t_max) }
 }
 
-/// Asks for all of `value` before it is needed.
+/// Prefetches all cache lines of `value`.
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 pub fn prefetch<T>(value: *const T) {

@@ -1,4 +1,4 @@
-//! Building: a binary hierarchy by `obvhs` (parallel locally ordered clustering, Meister and Bittner 2018, and reinsertion,
+//! Building the hierarchy: a binary one by `obvhs` (parallel locally ordered clustering, Meister and Bittner 2018, and reinsertion,
 //! Meister and Bittner 2018), which is cut into nodes of eight.
 
 use obvhs::aabb::Aabb;
@@ -22,11 +22,11 @@ pub struct Tree {
     pub nodes: Vec<Node>,
     pub packets: Vec<Packet>,
     pub root: Child,
-    /// Nodes on the longest way down.
+    /// Nodes on the longest path from the root.
     pub depth: usize,
 }
 
-/// A tree over `boxes`, of which the first `triangles` bound what `triangle` gives; the others are numbered from 0 after them.
+/// A tree over `boxes`, of which the first `triangles` bound the results of `triangle`; the others are numbered from 0 after them.
 pub fn build(boxes: &[Aabb], triangles: usize, triangle: impl Fn(usize) -> Triangle + Sync) -> Tree {
     let binary = binary(boxes);
     if binary.nodes.is_empty() {
@@ -66,7 +66,7 @@ fn binary(boxes: &[Aabb]) -> Bvh2 {
     bvh
 }
 
-/// A subtree with its own count of nodes and packets.
+/// A subtree whose nodes and packets are numbered from 0.
 #[derive(Default)]
 struct Part {
     nodes: Vec<Node>,
@@ -76,8 +76,8 @@ struct Part {
 }
 
 impl Part {
-    /// The node that binary node `index` becomes, and after it the subtrees of its children, the last first. Those of the
-    /// first `levels` are made in parallel.
+    /// The node that binary node `index` becomes, and after it the subtrees of its children, the last first. The first `levels`
+    /// levels of subtrees are built in parallel.
     fn of(cut: &Cut, index: usize, levels: usize) -> Self {
         let mut part = Self::default();
         if levels == 0 {
@@ -94,7 +94,7 @@ impl Part {
         part
     }
 
-    /// The same without other threads.
+    /// The same on this thread alone.
     fn fill(&mut self, cut: &Cut, index: usize) {
         // Binary node, the slot of the parent that refers to it, and its depth.
         let mut pending = vec![(index, None, 1)];
@@ -159,7 +159,7 @@ mod tests {
     use crate::base::random::Random;
     use crate::geometry::sphere::Sphere;
 
-    /// However a tree is shared out, it is written as one thread writes it.
+    /// A tree built by several threads equals that of one thread.
     #[test]
     fn parts_make_the_whole() {
         let mesh = soup(&mut Random::new(51, 0, 0), 6000, 0.03);

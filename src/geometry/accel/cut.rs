@@ -1,4 +1,4 @@
-//! The cut of a binary hierarchy into nodes of eight that costs least by surface area (Ylitie, Karras, Laine 2017, §3.1).
+//! Cutting a binary hierarchy into nodes of eight at the least surface area cost (Ylitie, Karras, Laine 2017, §3.1).
 
 use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
@@ -13,16 +13,16 @@ use super::node::{LANES, WIDTH};
 const NODE_COST: f32 = 1.5;
 /// Cost of a packet of triangles, however many.
 const PACKET_COST: f32 = 1.0;
-/// What the memory of a packet or a node costs, in areas of the scene's box divided by the number of triangles. It joins
-/// triangles that few rays reach into fuller packets.
+/// Memory cost of a packet or a node, in areas of the scene's box divided by the number of triangles. It joins triangles that few
+/// rays reach into fuller packets.
 const MEMORY_COST: f32 = 2.0;
-/// Subtrees that are shared out among threads.
+/// Number of subtrees that are shared out among threads.
 const PARTS: usize = 256;
 
-/// What a subtree of the binary hierarchy costs at best as at most 1, 2, … 8 children of one node, in units of area.
+/// Least cost of a subtree of the binary hierarchy as at most 1, 2, … 8 children of one node, in units of area.
 type Costs = [f32; WIDTH];
 
-/// What a leaf holds.
+/// The content of a leaf.
 pub enum Leaf {
     /// The triangles below a binary node.
     Packet(usize),
@@ -33,19 +33,19 @@ pub enum Leaf {
 /// The choice of the binary nodes that become children of wide nodes. Costs and counts are written by several threads, each of
 /// which has subtrees of its own.
 pub struct Cut<'a> {
-    /// What is cut.
+    /// The binary hierarchy.
     pub binary: &'a Bvh2,
     /// [`Costs`] of each subtree, as bits.
     costs: Vec<[AtomicU32; WIDTH]>,
-    /// Triangles of each subtree; more than a packet holds where they may not become one.
+    /// Triangles of each subtree; more than a packet holds where it may not become one.
     counts: Vec<AtomicU8>,
     triangles: usize,
-    /// What the memory of a packet or a node costs.
+    /// Memory cost of a packet or a node, in units of area.
     memory: f32,
 }
 
 impl<'a> Cut<'a> {
-    /// `triangles` primitives are triangles, which may share a leaf.
+    /// Finds the best cut. The first `triangles` primitives are triangles, which may share a leaf.
     pub fn new(binary: &'a Bvh2, triangles: usize) -> Self {
         let nodes = &binary.nodes;
         let area = nodes.first().map_or(0.0, |root| root.aabb().half_area());
@@ -129,7 +129,7 @@ impl<'a> Cut<'a> {
         self.binary.primitive_indices[leaf.first_index as usize] as usize
     }
 
-    /// The leaf that a subtree becomes, if it does.
+    /// The leaf that subtree `index` becomes; none where it becomes a node.
     pub fn leaf(&self, index: usize) -> Option<Leaf> {
         let node = &self.binary.nodes[index];
         if children(node).is_none() {
@@ -148,7 +148,7 @@ impl<'a> Cut<'a> {
         roots
     }
 
-    /// Appends the roots into which a subtree falls when it may have at most `roots`.
+    /// Appends the roots of the at most `roots` children that a subtree is best divided into.
     fn gather(&self, index: usize, mut roots: usize, out: &mut SmallVec<[usize; WIDTH]>) {
         let costs = self.costs(index);
         while roots > 1 && costs[roots - 2] <= costs[roots - 1] {
@@ -161,7 +161,7 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// The same of the two subtrees of a node, which is itself where it has none.
+    /// As [`Cut::gather`] for the two subtrees of a node; a binary leaf is its own root.
     fn gather_below(&self, index: usize, roots: usize, out: &mut SmallVec<[usize; WIDTH]>) {
         let Some(both) = children(&self.binary.nodes[index]) else { return out.push(index) };
         let (k, _) = split(&both.map(|child| self.costs(child)), roots);
@@ -169,7 +169,7 @@ impl<'a> Cut<'a> {
         self.gather(both[1], roots - k, out);
     }
 
-    /// Primitives of the packet that binary node `leaf` becomes.
+    /// Visits the primitives of the packet that binary node `leaf` becomes.
     pub fn for_each_primitive(&self, leaf: usize, mut visit: impl FnMut(usize)) {
         let mut pending = [leaf; LANES];
         let mut count = 1;
@@ -187,7 +187,7 @@ impl<'a> Cut<'a> {
     }
 }
 
-/// How many of `roots` children the left of two subtrees gets at best, and the cost.
+/// Best number of children, out of `roots`, for the left of two subtrees, and the cost of both.
 fn split([left, right]: &[Costs; 2], roots: usize) -> (usize, f32) {
     let mut best = (1, f32::INFINITY);
     for k in 1..roots {

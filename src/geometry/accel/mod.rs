@@ -5,7 +5,7 @@
 //!
 //! The hierarchy is eight wide (Wald, Benthin, Boulos 2008; Dammertz, Hanika, Keller 2008): a node's eight boxes, or a leaf's
 //! four triangles, are tested together. With or without vector instructions the hits are the same to the last bit, and of
-//! hits at the same distance the first shape's first triangle is taken, so the way down the hierarchy never shows.
+//! hits at the same distance the first shape's first triangle is taken, so hits do not depend on the order of traversal.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -53,7 +53,7 @@ impl Hit {
     /// No hit: every hit precedes it.
     const NONE: Self = Self { distance: f32::MAX, shape: u32::MAX, triangle: u32::MAX, barycentric: [0.0; 2] };
 
-    /// Takes a hit that is nearer, or as near on an earlier primitive.
+    /// Replaces this hit by one that is nearer, or as near on an earlier primitive.
     #[inline(always)]
     fn replace(&mut self, hit: Self) {
         let earlier = || (hit.shape, hit.triangle) < (self.shape, self.triangle);
@@ -67,7 +67,7 @@ impl Hit {
     }
 }
 
-/// A primitive that is no triangle.
+/// A primitive that is not a triangle.
 #[derive(Debug, Clone)]
 enum Primitive {
     Sphere { sphere: Sphere, shape: u32 },
@@ -81,7 +81,7 @@ pub struct Accel {
     bounds: [Vec3; 2],
 }
 
-/// Spheres and instances, with the hierarchies of the meshes that are instanced, in mesh coordinates.
+/// Spheres and instances, and the hierarchies of instanced meshes in mesh coordinates.
 struct Placed {
     primitives: Vec<Primitive>,
     meshes: Vec<Hierarchy>,
@@ -140,7 +140,7 @@ impl Accel {
         self.bounds
     }
 
-    /// Size in memory.
+    /// Size in memory, bytes.
     pub fn bytes(&self) -> usize {
         let meshes: usize = self.others.meshes.iter().map(Hierarchy::bytes).sum();
         self.hierarchy.bytes() + size_of_val(self.others.primitives.as_slice()) + meshes
@@ -160,8 +160,8 @@ impl Accel {
         Query::with(ray, |query| self.hierarchy.occluded(query, t_max, &self.others, &mut Anything)).unwrap_or(false)
     }
 
-    /// Whether a shape that `stops`, by its index, lies on the ray before distance `t_max`. All that lie there are asked about, in
-    /// any order and maybe more than once, until one does.
+    /// Whether a shape for which `stops` is true, by its index, lies on the ray before distance `t_max`. All that lie there are
+    /// asked about, in any order and maybe more than once, until one is.
     pub fn occluded_by(&self, ray: &Ray, t_max: f32, stops: impl FnMut(u32) -> bool) -> bool {
         let mut stop = Shapes(stops);
         Query::with(ray, |query| self.hierarchy.occluded(query, t_max, &self.others, &mut stop)).unwrap_or(false)
@@ -172,14 +172,14 @@ impl Others for Placed {
     fn closest(&self, index: usize, query: &Query, best: &mut Hit) {
         match self.primitives.get(index) {
             Some(Primitive::Sphere { sphere, shape }) => {
-                // Up to and including the best distance, of which the order of the primitives decides.
+                // Up to and including the best distance, where the order of the primitives decides.
                 let distance = sphere.intersect(query.origin, query.direction, best.distance.next_up());
                 if let Some(distance) = distance {
                     best.replace(Hit { distance, shape: *shape, triangle: 0, barycentric: [0.0; 2] });
                 }
             }
             Some(Primitive::Instance { mesh, shape, to_mesh }) => {
-                // The hit known so far is of another shape: it precedes all of the mesh at its distance, or none.
+                // The best hit so far is on another shape: at equal distance it precedes all triangles of the mesh, or none.
                 let known = if best.shape < *shape { INSTANCED - 1 } else { INSTANCED + 1 };
                 let mut nearest = Hit { shape: known, ..*best };
                 let mesh = &self.meshes[*mesh as usize];
@@ -217,7 +217,7 @@ fn to_local(to_mesh: &Affine3A, query: &Query) -> Ray {
     Ray { origin: to_mesh.transform_point3(query.origin), direction: to_mesh.transform_vector3(query.direction) }
 }
 
-/// The shape of the triangles of a mesh that is instanced: which one it is, the instance knows.
+/// Shape index in the triangles of an instanced mesh; the instance has the real one.
 const INSTANCED: u32 = 1;
 
 /// The hierarchy of one mesh.
@@ -232,7 +232,7 @@ fn mesh_hierarchy(mesh: &Mesh, kernel: Kernel) -> Hierarchy {
     Hierarchy::new(tree, kernel)
 }
 
-/// The triangles of a mesh that have an area, by their `corners`.
+/// Indices of the triangles of a mesh that have an area; `corners` returns a triangle's vertices.
 fn sound_triangles(mesh: &Mesh, corners: impl Fn(u32) -> [Vec3; 3] + Sync) -> Vec<u32> {
     (0..mesh.triangles.len() as u32).into_par_iter().filter(|&i| has_area(&corners(i))).collect()
 }
@@ -242,7 +242,7 @@ fn has_area([a, b, c]: &[Vec3; 3]) -> bool {
     n.length_squared() > 0.0 && n.is_finite()
 }
 
-/// The box of a triangle, widened by the rounding of the box test, so that flat boxes are not missed.
+/// The box of a triangle, widened by the rounding of the box test, so that rays do not miss flat boxes.
 fn box_of(vertices: &[Vec3; 3]) -> Aabb {
     widened(Aabb::from_points(&vertices.map(Vec3A::from)))
 }
@@ -261,7 +261,7 @@ fn sphere_box(sphere: &Sphere) -> Aabb {
     widened(Aabb::new(c - r, c + r))
 }
 
-/// The box of a placed mesh, of the triangles that count; not valid where there is none.
+/// The box of an instance's triangles that have an area; invalid where there is none.
 fn instance_box(shape: &Shape, mesh: &Mesh) -> Aabb {
     let corners = |i: u32| mesh.triangles[i as usize].map(|v| mesh.positions[v as usize]);
     let all = (0..mesh.triangles.len() as u32)
@@ -273,15 +273,15 @@ fn instance_box(shape: &Shape, mesh: &Mesh) -> Aabb {
     if !(is_placed && all.valid()) {
         return widened(all);
     }
-    // Rays meet it in mesh coordinates, by whose rounding it is beside where its corners are.
+    // Rays meet it in mesh coordinates; the rounding of that transform moves its corners.
     let margin = Vec3A::from(shape.error(Vec3::from(all.min.abs().max(all.max.abs()))));
     widened(Aabb::new(all.min - margin, all.max + margin))
 }
 
-/// Triangles up to which a mesh is stored for each shape that uses it: going to it by way of the shape costs more.
+/// Largest mesh, in triangles, that is stored again for each shape that uses it: an instance would cost rays more.
 pub const SELDOM_SHARED: usize = 12;
 
-/// Meshes that deserve a hierarchy of their own: used more than once, and big enough that storing them twice costs more.
+/// Meshes that get a hierarchy of their own: used more than once, and big enough that storing them twice costs more.
 fn shared_meshes(shapes: &[Shape]) -> HashSet<*const Mesh> {
     let mut seen = HashSet::new();
     let mut shared = HashSet::new();

@@ -1,5 +1,5 @@
-//! What the hierarchy is made of: nodes with eight children and packets of four triangles, both one array per coordinate, so
-//! that a vector instruction works on all of them. Packets of eight are no faster and stay emptier.
+//! Elements of the hierarchy: nodes with eight children and packets of four triangles, both one array per coordinate, so that a
+//! vector instruction works on all of them. Packets of eight are no faster and stay emptier.
 
 use glam::Vec3;
 
@@ -12,21 +12,21 @@ pub const LANES: usize = 4;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Child(pub u32);
 
-/// What a [`Child`] refers to.
+/// The target of a [`Child`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// Index of a node.
     Node(usize),
     /// Index of a packet.
     Packet(usize),
-    /// Index of a primitive that is no triangle.
+    /// Index of a primitive that is not a triangle.
     Other(usize),
 }
 
 impl Child {
     const LEAF: u32 = 1 << 31;
     const OTHER: u32 = 1 << 30;
-    /// Nothing: an index that no primitive has, in a box that no ray meets.
+    /// No child: an index that no primitive has, in a box that no ray meets.
     pub const EMPTY: Self = Self(u32::MAX);
 
     /// The node at `index`, below 2³¹.
@@ -44,7 +44,7 @@ impl Child {
         Self(index as u32 | Self::LEAF | Self::OTHER)
     }
 
-    /// The same where it belongs once its nodes and packets come after so many others.
+    /// The same reference once its target follows `nodes` and `packets` others.
     pub fn moved(self, nodes: usize, packets: usize) -> Self {
         match self.kind() {
             Kind::Node(index) => Self::node(index + nodes),
@@ -53,7 +53,7 @@ impl Child {
         }
     }
 
-    /// What this refers to.
+    /// The node, packet or primitive that this refers to.
     #[inline(always)]
     pub fn kind(self) -> Kind {
         if self.0 & Self::LEAF == 0 {
@@ -83,7 +83,7 @@ impl Node {
         Self { planes: [low, low, low, high, high, high], children: [Child::EMPTY; WIDTH] }
     };
 
-    /// Sets the child in a slot.
+    /// Sets the child in a slot and the corners of its box.
     pub fn set(&mut self, slot: usize, child: Child, low: Vec3, high: Vec3) {
         self.children[slot] = child;
         for axis in 0..3 {

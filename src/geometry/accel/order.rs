@@ -1,8 +1,8 @@
-//! The order in which an occlusion query tries the children of a node, learned from rays like those that will be asked.
+//! The order in which an occlusion query tries the children of a node, learned from sample queries.
 //!
-//! An occlusion query may stop at any hit, so children are best tried in the order of what is found below them over what
-//! looking there costs. Both are counted beforehand (Ogaki, Derouet-Jourdan 2016). No answer depends on the order, and neither
-//! does the way of a nearest-hit query, which goes by distance.
+//! An occlusion query may stop at any hit, so children are best tried in the order of hits found below them over the cost of
+//! looking there. Both are counted beforehand (Ogaki, Derouet-Jourdan 2016). No answer depends on the order, and neither
+//! does the traversal of a nearest-hit query, which goes by distance.
 
 use rayon::prelude::*;
 
@@ -14,7 +14,7 @@ use crate::geometry::Ray;
 /// Sample rays per unit of parallel work.
 const BLOCK: usize = 128;
 
-/// Nodes from which an order is worth being learned: fewer are soon searched in any.
+/// Least number of nodes for which an order is learned: fewer are soon searched in any.
 const WORTHWHILE: usize = 16;
 
 impl Accel {
@@ -24,8 +24,8 @@ impl Accel {
         self.hierarchy.nodes.len() + instanced >= WORTHWHILE
     }
 
-    /// Lets [`Accel::occluded`] try first where the queries `samples`, each a ray and its end, find most for what it costs. What
-    /// queries answer stays the same. The order is the same for any number of threads.
+    /// Reorders children so that [`Accel::occluded`] first tries those below which the queries `samples`, each a ray and its
+    /// maximum distance, find most hits for their cost. Answers stay the same. The order is the same for any number of threads.
     pub fn learn_order(&mut self, samples: &[(Ray, f32)]) {
         let blocks = samples.par_chunks(BLOCK).enumerate();
         let visits: Vec<Vec<Visit>> =
@@ -37,16 +37,16 @@ impl Accel {
     }
 }
 
-/// What was found below the children of a node, and what that cost.
+/// Number of hits found below each child of a node, and the cost of finding them.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tally {
     found: [u32; WIDTH],
     cost: [u32; WIDTH],
 }
 
-/// Puts the children of the nodes that were visited in the order that the visits speak for.
+/// Sorts the children of the visited nodes by the hits per cost of their visits.
 fn reorder<'a>(nodes: &mut [Node], visits: impl Iterator<Item = &'a Visit>) {
-    // Of the nodes of a large scene few are visited.
+    // Few nodes of a large scene are visited.
     let mut tally_of: Vec<u32> = Vec::new();
     let mut tallies: Vec<(usize, Tally)> = Vec::new();
     for &Visit { node, lane, found, cost, .. } in visits {
@@ -66,7 +66,7 @@ fn reorder<'a>(nodes: &mut [Node], visits: impl Iterator<Item = &'a Visit>) {
 }
 
 impl Tally {
-    /// The node with its children in the order in which a query lets them wait: the last is tried first.
+    /// The node with its children sorted by rising hits per cost: a query stacks them in this order and tries the last one first.
     fn order(&self, node: &Node) -> Node {
         let worth = |&lane: &usize| match node.children[lane] {
             Child::EMPTY => f64::INFINITY,
@@ -115,7 +115,7 @@ mod tests {
         (0..count).map(|i| (random_ray(&mut random, i), random.range(0.5, 3.0))).collect()
     }
 
-    /// docs/stability.md, S7: nearest and any hits are the same to the last bit whatever was learned.
+    /// docs/stability.md, S7: nearest and any hits are the same to the last bit for every learned order.
     #[test]
     fn s07_no_answer_depends_on_the_order() {
         let shapes = shapes();
@@ -152,7 +152,7 @@ mod tests {
         }
     }
 
-    /// Nodes and packets that an occlusion query looks into.
+    /// Number of nodes and packets that an occlusion query visits.
     fn steps(accel: &Accel, (ray, t_max): &(Ray, f32)) -> usize {
         let tree = &accel.hierarchy;
         let search = |query: &Query| {
@@ -174,7 +174,7 @@ mod tests {
         Query::with(ray, search).unwrap_or(0)
     }
 
-    /// Rays through loose leaves towards a wall are found to be hidden by the wall, which few steps lead to.
+    /// For rays through scattered small triangles that all hit a wall, the wall, which takes few steps, is tried first.
     #[test]
     fn what_hides_most_is_tried_first() {
         let mut random = Random::new(32, 0, 0);

@@ -1,11 +1,11 @@
-//! What is computed once for a ray.
+//! Per-ray constants of the tests against boxes and triangles.
 
 use glam::Vec3;
 
 use crate::geometry::Ray;
 use crate::geometry::triangle::Shear;
 
-/// A ray made ready for the tests against boxes and triangles.
+/// A ray with the constants of its tests against boxes and triangles.
 #[derive(Debug, Clone, Copy)]
 pub struct Query {
     pub origin: Vec3,
@@ -22,15 +22,15 @@ pub struct Slabs {
     pub nearer: [f32; 3],
     /// −1/direction, with a rounding that makes the distance of the farther plane too large.
     pub farther: [f32; 3],
-    /// Which of a node's planes is the nearer one.
+    /// Index of the nearer plane among a node's six, by axis.
     pub nearer_plane: [usize; 3],
-    /// Which of a node's planes is the farther one.
+    /// Index of the farther plane among a node's six, by axis.
     pub farther_plane: [usize; 3],
 }
 
 impl Query {
-    /// What `ask` finds; none where the ray has no finite origin or direction: it hits nothing. A query is long, and returned it
-    /// would be copied.
+    /// Calls `ask` with the query of a ray and returns its result; none where the ray has no finite origin or direction: it hits
+    /// nothing. A query is large, and would be copied if it were returned.
     #[inline(always)]
     pub fn with<R>(ray: &Ray, ask: impl FnOnce(&Self) -> R) -> Option<R> {
         let Ray { origin, direction } = *ray;
@@ -44,14 +44,14 @@ impl Query {
 }
 
 impl Slabs {
-    /// A test of a box must not be stricter than that of a triangle in it. Its three roundings (Ize 2013), and the roundings that
-    /// move a vertex before the edges of a triangle are tested, are all relative to the distance from the origin to the plane;
-    /// together they stay below eight units.
+    /// Relative widening of the distances to boxes: a test of a box must not be stricter than that of a triangle in it. Its three
+    /// roundings (Ize 2013), and the roundings that move a vertex before the edges of a triangle are tested, are all relative to
+    /// the distance from the origin to the plane; together they stay below eight units.
     const SLACK: f32 = 8.0 * f32::EPSILON;
 
     #[inline(always)]
     fn new(origin: Vec3, direction: Vec3, inverse: Vec3) -> Self {
-        // A component of zero makes these infinite; the distance is then infinite, or not a number and without a say.
+        // A component of zero makes these infinite; the distance is then infinite, or NaN and ignored.
         let inverse = -inverse;
         let forward = direction.to_array().map(|d| !d.is_sign_negative());
         let [x, y, z] = forward;

@@ -1,4 +1,4 @@
-//! Occlusion queries that count where occluders are found and what looking for them costs, to learn an order from.
+//! Occlusion queries that record hits and costs below each child, from which [`super::order`] learns.
 //!
 //! A node's children are tried in random order, so that each is tried first now and then, and what is found there does not
 //! depend on what the others would have hidden from it.
@@ -10,55 +10,55 @@ use super::{Accel, Primitive, to_local};
 use crate::base::random::Random;
 use crate::geometry::Ray;
 
-/// Costs in halves of that of a packet: as in [`super::build`], a node costs three.
+/// Costs in halves of that of a packet: a node costs three, as in [`super::cut`].
 const NODE_COST: u32 = 3;
 const LEAF_COST: u32 = 2;
 
-/// Makes the choice of children differ from other random numbers.
+/// Seed that makes the choice of children differ from other random numbers.
 const SEED: u64 = 0x0CC1_0DE5;
 
-/// A child that was looked into.
+/// A visit to a child of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Visit {
     /// Number of the hierarchy: 0 for that of the scene, then those of instanced meshes.
     pub tree: u32,
     /// Index of the node.
     pub node: u32,
-    /// Which of its children it was.
+    /// Index of the child in its node.
     pub lane: u8,
-    /// Whether there was an occluder.
+    /// Whether the visit found an occluder.
     pub found: bool,
-    /// What looking cost.
+    /// Cost of the visit, in halves of that of a packet.
     pub cost: u32,
 }
 
-/// Looks for occluders.
+/// Runs occlusion queries and records their visits.
 pub struct Search<'a> {
     accel: &'a Accel,
     random: Random,
-    /// Nodes on the way down, through both levels of hierarchies.
+    /// Nodes on the path from the root, through both levels of hierarchies.
     way: Vec<Waiting>,
-    /// Sum of costs so far.
+    /// Cost of the query so far.
     cost: u32,
     visits: Vec<Visit>,
 }
 
-/// A node on the way down, of which `visit.lane` is being looked into.
+/// A node on the path from the root, whose child `visit.lane` is being searched.
 struct Waiting {
     visit: Visit,
-    /// The children that are left, one bit each.
+    /// The children still to be tried, one bit each.
     mask: u32,
-    /// The cost before that child.
+    /// Cost of the query before that child.
     before: u32,
 }
 
 impl<'a> Search<'a> {
-    /// `block` makes its random numbers differ from those of others.
+    /// A search over `accel`; `block` makes its random numbers differ from those of other searches.
     pub fn new(accel: &'a Accel, block: u64) -> Self {
         Self { accel, random: Random::new(SEED, block, 0), way: Vec::new(), cost: 0, visits: Vec::new() }
     }
 
-    /// Every child that was looked into.
+    /// Runs the queries `samples`, each a ray and its maximum distance, and returns every visit.
     pub fn run(mut self, samples: &[(Ray, f32)]) -> Vec<Visit> {
         for (ray, t_max) in samples {
             self.cost = 0;
@@ -71,7 +71,7 @@ impl<'a> Search<'a> {
         self.visits
     }
 
-    /// Whether there is an occluder in hierarchy `number`.
+    /// Whether there is an occluder in the hierarchy `number`.
     fn search<T: Tests>(&mut self, tests: T, number: u32, query: &Query, t_max: f32) -> bool {
         let accel = self.accel;
         let tree = number.checked_sub(1).map_or(&accel.hierarchy, |mesh| &accel.others.meshes[mesh as usize]);
@@ -114,7 +114,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Writes down what came of a child, and where an occluder was `found`, of all children that it lies in.
+    /// Records the visit to a child that has been searched, and where an occluder was `found`, to all children that contain it.
     fn end_child(&mut self, begin: usize, found: bool) {
         let all = if found { begin } else { begin.max(self.way.len().saturating_sub(1)) };
         for Waiting { visit, before, .. } in &self.way[all..] {
@@ -125,7 +125,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The child to be tried next, of the lowest node on the way that has one left.
+    /// The next child to try, of the deepest node on the path that has one left.
     fn next_child(&mut self, tree: &Hierarchy, begin: usize) -> Option<Child> {
         while self.way.len() > begin {
             let Waiting { visit, mask, before } = self.way.last_mut()?;

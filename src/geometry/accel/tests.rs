@@ -5,7 +5,7 @@ use crate::base::random::Random;
 use crate::geometry::triangle::Shear;
 use crate::sampling::warp;
 
-/// Both kinds of tests, where the processor has them.
+/// All kernels that this processor can run.
 pub(super) fn kernels() -> Vec<Kernel> {
     match Kernel::detect() {
         Kernel::Portable => vec![Kernel::Portable],
@@ -55,12 +55,12 @@ pub(super) fn closed_sphere(rings: u32, turns: u32, radius: f32, center: Vec3) -
     mesh
 }
 
-/// The nearest hit by testing everything, as the hierarchy defines it.
+/// The nearest hit by testing every primitive, with the hierarchy's rule for equal distances.
 fn brute_force(shapes: &[Shape], ray: &Ray, instanced: &HashSet<*const Mesh>) -> Option<Hit> {
     brute_force_among(shapes, ray, instanced, |_| true)
 }
 
-/// The same among the shapes that `counts`.
+/// The same among the shapes for which `counts` is true.
 fn brute_force_among(
     shapes: &[Shape],
     ray: &Ray,

@@ -1,4 +1,4 @@
-//! The walk down the hierarchy, written once for both kinds of tests.
+//! The traversal of the hierarchy, written once for both kinds of tests.
 
 use super::Hit;
 use super::node::{Child, Kind, LANES, Node, Packet, WIDTH};
@@ -22,7 +22,7 @@ pub enum Kernel {
 }
 
 impl Kernel {
-    /// The fastest.
+    /// The fastest kernel of this processor.
     pub fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
         if let Some(proof) = Avx2::detect() {
@@ -32,11 +32,11 @@ impl Kernel {
     }
 }
 
-/// Proof of nothing: plain Rust runs anywhere.
+/// Token for plain Rust, which runs anywhere.
 #[derive(Clone, Copy)]
 pub struct Portable;
 
-/// The tests of one kind; see [`portable`].
+/// The intersection tests of one kernel; see [`portable`].
 pub trait Tests: Copy {
     fn boxes(self, node: &Node, slabs: &Slabs, t_max: f32, distances: &mut [f32; WIDTH]) -> u32;
     fn closest(self, packet: &Packet, shear: &Shear, best: &mut Hit);
@@ -103,7 +103,7 @@ impl Tests for Avx2 {
     }
 }
 
-/// Primitives that are no triangles.
+/// Access to the primitives that are not triangles.
 pub trait Others {
     /// Replaces `best` by the nearest hit of primitive `index` that precedes it.
     fn closest(&self, index: usize, query: &Query, best: &mut Hit);
@@ -113,7 +113,7 @@ pub trait Others {
     fn shape(&self, index: usize) -> u32;
 }
 
-/// A mesh has triangles only.
+/// No further primitives: a mesh has triangles only.
 pub struct NoOthers;
 
 impl Others for NoOthers {
@@ -128,7 +128,7 @@ impl Others for NoOthers {
     }
 }
 
-/// What an occlusion query stops at.
+/// Decides at which hits an occlusion query stops.
 pub trait Stop {
     /// Whether it stops at a triangle of the packet before `t_max`.
     fn at_packet<T: Tests>(&mut self, tests: T, packet: &Packet, shear: &Shear, t_max: f32) -> bool;
@@ -136,7 +136,7 @@ pub trait Stop {
     fn at_shape(&mut self, shape: u32) -> bool;
 }
 
-/// It stops at anything.
+/// Stops at any hit.
 pub struct Anything;
 
 impl Stop for Anything {
@@ -151,7 +151,7 @@ impl Stop for Anything {
     }
 }
 
-/// It stops at the shapes that this says.
+/// Stops at the shapes for which the function is true.
 pub struct Shapes<F>(pub F);
 
 impl<F: FnMut(u32) -> bool> Stop for Shapes<F> {
@@ -167,7 +167,7 @@ impl<F: FnMut(u32) -> bool> Stop for Shapes<F> {
     }
 }
 
-/// Nodes and packets to walk through.
+/// Nodes and packets of a hierarchy.
 pub struct Hierarchy {
     pub(super) nodes: Vec<Node>,
     pub(super) packets: Vec<Packet>,
@@ -176,9 +176,9 @@ pub struct Hierarchy {
     pub(super) kernel: Kernel,
 }
 
-/// Children that wait, for hierarchies of usual depth; deeper ones need memory from the heap.
+/// Stack size in children, for hierarchies of usual depth; deeper ones need memory from the heap.
 const USUAL_STACK: usize = 128;
-/// The same for those of a few hundred triangles, where clearing a longer stack shows.
+/// Stack size for hierarchies of a few hundred triangles, where clearing a longer stack shows.
 const SMALL_STACK: usize = 32;
 
 impl Hierarchy {
@@ -187,12 +187,12 @@ impl Hierarchy {
         Self { nodes, packets, root, depth, kernel }
     }
 
-    /// Size in memory.
+    /// Size in memory, bytes.
     pub fn bytes(&self) -> usize {
         size_of_val(self.nodes.as_slice()) + size_of_val(self.packets.as_slice())
     }
 
-    /// Most children that can wait at a time: all but one of each node on the way down, and one more before it is taken.
+    /// Most children on the stack at a time: all but one of each node on the path from the root, and one more before it is taken.
     fn stack(&self) -> usize {
         self.depth * (WIDTH - 1) + 1
     }
@@ -217,7 +217,7 @@ impl Hierarchy {
         self.with_stack(Child::EMPTY, |stack| self.occluded_with(query, t_max, others, stop, stack))
     }
 
-    /// Walks with a stack that is deep enough, of `empty` places: on the machine's own where that is possible.
+    /// Calls `walk` with a stack that is deep enough, filled with `empty`: on the call stack where that is possible.
     #[inline(always)]
     fn with_stack<T: Copy, R>(&self, empty: T, walk: impl FnOnce(&mut [T]) -> R) -> R {
         let size = self.stack();
@@ -267,7 +267,7 @@ impl Hierarchy {
         self.walk_occluded(tests, query, t_max, others, stop, stack)
     }
 
-    /// Asks for the children of `mask` before they are needed.
+    /// Prefetches the children of `mask`.
     #[inline(always)]
     fn prefetch<T: Tests>(&self, tests: T, node: &Node, mut mask: u32) {
         while mask != 0 {
@@ -280,8 +280,8 @@ impl Hierarchy {
         }
     }
 
-    /// The nearest child first; the others wait with their distances, the nearest on top. Distances are not negative, so their
-    /// bits are ordered like them.
+    /// Visits the nearest child first; the others are stacked with their distances, the nearest on top. Distances are not negative,
+    /// so their bits are ordered like them.
     #[inline(always)]
     fn walk_closest<T: Tests>(&self, tests: T, query: &Query, best: &mut Hit, others: &impl Others, stack: &mut [u64]) {
         let mut waiting = 0;
@@ -315,7 +315,7 @@ impl Hierarchy {
         }
     }
 
-    /// The last child first, see [`super::order`].
+    /// Visits the last child first, see [`super::order`].
     #[inline(always)]
     fn walk_occluded<T: Tests>(
         &self,
@@ -357,7 +357,7 @@ impl Hierarchy {
     }
 }
 
-/// The nearest child of `mask`, which is not 0; the others go on the stack, whose new length is returned too.
+/// The nearest child of `mask`, which is not 0, and the new length of the stack, on which the others go.
 #[inline(always)]
 fn descend(node: &Node, mask: u32, distances: &[f32; WIDTH], stack: &mut [u64], waiting: usize) -> (Child, usize) {
     let entry = |mask: u32| {

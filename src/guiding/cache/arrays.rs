@@ -24,7 +24,7 @@ pub(in crate::guiding) fn cache_arrays<'a>(cache: &SpatialCache) -> Vec<Tensor<'
     ]
 }
 
-/// What [`cache_arrays`] made.
+/// Reads the cache that [`cache_arrays`] wrote.
 ///
 /// # Errors
 /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
@@ -47,7 +47,7 @@ pub(in crate::guiding) fn read_cache(file: &Tensors) -> Result<SpatialCache> {
     SpatialCache::from_parts(&parts).or_else(|e| file.fail("cells", e))
 }
 
-/// One [`Parallax`] for each of `count` voxels.
+/// Reads one [`Parallax`] for each of `count` voxels.
 ///
 /// # Errors
 /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.

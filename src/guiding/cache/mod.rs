@@ -1,4 +1,4 @@
-//! Where things are learned: voxels of space, the groups that they belong to, and how directions are carried between their points.
+//! Voxels of space, the groups that they belong to, and the map that carries directions between the points of a voxel.
 
 pub(in crate::guiding) mod arrays;
 pub mod parallax;

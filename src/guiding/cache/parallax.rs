@@ -1,4 +1,4 @@
-//! Parallax: what is near lies in different directions from different points of a voxel.
+//! Parallax: a near light lies in different directions from different points of a voxel.
 //!
 //! A voxel's distribution is kept for its centre. Directions are carried to another point of the voxel by way of a sphere around
 //! the centre on which most of the light that arrives is taken to start (after Ruppert, Herholz and Lensch 2020, who do so for
@@ -10,7 +10,7 @@ use glam::Vec3;
 
 use crate::guiding::cache::Bounds;
 
-/// The sphere must be so much larger than half of the voxel's diagonal that the map is far from singular.
+/// Least radius of a sphere over half of the voxel's diagonal: so large that the map is far from singular.
 const ROOM: f32 = 1.5;
 
 /// Carries directions between a voxel's centre and its other points.
@@ -18,7 +18,7 @@ const ROOM: f32 = 1.5;
 pub struct Parallax {
     /// The centre c.
     pub centre: Vec3,
-    /// 1/R; 0 where what arrives comes from far away, or nothing is known.
+    /// 1/R; 0 where light comes from far away, or nothing is known.
     pub curvature: f32,
 }
 
@@ -33,7 +33,7 @@ pub struct Carried {
 }
 
 impl Parallax {
-    /// Directions are the same everywhere.
+    /// No correction: directions are the same at all points.
     pub const NONE: Self = Self { centre: Vec3::ZERO, curvature: 0.0 };
 
     /// Centre and curvature.
@@ -41,8 +41,8 @@ impl Parallax {
         self.centre.extend(self.curvature).to_array()
     }
 
-    /// The curvature for a voxel where light of the given weights started at the given places: the mean of the inverse
-    /// distances, by which the squared errors of directions are least. Places at infinity count as such.
+    /// Fits the sphere of a voxel where light of the given weights started at the given places: the curvature is the mean of the
+    /// inverse distances, by which the squared errors of directions are least. Places at infinity count as such.
     pub fn fit(bounds: &Bounds, starts: impl Iterator<Item = (Vec3, f32)>) -> Self {
         let centre = 0.5 * (bounds.low + bounds.high);
         let least = ROOM * 0.5 * (bounds.high - bounds.low).length();

@@ -16,7 +16,7 @@ enum Node {
     Split { axis: u8, position: f32, low: u32 },
 }
 
-/// Which of the six axis directions a normal is nearest to.
+/// Axis direction that a normal is nearest to: +x, −x, +y, −y, +z, −z are 0 to 5.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct Facing(u8);
 
@@ -40,7 +40,7 @@ pub struct Bounds {
     pub low: Vec3,
     /// Largest corner.
     pub high: Vec3,
-    /// How often the cell has been halved to reach this voxel.
+    /// Number of times that the cell was halved to reach this voxel.
     pub depth: u32,
 }
 
@@ -56,8 +56,8 @@ impl Bounds {
     }
 }
 
-/// Which groups voxels belong to, from the finest to the coarsest: the cell, blocks of 2³ cells, blocks of 4³ cells, all of one
-/// facing. Members of level 0 are voxels, of the others the groups before.
+/// Groups that voxels belong to, from the finest to the coarsest: the cell, blocks of 2³ cells, blocks of 4³ cells, all of one
+/// facing. Members of level 0 are voxels, those of a later level the groups of the level before.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Ancestry {
     /// Group of each member, per level.
@@ -72,7 +72,7 @@ impl Ancestry {
         self.parents[1][self.parents[0][voxel] as usize] as usize
     }
 
-    /// What `merge` adds up over the voxels of each block of 2³ cells.
+    /// Sums that `merge` makes over the voxels of each block of 2³ cells.
     pub(in crate::guiding) fn pooled<V, M: Default + Clone>(&self, voxels: &[V], merge: impl Fn(&mut M, &V)) -> Vec<M> {
         let mut blocks = vec![M::default(); self.sizes[1]];
         for (v, voxel) in voxels.iter().enumerate() {
@@ -82,7 +82,7 @@ impl Ancestry {
     }
 }
 
-/// What a [`SpatialCache`] consists of, as files hold it.
+/// Parts of a [`SpatialCache`], as files hold them.
 pub(in crate::guiding) struct CacheParts {
     pub origin: Vec3,
     pub cell: f32,
@@ -90,7 +90,7 @@ pub(in crate::guiding) struct CacheParts {
     /// Position and facing of every cell, and its root among the nodes.
     pub keys: Vec<([i32; 3], u8)>,
     pub roots: Vec<u32>,
-    /// Axis, position and first child of a divided node; [`LEAF`], 0 and the voxel of another.
+    /// Axis, position and first child of a divided node; [`LEAF`], 0 and the voxel of a leaf.
     pub nodes: Vec<(u8, f32, u32)>,
 }
 
@@ -98,7 +98,7 @@ pub(in crate::guiding) struct CacheParts {
 /// has just grown.
 pub(in crate::guiding) const CELL_BYTES: usize = 160;
 
-/// Stands for the axis of a node that is not divided.
+/// Value in place of the axis for a node that is not divided.
 pub(in crate::guiding) const LEAF: u8 = 3;
 
 /// A partition of the visited part of space into voxels.
@@ -133,7 +133,7 @@ impl SpatialCache {
         }
     }
 
-    /// The same, with voxels that hold surfaces of all facings (Müller 2017).
+    /// Makes voxels hold surfaces of all facings (Müller 2017).
     pub fn without_facing(mut self) -> Self {
         self.faces = false;
         self
@@ -260,7 +260,7 @@ impl SpatialCache {
         pairs
     }
 
-    /// What the cache consists of.
+    /// Parts of the cache, for files.
     pub(in crate::guiding) fn parts(&self) -> CacheParts {
         let roots = self.keys.iter().filter_map(|key| self.cells.get(key).copied()).collect();
         let node = |node: &Node| match *node {
@@ -277,7 +277,7 @@ impl SpatialCache {
         }
     }
 
-    /// The cache that consists of these parts, with as many voxels as there are leaves.
+    /// Builds a cache from its parts, with as many voxels as there are leaves.
     ///
     /// # Errors
     /// A sentence saying what is inconsistent.

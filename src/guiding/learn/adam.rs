@@ -1,4 +1,4 @@
-//! How often the BSDF is sampled, learned by gradient descent: what Müller 2019 does, to compare with.
+//! Fraction of BSDF samples learned by gradient descent, as Müller 2019 does, to compare with.
 
 /// The logit of a fraction, learned by Adam (Kingma and Ba 2015) on the KL divergence of the mixture from the integrand (Müller
 /// 2019 §10.5).
@@ -17,7 +17,7 @@ const DECAY: [f64; 2] = [0.9, 0.999];
 const LOGIT: f64 = 2.197_224_577_336_219_6;
 
 impl Adam {
-    /// Its state.
+    /// State as numbers: logit, both moments, steps.
     pub(super) fn numbers(&self) -> [f64; 4] {
         [self.logit, self.mean, self.square, f64::from(self.steps)]
     }

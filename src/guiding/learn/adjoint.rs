@@ -1,35 +1,35 @@
-//! What vertices send back to the camera: means of the radiance that adjoint-driven roulette goes by (Vorba and Křivánek 2016 §5),
-//! see [`AdjointRoulette`](crate::guiding::sample::roulette::AdjointRoulette).
+//! Mean radiance that vertices send back to the camera, by which adjoint-driven roulette decides (Vorba and Křivánek 2016 §5), see
+//! [`AdjointRoulette`](crate::guiding::sample::roulette::AdjointRoulette).
 
 use crate::guiding::moments::Moments;
 
-/// Effective samples as which the whole scene counts in a block. Without (0) scenes whose light is hard to find have two to three times
-/// the noise in the first seconds; with 0.5 those have a tenth less noise than with 0.1, and rooms that are dark for good reasons a
-/// seventh more.
+/// Number of effective samples that the whole scene counts as in a block. Without (0) scenes whose light is hard to find have two
+/// to three times the noise in the first seconds; with 0.5 those have a tenth less noise than with 0.1, and rooms that are dark for
+/// good reasons a seventh more.
 const HITS: f64 = 0.2;
 
-/// What a voxel's vertices send back along their paths: mean radiance by light sampling, and by going on.
+/// Mean radiance that a voxel's vertices send back along their paths: by light sampling, and by going on.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Adjoint([Moments<1>; 2]);
 
 impl Adjoint {
-    /// Adds what one vertex sends back.
+    /// Adds the radiances that one vertex sends back.
     pub fn add(&mut self, sent: [f64; 2]) {
         self.0.iter_mut().zip(sent).for_each(|(sum, sent)| sum.add([sent]));
     }
 
-    /// Adds all of another's.
+    /// Adds the sums of another.
     pub fn merge(&mut self, other: &Self) {
         self.0.iter_mut().zip(&other.0).for_each(|(sum, other)| sum.merge(other));
     }
 
-    /// Adds what the block around says, as if it came from at most `samples` samples.
+    /// Adds the sums of the block around, scaled down to the weight of at most `samples` samples.
     pub fn add_prior(&mut self, prior: &Self, samples: f64) {
         self.0.iter_mut().zip(&prior.0).for_each(|(sum, prior)| sum.add_prior(prior, samples));
     }
 
-    /// Adds what the whole scene says. Where light is found once in a thousand samples (the sky between the slats of a blind), a
-    /// thousand that found none say little: the scene counts as many samples as have found light [`HITS`] times.
+    /// Adds the sums of the whole scene as a prior. Where light is found once in a thousand samples (the sky between the slats of a
+    /// blind), a thousand that found none say little: the scene counts as many samples as have found light [`HITS`] times.
     pub fn add_scene(&mut self, scene: &Self) {
         for (sum, scene) in self.0.iter_mut().zip(&scene.0) {
             let samples = HITS * scene.samples() / scene.effective();
@@ -39,7 +39,7 @@ impl Adjoint {
         }
     }
 
-    /// Means over the vertices; none where too little is known.
+    /// Means over the vertices; none where these are too few.
     pub fn means(&self) -> [Option<f64>; 2] {
         self.0.map(|sum| sum.means().map(|[mean]| mean))
     }
@@ -49,7 +49,7 @@ impl Adjoint {
         self.0.iter().for_each(|sum| sum.push_to(numbers));
     }
 
-    /// The returns whose numbers come next.
+    /// Reads the means whose numbers come next.
     pub(super) fn pull_from(next: &mut impl FnMut() -> f64) -> Self {
         Self([(); 2].map(|()| Moments::pull_from(next)))
     }

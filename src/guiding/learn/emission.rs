@@ -1,5 +1,4 @@
-//! Where photons must start to be of use: most of the light of a sun, or of a lamp outside, never reaches a surface that the
-//! camera's paths reach.
+//! Guided emission of photons: most of the light of a sun, or of a lamp outside, never reaches a surface that camera paths reach.
 //!
 //! Lights are chosen, and the two squares of random numbers from which a light makes the start of a photon are filled, in
 //! proportion to the power that earlier photons brought into voxels of the guiding field, each from a piecewise-constant
@@ -15,19 +14,19 @@ use crate::guiding::tree::sampler::SamplingTree;
 use crate::guiding::tree::topology::{MAX_LEVEL, MAX_NODES, Topology};
 use crate::sampling::discrete::Discrete;
 
-/// Part of the photons that start as if nothing had been learned; the same for the choice of a light.
+/// Share of the photons that start as if nothing had been learned; the same for the choice of a light.
 const UNIFORM: f32 = 0.2;
 /// Share of a square's power above which a node is split.
 const SPLIT_SHARE: f64 = 0.02;
 /// Lights beyond this number have no squares of their own, only their choice is learned.
 const MOST_LIGHTS: usize = 256;
 
-/// How a photon started.
+/// Start of a photon: its light and the random numbers that the light made it from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Start {
-    /// The light.
+    /// Index of the light.
     pub light: usize,
-    /// The points of the two unit squares.
+    /// Points of the two unit squares, of which the light makes the start.
     pub squares: [[f64; 2]; 2],
     /// Probability of the light, times the density of both points relative to uniform ones.
     pub probability: f64,
@@ -43,12 +42,12 @@ pub struct EmissionGuide {
 }
 
 impl EmissionGuide {
-    /// By the lights' powers alone.
+    /// Guide that chooses lights by their powers alone.
     pub fn new(power: &Discrete) -> Self {
         Self { choice: power.clone(), power: Vec::new(), squares: Vec::new() }
     }
 
-    /// Lights chosen by the `power` that their photons brought, or as if nothing had been learned of the `emitted` ones.
+    /// Guide that chooses lights by the `power` that their photons brought, with a part that chooses by the `emitted` powers alone.
     fn learned(emitted: &Discrete, power: Vec<f64>, squares: Vec<[SamplingTree; 2]>) -> Self {
         let (total, uniform): (f64, f64) = (power.iter().sum(), UNIFORM.into());
         let part = |i: usize| uniform * emitted.probability(i) + (1.0 - uniform) * power[i] / total;
@@ -73,11 +72,11 @@ impl EmissionGuide {
     }
 }
 
-/// A square while it learns.
+/// Power of photons over one unit square, while it is learned.
 #[derive(Debug, Clone)]
 struct Square {
     topology: Topology,
-    /// Power per node; only leaves' are kept up.
+    /// Power per node; kept up for leaves only.
     power: Vec<f64>,
 }
 
@@ -113,7 +112,7 @@ pub struct EmissionLearner {
 }
 
 impl EmissionLearner {
-    /// Nothing learned; `emitted` are the lights' powers.
+    /// Learner that has no photons yet; `emitted` are the lights' powers.
     pub fn new(emitted: &Discrete) -> Self {
         let squares = || [0, 1].map(|_| Square::new(Topology::root()));
         let lights =
@@ -121,8 +120,8 @@ impl EmissionLearner {
         Self { emitted: emitted.clone(), lights, power: vec![0.0; emitted.len()] }
     }
 
-    /// Adds photons with the power that each brought to where it is of use, in the order given. Squares that are not divided yet
-    /// get their shape from these.
+    /// Adds photons with the power that each brought into voxels of the guiding field, in the order given. Squares that are not
+    /// divided yet get their shape from these.
     pub fn absorb(&mut self, photons: &[(Start, f64)]) {
         if photons.is_empty() {
             return;
@@ -147,7 +146,7 @@ impl EmissionLearner {
         }
     }
 
-    /// What was learned since the last call; squares keep their shape and forget their power.
+    /// Guide learned from the photons since the last call; squares are then split where the power was, and forget it.
     pub fn publish(&mut self) -> EmissionGuide {
         let total: f64 = self.power.iter().sum();
         if !(total > 0.0 && total.is_finite()) {
@@ -161,8 +160,8 @@ impl EmissionLearner {
     }
 }
 
-/// Both as arrays of a file: `emission` trees, two for each light, `emission_power` [L] or empty, `square_offset` [2 L + 1],
-/// `square_split`, `square_power` of every node, `light_power` [L].
+/// Guide and learner as arrays of a file: `emission` trees, two for each light, `emission_power` [L] or empty, `square_offset`
+/// [2 L + 1], `square_split`, `square_power` of every node, `light_power` [L].
 pub fn arrays<'a>(guide: &EmissionGuide, learner: &EmissionLearner) -> Vec<Tensor<'a>> {
     let trees: Vec<_> = guide.squares.iter().flatten().map(Some).collect();
     let squares = || learner.lights.iter().flatten();
@@ -180,7 +179,7 @@ pub fn arrays<'a>(guide: &EmissionGuide, learner: &EmissionLearner) -> Vec<Tenso
     all
 }
 
-/// What [`arrays`] were made of, for lights of the powers `emitted`.
+/// Reads the guide and the learner that [`arrays`] wrote, for lights of the powers `emitted`.
 ///
 /// # Errors
 /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.

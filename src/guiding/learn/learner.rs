@@ -1,5 +1,5 @@
-//! Learning: records of a pass become distributions of directions, and those become the next guiding field. What learns directions
-//! is a [`Model`]; voxels, and all that is learned beside directions, are here.
+//! Learning: records of a pass become distributions of directions, and those become the next guiding field. Directions are learned
+//! by a [`Model`]; voxels, and all that is learned beside directions, are here.
 //!
 //! Everything is merged in a fixed order (by voxel, then by path), so the result does not depend on the number of threads.
 
@@ -24,7 +24,7 @@ use crate::guiding::target::{DirectLight, Learned, Target};
 use crate::guiding::tree::sampler::SamplingTree;
 use crate::guiding::tree::{CountedTree, Propose, TreeSettings};
 
-/// How the field is learned.
+/// Settings of a [`Learner`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct LearnerSettings {
     /// Cells along the diagonal of the scene's visited part, r_init (Zhu 2021 §7).
@@ -33,24 +33,24 @@ pub struct LearnerSettings {
     pub facing: bool,
     /// Path samples above which a voxel is halved, k_spt (Zhu 2021 §7) or c (Müller 2017 §3.1).
     pub voxel_samples: u32,
-    /// Whether that number grows with √(samples per pixel) of the iteration (Müller 2017 §3.1).
+    /// Whether `voxel_samples` grows with √(samples per pixel) of the iteration (Müller 2017 §3.1).
     pub growing: bool,
-    /// What learns directions.
+    /// Model that learns directions.
     pub model: ModelKind,
-    /// How it counts trees, if it has any.
+    /// Settings of its quadtrees, if it has any.
     pub tree: TreeSettings,
-    /// What is deposited.
+    /// Quantity that distributions become proportional to.
     pub target: Target,
-    /// What of direct light.
+    /// Rule for light that light sampling finds too.
     pub direct: DirectLight,
-    /// How often the BSDF is sampled instead of the guide.
+    /// Rule for the fraction of BSDF samples, the rest being drawn from the guide.
     pub fraction: FractionRule,
     /// Iterations in which the second moment is learned before that relative to the pixel: with few samples the values of pixels are
     /// mostly noise (Nilsson 2022 §4.4, after Rath 2020, who calls the former the simple target).
     pub simple_iterations: u32,
     /// Whether directions are kept for the centres of voxels, see [`Parallax`](crate::guiding::cache::parallax::Parallax).
     pub parallax: bool,
-    /// Ceiling of the field in bytes.
+    /// Largest size of the field in bytes.
     pub memory: usize,
     /// Whether [`Evidence`] is kept, beside the field.
     pub keeps_evidence: bool,
@@ -76,38 +76,38 @@ impl Default for LearnerSettings {
     }
 }
 
-/// What a field is wanted for.
+/// Purpose of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Use {
     /// To learn more: half of the samples come from the BSDF.
     Learning,
-    /// Each voxel has its own fraction of BSDF samples; one that is better off without its guide has none.
+    /// Each voxel has its own fraction of BSDF samples; a voxel that is better off without its guide has no guide.
     Rendering,
-    /// The same, and a voxel where too few paths have found light to tell has none either, unless photons show where light is.
+    /// As for rendering, but without guides where too few paths have found light to tell, unless photons show where light is.
     WhereTold,
 }
 
-/// Merges records into what is known of voxels.
+/// Learns the guides of voxels from the records of paths.
 pub struct Learner {
     pub(super) settings: LearnerSettings,
     pub(super) cache: Option<SpatialCache>,
     pub(super) voxels: Vec<Voxel>,
     pub(super) model: Model,
-    /// Groups of voxels in the iteration that is being judged.
+    /// Groups that voxels belonged to when the last distributions were made.
     ancestry: Ancestry,
     pub(super) iterations: u32,
-    /// Chunks so far, for random numbers.
+    /// Number of chunks so far, for random numbers.
     pub(super) chunks: u64,
     /// Whether the spheres that directions refer to are never fitted anew.
     pub(super) keeps_spheres: bool,
     pub(super) outliers: Outliers,
 }
 
-/// As how many samples the moments of a voxel's surroundings count.
+/// Largest number of samples that the moments of a voxel's surroundings count as.
 const PRIOR_SAMPLES: f64 = 256.0;
 
 impl Learner {
-    /// A learner that has seen nothing.
+    /// A learner without voxels.
     pub fn new(settings: LearnerSettings) -> Self {
         let mut learner = Self {
             model: Model::new(settings.model, &settings.tree, settings.target, 0),
@@ -124,7 +124,7 @@ impl Learner {
         learner
     }
 
-    /// What is deposited now.
+    /// Target of this iteration.
     pub fn target(&self) -> Target {
         match self.settings.target {
             Target::VariancePixel if self.iterations < self.settings.simple_iterations => Target::Variance,
@@ -142,17 +142,17 @@ impl Learner {
         self.cache.as_ref()
     }
 
-    /// What learns directions.
+    /// Model that learns directions.
     pub fn model(&self) -> &Model {
         &self.model
     }
 
-    /// The same, to change how it goes on.
+    /// Model that learns directions, mutable.
     pub fn model_mut(&mut self) -> &mut Model {
         &mut self.model
     }
 
-    /// A learner that knows the voxels of this one and where their light starts, and nothing else.
+    /// A new learner with the voxels of this one and the spheres on which their light starts, and nothing else.
     pub fn restarted(&self, settings: LearnerSettings) -> Self {
         let learned = |old: &Voxel| Spheres { learned: old.spheres.learned, ..Spheres::default() };
         let mut learner = Self::new(settings);
@@ -161,14 +161,14 @@ impl Learner {
         Self { cache: self.cache.clone(), keeps_spheres: true, ..learner }
     }
 
-    /// From now on the spheres that directions refer to are kept.
+    /// Keeps the spheres that directions refer to from now on.
     pub fn freeze_spheres(&mut self) {
         self.keeps_spheres = true;
     }
 
-    /// Adds one chunk of records. Path samples make voxels where there are none; photons only enter voxels that exist. The
-    /// first chunk of a pass also gives what counts it its shape. Where `deposit_paths` is off, path samples make voxels and judge
-    /// guides, but are not learned from.
+    /// Adds one chunk of records. Path samples make voxels where there are none; photons only enter voxels that exist. The first
+    /// chunk of a pass also gives trees their shapes. Where `deposit_paths` is off, path samples make voxels and judge guides, but
+    /// are not learned from.
     ///
     /// Returns the voxel that each photon fell into, [`VoxelId::MAX`] for none.
     pub fn absorb(&mut self, paths: &[PathRecord], photons: &[PhotonRecord], deposit_paths: bool) -> Vec<VoxelId> {
@@ -225,7 +225,7 @@ impl Learner {
         self.voxels.iter().any(|voxel| voxel.photons > 0)
     }
 
-    /// The quadtrees as counted, one per voxel, where directions are learned by such; none where neither a voxel nor its surroundings
+    /// The quadtrees as counted, one per voxel, where the model is of quadtrees; none where neither a voxel nor its surroundings
     /// hold energy.
     pub fn counted(&mut self) -> Vec<Option<CountedTree<'_>>> {
         let spheres = self.spheres();
@@ -241,8 +241,8 @@ impl Learner {
         })
     }
 
-    /// How far photons lower the second moment of guided samples, as a factor in (0, 1], averaged over voxels by what they
-    /// contribute; none before it was measured.
+    /// Factor in (0, 1] by which photons lower the second moment of guided samples, averaged over voxels by their contribution to
+    /// the picture; none before it was measured.
     pub fn photon_gain(&self) -> Option<f64> {
         // Voxels whose few samples do not tell have to be left out: they are those that photons may be needed for.
         let measured =
@@ -252,8 +252,8 @@ impl Learner {
         (weight > 0.0).then(|| sum / weight)
     }
 
-    /// What guiding changes, as the picture sees it, the `worst` samples left out. To be asked between [`Learner::fit`] and
-    /// [`Learner::refine`].
+    /// Second moments of the picture with and without guiding, the `worst` samples left out. To be asked between [`Learner::fit`]
+    /// and [`Learner::refine`].
     pub fn picture_moments(&mut self, worst: usize) -> PictureMoments {
         let mut sum = PictureMoments::default();
         let (mut squares, mut photons) = (Moments::<1>::default(), 0.0);
@@ -281,8 +281,7 @@ impl Learner {
         sum
     }
 
-    /// Makes the next guides; quadtrees are made of what `propose` makes of them as counted. A voxel of which nothing new is known
-    /// keeps its old guide.
+    /// Makes the next guides, those on quadtrees from the proposals of `propose`. A voxel that gets none keeps the one that it has.
     ///
     /// # Errors
     /// Those of `propose`.
@@ -304,7 +303,7 @@ impl Learner {
         Ok(())
     }
 
-    /// Takes guides, and for each how often to sample the BSDF.
+    /// Gives voxels their guides, and chooses for each the fraction of BSDF samples.
     fn publish(&mut self, guides: Vec<Option<Directions>>) {
         let ancestry = &self.ancestry;
         let fractions = ancestry.pooled(&self.voxels, |sum: &mut Moments<_>, v| sum.merge(&v.fractions));
@@ -332,9 +331,8 @@ impl Learner {
         });
     }
 
-    /// Ends a pass: halves voxels with many samples (both halves inherit what is known and the guide) until none has too many (Müller
-    /// 2017 §3.2, Zhu 2021 §7) or is an eighth of what it was, and forgets the samples.
-    /// The pass had `spp` camera paths per pixel.
+    /// Ends a pass: halves voxels with many samples (both halves inherit the guide and the past) until none has too many (Müller
+    /// 2017 §3.2, Zhu 2021 §7) or is an eighth of what it was, and forgets the samples. The pass had `spp` camera paths per pixel.
     pub fn refine(&mut self, spp: u32) {
         if self.cache.is_none() {
             return;
@@ -376,14 +374,14 @@ impl Learner {
         }
     }
 
-    /// Forgets the samples of this iteration, keeps voxels, guides and what earlier iterations left.
+    /// Forgets the samples of this iteration, keeps voxels, guides and the distributions of earlier iterations.
     pub fn clear(&mut self) {
         self.outliers = Outliers::default();
         self.model.clear(self.target());
         self.voxels.par_iter_mut().for_each(Voxel::clear);
     }
 
-    /// What the field was made of; empty unless the settings ask for it.
+    /// Measurements behind the field; empty unless the settings ask for them.
     pub fn evidence(&self) -> Evidence {
         if !self.settings.keeps_evidence {
             return Evidence::default();
@@ -396,7 +394,7 @@ impl Learner {
         self.field_of(self.voxels.len(), of)
     }
 
-    /// The same of the first `count` voxels, which is the field of a time when there were no more.
+    /// The field of the first `count` voxels, as it was at a time when there were no more.
     pub fn field_of(&self, count: usize, of: Use) -> GuideField {
         let Some(cache) = &self.cache else { return GuideField::empty() };
         let guide = |voxel: &Voxel| {
@@ -416,7 +414,7 @@ impl Learner {
     }
 }
 
-/// What the blocks send back, each with the whole scene as its surroundings.
+/// Radiance that each block sends back, with the whole scene as a prior.
 fn pooled_adjoint(voxels: &[Voxel], ancestry: &Ancestry) -> Vec<Adjoint> {
     let mut scene = Adjoint::default();
     voxels.iter().for_each(|voxel| scene.merge(&voxel.adjoint));
@@ -425,7 +423,7 @@ fn pooled_adjoint(voxels: &[Voxel], ancestry: &Ancestry) -> Vec<Adjoint> {
     blocks
 }
 
-/// Most voxels whose cells and empty guides take at most half of a ceiling of so many bytes.
+/// Largest number of voxels whose cells and empty guides take at most half of a ceiling of so many bytes.
 fn most_voxels(memory: usize) -> usize {
     memory / 2 / (size_of::<VoxelGuide>() + CELL_BYTES)
 }

@@ -1,4 +1,4 @@
-//! Learning: what samples say, in voxels, and what follows from it.
+//! Learning: statistics of samples in voxels, and the guides, fractions, roulette and photon emission that follow from them.
 
 pub mod adam;
 pub mod adjoint;

@@ -1,4 +1,4 @@
-//! The path samples of a pass that brought most: whoever judges by the rest must be able to leave them out.
+//! The path samples of a pass that brought most to the picture, kept so that judgements by the rest can leave them out.
 
 use crate::guiding::cache::VoxelId;
 use crate::guiding::moments::Estimate;
@@ -8,7 +8,7 @@ use crate::guiding::record::PathRecord;
 #[derive(Debug, Clone, Default)]
 pub(super) struct Outliers {
     pub found: Vec<Outlier>,
-    /// What a sample must exceed to be one of them.
+    /// Squared contribution that a sample must exceed to be one of them.
     pub least: f64,
 }
 

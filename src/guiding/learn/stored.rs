@@ -27,7 +27,7 @@ use crate::guiding::moments::{Estimate, Moments};
 use crate::guiding::samples::Spheres;
 
 impl Learner {
-    /// All that it knows.
+    /// State of the learner, as arrays of a file.
     pub fn arrays<'a>(&self) -> Vec<Tensor<'a>> {
         let flags = [self.cache.is_some(), self.keeps_spheres].map(u64::from);
         let state = [flags[0], self.iterations.into(), self.chunks, flags[1]];
@@ -47,7 +47,7 @@ impl Learner {
         all
     }
 
-    /// The learner with these settings that [`Learner::arrays`] were made of.
+    /// Reads the learner with these settings that [`Learner::arrays`] wrote.
     ///
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
@@ -85,7 +85,7 @@ fn read_voxels(file: &Tensors, count: usize) -> Result<Vec<Voxel>> {
 }
 
 impl Voxel {
-    /// Everything but the guide. All are exact in double precision.
+    /// All numbers of the voxel beside its guide. All are exact in double precision.
     fn numbers(&self) -> Vec<f64> {
         let mut all: Vec<f64> = Vec::with_capacity(64);
         let Spheres { learned, guide } = self.spheres;
@@ -102,7 +102,7 @@ impl Voxel {
         all
     }
 
-    /// Sets what [`Voxel::numbers`] has; returns whether it is in range.
+    /// Sets the numbers that [`Voxel::numbers`] lists; returns whether they are in range.
     fn set_numbers(&mut self, numbers: &[f64]) -> bool {
         let mut rest = numbers.iter().copied();
         let mut next = || rest.next().unwrap_or(f64::NAN);

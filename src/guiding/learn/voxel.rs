@@ -1,4 +1,4 @@
-//! A voxel while it learns: its guide, and what samples say about that, whatever model it is of.
+//! A voxel while it learns: its guide, and the statistics by which samples judge that, whatever model it is of.
 
 use super::LEARNING_FRACTION;
 use super::adam::Adam;
@@ -21,22 +21,22 @@ pub(super) struct Voxel {
     pub begun: bool,
     /// Path samples of this iteration in each eighth of the voxel, bit `axis` of its number being set in the upper half.
     pub eighths: [u32; 8],
-    /// Photons of this iteration, and whether any had power.
+    /// Number of photons of this iteration, and whether any had power.
     pub photons: u32,
     pub lit: bool,
-    /// What the last iteration with energy made.
+    /// Distribution from the last iteration with energy.
     pub guide: Option<Directions>,
-    /// Fraction of BSDF samples once learning is over, and whether path samples or photons have told that a guide is worth having.
+    /// Fraction of BSDF samples once learning is over, and whether path samples or photons have shown enough to judge the guide.
     pub bsdf_fraction: f32,
     pub told: bool,
-    /// Σ of what the samples brought to the picture, and of its squares; of the latter with light sampling.
+    /// Sum of the samples' contributions to the picture, their squares, and the sum of the squares with light sampling.
     pub contribution: f64,
     pub squares: Moments<1>,
     pub all_squares: f64,
     /// Second moments under other fractions of BSDF samples.
     pub fractions: Moments<{ FRACTIONS.len() }>,
     pub adam: Adam,
-    /// What its vertices sent back, and the same of the last iteration with what its surroundings know.
+    /// Radiance that its vertices sent back, and that of the last iteration with the surroundings as a prior.
     pub adjoint: Adjoint,
     pub known_adjoint: Adjoint,
     /// See [`Evidence`](crate::guiding::sample::field::Evidence).
@@ -67,7 +67,7 @@ impl Default for Voxel {
 }
 
 impl Voxel {
-    /// Learns from a path sample what it says about the guide that drew it.
+    /// Adds a path sample to the statistics of the guide that drew it.
     pub fn judge(&mut self, record: &PathRecord, rule: FractionRule) {
         let brought = f64::from(record.importance) * f64::from(record.estimate());
         self.contribution += brought;
@@ -102,8 +102,8 @@ impl Voxel {
         }
     }
 
-    /// The sphere that fits what these samples brought; `path_share` of it is that of path samples. Where the last guide was dense, an
-    /// error of direction costs most: what it knew to be a narrow peak decides.
+    /// Fits the sphere to the places where the light of these samples starts; path samples have the weight `path_share`, photons
+    /// the rest. Where the last guide was dense, an error of direction costs most: its narrow peaks decide.
     pub fn fitted_sphere<'a>(
         &self,
         bounds: &Bounds,
@@ -127,7 +127,7 @@ impl Voxel {
         Parallax::fit(bounds, paths.chain(photons))
     }
 
-    /// What one half along `axis` starts with, the lower (0) or the upper (1).
+    /// Copy for one half of the voxel along `axis`, the lower (0) or the upper (1), with the path samples of that half.
     pub fn half(&self, axis: u32, half: usize) -> Self {
         let mut part = self.clone();
         let others = part.eighths.iter_mut().enumerate().filter(|(eighth, _)| (eighth >> axis) & 1 != half);
@@ -135,7 +135,7 @@ impl Voxel {
         part
     }
 
-    /// Path samples of this iteration.
+    /// Number of path samples of this iteration.
     pub fn paths(&self) -> u32 {
         self.eighths.iter().sum()
     }

@@ -1,4 +1,4 @@
-//! The guiding field: what a pass samples from, frozen while the pass runs.
+//! The guiding field: the guides of all voxels, which a pass samples from, frozen while it runs.
 
 use glam::Vec3;
 
@@ -7,16 +7,16 @@ use crate::guiding::cache::SpatialCache;
 use crate::guiding::cache::parallax::Parallax;
 use crate::guiding::model::Directions;
 
-/// What is known of one voxel.
+/// Guide of one voxel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VoxelGuide {
-    /// The distribution of directions; none while nothing is known, then the BSDF samples alone.
+    /// The distribution of directions; where there is none, the BSDF samples alone.
     pub directions: Option<Directions>,
-    /// How its directions are seen from the points of the voxel.
+    /// Sphere by which its directions are carried from the centre to the points of the voxel.
     pub parallax: Parallax,
     /// Probability α of sampling the BSDF instead, in (0, 1].
     pub bsdf_fraction: f32,
-    /// How much work a vertex here is worth.
+    /// Probabilities of light sampling and of going on at vertices in the voxel.
     pub roulette: AdjointRoulette,
 }
 
@@ -31,7 +31,7 @@ pub struct DirectionGuide<'a> {
 }
 
 impl VoxelGuide {
-    /// Its distribution at `point`; none where the BSDF samples alone.
+    /// Distribution of directions at `point`; none where the BSDF samples alone.
     pub fn at(&self, point: Vec3) -> Option<DirectionGuide<'_>> {
         let (parallax, bsdf_fraction) = (&self.parallax, self.bsdf_fraction);
         let directions = self.directions.as_ref()?;
@@ -40,31 +40,31 @@ impl VoxelGuide {
 }
 
 impl DirectionGuide<'_> {
-    /// The direction that a point of the unit square stands for, and its density w.r.t. solid angle.
+    /// Direction that a point of the unit square maps to, and its density w.r.t. solid angle.
     pub fn sample(&self, u: [f64; 2]) -> (Vec3, f32) {
         let (direction, pdf) = self.directions.sample(u);
         let seen = self.parallax.from_centre(self.point, direction);
         (seen.direction, pdf * seen.density)
     }
 
-    /// Density of [`DirectionGuide::sample`]. Never zero.
+    /// Density of [`DirectionGuide::sample`] w.r.t. solid angle. Never zero.
     pub fn pdf(&self, direction: Vec3) -> f32 {
         let seen = self.parallax.to_centre(self.point, direction);
         self.directions.pdf(seen.direction) * seen.density
     }
 }
 
-/// What the field was made of, per voxel: to look at, not to sample from.
+/// Measurements behind the field, per voxel: to look at, not to sample from.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Evidence {
     /// Q_h: the distribution as counted, before reconstruction; none where nothing was, or nothing is reconstructed.
     pub counted: Vec<Option<Directions>>,
-    /// Second moment of what a path sample brings to the picture, relative to what BSDF samples alone would bring, in (0, ∞):
-    /// below 1 guiding helps. NaN where it was not measured.
+    /// Second moment of a path sample's contribution to the picture, relative to that with BSDF samples alone, in (0, ∞): below 1
+    /// guiding helps. NaN where it was not measured.
     pub gain: Vec<f32>,
 }
 
-/// Voxels with their distributions.
+/// Voxels with their guides.
 #[derive(Debug, Clone)]
 pub struct GuideField {
     cache: SpatialCache,
@@ -77,12 +77,12 @@ impl GuideField {
         Self { cache, voxels }
     }
 
-    /// The field that knows nothing.
+    /// The field without voxels.
     pub fn empty() -> Self {
         Self::new(SpatialCache::new(Vec3::ZERO, 1.0), Vec::new())
     }
 
-    /// What is known at a point of a surface, on the side that `normal` points to, if anything is.
+    /// Guide of the voxel that holds a point of a surface, on the side that `normal` points to; none where there is no voxel.
     pub fn at(&self, point: Vec3, normal: Vec3) -> Option<&VoxelGuide> {
         self.voxels.get(self.cache.find(point, normal)? as usize)
     }
@@ -103,12 +103,12 @@ impl GuideField {
         self.cache.bytes() + self.voxels.len() * size_of::<VoxelGuide>() + distributions
     }
 
-    /// The distributions that there are.
+    /// Distributions of all voxels that have one.
     pub fn distributions(&self) -> impl Iterator<Item = &Directions> {
         self.voxels.iter().filter_map(|voxel| voxel.directions.as_ref())
     }
 
-    /// Nodes or cells of all distributions.
+    /// Number of nodes or cells of all distributions.
     pub fn nodes(&self) -> usize {
         self.distributions().map(Directions::nodes).sum()
     }

@@ -1,4 +1,4 @@
-//! Guide files: a guiding field on disk, with what it was made of.
+//! Guide files: a guiding field on disk, with its [`Evidence`].
 //!
 //! A safetensors file (see [`crate::base::tensors`]) for C cells, N nodes of their kd-trees, V voxels, and the inner nodes of the
 //! voxels' quadtrees:
@@ -14,13 +14,13 @@
 //! | `node_child` | u32 | [N] | the first of two children, or the leaf's voxel |
 //! | `bsdf_fraction`, `gain` | f32 | [V] | gain as in [`Evidence`] |
 //! | `parallax` | f32 | [V, 4] | centre and curvature, as in [`Parallax`](crate::guiding::cache::parallax::Parallax) |
-//! | `effort` | f32 | [V, 2] | of light sampling and of going on, as in [`AdjointRoulette`] |
+//! | `effort` | f32 | [V, 2] | probabilities of light sampling and of going on, as in [`AdjointRoulette`] |
 //! | `guide_uniform`, `counted_uniform` | f32 | [V] | the uniform part; 0 where there is no tree |
-//! | `guide_offset`, `counted_offset` | u64 | [V + 1] | where each voxel's nodes begin |
-//! | `guide_shares`, `counted_shares` | u16 | [.., 4] | where children 1 to 3 begin on a scale of 2¹⁶; which children have children, a bit each |
+//! | `guide_offset`, `counted_offset` | u64 | [V + 1] | index of each voxel's first node |
+//! | `guide_shares`, `counted_shares` | u16 | [.., 4] | where children 1 to 3 begin, of 2¹⁶; a bit for each inner child |
 //! | `guide_bins` | f32 | [V, 128] | instead of nodes the masses of histograms, zeros for none; missing where there are none |
 //!
-//! `guide` is what is sampled (Q_r), `counted` what was accumulated (Q_h).
+//! `guide` is the distribution that is sampled (Q_r), `counted` the accumulated one (Q_h).
 
 use std::path::Path;
 

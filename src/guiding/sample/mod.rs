@@ -1,4 +1,4 @@
-//! What a pass samples from, frozen while it runs, and its files.
+//! The guiding field that a pass samples from, frozen while it runs, its files, and the roulette that goes by it.
 
 pub mod field;
 pub mod file;

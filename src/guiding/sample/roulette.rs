@@ -1,35 +1,35 @@
-//! How much work a vertex of a path is worth: whether light sampling pays there, and whether the path should go on.
+//! Roulette: the probabilities of light sampling at a vertex of a path, and of going on from it.
 //!
-//! Adjoint-driven roulette (Vorba and Křivánek 2016 §5, without splitting): a path whose expected contribution, what it carries times
-//! what the vertex is known to send back, is below a part of the pixel's value goes on in proportion to it. Light sampling is
-//! judged in the same way: behind a wall it finds nothing and is mostly left out, which saves half of the rays there. What is rarely
-//! found is not taken for dark (see [`Adjoint::add_scene`](crate::guiding::learn::adjoint::Adjoint::add_scene)).
+//! Adjoint-driven roulette (Vorba and Křivánek 2016 §5, without splitting): a path whose expected contribution, its throughput
+//! times the radiance that the vertex is known to send back, is below a part of the pixel's value goes on in proportion to it.
+//! Light sampling is judged in the same way: behind a wall it finds nothing and is mostly left out, which saves half of the rays
+//! there. A place where light is rarely found is not taken for dark (see
+//! [`Adjoint::add_scene`](crate::guiding::learn::adjoint::Adjoint::add_scene)).
 //!
 //! Efficiency-aware roulette (Rath et al. 2022), which goes by second moments and costs instead of means, was tried: as fast on
 //! some seeds, but the moments of few samples are so noisy that others had several times the error.
 
-/// Lowest probability: what was learned from few samples must not shut light out.
+/// Lowest probability: means of few samples must not shut light out.
 const LEAST: f32 = 0.1;
 /// Part of the pixel's value below which contributions become rarer instead of smaller: the lower end of a weight window of size
 /// 8, 2/(1 + 8) (Vorba and Křivánek 2016 §5, who take 5). A guide that is wrong everywhere costs 3.9 times the variance on `cornell`
 /// with it, and 5.0 times with a window of size 5.
 const WINDOW: f64 = 2.0 / 9.0;
 
-/// What a path of importance 1 does at a vertex: probabilities before they are bounded. Importance is throughput over the value
-/// of the pixel.
+/// Probabilities for a path of importance 1 at a vertex, before they are bounded. Importance: throughput over the pixel's value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdjointRoulette {
-    /// Of light sampling; infinite where it is not known.
+    /// Probability of light sampling, ≥ 0; infinite where it is not known.
     pub light: f32,
-    /// Of going on; infinite where it is not known.
+    /// Probability of going on, ≥ 0; infinite where it is not known.
     pub onward: f32,
 }
 
 impl AdjointRoulette {
-    /// Nothing is known.
+    /// Neither probability is known.
     pub const UNKNOWN: Self = Self { light: f32::INFINITY, onward: f32::INFINITY };
 
-    /// At a vertex that sends back these means by light sampling and by going on; none where they are not known.
+    /// Probabilities at a vertex that sends back these mean radiances by light sampling and by going on, as far as these are known.
     pub fn expecting(means: [Option<f64>; 2]) -> Self {
         // Environments with negative pixels have negative means, which are worth no more than none.
         let known = |mean: Option<f64>| {
@@ -50,8 +50,9 @@ impl AdjointRoulette {
     }
 }
 
-/// A path that is thought worthless at every vertex, by mistake, must not become heavier from one to the next: whatever is
-/// divided by the probability stays below 1/[`LEAST`].
+/// Probability `of_one` times `importance`, bounded; none where it is not known. A path that is thought worthless at every vertex,
+/// by mistake, must not become heavier from one to the next: its throughput divided by the probability stays at most 1/[`LEAST`],
+/// or as it was.
 fn probability(of_one: f32, importance: f32, throughput: f32) -> Option<f32> {
     let wanted = of_one * importance;
     let least = (LEAST * throughput.max(1.0)).min(1.0);

@@ -21,7 +21,7 @@ pub(in crate::guiding) fn tree_arrays<'a>(kind: &str, trees: &[Option<&SamplingT
     ]
 }
 
-/// The `count` trees that [`tree_arrays`] made.
+/// Reads the `count` trees that [`tree_arrays`] wrote.
 ///
 /// # Errors
 /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.

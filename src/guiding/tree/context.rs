@@ -1,4 +1,4 @@
-//! Spatial context: what a voxel can take from the voxels around it while it has few samples itself.
+//! Spatial context: distributions of the voxels around, with which a voxel's own is mixed while it has few samples.
 //!
 //! Voxels are pooled by cell, cells by blocks of 2 × 2 × 2 and those of 4 × 4 × 4 cells that face the same way. A distribution is
 //! then mixed with that of its block as if the block were so many samples more (the mean of a Dirichlet distribution whose prior
@@ -10,20 +10,20 @@ use super::distribution::Distribution;
 use super::topology::MAX_LEVEL;
 use crate::guiding::cache::Ancestry;
 
-/// Nodes of pooled distributions are not split further below this mass: their details belong to single voxels.
+/// Mass below which nodes of pooled distributions are not split further: their details belong to single voxels.
 const POOLED_MASS: f64 = 0.003;
-/// The same for the result.
+/// Mass below which nodes of a voxel's distribution mixed with its surroundings are not split further.
 const MIXED_MASS: f64 = 0.003;
 
 /// A distribution and the number of samples that it was made from, those of earlier iterations as many as they count.
 pub type Counted = Option<(Distribution, f64)>;
 
-/// What the block of 2 × 2 × 2 cells that a voxel belongs to has learned, the voxel's own samples among it.
+/// Pooled distribution of the block of 2 × 2 × 2 cells that a voxel belongs to, the voxel's own samples among those of the block.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Block {
-    /// Of all its samples; uniform where there are none.
+    /// Distribution of all samples of the block; uniform where there are none.
     pub distribution: Distribution,
-    /// How many these are, and how many the block of 4 × 4 × 4 cells around it has; those of earlier iterations as many as they count.
+    /// Numbers of samples of the block and of the 4 × 4 × 4 cells around it; those of earlier iterations as many as they count.
     pub samples: [f32; 2],
 }
 
@@ -33,8 +33,8 @@ impl Default for Block {
     }
 }
 
-/// Every voxel's distribution mixed with its surroundings', which count as `pseudo` samples; none where there is nothing in
-/// either. Beside it the blocks, in the order of [`Ancestry::block`].
+/// Mixes every voxel's distribution with that of its surroundings, which counts as `pseudo` samples; none where neither has
+/// samples. Also returns the blocks, in the order of [`Ancestry::block`].
 pub fn with_context(own: Vec<Counted>, ancestry: &Ancestry, pseudo: f64) -> (Vec<Option<Distribution>>, Vec<Block>) {
     let mut levels: Vec<Vec<Counted>> = vec![own];
     for (parents, &groups) in ancestry.parents.iter().zip(&ancestry.sizes) {
@@ -51,7 +51,7 @@ pub fn with_context(own: Vec<Counted>, ancestry: &Ancestry, pseudo: f64) -> (Vec
     (above, blocks)
 }
 
-/// From the pooled distributions of voxels, cells and blocks of two sizes.
+/// Makes the blocks from the pooled distributions of voxels, cells and blocks of two sizes.
 fn blocks(levels: &[Vec<Counted>], ancestry: &Ancestry) -> Vec<Block> {
     let [_, _, small, large] = levels else { return Vec::new() };
     let block = |(counted, &around): (&Counted, &u32)| {
@@ -70,8 +70,8 @@ fn mix(own: Counted, prior: Option<&Distribution>, pseudo: f64) -> Option<Distri
     mixed.map(|(distribution, _)| distribution)
 }
 
-/// What is counted, together with another distribution that stands for so many samples; nodes of the result are not split
-/// further below `least_mass`.
+/// Mixture of a counted distribution and another that stands for `samples` samples; nodes of the result are not split further below
+/// `least_mass`.
 pub(super) fn joined_with(own: Counted, other: &Distribution, samples: f64, least_mass: f64) -> Counted {
     let Some((own, counted)) = own else { return Some((other.clone(), samples)) };
     let both = [(&own, counted), (other, samples)];

@@ -1,4 +1,4 @@
-//! A piecewise-constant distribution of directions over a quadtree, and how far two of them are apart.
+//! A piecewise-constant distribution of directions over a quadtree, and divergences between two of them.
 
 use super::topology::{NO_CHILD, Topology};
 
@@ -14,7 +14,7 @@ pub struct Distribution {
 pub struct CommonCell {
     /// Mass of the target.
     pub target: f64,
-    /// Mass of what BSDF sampling draws.
+    /// Mass of the distribution that BSDF sampling draws from.
     pub bsdf: f64,
     /// Mass of the guide.
     pub guide: f64,
@@ -162,7 +162,7 @@ impl Distribution {
         Topology::grown(root, most, |part| part.mass > share, |part| [0, 1, 2, 3].map(|k| part.child(k)))
     }
 
-    /// The same on the tree that has all cells of `level`, with the means of what is finer.
+    /// This distribution on the tree that has all cells of `level`; finer nodes are averaged.
     pub fn on_grid(&self, level: usize) -> Self {
         let topology = Topology::complete(level);
         let masses = topology.level(level).map(|node| self.cell_mass(level, topology.cell[node])).collect::<Vec<_>>();
@@ -191,13 +191,13 @@ impl Distribution {
 
 /// The union of weighted trees while it is made, breadth first.
 struct Union<'a> {
-    /// What has children in any open cell: tree, node, weighted mass.
+    /// Nodes with children in any open cell: tree, node, weighted mass.
     parts: Vec<(&'a Distribution, usize, f64)>,
     split: Vec<bool>,
     mass: Vec<f64>,
 }
 
-/// One cell of a union: what is constant over it, and the range of parts that are not.
+/// One cell of a union: the mass that is constant over it, and the range of parts that are not.
 struct UnionCell {
     flat: f64,
     parts: std::ops::Range<usize>,
@@ -270,7 +270,7 @@ pub fn kl(target: &Distribution, guide: &Distribution, uniform: f64) -> f64 {
     kl_of_cells(&Distribution::common_cells(target, guide, guide), uniform)
 }
 
-/// [`kl`] divided into what each level adds by how it shares out its parents' mass (the chain rule); entry 0 is level 1.
+/// Terms of [`kl`] by level, each of the shares in which it divides its parents' mass (the chain rule); entry 0 is level 1.
 pub fn kl_by_level(target: &Distribution, guide: &Distribution, uniform: f64) -> Vec<f64> {
     let mut levels = vec![];
     let start = |of| Part { of, node: Some(0), mass: 1.0 };
@@ -302,7 +302,7 @@ pub fn kl_of_cells(cells: &[CommonCell], uniform: f64) -> f64 {
     cells.iter().map(term).sum::<f64>().max(0.0)
 }
 
-/// What a picture feels of a guide: the second moment of the one-sample estimator that draws half from the BSDF and half from the
+/// Effect of a guide on the picture: the second moment of the one-sample estimator that draws half from the BSDF and half from the
 /// guide q, relative to that of the best single distribution, ∫ t² / (½·p_bsdf + ½·q), with t the root of the integrand's second
 /// moment, normalised. A uniform part is mixed into the guide. The relative variance is this minus one.
 pub fn relative_moment(cells: &[CommonCell], uniform: f64) -> f64 {

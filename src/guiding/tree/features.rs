@@ -1,4 +1,4 @@
-//! What the network reads per node of a counted tree.
+//! Input features of the network for each node of a counted tree.
 //!
 //! The tree is that of the counted distribution, which has earlier iterations, spatial context and parallax in it; the voxel's
 //! own samples have a tree of their own, and inside one of its leaves they count as evenly spread. Input channels, [`FEATURES`]
@@ -16,12 +16,12 @@
 //! | 14 | cosine between the cell's centre and the voxel's mean normal |
 //! | 15 | level / 20 |
 //! | 16, 17 | ln(1 + own samples of the tree) / 8 (path, photon) |
-//! | 18 | what part of the counted distribution is from path samples, the rest being photons |
+//! | 18 | share of path samples in the counted distribution, the rest being photons |
 //! | 19 | half of the voxel's diagonal over the distance from which its light is taken to come, see [`Parallax`](crate::guiding::cache::parallax::Parallax) |
 //! | 20 | 1 where the own tree ends above the node |
-//! | 21, 22 | what the [`Block`] around has learned: log density, share |
+//! | 21, 22 | distribution of the [`Block`] around: log density, share |
 //! | 23, 24 | ln(1 + samples of the block) / 8, and of the larger one around it |
-//! | 25 | ln(1 + samples of earlier iterations, as many as they count) / 8 |
+//! | 25 | ln(1 + number of samples that earlier iterations count as) / 8 |
 //!
 //! Zhu 2021 eq. 11 has sums of values, directions, positions, distances, normals and BSDF values, normalised by their largest;
 //! those hide how many samples there were, one firefly flattens them, and without them the network is as good (see the model's
@@ -40,21 +40,21 @@ pub const FEATURES: usize = 26;
 /// Logarithms of densities per node that the decoder sees again: counted, smoothed, own path samples, own photons, block.
 pub const LOG_SHARES: usize = 5;
 
-/// Logarithms of densities are cut here, then divided by half of it.
+/// Bound of the logarithms of densities, which are then divided by half of it.
 const LOG_LIMIT: f32 = 12.0;
-/// ln(1 + count) is divided by this, so that usual values are near 1.
+/// Divisor of ln(1 + count), so that usual values are near 1.
 const LOG_SCALE: f32 = 8.0;
 /// Smallest share of a parent whose logarithm the network starts from.
 const LEAST_SHARE: f32 = 1e-4;
 
-/// What is known of a voxel as a whole.
+/// Features of a voxel as a whole, the same for all nodes of its tree.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VoxelFeatures {
-    /// Path samples and photons in its tree.
+    /// Numbers of path samples and of photons in its tree.
     pub samples: [u32; 2],
-    /// As how many samples earlier iterations count.
+    /// Number of samples that earlier iterations count as.
     pub past: f32,
-    /// Part of path samples in the counted distribution.
+    /// Share of path samples in the counted distribution.
     pub path_share: f32,
     /// Mean normal of its samples, length in [0, 1]; zero in a medium.
     pub normal: Vec3,
@@ -63,7 +63,7 @@ pub struct VoxelFeatures {
 }
 
 impl VoxelFeatures {
-    /// Own samples, with those of earlier iterations.
+    /// Number of own samples, with those of earlier iterations as many as they count.
     pub fn all_samples(&self) -> f64 {
         self.samples.iter().map(|&n| f64::from(n)).sum::<f64>() + f64::from(self.past)
     }
@@ -82,11 +82,11 @@ pub struct NodeInputs {
     pub features: Vec<f32>,
     /// [nodes] × [`LOG_SHARES`]. They are logarithms of densities, so a cell inside a leaf has that leaf's values.
     pub log_shares: Vec<[f32; LOG_SHARES]>,
-    /// [nodes] logarithm of the smoothed share of the parent: what the network corrects.
+    /// [nodes] logarithm of the smoothed share of the parent, which the network corrects.
     pub base: Vec<f32>,
 }
 
-/// Own sums of a node.
+/// Sampling weights and sums of the voxel's own samples in a node.
 #[derive(Clone, Copy, Default)]
 struct Own {
     weights: [f32; 2],
@@ -183,7 +183,7 @@ pub fn node_inputs(
     inputs
 }
 
-/// Where the four children of a cell that `above` covers lie in that other tree.
+/// Nodes of the other tree that cover the four children of a cell that `above` covers.
 fn children_of(other: &Topology, above: Covering) -> [Covering; 4] {
     match other.first_child[above.node as usize] {
         NO_CHILD => [Covering { part: 0.25 * above.part, ..above }; 4],

@@ -1,4 +1,4 @@
-//! What the leaves of a quadtree hold, in whichever layout, and the sampling weights that follow from it.
+//! Sums that the leaves of a quadtree hold, in either layout, and the sampling weights that follow from them.
 
 use std::f64::consts::PI;
 
@@ -6,28 +6,29 @@ use super::distribution::Distribution;
 use super::topology::Topology;
 use crate::guiding::target::Target;
 
-/// What is summed per leaf. Channels 0 to 3 of both layouts are ΣV and the number of path samples, and the same of photons.
+/// Sums that are kept per leaf. Channels 0 to 3 of both layouts are ΣV and the number of path samples, and the same of photons.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
-    /// No more than that: all that counting needs.
+    /// These channels alone, which are all that counting needs.
     Values,
-    /// Also what the network reads: ΣV² of path samples, of photons, and the sum of [`PathRecord::bsdf_share`](crate::guiding::record::PathRecord).
+    /// These and, for the network, ΣV² of path samples, of photons, and the sum of
+    /// [`PathRecord::bsdf_share`](crate::guiding::record::PathRecord).
     Network,
 }
 
-/// Sums per leaf of [`Layout::Network`].
+/// Number of sums per leaf of [`Layout::Network`].
 pub const NETWORK_CHANNELS: usize = 7;
-/// Where ΣV of a kind of sample (path, photon) is.
+/// Channels of ΣV (path, photon).
 pub const VALUES: [usize; 2] = [0, 2];
-/// Where the number of samples of a kind is.
+/// Channels of the number of samples (path, photon).
 pub const COUNTS: [usize; 2] = [1, 3];
-/// Where ΣV² of a kind is.
+/// Channels of ΣV² (path, photon).
 pub const SQUARES: [usize; 2] = [4, 5];
-/// Where the BSDF's share is: summed over samples of the mixture of BSDF and guide, it is proportional to the BSDF's mass.
+/// Channel of the BSDF's share: summed over samples of the mixture of BSDF and guide, it is proportional to the BSDF's mass.
 pub const BSDF: usize = 6;
 
 impl Layout {
-    /// Sums per leaf.
+    /// Number of sums per leaf.
     pub fn channels(self) -> usize {
         match self {
             Self::Values => 4,
@@ -43,14 +44,14 @@ pub struct Leaves<'a> {
     pub topology: &'a Topology,
     /// [leaves, channels of `layout`] in the order of [`Topology::leaves`]; missing rows count as zero.
     pub sums: &'a [f32],
-    /// What a row holds.
+    /// Layout of a row of `sums`.
     pub layout: Layout,
-    /// What V is.
+    /// Target that V is the value of.
     pub target: Target,
 }
 
 impl<'a> Leaves<'a> {
-    /// ΣV of one kind of sample (0 path, 1 photon) per leaf; what is not a number counts as 0, what overflowed as the largest.
+    /// ΣV of one kind of sample (0 path, 1 photon) per leaf; NaN counts as 0, an overflow as the largest number.
     pub fn values(&self, kind: usize) -> impl Iterator<Item = f64> + 'a {
         self.channel(VALUES[kind])
     }
@@ -84,7 +85,7 @@ impl<'a> Leaves<'a> {
         weights
     }
 
-    /// Whether a kind of sample brought anything.
+    /// Whether any sample of a kind (0 path, 1 photon) had a value above 0.
     pub fn has(&self, kind: usize) -> bool {
         self.values(kind).any(|v| v > 0.0)
     }
@@ -94,7 +95,7 @@ impl<'a> Leaves<'a> {
         Distribution::from_leaf_weights(self.topology.clone(), &self.leaf_weights(kind))
     }
 
-    /// `share` path samples, the rest photons, each normalised; where one of them is missing, the other alone.
+    /// Mixture of `share` path samples and the rest photons, each normalised; where one of them is missing, the other alone.
     pub fn hybrid(&self, share: f64) -> Distribution {
         match [0, 1].map(|kind| self.has(kind)) {
             [true, true] if share >= 1.0 => self.distribution(0),

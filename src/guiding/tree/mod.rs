@@ -1,14 +1,14 @@
 //! Directional quadtrees, the model of directions that fanal is about (Müller 2017; Zhu 2021 §5): samples are counted in leaves,
-//! mixed with what earlier iterations and the surroundings know, reconstructed by whoever is asked for proposals, and packed.
+//! mixed with the distributions of earlier iterations and of the surroundings, reconstructed ([`Propose`]) and packed.
 //!
 //! A voxel's data from one form to the next:
 //!
 //! | form | holds |
 //! |---|---|
-//! | [`Quadtree`] | sums of what was deposited, per leaf (Q_h) |
+//! | [`Quadtree`] | sums of the deposited samples, per leaf (Q_h) |
 //! | [`Distribution`] | probabilities per node, made of sums or of other distributions |
-//! | [`CountedTree`] | a distribution with the sums, the surroundings and the voxel_features that reconstruction goes by |
-//! | [`Proposal`] | what reconstruction makes of it |
+//! | [`CountedTree`] | a distribution with the sums, the surroundings and the features that reconstruction reads |
+//! | [`Proposal`] | the distributions that reconstruction makes of it |
 //! | [`SamplingTree`] | the packed form that is sampled (Q_r) |
 
 pub mod context;
@@ -41,18 +41,18 @@ use super::samples::{Around, Told};
 use super::target::Target;
 use crate::base::Result;
 
-/// How trees are counted.
+/// Settings of the quadtrees that samples are counted in.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TreeSettings {
     /// Share of a tree's energy above which a node is split, ρ.
     pub split_share: f64,
-    /// What is summed per leaf.
+    /// Sums that are kept per leaf.
     pub layout: Layout,
     /// Whether samples are moved at random within their leaf's and their voxel's size (Müller 2019 §10.2).
     pub filtered: bool,
-    /// As how many samples a voxel's surroundings count; 0 for none.
+    /// Number of samples that a voxel's surroundings count as; 0 for none.
     pub context: f64,
-    /// As what part of their number the samples of an iteration count in the next, see [`Past`](past::Past); 0 for not at all.
+    /// Part of their number that the samples of an iteration count as in the next, see [`Past`](past::Past); 0 for not at all.
     pub past: f64,
 }
 
@@ -62,18 +62,18 @@ impl Default for TreeSettings {
     }
 }
 
-/// A tree as counted: all that reconstruction goes by.
+/// A voxel's tree as counted, with all data that reconstruction reads.
 #[derive(Debug, Clone, Copy)]
 pub struct CountedTree<'a> {
     /// The voxel's samples as counted, with its past and its surroundings.
     pub counted: &'a Distribution,
     /// The voxel's own samples of the last iteration.
     pub own: Leaves<'a>,
-    /// What is known around the voxel; nothing without context.
+    /// Pooled distribution of the block around the voxel; the default without context.
     pub block: &'a Block,
-    /// What is known of the voxel as a whole.
+    /// Features of the voxel as a whole.
     pub voxel_features: VoxelFeatures,
-    /// What the voxel's path samples contributed to the picture, in any unit.
+    /// Contribution of the voxel's path samples to the picture, in any unit.
     pub contribution: f64,
 }
 
@@ -88,13 +88,13 @@ pub struct Trees {
     voxels: Vec<TreeVoxel>,
     /// Whether trees keep their shapes.
     keeps_shapes: bool,
-    /// Of the iteration that is being judged: each voxel's distribution, and what its blocks have learned.
+    /// Each voxel's distribution and the blocks, between [`Trees::counted`] and the end of [`Trees::fit`].
     counted: Vec<Option<Distribution>>,
     blocks: Vec<Block>,
 }
 
 impl Trees {
-    /// Nothing known of `voxels`, for what is deposited first.
+    /// Empty trees of `voxels` voxels, for samples of `target`.
     pub fn new(settings: TreeSettings, target: Target, voxels: usize) -> Self {
         let mut trees =
             Self { settings, target, voxels: Vec::new(), keeps_shapes: false, counted: Vec::new(), blocks: Vec::new() };
@@ -102,7 +102,7 @@ impl Trees {
         trees
     }
 
-    /// Adds voxels of which nothing is known.
+    /// Adds empty voxels, up to `voxels` of them.
     pub(super) fn resize(&mut self, voxels: usize) {
         self.voxels.resize_with(voxels, || TreeVoxel::new(self.settings.layout, self.target));
     }
@@ -112,7 +112,7 @@ impl Trees {
         self.settings.split_share = share;
     }
 
-    /// From now on trees keep their shape: samples of several passes can be compared leaf by leaf.
+    /// Makes trees keep their shapes from now on: samples of several passes can be compared leaf by leaf.
     pub fn freeze_shapes(&mut self) {
         self.keeps_shapes = true;
     }
@@ -122,12 +122,12 @@ impl Trees {
         self.voxels.iter().map(|voxel| &voxel.tree)
     }
 
-    /// Part of path samples in what a voxel counts, the rest being photons.
+    /// Share of path samples in a voxel's counted distribution, the rest being photons.
     pub(super) fn path_share(&self, voxel: usize) -> f64 {
         self.voxels[voxel].path_share
     }
 
-    /// Learns from the samples of a chunk, after judging by them what drew them.
+    /// Adds the samples of a chunk, after judging the distributions that drew them.
     pub(super) fn observe(&mut self, told: &Told) {
         let (settings, keeps) = (&self.settings, self.keeps_shapes);
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
@@ -139,8 +139,8 @@ impl Trees {
         });
     }
 
-    /// Every voxel's tree as counted; none where neither it nor its surroundings hold energy. Path samples and photons are mixed
-    /// by what the iteration measured of their use.
+    /// Every voxel's tree as counted; none where neither it nor its surroundings hold energy. Path samples and photons are mixed in
+    /// the shares that measured best in the iteration.
     pub(super) fn counted(&mut self, around: &Around) -> Vec<Option<CountedTree<'_>>> {
         let ancestry = around.ancestry;
         let priors = ancestry.pooled(&self.voxels, |sum: &mut Moments<_>, v| sum.merge(&v.kind_moments));
@@ -162,9 +162,9 @@ impl Trees {
         self.voxels.iter().zip(&self.counted).enumerate().map(tree).collect()
     }
 
-    /// What is to be sampled next, made of what `propose` makes of the counted trees: where that is two distributions, mixed as
-    /// the iteration measured it to be best. None for a voxel of which nothing is known. Trees are cut to the most probable nodes
-    /// where all together would exceed `memory` bytes.
+    /// Packed trees to sample next, from the proposals that `propose` makes of the counted trees: where a proposal is two
+    /// distributions, mixed as the iteration measured it to be best. None for a voxel without a counted tree. Trees are cut to the
+    /// most probable nodes where all together would exceed `memory` bytes.
     ///
     /// # Errors
     /// Those of `propose`.
@@ -208,25 +208,25 @@ impl Trees {
         self.voxels.iter().map(|voxel| voxel.counted.clone()).collect()
     }
 
-    /// How far photons lower the second moment of guided samples in a voxel, as a factor in (0, 1]; none where too little is known.
+    /// Factor in (0, 1] by which photons lower the second moment of guided samples in a voxel; none where too little is known.
     pub(super) fn photon_gain(&self, voxel: usize) -> Option<f64> {
         let moments = &self.voxels[voxel].kind_moments;
         moments.best().map(|_| moments.gain())
     }
 
-    /// Takes what the iteration has left as the past of the next.
+    /// Makes the distributions of this iteration the past of the next.
     pub(super) fn turn(&mut self) {
         self.voxels.iter_mut().for_each(|voxel| voxel.past = voxel.next_past.take());
     }
 
-    /// Makes voxel `new` the other half of `old`; `parts` of the samples fell into each.
+    /// Halves voxel `old` into `old` and `new`, which get the shares `parts` of its samples.
     pub(super) fn halve(&mut self, old: usize, new: usize, parts: [f64; 2]) {
         let whole = self.voxels[old].clone();
         let half = |part: f64| TreeVoxel { past: whole.past.as_ref().map(|past| past.of_part(part)), ..whole.clone() };
         [self.voxels[old], self.voxels[new]] = parts.map(half);
     }
 
-    /// Forgets the samples of the iteration; all that was counted too where another target is deposited from now on.
+    /// Forgets the samples of the iteration, and the past too where `target` is another than before.
     pub(super) fn clear(&mut self, target: Target) {
         (self.counted, self.blocks) = (Vec::new(), Vec::new());
         let changes = target != self.target;

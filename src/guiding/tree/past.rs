@@ -1,4 +1,4 @@
-//! What a voxel remembers of earlier iterations.
+//! Distribution that a voxel keeps of earlier iterations.
 //!
 //! Samples of the last iteration are usually the only ones that a guide is made from: those before are fewer, and were drawn by a
 //! poorer guide. They still are half of all there have been. So a voxel keeps the distribution that an iteration left it with, and in
@@ -10,9 +10,9 @@ use super::context::{Counted, joined_with};
 use super::distribution::Distribution;
 use super::topology::Topology;
 
-/// Nodes are not split further below this mass.
+/// Mass below which nodes are not split further.
 const LEAST_MASS: f64 = 0.002;
-/// More samples than any render has.
+/// Largest accepted number of samples, more than any render has.
 const MOST_SAMPLES: f64 = 1e15;
 
 /// A distribution and the number of samples behind it, small: there is one for every voxel.
@@ -24,13 +24,13 @@ pub struct Past {
 }
 
 impl Past {
-    /// Remembers a distribution that stands for so many samples.
+    /// Stores a distribution that stands for `samples` samples.
     pub fn new(distribution: &Distribution, samples: f64) -> Self {
         let mass = distribution.leaf_mass().into_iter().map(|m| m as f32).collect();
         Self { split: distribution.topology().split_flags(), mass, samples }
     }
 
-    /// What [`Past::split`], [`Past::mass`] and [`Past::samples`] were of; none if they do not fit each other.
+    /// Builds a past from its [`Past::split`], [`Past::mass`] and [`Past::samples`]; none if they do not fit each other.
     pub fn from_parts(split: &[bool], mass: &[f32], samples: f64) -> Option<Self> {
         let leaves = Topology::from_split(split).ok()?.leaves().count();
         let valid = leaves == mass.len() && mass.iter().all(|m| m.is_finite() && *m >= 0.0);
@@ -41,7 +41,7 @@ impl Past {
         })
     }
 
-    /// Which nodes have children, as for [`Topology::from_split`].
+    /// Split flag of each node, as for [`Topology::from_split`].
     pub fn split(&self) -> &[bool] {
         &self.split
     }
@@ -51,12 +51,12 @@ impl Past {
         &self.mass
     }
 
-    /// Samples behind it.
+    /// Number of samples behind it.
     pub fn samples(&self) -> f64 {
         self.samples
     }
 
-    /// For a part of a voxel that was divided, in which this share of the samples lay.
+    /// Past of a part of a divided voxel in which this share of the samples lay.
     pub fn of_part(&self, share: f64) -> Self {
         Self { samples: share * self.samples, ..self.clone() }
     }
@@ -68,7 +68,7 @@ impl Past {
     }
 }
 
-/// What a voxel's samples say together with its past, of whose samples `part` count.
+/// Mixture of a voxel's counted distribution and its past, whose samples count as `part` of their number.
 pub fn joined(own: Counted, past: Option<&Past>, part: f64) -> Counted {
     let Some(past) = past.filter(|past| part * past.samples > 0.0) else { return own };
     joined_with(own, &past.distribution(), part * past.samples, LEAST_MASS)

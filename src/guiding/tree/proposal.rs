@@ -1,8 +1,8 @@
-//! What a voxel could be sampled from next: a distribution, and a plainer one for where that is wrong.
+//! Proposals: the distribution that reconstruction offers for a voxel, and a plainer one for where that is wrong.
 //!
 //! A network knows what light usually looks like, and is worth little where a scene has something else. So it never decides alone:
-//! samples drawn from what was proposed last also tell what any mixture of both proposals would have cost, and what measured best
-//! there is sampled next.
+//! samples drawn from the last mixture also tell the second moment under any other mixture of both proposals, and the mixture that
+//! measured best is sampled next.
 
 use glam::Vec3;
 
@@ -13,12 +13,12 @@ use crate::guiding::moments::Moments;
 /// A distribution and the part of the uniform one, in (0, 1], that has to be mixed into it.
 pub type Guess = (Distribution, f32);
 
-/// What reconstruction proposes for a voxel.
+/// Distributions that reconstruction proposes for a voxel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Proposal {
-    /// Most of what is sampled until samples tell which is better.
+    /// Distribution that has most of the samples until they tell which is better.
     pub first: Guess,
-    /// A plainer one; none where there is nothing plainer.
+    /// Plainer distribution; none where there is nothing plainer.
     pub plain: Option<Guess>,
 }
 
@@ -29,7 +29,7 @@ impl From<Guess> for Proposal {
 }
 
 impl Proposal {
-    /// `share` of the first proposal, the rest of the plain one.
+    /// Mixture of `share` of the first proposal and the rest of the plain one.
     pub fn mixed(&self, share: f64) -> Guess {
         match &self.plain {
             Some(plain) if share <= 0.0 => plain.clone(),
@@ -45,33 +45,34 @@ impl Proposal {
 /// Shares of the first proposal that are tried.
 pub const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 
-/// The share where nothing was measured yet: a quarter of the other keeps the worst case at four times its variance.
+/// Share of the first proposal before anything was measured: a quarter of the other keeps the worst case at four times its
+/// variance.
 pub const UNTOLD: f64 = 0.75;
-/// Samples that tell as much as the largest ones, from which a share is chosen by what they say: few, because a guide that misses a
-/// light shows in few bright samples.
+/// Effective number of samples (Kish) from which on a share is chosen by measurement: few, because a guide that misses a light
+/// shows in few bright samples.
 pub const LEAST_EFFECTIVE: f64 = 2.0;
 
 /// Second moments under each of the [`SHARES`].
 pub type ShareMoments = Moments<{ SHARES.len() }>;
 
-/// The last proposals of a voxel as they are judged, the plain one first, and the share that was sampled.
+/// The last proposals of a voxel, to be judged by samples, and the share of the first in the mixture that was sampled.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Judged {
-    /// Plain and first.
+    /// The plain proposal and the first.
     pub trees: [SamplingTree; 2],
-    /// The share of the first.
+    /// Share of the first proposal, in [0, 1].
     pub share: f32,
 }
 
 impl Judged {
-    /// Both proposals; none where there is only one.
+    /// Packs both proposals, each with at most `most_inner` inner nodes; none where there is only one.
     pub fn new(proposal: &Proposal, share: f64, most_inner: usize) -> Option<Self> {
         let plain = proposal.plain.as_ref()?;
         let trees = [plain, &proposal.first].map(|(of, uniform)| SamplingTree::new(of, *uniform, most_inner));
         Some(Self { trees, share: share as f32 })
     }
 
-    /// By a direction as seen from the centre: the density of each mixture over that of what was sampled.
+    /// Density of each mixture over that of the sampled one, in a direction as seen from the centre.
     pub fn ratios(&self, direction: Vec3) -> [f64; SHARES.len()] {
         let [plain, first] = SamplingTree::pdfs(&self.trees, direction).map(f64::from);
         let at = |share: f64| share * first + (1.0 - share) * plain;

@@ -14,12 +14,12 @@ use crate::guiding::record::{PathRecord, PhotonRecord};
 use crate::guiding::target::{DirectLight, Learned, Target};
 use crate::math::cylindrical;
 
-/// Where samples are deposited.
+/// Rules by which the samples of a voxel are deposited in its tree.
 #[derive(Debug, Clone, Copy)]
 pub struct Place {
-    /// How directions are carried to its centre.
+    /// Sphere by which directions are carried to the voxel's centre.
     pub parallax: Parallax,
-    /// What of light that light sampling finds too.
+    /// Rule for light that light sampling finds too.
     pub direct: DirectLight,
     /// Whether directions are moved at random within the size of their leaf (Müller 2019 §10.2).
     pub filtered: bool,
@@ -38,7 +38,7 @@ pub struct Quadtree {
     target: Target,
     /// A row of `layout` per leaf, breadth first.
     sums: Vec<f32>,
-    /// Of path values and of photon powers.
+    /// Scales of path values and of photon powers.
     scales: [f32; 2],
     counts: [u32; 2],
 }
@@ -80,12 +80,12 @@ impl Quadtree {
         &self.topology
     }
 
-    /// What is deposited.
+    /// Quantity that is deposited.
     pub fn target(&self) -> Target {
         self.target
     }
 
-    /// What the leaves hold.
+    /// Sums at the leaves.
     pub fn leaves(&self) -> Leaves<'_> {
         Leaves { topology: &self.topology, sums: &self.sums, layout: self.layout, target: self.target }
     }
@@ -97,7 +97,7 @@ impl Quadtree {
         self.leaves().values(0).map(|v| v * scale).collect()
     }
 
-    /// The BSDF's mass per leaf, as [`PathRecord::bsdf_share`] of the path samples tells; on no particular scale.
+    /// Mass of the BSDF per leaf, estimated by [`PathRecord::bsdf_share`] of the path samples; on no particular scale.
     pub fn bsdf_values(&self) -> Vec<f64> {
         if self.layout == Layout::Network { self.leaves().channel(BSDF).collect() } else { Vec::new() }
     }
@@ -107,7 +107,7 @@ impl Quadtree {
         self.counts
     }
 
-    /// Whether any sample had a value: otherwise there is nothing to learn from.
+    /// Whether any sample had a value above 0: otherwise there is nothing to learn from.
     pub fn has_energy(&self) -> bool {
         self.scales.iter().any(|&s| s > 0.0)
     }
@@ -186,7 +186,7 @@ impl Quadtree {
         sums
     }
 
-    /// Raises the scale of one kind of sample to the largest of `values`; returns what to multiply values with.
+    /// Raises the scale of one kind of sample to the largest of `values`; returns the factor for values.
     fn grow_scale(&mut self, kind: usize, values: impl Iterator<Item = f32>) -> f32 {
         let largest = values.fold(0.0, f32::max);
         if largest > self.scales[kind] {
@@ -198,7 +198,7 @@ impl Quadtree {
         if self.scales[kind] > 0.0 { 1.0 / self.scales[kind] } else { 0.0 }
     }
 
-    /// Multiplies the values of one kind of sample.
+    /// Multiplies the values of one kind of sample by `factor`.
     fn rescale(&mut self, kind: usize, factor: f32) {
         for sums in self.sums.chunks_exact_mut(self.layout.channels()) {
             sums[VALUES[kind]] *= factor;

@@ -1,9 +1,9 @@
 //! Q_r packed for sampling: drawing a direction and looking up a density touch one small node per level.
 //!
-//! Precision: shares are 16-bit fractions, products of them and the cylindrical map f64. An f32 product is right to 5e-7, but over- or underflows for
-//! 2 in 1,000 of the deepest leaves, which no check downstream could tell from a direction without light. The f32 map puts 6 % of
-//! the directions drawn in a cell of level 20 into a neighbour when their density is looked up, the f64 map 1 % (the directions
-//! themselves are f32), for 9 ns more (`cargo bench --bench precision`).
+//! Precision: shares are 16-bit fractions, their products and the cylindrical map f64. An f32 product is right to 5e-7, but over-
+//! or underflows for 2 in 1,000 of the deepest leaves, which no check downstream could tell from a direction without light. The f32
+//! map puts 6 % of the directions drawn in a cell of level 20 into a neighbour when their density is looked up, the f64 map 1 %
+//! (the directions themselves are f32), for 9 ns more (`cargo bench --bench precision`).
 
 use std::f64::consts::PI;
 
@@ -13,19 +13,19 @@ use super::distribution::Distribution;
 use super::topology::{MAX_LEVEL, MAX_NODES, NO_CHILD};
 use crate::math::cylindrical;
 
-/// What the shares of a node's children add up to. Sixteen bits are enough: what is drawn and what a density says are the same
+/// Sum of the shares of a node's children. Sixteen bits are enough: directions are drawn and densities computed with the same
 /// rounded shares, so nothing is biased, and a child below 1/65536 of its parent is left to the uniform part.
 const WHOLE: f64 = 65536.0;
 
-/// What rounding must not carry a coordinate beyond, or it would select a child of no share.
+/// Largest coordinate within a node: one that rounding carried to 1 would select a child of no share.
 const BELOW_ONE: f64 = 1.0 - 1.0 / (1u64 << 36) as f64;
 
-/// An inner node: the probability of each child given the node, and where the children that are inner nodes themselves are.
+/// An inner node: the probability of each child given the node, and the indices of the children that are inner nodes themselves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::guiding) struct Node {
-    /// Where the shares of children 1, 2 and 3 begin on a scale of [`WHOLE`]; child 0 begins at 0.
+    /// Cumulative shares at which children 1, 2 and 3 begin, on a scale of [`WHOLE`]; child 0 begins at 0.
     pub begin: [u16; 3],
-    /// Which children are inner nodes, a bit each.
+    /// Bit k is set where child k is an inner node.
     pub inner: u16,
     /// Index of the first child that is an inner node; the others follow it.
     pub first: u32,
@@ -38,7 +38,7 @@ impl Node {
         (self.inner >> k & 1 == 1).then_some((self.first + before) as usize)
     }
 
-    /// The child that a point of the unit square selects, and where in it the point lies (Clarberg 2005, *Wavelet Importance
+    /// The child that a point of the unit square selects, and the point's place in it (Clarberg 2005, *Wavelet Importance
     /// Sampling*, §4): a row by the second coordinate, then a column by the first. Points that are spread evenly stay so.
     fn choose(self, [u, v]: [f64; 2]) -> (usize, [f64; 2]) {
         let [a, b, c] = self.begin.map(f64::from);
@@ -61,8 +61,8 @@ impl Node {
     }
 }
 
-/// Bytes of one inner node: three for each quadtree node that it stands for. What a pass costs more than anything else is
-/// fetching nodes of trees that no cache holds all of, so small nodes are fast nodes.
+/// Bytes of one inner node: three for each quadtree node that it stands for. The largest cost of a pass is to fetch nodes of trees
+/// that no cache holds all of, so small nodes are fast nodes.
 pub const NODE_BYTES: usize = size_of::<Node>();
 
 /// A distribution over directions that is piecewise constant on a quadtree, mixed with a uniform part.
@@ -143,14 +143,15 @@ impl SamplingTree {
         self.nodes.is_empty()
     }
 
-    /// The direction that a point of the unit square stands for, and its density w.r.t. solid angle.
+    /// Direction that a point of the unit square maps to, and its density w.r.t. solid angle.
     pub fn sample(&self, u: [f64; 2]) -> (Vec3, f32) {
         let (place, relative) = self.sample_square(u);
         // Rounding to three f32 may carry the direction over the edge of its cell; it was drawn with this cell's density.
         (cylindrical::to_direction(place), (relative / (4.0 * PI)) as f32)
     }
 
-    /// The point of the unit square that an evenly distributed one becomes, and its density.
+    /// Maps an evenly distributed point of the unit square to one of this distribution; also returns its density over the uniform
+    /// one.
     pub fn sample_square(&self, [u, v]: [f64; 2]) -> ([f64; 2], f64) {
         let uniform = f64::from(self.uniform);
         if u < uniform || self.nodes.is_empty() {
@@ -182,7 +183,7 @@ impl SamplingTree {
         self.pdf_at(cylindrical::to_cell(direction))
     }
 
-    /// The same of two trees, whose cell is found once.
+    /// Densities of two trees in one direction, whose cell is found once.
     pub fn pdfs(trees: &[Self; 2], direction: Vec3) -> [f32; 2] {
         let cell = cylindrical::to_cell(direction);
         trees.each_ref().map(|tree| tree.pdf_at(cell))
@@ -215,7 +216,7 @@ impl SamplingTree {
     }
 }
 
-/// Where the shares of the last three of four siblings begin; equal shares where there is no mass.
+/// Cumulative shares at which the last three of four siblings begin; equal shares where there is no mass.
 fn begins(mass: [f64; 4]) -> [u16; 3] {
     let total: f64 = mass.iter().sum();
     let mut sum = 0.0;
@@ -226,8 +227,8 @@ fn begins(mass: [f64; 4]) -> [u16; 3] {
     })
 }
 
-/// Inner nodes to keep: all, or the `max_inner` most probable. A child is never more probable than its parent, and ties go
-/// to the earlier node, so what is kept is a tree.
+/// Inner nodes to keep: all, or the `max_inner` most probable. A child is never more probable than its parent, and ties go to the
+/// earlier node, so the kept nodes are a tree.
 fn kept_nodes(distribution: &Distribution, max_inner: usize) -> Vec<bool> {
     let (topology, mass) = (distribution.topology(), distribution.node_mass());
     let mut inner: Vec<usize> = (0..topology.len()).filter(|&n| topology.first_child[n] != NO_CHILD).collect();

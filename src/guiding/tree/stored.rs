@@ -5,14 +5,14 @@
 //! | name | type | shape | |
 //! |---|---|---|---|
 //! | `trees` | u64 | [1] | whether shapes are frozen |
-//! | `tree_offset` | u64 | [V + 1] | where each voxel's nodes begin |
-//! | `tree_split` | u8 | [..] | which nodes have children |
-//! | `tree_sums` | f32 | [.., channels] | of each leaf |
+//! | `tree_offset` | u64 | [V + 1] | index of each voxel's first node |
+//! | `tree_split` | u8 | [..] | 1 for each node that has children |
+//! | `tree_sums` | f32 | [.., channels] | sums of each leaf |
 //! | `tree_voxel` | f64 | [V, ..] | all other numbers of a voxel's tree, in the order of [`TreeVoxel::numbers`] |
-//! | `past_offset` | u64 | [V + 1] | where the nodes of each voxel's past begin |
-//! | `past_split` | u8 | [..] | which of those have children |
-//! | `past_mass` | f32 | [..] | of each leaf |
-//! | `past_samples` | f64 | [V] | |
+//! | `past_offset` | u64 | [V + 1] | index of the first node of each voxel's past |
+//! | `past_split` | u8 | [..] | 1 for each of those nodes that has children |
+//! | `past_mass` | f32 | [..] | mass of each of their leaves |
+//! | `past_samples` | f64 | [V] | number of samples behind each past |
 
 use glam::Vec3;
 
@@ -30,7 +30,7 @@ use crate::guiding::moments::Moments;
 use crate::guiding::target::Target;
 
 impl Trees {
-    /// All that they know.
+    /// State of the trees, as arrays of a file.
     pub(in crate::guiding) fn arrays<'a>(&self) -> Vec<Tensor<'a>> {
         let voxels = &self.voxels;
         let trees = || voxels.iter().map(|v| &v.tree);
@@ -63,7 +63,7 @@ impl Trees {
         all
     }
 
-    /// The trees of `count` voxels that [`Trees::arrays`] were made of.
+    /// Reads the trees of `count` voxels that [`Trees::arrays`] wrote.
     ///
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
@@ -118,7 +118,7 @@ impl Trees {
     }
 }
 
-/// Two trees for each of `count` voxels, or none.
+/// Reads two trees for each of `count` voxels, or none.
 fn read_pairs(file: &Tensors, kind: &str, count: usize) -> Result<Vec<Option<[SamplingTree; 2]>>> {
     let mut trees = read_trees(file, kind, 2 * count)?.into_iter();
     let mut next = || trees.next().flatten();
@@ -129,7 +129,7 @@ fn read_pairs(file: &Tensors, kind: &str, count: usize) -> Result<Vec<Option<[Sa
     Ok((0..count).map(pair).collect())
 }
 
-/// Gives voxels their past.
+/// Reads the past of each voxel.
 fn read_pasts(file: &Tensors, voxels: &mut [TreeVoxel]) -> Result<()> {
     let offsets = file.offsets("past_offset", voxels.len())?;
     let flags = file.read("past_split", Dtype::U8, Some(offsets[voxels.len()]), 1, |[b]| b != 0)?;
@@ -156,7 +156,7 @@ fn read_pasts(file: &Tensors, voxels: &mut [TreeVoxel]) -> Result<()> {
 }
 
 impl TreeVoxel {
-    /// Everything but trees. All are exact in double precision.
+    /// All numbers of the voxel beside its trees. All are exact in double precision.
     fn numbers(&self) -> Vec<f64> {
         let mut all: Vec<f64> = Vec::with_capacity(32);
         all.extend(self.tree.scales().map(f64::from));
@@ -169,7 +169,7 @@ impl TreeVoxel {
         all
     }
 
-    /// Sets what [`TreeVoxel::numbers`] has; returns whether it is in range.
+    /// Sets the numbers that [`TreeVoxel::numbers`] lists; returns whether they are in range.
     fn set_numbers(&mut self, numbers: &[f64]) -> bool {
         let mut rest = numbers.iter().copied();
         let mut next = || rest.next().unwrap_or(f64::NAN);

@@ -1,4 +1,4 @@
-//! The shape of a directional quadtree, apart from what its nodes hold.
+//! The shape of a directional quadtree, apart from the data of its nodes.
 //!
 //! Directions map to the unit square by the cylindrical map (z, φ) → (x, y) = ((z+1)/2, φ/2π). Nodes are listed breadth first:
 //! the root, then its four children, and so on; the four children of a node are adjacent, and groups follow the order of
@@ -70,8 +70,8 @@ impl Topology {
         Ok(tree)
     }
 
-    /// The tree that grows from a root, breadth first: what `splits` says is replaced by the four that `children` makes of it,
-    /// within [`MAX_LEVEL`] levels, `most` nodes and [`MAX_NODES`].
+    /// Grows a tree from a root, breadth first: a node for which `splits` is true is divided into the four that `children` makes of
+    /// it, within [`MAX_LEVEL`] levels, `most` nodes and [`MAX_NODES`].
     pub fn grown<T>(root: T, most: usize, splits: impl Fn(&T) -> bool, children: impl Fn(&T) -> [T; 4]) -> Self {
         let mut queue = vec![(root, 0usize)];
         let mut flags = Vec::new();
@@ -170,8 +170,8 @@ impl Topology {
     }
 }
 
-/// Where the cells around a child are found: for each of four children k and each of nine slots the slot around the parent, and
-/// which child of what is there.
+/// Table of the cells around children: for each of four children k and each of nine slots, the slot around the parent and the child
+/// of the cell there.
 pub type ChildSlots = [[(u8, u8); 9]; 4];
 
 /// The cells around the children of `cell` at `level`, given the cells around itself. Slot s is (dx, dy) = (s/3 − 1, s%3 − 1), x along

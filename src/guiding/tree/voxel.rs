@@ -1,4 +1,4 @@
-//! A voxel's quadtree while it learns, with all that it takes to judge what was made of the last one.
+//! A voxel's quadtree while it learns, with the trees and second moments by which the last iteration's distributions are judged.
 
 use glam::Vec3;
 
@@ -20,9 +20,9 @@ use crate::guiding::target::{DirectLight, Learned, Target};
 
 /// Part of the uniform distribution that stands for the BSDF where path samples and photons are weighed against each other.
 const KIND_UNIFORM: f32 = 0.3;
-/// As how many samples the moments of a voxel's surroundings count.
+/// Largest number of samples that the moments of a voxel's surroundings count as.
 const PRIOR_SAMPLES: f64 = 256.0;
-/// Photons keep a part where there are any: path samples do not know of the light that they have not found.
+/// Largest share of path samples where there are photons: path samples do not know of the light that they have not found.
 const MOST_PATH_SHARE: f64 = 0.9;
 
 /// The tree of a voxel while it learns.
@@ -31,23 +31,23 @@ pub(super) struct TreeVoxel {
     pub tree: Quadtree,
     /// Whether the tree got its shape in the current pass.
     pub shaped: bool,
-    /// Sum of the normals of what was deposited, where the network wants them.
+    /// Sum of the normals of the deposited samples, where the network needs them.
     pub normals: Vec3,
-    /// Part of path samples in what is counted, the rest being photons.
+    /// Share of path samples in the counted distribution, the rest being photons.
     pub path_share: f64,
-    /// Second moments under other mixtures of the trees of path samples and of photons.
+    /// Second moments under other mixtures of the last trees of path samples and of photons.
     pub kind_moments: Moments<{ PATH_SHARES.len() }>,
-    /// These trees as the last iteration left them, seen as the guide is.
+    /// Trees of path samples and of photons of the last iteration, with directions carried as those of the guide.
     pub kind_trees: Option<Box<[SamplingTree; 2]>>,
     /// Second moments under other mixtures of the last proposals.
     pub proposal_moments: ShareMoments,
-    /// These proposals, seen as the guide is.
+    /// The last proposals, with directions carried as those of the guide.
     pub last_proposals: Option<Box<Judged>>,
     /// Q_h of the last iteration, where evidence is kept.
     pub counted: Option<SamplingTree>,
-    /// What earlier iterations left.
+    /// Distribution that earlier iterations left.
     pub past: Option<Past>,
-    /// The past of the iteration to come, once this one was counted.
+    /// Past for the next iteration, once this one was counted.
     pub next_past: Option<Past>,
 }
 
@@ -68,7 +68,7 @@ impl TreeVoxel {
         }
     }
 
-    /// Judges what the last iteration made by a path sample that was drawn with it.
+    /// Judges the trees and proposals of the last iteration by a path sample that was drawn with their guide.
     pub fn judge(&mut self, record: &PathRecord, guide: &Parallax) {
         if self.kind_trees.is_some() || self.last_proposals.is_some() {
             let seen = guide.to_centre(record.point, record.direction);
@@ -77,7 +77,7 @@ impl TreeVoxel {
         }
     }
 
-    /// Adds samples to the tree. The first of a pass also give it its shape, unless it `keeps` the one that it has.
+    /// Adds samples to the tree. The first of a pass also give the tree its shape, unless it `keeps` the one that it has.
     pub fn deposit<'a>(
         &mut self,
         paths: impl Iterator<Item = &'a PathRecord> + Clone,
@@ -109,8 +109,8 @@ impl TreeVoxel {
         self.shaped = true;
     }
 
-    /// The distribution of this iteration's samples, with a `part` of those before; what measured best of path samples and photons,
-    /// here and, as `around` tells, in the surroundings.
+    /// Distribution of this iteration's samples and of the past, whose samples count as `part` of their number. Path samples and
+    /// photons are mixed in the share that measured best, here and in the surroundings (`around`).
     pub fn count(&mut self, around: &Moments<{ PATH_SHARES.len() }>, part: f64) -> Counted {
         let mut shares = self.kind_moments;
         shares.add_prior(around, PRIOR_SAMPLES);
@@ -122,7 +122,7 @@ impl TreeVoxel {
         own
     }
 
-    /// Second moments under mixtures of proposals, with what the surroundings know.
+    /// Second moments under mixtures of proposals, with those of the surroundings (`around`) as a prior.
     pub fn proposal_moments_with(&self, around: &ShareMoments) -> ShareMoments {
         let mut own = self.proposal_moments;
         own.add_prior(around, PRIOR_SAMPLES);
@@ -161,10 +161,10 @@ impl TreeVoxel {
         (self.shaped, self.normals, self.next_past) = (false, Vec3::ZERO, None);
     }
 
-    /// Judges the last iteration's trees of path samples and photons, and mixtures of them, by a path sample of this iteration:
-    /// its V over the density q estimates ∫f²/q. Of V that is what photons may show too: by light that they never show, path samples
-    /// would always be better. q is that of the direction `seen` from the centre, times `carried`, dω/dω' of the [`Parallax`]: near
-    /// a lamp that differs between the points of a voxel by far more than the candidates do.
+    /// Judges the last iteration's trees of path samples and photons, and mixtures of them, by a path sample of this iteration: its
+    /// V over the density q estimates ∫f²/q. V is that of the light which photons may show too: by light that they never show, path
+    /// samples would always be better. q is the density of the direction `seen` from the centre, times `carried`, dω/dω' of the
+    /// [`Parallax`]: near a lamp that factor differs between the points of a voxel by far more than the candidates do.
     fn weigh_kinds(&mut self, record: &PathRecord, seen: Vec3, carried: f64) {
         let Some(kinds) = &self.kind_trees else { return };
         let target = self.tree.target();
@@ -178,8 +178,8 @@ impl TreeVoxel {
         self.kind_moments.add(PATH_SHARES.map(|share| square / (share * path + (1.0 - share) * photon)));
     }
 
-    /// Judges mixtures of the last proposals by what the path brought back from a direction that one of them was sampled for. Light
-    /// that light sampling finds too says little about guides.
+    /// Judges mixtures of the last proposals by the light that a path brought back along its sampled direction. Light that light
+    /// sampling finds too is left out: it says little about guides.
     fn weigh_proposals(&mut self, record: &PathRecord, seen: Vec3) {
         let Some(judged) = &self.last_proposals else { return };
         let [onward, ..] = record.estimates();

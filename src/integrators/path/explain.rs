@@ -1,4 +1,4 @@
-//! A path told vertex by vertex: for samples that were dropped because their radiance is not finite.
+//! A path explained vertex by vertex: for samples that were dropped because their radiance is not finite.
 
 use glam::Vec3;
 use serde::Serialize;
@@ -8,7 +8,7 @@ use crate::base::random::Random;
 use crate::geometry::Ray;
 use crate::scene::effects::{Effects, Everything, With};
 
-/// What became not finite first on a path.
+/// First quantity on a path that is not finite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
@@ -18,7 +18,7 @@ pub enum Cause {
     Emission,
     /// Radiance of the background.
     Background,
-    /// What a medium lets through.
+    /// Transmittance of a medium.
     Transmittance,
     /// Value of a BSDF or of a phase function.
     Bsdf,
@@ -58,12 +58,12 @@ impl Cause {
     }
 }
 
-/// Light that a path ran into.
+/// Emission that a path ran into.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Met {
     /// Radiance, dimmed by a medium on the way.
     pub radiance: Vec3,
-    /// Its weight against light sampling at the vertex before.
+    /// Its MIS weight against light sampling at the vertex before.
     pub weight: f32,
 }
 
@@ -72,13 +72,13 @@ impl Met {
         Self { radiance: emission.radiance, weight: emission.weight }
     }
 
-    /// None where it is finite.
+    /// Cause where radiance or weight is not finite: `source` for the radiance.
     fn cause(&self, source: Cause) -> Option<Cause> {
         if !self.radiance.is_finite() { Some(source) } else { (!self.weight.is_finite()).then_some(Cause::Pdf) }
     }
 }
 
-/// How a path goes on from a vertex.
+/// Step of a path from a vertex to the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Onward {
     /// Unit direction.
@@ -100,27 +100,27 @@ pub struct Onward {
 /// A vertex of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExplainedVertex {
-    /// Where.
+    /// Point in the world.
     pub point: Vec3,
-    /// From the vertex before.
+    /// Distance from the vertex before.
     pub distance: f32,
     /// Shading normal on the side that the path arrived at; zero in a medium.
     pub normal: Vec3,
-    /// The shape, if it is not in a medium.
+    /// Index of the shape; none in a medium.
     pub shape: Option<u32>,
-    /// What the path carries of the light that leaves here towards the vertex before.
+    /// Throughput for light that leaves here towards the vertex before, roulette included.
     pub throughput: Vec3,
-    /// What a medium on the way lets through, over the density of getting here.
+    /// Transmittance of a medium on the way, over the density of getting here.
     pub passed: Vec3,
     /// Emission of the surface.
     pub met: Met,
     /// Light sampling here: f·L·w / p.
     pub direct: Vec3,
-    /// How the path goes on; none where it ends.
+    /// Step to the next vertex; none where the path ends.
     pub onward: Option<Onward>,
-    /// What emission and light sampling here bring to the picture.
+    /// Contribution of emission and light sampling here to the sample's radiance.
     pub contribution: Vec3,
-    /// What is not finite here, if anything.
+    /// First quantity that is not finite here; none where all are finite.
     pub cause: Option<Cause>,
 }
 
@@ -131,18 +131,18 @@ pub struct Explanation {
     pub ray: Ray,
     /// The vertices after the camera.
     pub vertices: Vec<ExplainedVertex>,
-    /// What the last segment found in the background.
+    /// Emission of the background that the last segment ran into.
     pub background: Met,
-    /// What the background brings to the picture.
+    /// Contribution of the background to the sample's radiance.
     pub background_contribution: Vec3,
     /// Radiance of the sample, as the film gets it.
     pub radiance: Vec3,
-    /// What became not finite first; none where the radiance is finite.
+    /// First quantity that is not finite; none where the radiance is finite.
     pub cause: Option<Cause>,
 }
 
 impl PathTracer<'_> {
-    /// Traces the same path as [`PathTracer::trace`] and says what it met.
+    /// Traces the same path as [`PathTracer::trace`] and returns its vertices.
     pub fn explain(&self, ray: Ray, random: &mut Random, pixel: Option<f32>) -> Explanation {
         let needs = self.scene.needs();
         match (needs.media, needs.materials, self.field.is_some()) {

@@ -1,4 +1,4 @@
-//! Materials and their textures, as a scene file has them.
+//! Materials and their textures, as they are written in a scene file.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,16 +20,16 @@ pub enum TextureFile {
         /// Texture coordinates to picture coordinates, 3×3 row by row.
         #[serde(default = "identity3")]
         to_uv: [f32; 9],
-        /// Data, not colour: what is not a float format is not converted from sRGB.
+        /// Whether the picture is data, not colour: formats other than float ones are then not converted from sRGB.
         #[serde(default, skip_serializing_if = "is_default")]
         raw: bool,
         /// Factor on every value.
         #[serde(default = "one")]
         scale: f32,
-        /// What is beyond the picture.
+        /// Continuation beyond the picture's edges.
         #[serde(default, skip_serializing_if = "is_default")]
         wrap: Wrap,
-        /// What is between pixel centres.
+        /// Interpolation between pixel centres.
         #[serde(default, skip_serializing_if = "is_default")]
         filter: Filter,
     },
@@ -45,7 +45,7 @@ pub enum TextureFile {
     },
 }
 
-/// What is beyond the edges of a picture.
+/// Continuation of a picture beyond its edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum Wrap {
@@ -58,7 +58,7 @@ pub enum Wrap {
     Clamp,
 }
 
-/// What is between the pixel centres of a picture.
+/// Interpolation between the pixel centres of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
 #[serde(rename_all = "snake_case")]
 pub enum Filter {
@@ -123,7 +123,7 @@ pub enum MaterialFile {
         reflectance: TextureFile,
         /// Roughness, the root mean square slope of the facets; 0 is diffuse.
         alpha: f32,
-        /// Use the simpler of the authors' two models, which leaves out light that facets throw at one another.
+        /// Use the simpler of the authors' two models, which leaves out interreflection between facets.
         #[serde(default, skip_serializing_if = "is_default")]
         qualitative: bool,
     },
@@ -195,7 +195,7 @@ pub enum MaterialFile {
         /// Factor on the coat's reflection.
         #[serde(default = "white")]
         specular_reflectance: TextureFile,
-        /// Whether light that the coat throws back to the base takes on its colour each time.
+        /// Whether light that the coat reflects back to the base takes on its colour each time.
         #[serde(default)]
         nonlinear: bool,
     },
@@ -210,12 +210,12 @@ pub enum MaterialFile {
         /// The two materials, without masks.
         materials: Box<[MaterialFile; 2]>,
     },
-    /// A clear material whose light takes on colour, more than Fresnel's equations have it.
+    /// A clear material with factors on the light that Fresnel's equations let it reflect and transmit.
     Tinted {
-        /// Factor on what is reflected.
+        /// Factor on reflected light.
         #[serde(default = "white")]
         specular_reflectance: TextureFile,
-        /// Factor on what is let through.
+        /// Factor on transmitted light.
         #[serde(default = "white")]
         specular_transmittance: TextureFile,
         /// The material.
@@ -254,7 +254,7 @@ pub enum MaterialFile {
 }
 
 /// Burley's mixture of lobes (2012, 2015) with the formulas of Mitsuba's `principled`, bounded so that it never scatters more than
-/// arrives. Numbers are in [0, 1]; of the textures of numbers the luminance counts.
+/// arrives. Numbers are in [0, 1]; textures of numbers count by their luminance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PrincipledFile {
@@ -263,7 +263,7 @@ pub struct PrincipledFile {
     /// Square root of the facets' roughness.
     #[serde(default = "grey")]
     pub roughness: TextureFile,
-    /// From dielectric to metal.
+    /// Blend from dielectric (0) to metal (1).
     #[serde(default = "black")]
     pub metallic: TextureFile,
     /// Refractive index relative to the outside, at least 1.
@@ -272,7 +272,7 @@ pub struct PrincipledFile {
     /// How much the dielectric's reflection takes on the base's hue.
     #[serde(default)]
     pub spec_tint: f32,
-    /// Grazing reflection as of cloth.
+    /// Strength of the sheen: reflection at grazing angles as of cloth.
     #[serde(default)]
     pub sheen: f32,
     /// How much the sheen takes on the base's hue.
@@ -281,18 +281,18 @@ pub struct PrincipledFile {
     /// Strength of a clear coat.
     #[serde(default)]
     pub clearcoat: f32,
-    /// How glossy the coat is.
+    /// Gloss of the coat, from satin (0) to glossy (1).
     #[serde(default)]
     pub clearcoat_gloss: f32,
-    /// How much the base looks like scattering below the surface.
+    /// Blend from the diffuse base (0) to an approximation of subsurface scattering (1).
     #[serde(default)]
     pub flatness: f32,
-    /// Part of the dielectric that lets light through instead of having a base.
+    /// Part of the dielectric that transmits light instead of having a base.
     #[serde(default)]
     pub spec_trans: f32,
 }
 
-/// The one list of textures, for shared and for changing access.
+/// Lists a material's textures, for shared and for mutable access.
 macro_rules! textures {
     ($material:ident, $each:ident, $iter:ident) => {
         match $material {
@@ -335,7 +335,7 @@ macro_rules! textures {
     };
 }
 
-/// The one list of what is put on a material, for shared and for changing access.
+/// Gets the material inside a mask, tint, bump or two-sided one, for shared and for mutable access.
 macro_rules! inside {
     ($material:ident) => {
         match $material {
@@ -355,17 +355,17 @@ impl MaterialFile {
         textures!(self, textures, iter)
     }
 
-    /// [`MaterialFile::textures`] to be changed.
+    /// As [`MaterialFile::textures`], mutable.
     pub fn textures_mut(&mut self) -> Vec<(&'static str, &mut TextureFile)> {
         textures!(self, textures_mut, iter_mut)
     }
 
-    /// The material that a mask, bump, tint or the like is put on.
+    /// The material inside a mask, bump, tint or the like.
     pub fn inside(&self) -> Option<&Self> {
         inside!(self)
     }
 
-    /// [`MaterialFile::inside`] to be changed.
+    /// As [`MaterialFile::inside`], mutable.
     pub fn inside_mut(&mut self) -> Option<&mut Self> {
         inside!(self)
     }
@@ -375,12 +375,12 @@ impl MaterialFile {
         matches!(self, Self::Mask { .. }) || self.inside().is_some_and(Self::is_masked)
     }
 
-    /// Whether a texture turns its shading normals.
+    /// Whether it has a bump or normal map.
     pub fn is_bumped(&self) -> bool {
         matches!(self, Self::BumpMap { .. } | Self::NormalMap { .. }) || self.inside().is_some_and(Self::is_bumped)
     }
 
-    /// Whether both its sides are fronts.
+    /// Whether its back scatters like its front.
     pub fn is_two_sided(&self) -> bool {
         match self {
             Self::TwoSided { .. } => true,
@@ -394,7 +394,7 @@ impl MaterialFile {
         self.inside().map_or(self, Self::innermost)
     }
 
-    /// What scatters: the materials inside masks, bumps, tints, two-sided ones and blends.
+    /// The scattering parts: the materials inside masks, bumps, tints, two-sided ones and blends.
     pub fn parts(&self) -> Vec<&Self> {
         match self.innermost() {
             Self::Blend { materials, .. } => materials.iter().flat_map(Self::parts).collect(),
@@ -402,7 +402,7 @@ impl MaterialFile {
         }
     }
 
-    /// Changes every part.
+    /// Applies `change` to every scattering part.
     pub fn change_parts(&mut self, change: &mut impl FnMut(&mut Self)) {
         if let Some(inside) = self.inside_mut() {
             inside.change_parts(change);

@@ -46,7 +46,7 @@ pub fn cube() -> Mesh {
     mesh
 }
 
-/// Segments of what is round.
+/// Number of segments of round shapes.
 pub const SEGMENTS: u32 = 128;
 
 /// The unit disk in z = 0 facing +z, as a polygon of the same area; u is the radius, v the turn.

@@ -1,4 +1,4 @@
-//! How far a scene may reach: beyond it, products of lengths would leave single precision.
+//! Limit of a scene's extent: beyond it, products of lengths would leave single precision.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -58,7 +58,7 @@ fn offset(matrix: &Matrix) -> DVec3 {
     DVec3::new(f64::from(matrix[3]), f64::from(matrix[7]), f64::from(matrix[11]))
 }
 
-/// The largest coordinate of a box once it is placed.
+/// The largest absolute coordinate of a box once it is placed.
 fn reach(matrix: &Matrix, low: DVec3, high: DVec3) -> f64 {
     let linear = linear(matrix);
     let size = DMat3::from_cols(linear.x_axis.abs(), linear.y_axis.abs(), linear.z_axis.abs());

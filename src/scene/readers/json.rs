@@ -9,7 +9,7 @@ use crate::scene::file::{SceneFile, VERSION};
 use super::places::Places;
 use super::validate::{unsupported_version, validate};
 
-/// Meshes may be written out in the document, so it may be long.
+/// Largest scene file, bytes: meshes may be written out in it.
 const LARGEST_FILE: u64 = 1 << 30;
 
 /// Reads a scene file without looking at its values.
@@ -19,7 +19,7 @@ pub(super) fn read(path: &Path) -> Result<SceneFile> {
 }
 
 fn explain(path: &Path, bytes: &[u8], error: &serde_json::Error) -> Error {
-    // A newer version may well have other keys: say that first.
+    // A newer version may well have other keys: check the version first.
     #[derive(serde::Deserialize)]
     struct Versioned {
         version: u32,
@@ -36,7 +36,7 @@ fn explain(path: &Path, bytes: &[u8], error: &serde_json::Error) -> Error {
 /// Writes a scene file as indented JSON, atomically.
 ///
 /// # Errors
-/// What [`resolve`](super::resolve) says of the values (JSON has no infinity or NaN), [`Error::Io`].
+/// The errors of [`resolve`](super::resolve) for invalid values (JSON has no infinity or NaN), [`Error::Io`].
 pub fn save(file: &SceneFile, path: &Path) -> Result<()> {
     validate(file, &Places::new(path))?;
     write_atomically(path, |out| {

@@ -1,4 +1,4 @@
-//! Shapes that nothing can be seen of, as exporters leave them behind: taken out of the scene, with a word of which and why.
+//! Removal of shapes of which nothing can be seen, as exporters leave them behind; a warning names each with the reason.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,12 +10,12 @@ use crate::scene::file::{GeometryFile, Matrix, SceneFile, ShapeFile};
 use super::places::Places;
 use super::validate::{FLATTENS, has_inverse, linear};
 
-/// Why meshes are not there, by their names.
+/// Reasons why meshes are missing or empty, by their names.
 pub type Reasons = BTreeMap<String, String>;
 
-/// Takes the shapes out of `file` whose mesh is none of `meshes` for one of the `reasons`, and those that have no area where they
-/// are placed; each is warned of. The meshes without a file or area go, too. After this, numbers of shapes are no longer those of
-/// `places`.
+/// Removes from `file` the shapes whose mesh is missing from `meshes` for one of the `reasons`, and those that have no area where
+/// they are placed, each with a warning. The meshes without a file or area go, too. After this, indices of shapes are no longer
+/// those of `places`.
 ///
 /// # Errors
 /// [`Error::Malformed`] where a transform without inverse leaves a shape an area.
@@ -39,7 +39,7 @@ pub fn take_out(
     Ok(())
 }
 
-/// How a shape is spoken of.
+/// Description of a shape in messages.
 fn called(shape: &ShapeFile) -> String {
     let name = if shape.name.is_empty() { String::new() } else { format!(" \"{}\"", shape.name) };
     match shape.emission {
@@ -48,7 +48,7 @@ fn called(shape: &ShapeFile) -> String {
     }
 }
 
-/// Why nothing can be seen of a shape whose transform is `key`.
+/// Reason why nothing can be seen of a shape whose transform is at `key`; none where something can.
 fn why(
     shape: &ShapeFile,
     key: &str,

@@ -1,6 +1,6 @@
-//! Text files of one thing a line, cut into pieces that threads read side by side.
+//! Text files of one item a line, cut into pieces that threads read in parallel.
 
-/// About so many bytes a piece.
+/// Approximate size of a piece, bytes.
 const PIECE: usize = 1 << 20;
 
 /// `text` in pieces of whole lines, in order.
@@ -24,7 +24,7 @@ pub fn lines(piece: &[u8]) -> impl Iterator<Item = &[u8]> {
     piece.split_inclusive(|&byte| byte == b'\n')
 }
 
-/// What stands between white space.
+/// The words of a line, separated by white space.
 pub fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
@@ -43,12 +43,12 @@ pub fn integer(word: &[u8]) -> Option<i64> {
     Some(sign * digits.iter().try_fold(0, add)?)
 }
 
-/// A number as Rust writes it.
+/// A number in Rust's notation.
 pub fn number<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
 
-/// As many numbers as are asked for; more may follow.
+/// The next `N` numbers; more may follow.
 pub fn numbers<'a, const N: usize>(words: &mut impl Iterator<Item = &'a [u8]>) -> Option<[f32; N]> {
     let mut values = [0.0; N];
     for value in &mut values {

@@ -1,4 +1,4 @@
-//! Loading one mesh and making it sound: every index in range, every number finite, every triangle with an area.
+//! Loading and checking one mesh: every index in range, every number finite, every triangle with an area.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::scene::file::MeshFile;
 use super::extent::LARGEST;
 use super::{builtin, normals, obj, path, ply, serialized};
 
-/// What becomes of vertex normals.
+/// Treatment of a mesh's vertex normals.
 #[derive(Clone, Copy, PartialEq)]
 enum Shading {
     /// Dropped.
@@ -23,19 +23,19 @@ enum Shading {
     AsGiven,
 }
 
-/// A mesh made sound. It may have no triangle left.
+/// A checked mesh. It may have no triangle left.
 #[derive(Debug)]
 pub struct Cleaned {
     /// The mesh.
     pub mesh: Mesh,
-    /// How many of its triangles were left out.
+    /// Number of triangles that were left out.
     pub skipped: usize,
-    /// Where it comes from.
+    /// The place that it comes from.
     pub place: Place,
 }
 
 impl Cleaned {
-    /// What is said of a mesh that nothing can be seen of.
+    /// Reason why nothing can be seen of the mesh; none where it has triangles.
     pub fn emptiness(&self) -> Option<String> {
         let Self { mesh, skipped, place } = self;
         mesh.triangles.is_empty().then(|| match skipped {
@@ -82,7 +82,7 @@ pub fn load(file: &MeshFile, directory: &Path, place: &Place) -> Result<Cleaned>
     }
 }
 
-/// The mesh with v turned around if `flip_v`.
+/// The mesh, with v replaced by 1 − v if `flip_v`.
 fn turned(mut mesh: Mesh, flip_v: bool) -> Mesh {
     if flip_v {
         mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
@@ -125,8 +125,8 @@ fn check(mesh: &Mesh, place: &Place) -> Result<()> {
     Ok(())
 }
 
-/// Edges are subtracted in double precision, so only triangles that truly collapse are lost. The bound keeps what would
-/// underflow when normals are computed in single precision.
+/// Whether a triangle has an area. Edges are subtracted in double precision, so only triangles that truly collapse are lost. The
+/// bound keeps triangles whose normals would underflow in single precision.
 fn has_area(corners: [Vec3; 3]) -> bool {
     const SMALLEST_CROSS: f64 = 1e-30;
     let [a, b, c]: [DVec3; 3] = corners.map(|p| p.as_dvec3());

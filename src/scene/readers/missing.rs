@@ -1,4 +1,4 @@
-//! Files that a scene names and that are not there: all of them in one message, or a scene without them.
+//! Missing files that a scene names: all of them in one error, or substitutes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -11,13 +11,13 @@ use super::left_out::Reasons;
 use super::path;
 use super::places::Places;
 
-/// What becomes of a scene that names meshes and pictures which are not there.
+/// Treatment of a scene that names meshes and pictures which are not there.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Missing {
-    /// It is refused.
+    /// Refuses the scene.
     #[default]
     Refuse,
-    /// Shapes without mesh are left out, and grey stands for pictures.
+    /// Leaves out shapes without mesh, and replaces pictures by grey.
     Skip,
 }
 
@@ -31,24 +31,24 @@ impl Missing {
     }
 }
 
-/// What stands for a picture.
+/// Value that replaces a missing picture.
 pub(super) const GREY: f32 = 0.5;
-/// What stands for a normal map: the surface's own normal.
+/// Colour that replaces a missing normal map: the surface's own normal.
 const STRAIGHT: [f32; 3] = [0.5, 0.5, 1.0];
 
-/// A file that is not there.
+/// A missing file.
 #[derive(Debug, Clone)]
 pub(super) struct Absent {
-    /// As the scene names it.
+    /// File name as in the scene.
     pub file: String,
-    /// Where.
+    /// The place that names it.
     pub place: Place,
-    /// What is used instead of a picture; nothing for a mesh, whose shapes tell.
+    /// Description of the substitute for a picture; none for a mesh, whose shapes are warned of.
     pub instead: Option<String>,
 }
 
 impl Absent {
-    /// A picture for which a colour stands.
+    /// A missing picture that a colour replaces.
     pub fn picture(file: &str, place: Place, color: [f32; 3]) -> Self {
         let [r, g, b] = color;
         let told = if r == g && g == b { r.to_string() } else { format!("{r}, {g}, {b}") };
@@ -64,8 +64,8 @@ pub(super) fn is_absent(folder: &Path, file: &str) -> bool {
     }
 }
 
-/// Finds what the scene in `folder` lacks beside `found`, and puts something else in its place; shapes of the returned meshes are
-/// left to be taken out. Every picture is warned of. The names of all files come second.
+/// Finds the files that the scene in `folder` lacks, beside those `found` before, and replaces pictures by colours, each with a
+/// warning. Returns why meshes are missing, whose shapes remain to be removed, and the names of all missing files.
 ///
 /// # Errors
 /// [`Error::Missing`] with all absent files unless they are to be skipped.
@@ -103,7 +103,7 @@ fn line(place: &Place) -> u32 {
     if let Some(At::Line(line)) = place.at { line } else { u32::MAX }
 }
 
-/// Why meshes are missing, by name.
+/// Finds missing meshes; returns the reasons by name.
 fn absent_meshes(scene: &SceneFile, folder: &Path, places: &Places, found: &mut Vec<Absent>) -> Reasons {
     let mut reasons = Reasons::new();
     for (name, mesh) in &scene.meshes {
@@ -119,7 +119,7 @@ fn absent_meshes(scene: &SceneFile, folder: &Path, places: &Places, found: &mut 
     reasons
 }
 
-/// Puts colours in the place of pictures that are not there.
+/// Replaces missing pictures by colours.
 fn replace_pictures(scene: &mut SceneFile, folder: &Path, places: &Places, found: &mut Vec<Absent>) {
     let mut known = BTreeMap::new();
     let mut absent = |file: &str| *known.entry(file.to_owned()).or_insert_with(|| is_absent(folder, file));
@@ -146,7 +146,7 @@ fn replace_pictures(scene: &mut SceneFile, folder: &Path, places: &Places, found
     }
 }
 
-/// Shows the texture of every normal map, wherever it is in the material.
+/// Calls `replace` on the texture of every normal map, wherever it is in the material.
 fn straighten(material: &mut MaterialFile, replace: &mut impl FnMut(&mut TextureFile)) {
     if let MaterialFile::NormalMap { texture, .. } = material {
         replace(texture);

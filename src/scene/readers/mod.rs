@@ -44,7 +44,7 @@ use mesh::Cleaned;
 use missing::Absent;
 use places::Places;
 
-/// Meshes may be large, but a scene must not exhaust memory before anything is known about it.
+/// Largest mesh file, bytes. Meshes may be large, but a scene must not exhaust memory before anything is known about it.
 const LARGEST_MESH_FILE: u64 = 4 << 30;
 /// Most vertices, and most triangles, of one mesh.
 const MOST_ELEMENTS: u64 = 1 << 28;
@@ -62,16 +62,16 @@ pub struct LoadedScene {
     pub images: BTreeMap<String, Texels>,
     /// Triangles left out because they have no area or use a vertex twice.
     pub skipped_triangles: usize,
-    /// Meshes and pictures that were not there, as the scene names them; something else stands for them.
+    /// Meshes and pictures that were not there, as the scene names them; substitutes replace them.
     pub missing: Vec<String>,
-    /// What was understood in another way than it may have been meant.
+    /// Warnings about anything that was understood in another way than it may have been meant.
     pub warnings: Vec<String>,
     /// Effects that were switched on although nothing in the file calls for them.
     pub needs: Needs,
 }
 
 impl LoadedScene {
-    /// CRC-32 of everything that the picture depends on: the scene file, and what the files hold that it names.
+    /// CRC-32 of everything that the picture depends on: the scene file, and the content of the files that it names.
     pub fn crc32(&self) -> u32 {
         let file = serde_json::to_vec(&self.file).unwrap_or_default();
         let needs = format!("{:?}", self.needs);
@@ -92,7 +92,7 @@ pub fn load(path: &Path) -> Result<LoadedScene> {
     load_with(path, &[])
 }
 
-/// [`load`] with effects switched on or off. Nothing is read that only an effect refers to which is off.
+/// As [`load`], with effects switched on or off. Files to which only switched-off effects refer are not read.
 ///
 /// # Errors
 /// As [`load`].
@@ -100,7 +100,7 @@ pub fn load_with(path: &Path, overrides: &[Override]) -> Result<LoadedScene> {
     load_lacking(path, overrides, Missing::Refuse)
 }
 
-/// [`load_with`] of a scene that may lack meshes and pictures. What only an effect refers to which is off is not missed.
+/// As [`load_with`], for a scene that may lack meshes and pictures. Files to which only switched-off effects refer are not missed.
 ///
 /// # Errors
 /// As [`load`]; no [`Error::Missing`] where they are skipped.
@@ -122,28 +122,28 @@ pub fn load_lacking(path: &Path, overrides: &[Override], missing: Missing) -> Re
 /// A document that was read, unchecked, without the files that it names.
 struct Read {
     file: SceneFile,
-    /// Places of its parts.
+    /// Places of the document's parts.
     places: Places,
-    /// What is done in another way than the document says.
+    /// Warnings about anything that is done in another way than the document says.
     warnings: Vec<String>,
-    /// Files that were looked for already and are not there.
+    /// Files that were found to be missing already.
     absent: Vec<Absent>,
 }
 
 impl Read {
-    /// One whose parts are named by their key paths.
+    /// A document whose parts are named by their key paths.
     fn plain(file: SceneFile, source: &Path) -> Self {
         Self { file, places: Places::new(source), warnings: Vec::new(), absent: Vec::new() }
     }
 }
 
-/// How a scene is loaded.
+/// Options for loading a scene.
 struct How<'a> {
     overrides: &'a [Override],
     missing: Missing,
 }
 
-/// The scene document that `path` means.
+/// The scene document at `path`, or in the folder `path`.
 fn document(path: &Path) -> Result<PathBuf> {
     if !path.is_dir() {
         return Ok(path.to_owned());
@@ -190,8 +190,8 @@ fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
     Ok(LoadedScene { file, directory, meshes, images, skipped_triangles, missing, warnings, needs })
 }
 
-/// All meshes but those that are missing for one of the `reasons`, and how many triangles were left out of them; a mesh that has
-/// none left is one more reason. In parallel; of several errors the first by name is reported, whatever the scheduling.
+/// Loads all meshes but those that are missing for one of the `reasons`; returns them with the number of triangles left out. A mesh
+/// that has none left adds a reason. In parallel; of several errors the first by name is reported, whatever the scheduling.
 fn load_meshes(
     files: &BTreeMap<String, MeshFile>,
     directory: &Path,
@@ -218,7 +218,7 @@ fn load_meshes(
     Ok((meshes, skipped))
 }
 
-/// By [`image_key`].
+/// Pictures that were read, or their errors, by [`image_key`].
 type Pictures = BTreeMap<String, Result<Texels>>;
 
 /// Reads all pictures of a scene in parallel, each once per way of reading it.
@@ -245,7 +245,7 @@ fn read_pictures(scene: &SceneFile, directory: &Path, places: &Places) -> Pictur
     files.into_par_iter().map(read).collect()
 }
 
-/// What was read of the pictures of a scene; of several errors the first in the order of materials and lights is reported.
+/// Picks a scene's pictures from those read; of several errors the first in the order of materials and lights is reported.
 fn load_images(
     scene: &SceneFile,
     mut pictures: Pictures,

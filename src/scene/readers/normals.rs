@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::geometry::mesh::Mesh;
 
-/// Triangles whose normals are made before they are added up, in the order of the mesh.
+/// Number of triangles whose normals are computed before they are added up, in the order of the mesh.
 const CHUNK: usize = 1 << 16;
 
 /// Normalizes the normals of `mesh`; zero and missing ones become the mean of the adjacent face normals, weighted by the

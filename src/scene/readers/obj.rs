@@ -1,7 +1,7 @@
-//! Wavefront OBJ: the lines that make up geometry, as one mesh. Groups do not split it, so that smooth normals do not break where one
-//! ends; material files are not ours to open.
+//! Wavefront OBJ: the lines that make up geometry, as one mesh. Groups do not split it, so that smooth normals do not break where
+//! one ends; material files are not read.
 //!
-//! Pieces of the text are read side by side, twice: first to count, so that each knows what the numbers of its faces mean.
+//! Pieces of the text are read in parallel, twice: first to count, so that each knows what the indices of its faces refer to.
 
 mod corners;
 
@@ -18,8 +18,8 @@ use super::LARGEST_MESH_FILE;
 use super::lines::{lines, number, numbers, pieces, words};
 use corners::{Corner, corner, weld};
 
-/// Reads an OBJ file; polygons become fans of triangles, points and lines are left out. v is turned around, because OBJ counts it from
-/// the bottom of a picture and we, like Mitsuba, from the top.
+/// Reads an OBJ file; polygons become fans of triangles, points and lines are left out. v becomes 1 − v, because OBJ counts it from
+/// the bottom of a picture, and this renderer, like Mitsuba, from the top.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the file and, where there is one, the line.
@@ -53,10 +53,10 @@ pub fn read(path: &Path) -> Result<Mesh> {
     weld(&whole).map_err(|why| fail(Place::file(path), why))
 }
 
-/// Number of a line in its piece, and what is wrong with it.
+/// Index of a line in its piece, and its fault.
 type Broken = (usize, &'static str);
 
-/// How much of everything there is.
+/// Number of lines and of each kind of values.
 #[derive(Debug, Clone, Copy, Default)]
 struct Counts {
     lines: usize,
@@ -81,7 +81,7 @@ impl Counts {
     }
 }
 
-/// Which of positions, texture coordinates and normals a line that begins with `word` holds.
+/// Index of the kind of values (positions, texture coordinates, normals) in a line that begins with `word`.
 fn kind(word: &[u8]) -> Option<usize> {
     match word {
         b"v" => Some(0),
@@ -91,7 +91,7 @@ fn kind(word: &[u8]) -> Option<usize> {
     }
 }
 
-/// What some lines hold.
+/// The content of some lines.
 #[derive(Default)]
 struct Part {
     positions: Vec<Vec3>,
@@ -119,11 +119,11 @@ impl Part {
     }
 }
 
-/// Reads a piece of which `counts` are there, after those of `begin`, in a file of `total`.
+/// Reads a piece that holds `counts` values, after those of `begin`, in a file of `total`.
 fn part(piece: &[u8], begin: &Counts, counts: &Counts, total: &Counts) -> Result<Part, Broken> {
     let mut part = Part::with_capacity(counts, 0);
     for (index, line) in lines(piece).enumerate() {
-        // What follows a # is a comment.
+        // The rest of a line after # is a comment.
         let mut words = words(line).take_while(|word| word[0] != b'#');
         let Some(first) = words.next() else { continue };
         let read = match first {
@@ -148,7 +148,7 @@ fn part(piece: &[u8], begin: &Counts, counts: &Counts, total: &Counts) -> Result
     Ok(part)
 }
 
-/// Three numbers, divided by a fourth if that is all that follows; a colour may follow as well.
+/// Reads a position: three numbers, divided by a fourth if that is all that follows; a colour may follow as well.
 fn position<'a>(words: &mut impl Iterator<Item = &'a [u8]>) -> Result<Vec3, &'static str> {
     const WRONG: &str = "a line \"v\" does not hold three numbers";
     let position = Vec3::from_array(numbers(words).ok_or(WRONG)?);

@@ -4,7 +4,7 @@ use std::path::{Component, Path, PathBuf};
 
 use crate::base::{Error, Place, Result};
 
-/// The file that the scene in `folder` calls `file`.
+/// The path of the file that the scene in `folder` calls `file`.
 ///
 /// # Errors
 /// [`Error::Malformed`] at `place` if the path is empty, absolute, leaves the folder (also by a symbolic link), or is not a

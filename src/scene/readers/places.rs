@@ -1,4 +1,4 @@
-//! Where in its source each part of a [`SceneFile`](crate::scene::file::SceneFile) came from, for error messages.
+//! Places in the source of the parts of a [`SceneFile`](crate::scene::file::SceneFile), for error messages.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ impl Places {
         Self { source: source.to_owned(), known: BTreeMap::new() }
     }
 
-    /// The part `key` stands at `place`.
+    /// Sets the place of the part `key`.
     pub fn set(&mut self, key: impl Into<String>, place: Place) {
         self.known.insert(key.into(), place);
     }
@@ -28,12 +28,12 @@ impl Places {
         &self.source
     }
 
-    /// Where the picture `file` of the part `owner` is named first.
+    /// The first place that names the picture `file`, else the place of the part `owner`.
     pub fn of_picture(&self, file: &str, owner: &str) -> Place {
         self.known.get(&picture(file)).cloned().unwrap_or_else(|| self.at(owner))
     }
 
-    /// The picture `file` is named at `place`; the first place stands.
+    /// Sets a place that names the picture `file`; the first one stays.
     pub fn set_picture(&mut self, file: &str, place: Place) {
         self.known.entry(picture(file)).or_insert(place);
     }

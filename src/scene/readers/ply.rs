@@ -1,4 +1,4 @@
-//! PLY, text or binary, by the crate `ply-rs-bw`; bodies in the layout that they usually have, by our own code.
+//! PLY, text or binary: the usual layouts by our own code, others by the crate `ply-rs-bw`.
 
 mod binary;
 mod text;
@@ -30,7 +30,7 @@ pub fn read(path: &Path) -> Result<Mesh> {
     if let Some(layout) = binary::Layout::of(&header) {
         return layout.read(path, reader.get_ref());
     }
-    // The library says what is wrong with a text, and where.
+    // Where this fails, the library finds out what is wrong with a text, and where.
     if let Some(mesh) = text::Layout::of(&header).and_then(|layout| layout.read(reader.get_ref())) {
         return Ok(mesh);
     }
@@ -55,7 +55,7 @@ fn explain(path: &Path, error: &ParseError) -> Error {
     Error::malformed(place, format!("not a readable PLY file: {error}"))
 }
 
-/// The body must be long enough for the counts in the header, before anything is allocated by them.
+/// Checks that the body is long enough for the counts in the header, before anything is allocated by them.
 fn check_counts(path: &Path, header: &Header, body: usize) -> Result<()> {
     let mut least = 0u64;
     for (name, element) in &header.elements {
@@ -83,7 +83,7 @@ fn smallest_size(element: &ElementDef, encoding: Encoding) -> u64 {
     element.properties.iter().map(|(_, property)| of(&property.data_type)).sum::<u64>().max(1)
 }
 
-/// Number of a property among x, y, z, nx, ny, nz, u and v.
+/// Index of a property among x, y, z, nx, ny, nz, u and v.
 fn slot(name: &str) -> Option<usize> {
     match name {
         "x" => Some(0),
@@ -98,7 +98,7 @@ fn slot(name: &str) -> Option<usize> {
     }
 }
 
-/// The properties of vertices and the only one of faces, a list of indices; none for files in another layout.
+/// Vertices, faces and the type of the only property of faces, a list of indices; none for files in another layout.
 fn usual(header: &Header) -> Option<(&ElementDef, &ElementDef, &PropertyType)> {
     let elements: Vec<(&str, &ElementDef)> = header.elements.iter().map(|(n, e)| (n.as_str(), e)).collect();
     let [("vertex", vertex), ("face", face), ..] = elements[..] else { return None };
@@ -311,7 +311,7 @@ mod tests {
         assert!(matches!(parse(&binary("int", &body)), Err(Error::Malformed { .. })));
     }
 
-    /// A text of several pieces holds what the same file in binary does, in both kinds of numbers; a wrong line is named.
+    /// A text of several pieces gives the same mesh as the file in binary, with both kinds of numbers; a wrong line is named.
     #[test]
     fn long_texts_are_read_whole() {
         let mut random = Random::new(53, 0, 0);

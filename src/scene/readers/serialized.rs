@@ -58,7 +58,7 @@ fn header(path: &Path, bytes: &[u8], start: usize) -> Result<u16> {
     }
 }
 
-/// Where shape `index` begins, from the table at the end of the file.
+/// Byte at which shape `index` begins, from the table at the end of the file.
 fn offset(path: &Path, bytes: &[u8], version: u16, index: u32) -> Result<usize> {
     let fail = |message: String| Error::malformed(Place::byte(path, bytes.len() as u64), message);
     let count = bytes.last_chunk::<4>().map_or(0, |last| u32::from_le_bytes(*last));
@@ -134,7 +134,7 @@ impl Shape<'_> {
         Error::malformed(self.place.clone(), message)
     }
 
-    /// Grows with what really is there, not with what was announced.
+    /// Reads `count` bytes. Memory grows with the data that exist, not with the announced count.
     fn bytes(&mut self, count: u64) -> Result<Vec<u8>> {
         let mut out = Vec::new();
         let read = self.input.by_ref().take(count).read_to_end(&mut out);

@@ -1,4 +1,4 @@
-//! From a texture in a scene file to one that can be evaluated. Here, because materials know nothing of scene files.
+//! Conversion of a scene file's texture to one that can be evaluated. It is here because materials know nothing of scene files.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! A stored example: one call of each step with inputs and outputs, so that anyone can check another runtime against ours.
+//! A stored example: one call of each step with inputs and outputs, against which any other runtime can be checked.
 
 use std::collections::BTreeMap;
 
@@ -93,7 +93,7 @@ fn decode(model: &Model, backend: &Embedded, batch: &Batch, tensors: &mut Tensor
     Ok(())
 }
 
-/// The input that only networks with separate weights for every level have.
+/// Adds the `level` input, which only networks with separate weights for every level have.
 fn picked_level(model: &Model, name: &str, level: usize, tensors: &mut Tensors) {
     if model.config.per_level {
         integers(tensors, name, &[], &[level as u32]);

@@ -21,9 +21,9 @@ const NEIGHBOURS: &str = "neighbours";
 /// Name of the input that picks a level's weights, a scalar.
 const LEVEL: &str = "level";
 
-/// A step with its weights as the bytes of an ONNX model. `levels` has for each level the layers that are the program's there: one
-/// entry where all levels share their weights, otherwise one for every level from 0 on; then they are stacked, and the int64
-/// scalar input `level` picks.
+/// Writes a step with its weights as an ONNX model; returns its bytes. `levels` has for each level the layers that are the
+/// program's there: one entry where all levels share their weights, otherwise one for every level from 0 on; then they are stacked,
+/// and the int64 scalar input `level` picks.
 ///
 /// Float inputs are [N, columns] (the one that is selected from: [P, columns]), `neighbours` is int64 [N, 9], other index
 /// inputs are int64 [N]. Inputs and outputs have the program's names; N and P are symbolic. A row index of N means a
@@ -70,7 +70,7 @@ pub fn write_model(
         .into_bytes())
 }
 
-/// A value's name: that of the input or output it is, or its number.
+/// Name of a value: that of the input or output it is, or its number.
 fn value_name(program: &Program, v: Value) -> String {
     match &program.ops[v] {
         Op::Input(name) => (*name).to_owned(),
@@ -84,7 +84,7 @@ fn value_name(program: &Program, v: Value) -> String {
 #[derive(Default)]
 struct Graph {
     values: Vec<String>,
-    /// How many levels' weights are stacked, if they are.
+    /// Number of levels whose weights are stacked, if they are.
     levels: Option<usize>,
     nodes: Vec<Message>,
     constants: BTreeMap<String, Message>,
@@ -178,7 +178,7 @@ impl Graph {
         self.node("Add", &[&product, &bias], out, &[]);
     }
 
-    /// A constant, or what it has for the level where levels have their own.
+    /// Name of a constant, or of its part for the level where levels have their own.
     fn of_level(&mut self, constant: &str) -> String {
         if self.levels.is_none() {
             return constant.to_owned();

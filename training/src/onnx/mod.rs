@@ -17,7 +17,7 @@ use fanal::network::weights::{DECODE_FILE, ENCODE_FILE, Model};
 pub use example::example;
 pub use graph::write_model;
 
-/// One call of each step with inputs and outputs.
+/// Name of the file with one call of each step, with inputs and outputs.
 pub const EXAMPLE_FILE: &str = "example.safetensors";
 
 /// Writes `encode_step.onnx`, `decode_step.onnx` and `example.safetensors` into `folder`, which must exist, each atomically.
@@ -39,7 +39,7 @@ pub fn export(model: &Model, folder: &Path) -> Result<()> {
     write_bytes(&folder.join(EXAMPLE_FILE), &example(model)?)
 }
 
-/// What a reader needs to know that the graph does not say.
+/// Metadata that a reader needs beside the graph.
 fn metadata(Model { config, weights }: &Model) -> Vec<(String, String)> {
     let entries = [
         ("version", config.version.to_string()),

@@ -1,4 +1,4 @@
-//! Materials of Mitsuba 0.6 that have no equal here: each becomes a named near relation, with a warning.
+//! Materials of Mitsuba 0.6 without an equal here: each becomes a similar material, with a warning that names it.
 
 use crate::base::Result;
 use crate::math::channel_mean;
@@ -8,11 +8,11 @@ use super::Reader;
 use super::element::Element;
 use super::object::{Object, kind};
 
-/// Reflection at normal incidence that a coat may get: its index would grow without bound otherwise.
+/// Largest reflectance of a coat at normal incidence: its index would grow without bound otherwise.
 const MOST_SPECULAR: f32 = 0.5;
 
 impl<'a> Reader<'a> {
-    /// What is under a coat.
+    /// The material under a coat; the coat is left out, with a warning.
     pub(super) fn coating(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let object = Object::lenient(element, &self.ids, &[])?;
         self.warn(element, format_args!("the {} is left out: what is under it is used", kind(element)?));

@@ -2,7 +2,7 @@
 
 /// Wavelength of the first row of [`TABLE`], nm.
 pub const FIRST: f64 = 360.0;
-/// From row to row, nm.
+/// Step from row to row, nm.
 pub const STEP: f64 = 5.0;
 
 /// x̄, ȳ, z̄ (CIE 1931, 2° observer) and the relative power of D65, which is 1 at 560 nm. From 360 to 830 nm.

@@ -8,7 +8,7 @@ use crate::math::srgb;
 use super::cie::{FIRST, STEP, TABLE};
 use super::element::{Element, number, numbers};
 
-/// What a colour is for: this decides what a spectrum's colour is held against.
+/// The use of a colour, which decides what a spectrum's colour is relative to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Use {
     /// A reflectance: seen under D65, within [0, 1].
@@ -29,7 +29,7 @@ const XYZ_TO_RGB: DMat3 = DMat3::from_cols(
     DVec3::new(-0.498535, 0.041556, 1.057311),
 );
 
-/// A colour of any kind. A spectrum in a file is not read here.
+/// Reads a colour of any kind. A spectrum in a file is not read here.
 pub fn read(element: &Element, purpose: Use) -> Result<[f32; 3]> {
     match element.tag.as_str() {
         "srgb" => Ok(triple(element)?.map(srgb::linear)),
@@ -120,7 +120,7 @@ fn spectrum(element: &Element, purpose: Use) -> Result<[f32; 3]> {
     }
 }
 
-/// `400:0.1, 700:0.9`.
+/// Parses wavelengths and values such as `400:0.1, 700:0.9`.
 fn pairs(element: &Element, text: &str) -> Result<Vec<(f64, f64)>> {
     let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
     let pair = |word: &str| {
@@ -131,7 +131,7 @@ fn pairs(element: &Element, text: &str) -> Result<Vec<(f64, f64)>> {
     sorted(element, words.map(pair).collect::<Result<_>>()?)
 }
 
-/// The points, if there are any and their wavelengths grow.
+/// Returns the points if there are any and their wavelengths increase.
 fn sorted(element: &Element, points: Vec<(f64, f64)>) -> Result<Vec<(f64, f64)>> {
     if points.is_empty() || points.windows(2).any(|pair| pair[0].0 >= pair[1].0) {
         return Err(element.malformed("a spectrum needs wavelengths that grow"));
@@ -152,7 +152,7 @@ fn listed(points: &[(f64, f64)], purpose: Use) -> [f32; 3] {
     integrate(at, purpose)
 }
 
-/// Planck's law, W·m⁻²·sr⁻¹·nm⁻¹.
+/// Colour of a black body by Planck's law, W·m⁻²·sr⁻¹·nm⁻¹.
 fn black_body(element: &Element, temperature: &str, scale: f64, purpose: Use) -> Result<[f32; 3]> {
     let kelvin = number(element, temperature.trim().trim_end_matches(['K', 'k']))?;
     if kelvin <= 0.0 {
@@ -168,10 +168,10 @@ fn black_body(element: &Element, temperature: &str, scale: f64, purpose: Use) ->
     Ok(integrate(|nm| scale * planck(nm), purpose))
 }
 
-/// Linear RGB of a spectrum, relative to one that is 1 everywhere and has luminance 1. What lies outside of what RGB can
-/// say is clamped.
+/// Linear RGB of a spectrum, relative to one that is 1 everywhere and has luminance 1. Colours outside RGB's gamut are
+/// clamped.
 pub(super) fn integrate(spectrum: impl Fn(f64) -> f64, purpose: Use) -> [f32; 3] {
-    /// Between two rows of the table.
+    /// Number of steps between two rows of the table.
     const STEPS: usize = 10;
     let (mut sum, mut white) = (DVec3::ZERO, 0.0);
     for i in 0..(TABLE.len() - 1) * STEPS + 1 {

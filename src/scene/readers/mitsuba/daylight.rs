@@ -15,22 +15,22 @@ use super::sunlight::{hosek_wilkie, preetham};
 use crate::base::Result;
 use crate::scene::file::LightFile;
 
-/// Angle from edge to edge that the models' sun fills, degrees.
+/// Angular diameter of the models' sun, degrees.
 const DIAMETER: f64 = 0.5358;
 
-/// When and where, by which the sun's direction can be given.
+/// Properties that give the sun's direction by date and place.
 const WHEN_AND_WHERE: [&str; 9] =
     ["latitude", "longitude", "timezone", "day", "year", "month", "hour", "minute", "second"];
 
-/// What both versions have.
+/// Properties that both versions have.
 const COMMON: [&str; 5] = ["turbidity", "albedo", "sun_direction", "to_world", "sampling_weight"];
 
-/// The frame and the sun.
+/// Position of the sun relative to the vertical.
 struct Standing {
     /// World directions to the sun and upwards.
     sun: DVec3,
     up: DVec3,
-    /// Between them.
+    /// Angle between them, radians.
     zenith: f64,
 }
 
@@ -91,7 +91,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Where the sun is: as given, or by date and place.
+    /// Position of the sun: as given, or by date and place.
     fn standing(&mut self, object: &Object<'a>, old: bool) -> Result<Standing> {
         let element = object.element;
         let frame = object.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
@@ -122,7 +122,7 @@ impl<'a> Reader<'a> {
         Ok(Standing { sun, up, zenith: sun.dot(up).clamp(-1.0, 1.0).acos() })
     }
 
-    /// Beside a direction, date and place are errors or, as far as Mitsuba 0.6 does not mind them, left out.
+    /// Refuses date and place beside a direction, or leaves them out with a warning where Mitsuba 0.6 does not mind them.
     fn only_direction(&mut self, object: &Object<'a>, old: bool) -> Result<()> {
         let refused = if old { &WHEN_AND_WHERE[..4] } else { &WHEN_AND_WHERE[..] };
         for name in WHEN_AND_WHERE {
@@ -136,7 +136,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// A number within bounds, as Mitsuba asks for it.
+/// A number property within the bounds that Mitsuba demands.
 fn ranged(object: &Object, name: &str, default: f64, [least, most]: [f64; 2]) -> Result<f64> {
     match object.float(name)?.unwrap_or(default) {
         value if value >= least && value <= most => Ok(value),
@@ -147,7 +147,7 @@ fn ranged(object: &Object, name: &str, default: f64, [least, most]: [f64; 2]) ->
     }
 }
 
-/// The sun's [`position`] at the date and place that the properties say: in Tokyo on an afternoon in July, where they do not.
+/// The sun's [`position`] at the date and place of the properties; their defaults are Tokyo on an afternoon in July.
 fn by_date_and_place(object: &Object) -> Result<[f64; 2]> {
     let whole = |name: &str, default: i64, [least, most]: [i64; 2]| match object.integer(name)?.unwrap_or(default) {
         value if value >= least && value <= most => Ok(value),
@@ -163,7 +163,7 @@ fn by_date_and_place(object: &Object) -> Result<[f64; 2]> {
     Ok(position(&moment, [number("latitude", 35.6894)?, number("longitude", 139.6917)?]))
 }
 
-/// A disk of the power that the models' sun of `radiance` has, or parallel light where it is hardly any disk.
+/// A disk with the power of the models' sun of `radiance`, or parallel light where it is too small for a disk.
 fn sun(object: &Object, direction: [f32; 3], radiance: [f32; 3]) -> Result<LightFile> {
     let scaled = object.float("sun_radius_scale")?.unwrap_or(1.0) * DIAMETER;
     let angle = object.float("sun_aperture")?.unwrap_or(scaled);

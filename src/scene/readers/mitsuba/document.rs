@@ -17,7 +17,7 @@ const DEEPEST: usize = 32;
 /// Bytes of all files of a scene together, and of all replaced attributes: a small file must not grow without bound.
 const BUDGET: u64 = 256 << 20;
 
-/// Reads the scene document at `path` with all that it includes, in the words of Mitsuba 3, and what was lost in upgrading to it.
+/// Reads the scene document at `path` with its includes, upgraded to the dialect of Mitsuba 3, and the warnings of the upgrade.
 pub fn read(path: &Path) -> Result<(Element, Vec<String>)> {
     let root = path.parent().unwrap_or(Path::new(""));
     let mut source = Source { root, defaults: BTreeMap::new(), open: Vec::new(), budget: BUDGET, warnings: Vec::new() };
@@ -28,7 +28,7 @@ pub fn read(path: &Path) -> Result<(Element, Vec<String>)> {
 struct Source<'a> {
     /// The scene's folder, which includes may not leave.
     root: &'a Path,
-    /// Values of `$names`; the first one stands.
+    /// Values of `$names`; the first definition stands.
     defaults: BTreeMap<String, String>,
     /// The files that are being read, outermost first.
     open: Vec<PathBuf>,
@@ -159,7 +159,7 @@ impl Source<'_> {
     }
 }
 
-/// From byte offsets to lines, without counting from the start each time.
+/// Maps byte offsets to lines, without counting from the start each time.
 struct Lines<'a> {
     path: &'a Path,
     starts: Vec<usize>,
@@ -177,7 +177,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// Whether an element, in any dialect, is a property that is no object: nothing can stand inside but what it is made of.
+/// Whether an element, in any dialect, is a property and no object: only its own parts can stand inside.
 fn is_value(element: &Element) -> bool {
     const VALUES: [&str; 12] = [
         "float",

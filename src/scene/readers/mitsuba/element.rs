@@ -13,7 +13,7 @@ pub struct Element {
     pub children: Vec<Element>,
     /// File and line where it begins.
     pub place: Place,
-    /// Whether it is in the present dialect, as what a file of its own version includes.
+    /// Whether it is in the dialect of Mitsuba 3 already: an included file is upgraded by its own version.
     pub upgraded: bool,
 }
 
@@ -68,7 +68,7 @@ impl Element {
         Error::malformed(self.place.clone(), message)
     }
 
-    /// An error at this element, with what could stand here instead.
+    /// An error at this element that lists what is supported instead.
     pub fn unsupported(&self, what: impl Into<String>, supported: &[&str]) -> Error {
         Error::Unsupported { place: self.place.clone(), what: what.into(), supported: supported.join(", ") }
     }
@@ -77,7 +77,7 @@ impl Element {
 /// One finite number.
 pub fn number(element: &Element, text: &str) -> Result<f64> {
     match text.trim().parse::<f64>() {
-        // What overflows single precision is as good as infinite.
+        // A number that overflows single precision counts as infinite.
         Ok(value) if (value as f32).is_finite() => Ok(value),
         Ok(_) => Err(element.malformed(format!("\"{text}\" is not a finite number"))),
         Err(_) => Err(element.malformed(format!("\"{text}\" is not a number"))),

@@ -41,7 +41,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Puts a light into the scene that `element` says.
+    /// Adds the light that `element` describes to the scene.
     pub(super) fn add_light(&mut self, element: &Element, light: LightFile) {
         self.places.set(format!("lights[{}]", self.file.lights.len()), element.place.clone());
         self.file.lights.push(light);

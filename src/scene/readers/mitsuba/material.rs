@@ -34,14 +34,14 @@ const KINDS: [&str; 20] = [
     "roughcoating",
 ];
 
-/// How deep materials may be inside one another.
+/// Deepest nesting of materials.
 pub(super) const MOST_NESTED: u32 = 8;
 
 /// Most materials, counted again wherever one is inside another: blends of blends must not grow without bound.
 const MOST_MATERIALS: u64 = 1 << 17;
 
 impl<'a> Reader<'a> {
-    /// A material of its own: kept if it has an id, read in any case.
+    /// Reads a material at the top level, which is kept if it has an id.
     pub(super) fn named_material(&mut self, element: &'a Element) -> Result<()> {
         match element.attribute("id") {
             Some(id) => self.add_material(id.to_owned(), element),
@@ -49,7 +49,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Puts the material under `name`, once.
+    /// Adds the material under `name`, unless it is there already.
     pub(super) fn add_material(&mut self, name: String, element: &'a Element) -> Result<()> {
         if !self.file.materials.contains_key(&name) {
             let material = self.material(element)?;
@@ -95,7 +95,7 @@ impl<'a> Reader<'a> {
             object.nested.truncate(1);
         }
         let material = self.inside(&object)?;
-        // Mitsuba takes what already has two sides as it is.
+        // Mitsuba takes a material that is already two-sided as it is.
         Ok(if material.is_two_sided() { material } else { MaterialFile::TwoSided { material: Box::new(material) } })
     }
 
@@ -139,7 +139,7 @@ impl<'a> Reader<'a> {
         self.nested(inner, |reader| reader.material(inner))
     }
 
-    /// Reads something inside another of its kind; one that contains itself ends here.
+    /// Reads an object inside another of its kind; one that contains itself fails here.
     pub(super) fn nested<T>(&mut self, inner: &'a Element, read: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
         if self.depth == MOST_NESTED {
             return Err(inner.malformed(format!("<{}>s inside one another, more than {MOST_NESTED} deep", inner.tag)));

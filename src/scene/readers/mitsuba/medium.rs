@@ -9,7 +9,7 @@ use super::element::Element;
 use super::object::{Object, follow, kind};
 
 impl<'a> Reader<'a> {
-    /// The names of the media that are inside `element` under one of `roles`, for each role.
+    /// The names of the media inside `element`, one for each of `roles`.
     pub(super) fn media<const N: usize>(
         &mut self,
         element: &'a Element,
@@ -39,7 +39,7 @@ impl<'a> Reader<'a> {
         Ok(found)
     }
 
-    /// Puts the medium under `name`, once.
+    /// Adds the medium under `name`, unless it is there already.
     fn add_medium(&mut self, name: String, element: &'a Element) -> Result<()> {
         if !self.file.media.contains_key(&name) {
             let medium = self.medium(element)?;

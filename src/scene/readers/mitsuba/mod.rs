@@ -1,6 +1,6 @@
-//! Mitsuba scenes in XML (3.x, and 0.4 to 0.6), the part that [`SceneFile`] can express. Nothing is ignored in silence: an unknown object is
-//! an error with file, line and what could stand there; a property that its object has no use for, and what is done in another way,
-//! is a warning.
+//! Mitsuba scenes in XML (3.x, and 0.4 to 0.6), the part that [`SceneFile`] can express. Nothing is ignored in silence: an unknown
+//! object is an error with file, line and what could stand there; a property that its object has no use for, and anything done in
+//! another way, is a warning.
 
 mod approximate;
 mod cie;
@@ -35,7 +35,7 @@ use super::places::Places;
 use element::Element;
 use object::Ids;
 
-/// Integrators count -1 as no limit; light that has bounced this often is long gone.
+/// Depth of integrators without limit (-1): light that has bounced this often is long gone.
 const UNLIMITED_DEPTH: u32 = 1024;
 
 /// Translates the scene at `path`.
@@ -53,7 +53,7 @@ pub(super) fn read(path: &Path) -> Result<Read> {
     reader.finish(&scene)
 }
 
-/// Every id names one element, wherever it stands.
+/// Collects elements by id. Every id names one element, wherever it stands.
 fn collect_ids<'a>(element: &'a Element, ids: &mut Ids<'a>) -> Result<()> {
     for child in element.children.iter().filter(|child| child.tag != "ref") {
         if child.tag != "alias"
@@ -80,15 +80,15 @@ struct Reader<'a> {
     file: SceneFile,
     places: Places,
     warnings: Vec<String>,
-    /// Pictures that were looked for and are not there.
+    /// Pictures that were found to be missing.
     absent: Vec<Absent>,
     has_sensor: bool,
     has_integrator: bool,
     /// Names given to materials without an id, by their element.
     unnamed: BTreeMap<*const Element, String>,
-    /// Objects around the one of their kind that is being read.
+    /// Number of objects around the one of their kind that is being read.
     depth: u32,
-    /// Materials read so far.
+    /// Number of materials read so far.
     materials: u64,
 }
 
@@ -163,7 +163,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Says that something at `element` is done in another way.
+    /// Warns that something at `element` is done in another way.
     fn warn(&mut self, element: &Element, message: impl std::fmt::Display) {
         self.warnings.push(format!("{}: {message}", element.place));
     }
@@ -175,7 +175,7 @@ impl<'a> Reader<'a> {
         let kind = object::kind(element)?;
         // How paths end early and how they are sampled does not belong to a scene's radiance.
         let object = object::Object::lenient(element, &self.ids, &["max_depth", "hide_emitters"])?;
-        // Integrators that measure something beside radiance hold the one that computes it.
+        // Integrators that measure other quantities beside radiance hold the one that computes it.
         if let Some(inner) = object.nested.iter().find(|inner| inner.tag == "integrator") {
             self.warn(element, format_args!("the integrator \"{kind}\" is left out, the one inside is kept"));
             self.has_integrator = false;

@@ -16,11 +16,11 @@ use super::unused::{Unused, meant};
 const PROPERTY_TAGS: [&str; 11] =
     ["float", "integer", "boolean", "string", "rgb", "srgb", "spectrum", "blackbody", "point", "vector", "transform"];
 
-/// Elements by their id, and what reading objects finds out about the document.
+/// Elements by their id, and the unused properties that reading objects finds.
 #[derive(Default)]
 pub struct Ids<'a> {
     elements: BTreeMap<&'a str, &'a Element>,
-    /// Properties that nothing was done with.
+    /// Properties that were not used.
     pub unused: Unused,
 }
 
@@ -30,7 +30,7 @@ impl<'a> Ids<'a> {
         self.elements.get(id).copied()
     }
 
-    /// Gives `element` an id; returns what had it before.
+    /// Gives `element` an id; returns the element that had it before.
     pub fn insert(&mut self, id: &'a str, element: &'a Element) -> Option<&'a Element> {
         self.elements.insert(id, element)
     }
@@ -61,7 +61,7 @@ impl<'a> Object<'a> {
             let tag = target.tag.as_str();
             let is_texture = tag == "texture" && !nested.contains(&tag);
             if PROPERTY_TAGS.contains(&tag) || is_texture {
-                // A reference is named where it stands, not where it points.
+                // A reference has a name of its own, not that of its target.
                 let name = child.required("name")?;
                 if properties.contains(&name) {
                     object.add_property(name, target)?;
@@ -80,7 +80,7 @@ impl<'a> Object<'a> {
         Ok(object)
     }
 
-    /// Takes every property and object as it is: for what is read only in part, the properties `used`.
+    /// Takes every property and object as it is: for objects that are read only in part, by the properties `used`.
     pub fn lenient(element: &'a Element, ids: &Ids<'a>, used: &[&str]) -> Result<Self> {
         let mut object = Self { element, nested: Vec::new(), properties: BTreeMap::new() };
         for child in &element.children {
@@ -112,7 +112,7 @@ impl<'a> Object<'a> {
         }
     }
 
-    /// How the object is spoken of.
+    /// Description of the object in messages.
     fn called(&self) -> String {
         format!("the {} \"{}\"", self.element.tag, self.element.attribute("type").unwrap_or_default())
     }
@@ -206,7 +206,7 @@ impl<'a> Object<'a> {
     }
 }
 
-/// The element that a reference means, or the element itself.
+/// The element that a reference refers to, or the element itself.
 pub fn follow<'a>(element: &'a Element, ids: &Ids<'a>) -> Result<&'a Element> {
     if element.tag != "ref" {
         return Ok(element);

@@ -22,14 +22,14 @@ const PROPERTIES: [&str; 17] = [
     "flatness",
     "clearcoat",
     "clearcoat_gloss",
-    // How lobes are sampled does not change what they are.
+    // The way in which lobes are sampled does not change their values.
     "diffuse_reflectance_sampling_rate",
     "main_specular_sampling_rate",
     "clearcoat_sampling_rate",
     "main_specular_rate",
 ];
 
-/// Said once, of the first one.
+/// Warning that is given once, for the first principled material.
 const BOUNDED: &str = "principled is scaled down where its lobes together scatter more light than arrives";
 
 impl<'a> Reader<'a> {

@@ -123,7 +123,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// In degrees. Without `fov`, from the focal length for a 36 mm × 24 mm film, which sets the angle of the diagonal.
+/// Horizontal field of view, degrees. Without `fov`, the focal length for a 36 mm × 24 mm film sets the angle of the diagonal.
 fn horizontal_fov(object: &Object, film: &FilmFile) -> Result<f64> {
     let element = object.element;
     let aspect = f64::from(film.width) / f64::from(film.height.max(1));

@@ -45,7 +45,7 @@ impl<'a> Reader<'a> {
         Ok(members)
     }
 
-    /// Every shape of a group once more: its transform acts first.
+    /// Adds every shape of a group once more: its own transform acts first.
     fn instance(&mut self, element: &'a Element) -> Result<()> {
         let object = Object::new(element, &self.ids, &["to_world"], &["shape"])?;
         let group = object.single("shape")?.filter(|group| kind(group).is_ok_and(|kind| kind == "shapegroup"));
@@ -54,7 +54,7 @@ impl<'a> Reader<'a> {
         self.group(group)?.into_iter().try_for_each(|member| self.place(member, Some((element, outer))))
     }
 
-    /// A shape, or one of an instance whose transform acts after its own.
+    /// Adds a shape, or one of an instance whose transform acts after its own.
     fn place(&mut self, element: &'a Element, instance: Option<(&'a Element, DMat4)>) -> Result<()> {
         let mut known = vec!["to_world", "flip_normals"];
         known.extend(match kind(element)? {
@@ -125,7 +125,7 @@ impl<'a> Reader<'a> {
             _ => MeshFile::Cube,
         };
         let name = mesh_name(&mesh);
-        // The name says all about the mesh, so shapes with the same file and options share it.
+        // The name holds the mesh's file and options, so shapes with the same ones share it.
         if !self.file.meshes.contains_key(&name) {
             self.places.set(format!("meshes.{name}"), object.element.place.clone());
             self.file.meshes.insert(name.clone(), mesh);
@@ -144,7 +144,7 @@ impl<'a> Reader<'a> {
         };
         let name = match element.attribute("id") {
             Some(id) => id.to_owned(),
-            // The instances of a group share what stands in it.
+            // The instances of a group share its materials.
             None => match self.unnamed.get(&std::ptr::from_ref(element)) {
                 Some(name) => name.clone(),
                 None => self.free_name(&format!("shape {index}")),
@@ -165,7 +165,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// `to_world`; for a cylinder also what takes the unit one to its axis and radius.
+/// `to_world`; for a cylinder after the transform of the unit cylinder to its axis and radius.
 fn placement(object: &Object) -> Result<DMat4> {
     let to_world = object.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
     if kind(object.element)? != "cylinder" {
@@ -184,7 +184,7 @@ fn placement(object: &Object) -> Result<DMat4> {
     Ok(to_world * local)
 }
 
-/// Mitsuba turns a sphere inside out where its transform mirrors; here the front stays the front.
+/// Whether a transform mirrors a sphere: Mitsuba then turns it inside out; here the front stays the front.
 fn mirrored_sphere(object: &Object, outer: DMat4) -> Result<bool> {
     let to_world = outer * object.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
     Ok(to_world.determinant() < 0.0 && kind(object.element)? == "sphere")

@@ -1,5 +1,5 @@
-//! Where the sun stands: the PSA algorithm (Blanco-Muriel et al. 2001, Computing the solar vector, Solar Energy 70), right to half an
-//! arc minute from 1999 to 2015.
+//! Position of the sun: the PSA algorithm (Blanco-Muriel et al. 2001, Computing the solar vector, Solar Energy 70), right to half
+//! an arc minute from 1999 to 2015.
 
 /// Mean radius of the earth and distance of the sun, km.
 const EARTH: f64 = 6371.01;

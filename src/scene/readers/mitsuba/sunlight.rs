@@ -22,7 +22,7 @@ const OZONE: [f64; 35] = [
 /// Ozone in the air, cm.
 const OZONE_DEPTH: f64 = 0.35;
 
-/// Linear between values every 10 nm from `first` on, zero beyond them.
+/// Linear interpolation between values every 10 nm from `first` on, zero beyond them.
 fn listed(values: &[f64], first: f64, wavelength: f64) -> f64 {
     let x = (wavelength - first) / 10.0;
     if !(x >= 0.0 && x <= (values.len() - 1) as f64) {
@@ -79,7 +79,7 @@ pub fn hosek_wilkie(turbidity: f64, zenith: f64) -> [f32; 3] {
         let at = |table: &[[f32; 3]]| -> f64 {
             (0..4).map(|node| weights[node] * f64::from(table[first + node][channel])).sum()
         };
-        // Low suns are redder than RGB can say.
+        // Low suns are redder than RGB's gamut.
         ((1.0 - high) * at(&SUN[low]) + high * at(&SUN[low + 1])).max(0.0) as f32
     })
 }

@@ -41,7 +41,7 @@ fn step(element: &Element) -> Result<DMat4> {
     }
 }
 
-/// Row by row: 4×4, or 3×3 without translation.
+/// Reads a matrix row by row: 4×4, or 3×3 without translation.
 fn matrix(element: &Element) -> Result<DMat4> {
     element.only_attributes(&["value"])?;
     let values = numbers(element, element.required("value")?)?;
@@ -52,7 +52,7 @@ fn matrix(element: &Element) -> Result<DMat4> {
     }
 }
 
-/// From a frame that looks along +z with +y up to one at `origin` that looks at `target`.
+/// Transform from a frame that looks along +z with +y up to one at `origin` that looks at `target`.
 fn look_at(element: &Element) -> Result<DMat4> {
     element.only_attributes(&["origin", "target", "up"])?;
     let vector = |name: &str, text: &str| match numbers(element, text)?.as_slice() {
@@ -71,7 +71,7 @@ fn look_at(element: &Element) -> Result<DMat4> {
     Ok(DMat4::from_cols(column(left, 0.0), column(up, 0.0), column(direction, 0.0), column(origin, 1.0)))
 }
 
-/// Row by row in single precision.
+/// The matrix row by row in single precision.
 pub fn rounded(matrix: DMat4) -> Matrix {
     matrix.transpose().to_cols_array().map(|value| value as f32)
 }

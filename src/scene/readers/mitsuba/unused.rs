@@ -1,4 +1,4 @@
-//! Properties that nothing is done with: warned of as in Mitsuba 0.6, unless they look like a slip of the pen.
+//! Unused properties: warned of as in Mitsuba 0.6, or refused where the name looks like a slip of the pen.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -7,7 +7,7 @@ use crate::base::Place;
 
 use super::element::Element;
 
-/// What is said of unused properties, each text once with the places where it holds.
+/// Warnings about unused properties, each text once with the places where it holds.
 #[derive(Debug, Default)]
 pub struct Unused(RefCell<Notes>);
 
@@ -15,14 +15,14 @@ pub struct Unused(RefCell<Notes>);
 struct Notes {
     /// Elements that were noted: some objects are read several times.
     seen: BTreeSet<*const Element>,
-    /// First place and number of places, in the order in which texts came up.
+    /// Text, first place and number of places, in the order in which texts came up.
     told: Vec<(String, Place, usize)>,
-    /// Where in `told` a text is.
+    /// Index of each text in `told`.
     index: BTreeMap<String, usize>,
 }
 
 impl Unused {
-    /// Says `text` of `property`.
+    /// Notes `text` about `property`.
     pub fn note(&self, property: &Element, text: String) {
         let mut notes = self.0.borrow_mut();
         if !notes.seen.insert(property) {
@@ -37,7 +37,7 @@ impl Unused {
         notes.index.insert(text, at);
     }
 
-    /// A line for each text.
+    /// One warning for each text.
     pub fn into_warnings(self) -> Vec<String> {
         let line = |(text, place, count): (String, Place, usize)| match count {
             1 => format!("{place}: {text}"),
@@ -47,8 +47,8 @@ impl Unused {
     }
 }
 
-/// The one of `known` that `name` seems to be a slip of: other capitals or underscores, or few letters wrong, left out, added or
-/// exchanged: none in names of up to three letters, two in those of eight and more, else one. One of `known` itself is no slip.
+/// The name in `known` that `name` seems to be a slip of: other capitals or underscores, or few letters wrong, left out, added or
+/// exchanged: none in names of up to three letters, two in those of eight and more, else one. A name in `known` is no slip.
 pub fn meant<'k>(name: &str, known: &[&'k str]) -> Option<&'k str> {
     if known.contains(&name) {
         return None;

@@ -1,14 +1,14 @@
 //! The dialect of Mitsuba 0.4 to 0.6, turned into that of Mitsuba 3 before anything is read: one pass over the tree that
-//! renames what has another name and spells out what has another default.
+//! renames elements and properties and writes out defaults that have changed.
 
 use crate::base::Result;
 
 use super::element::Element;
 
-/// What the `sunsky` of Mitsuba 0.6 is called from then on.
+/// Type that the `sunsky` of Mitsuba 0.6 gets in the upgrade.
 pub const OLD_SUNSKY: &str = "sunsky 0.6";
 
-/// Elements with another name.
+/// Renamed elements: the old and the new tag.
 const TAGS: [(&str, &str); 3] = [("lookAt", "lookat"), ("luminaire", "emitter"), ("camera", "sensor")];
 
 /// Element, its type (empty for any), the property's old name in snake case, and its new name.
@@ -22,7 +22,7 @@ const PROPERTIES: [(&str, &str, &str, &str); 7] = [
     ("sensor", "thinlens", "focus_depth", "focus_distance"),
 ];
 
-/// Element and its properties that say nothing about the picture's radiance: how samples are drawn, files are cached or written.
+/// Element and its properties that do not affect the picture's radiance: how samples are drawn, files are cached or written.
 const WITHOUT_MEANING: [(&str, &[&str]); 4] = [
     ("texture", &["cache", "max_anisotropy"]),
     ("emitter", &["cache", "sampling_weight"]),
@@ -46,7 +46,7 @@ pub fn document(scene: &mut Element, warnings: &mut Vec<String>) -> Result<()> {
     Ok(())
 }
 
-/// Upgrades `element` and all that is in it; what cannot be kept is put into `warnings`.
+/// Upgrades `element` and all that is in it; warns of what cannot be kept.
 fn upgrade(element: &mut Element, warnings: &mut Vec<String>) {
     if element.upgraded {
         return;
@@ -124,7 +124,7 @@ fn texture_transform(element: &mut Element) {
     element.children.push(transform);
 }
 
-/// `gamma` 1 means data; any other value than sRGB's is left out.
+/// Turns `gamma` 1 into `raw`; leaves out any other value than sRGB's, with a warning.
 fn gamma(element: &mut Element, warnings: &mut Vec<String>) {
     let is_gamma = |child: &Element| child.attribute("name") == Some("gamma");
     let Some(at) = element.children.iter().position(is_gamma) else { return };
@@ -145,7 +145,7 @@ fn gamma(element: &mut Element, warnings: &mut Vec<String>) {
     }
 }
 
-/// A metal without a name was copper.
+/// Adds the default metal of Mitsuba 0.6, copper, where none is named.
 fn copper(element: &mut Element) {
     let given = |child: &Element| matches!(child.attribute("name"), Some("material" | "eta" | "k"));
     if !element.children.iter().any(given) {
@@ -156,7 +156,7 @@ fn copper(element: &mut Element) {
     }
 }
 
-/// A spectrum of one or three numbers was a colour.
+/// Turns a spectrum of one or three numbers into a colour, which it was.
 fn plain_numbers(element: &mut Element) {
     element.attributes.retain(|(name, _)| name != "intent");
     if element.attribute("value").is_some_and(|text| !text.contains(':')) {

@@ -7,10 +7,10 @@ use crate::geometry::mesh::Mesh;
 use super::Part;
 use crate::scene::readers::lines::integer;
 
-/// Numbers of a position, of texture coordinates and of a normal, from 0.
+/// Indices of a position, of texture coordinates and of a normal, from 0; [`NONE`] where there is none.
 pub type Corner = [u32; 3];
 
-/// No number: there are fewer than that in any file that is read.
+/// No index: no file that is read has as many elements.
 pub const NONE: u32 = u32::MAX;
 
 /// Reads `1`, `1/2`, `1//3` or `1/2/3`: numbers from 1, or backwards from the last of those `before` this line. Texture coordinates
@@ -45,12 +45,12 @@ struct Vertex {
     next: u32,
 }
 
-/// One vertex for all corners that are the same, in the order in which faces use them.
+/// Merges equal corners to one vertex each, in the order in which faces use them.
 struct Welder {
-    /// By position.
+    /// First vertex of the list of each position.
     firsts: Vec<u32>,
     vertices: Vec<Vertex>,
-    /// Those of positions that have too many.
+    /// Vertices of positions whose lists are full.
     others: HashMap<Corner, u32>,
 }
 
@@ -80,7 +80,7 @@ impl Welder {
     }
 }
 
-/// The mesh of what a file holds.
+/// Makes the mesh of a file's content.
 pub fn weld(part: &Part) -> Result<Mesh, &'static str> {
     let corners = 3 * part.triangles.len();
     let mut welder = Welder {

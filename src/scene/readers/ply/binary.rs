@@ -11,21 +11,21 @@ use crate::geometry::mesh::Mesh;
 
 use super::{scalar_size, slot, usual};
 
-/// Where a number lies in a vertex, and whether it takes eight bytes.
+/// Offset of a number in a vertex, and whether it takes eight bytes.
 #[derive(Clone, Copy)]
 struct Field {
     offset: usize,
     double: bool,
 }
 
-/// How the body is laid out.
+/// Layout of the body.
 pub struct Layout {
     vertices: usize,
     stride: usize,
-    /// x, y, z, nx, ny, nz, u, v.
+    /// Fields x, y, z, nx, ny, nz, u, v.
     fields: [Option<Field>; 8],
     faces: usize,
-    /// Indices are signed.
+    /// Whether indices are signed.
     signed: bool,
 }
 
@@ -33,7 +33,7 @@ pub struct Layout {
 const TRIANGLE: usize = 13;
 
 impl Layout {
-    /// None for a file that only the library reads.
+    /// The layout of a file; none for one that only the library reads.
     pub fn of(header: &Header) -> Option<Self> {
         let (vertex, face, list) = usual(header)?;
         if header.encoding != Encoding::BinaryLittleEndian {
@@ -95,7 +95,7 @@ impl Layout {
         vertices.par_chunks_exact(self.stride).map(vector).collect()
     }
 
-    /// A negative index reads as one above 2³¹.
+    /// Refuses negative indices, which read as ones above 2³¹.
     fn check_signs(&self, path: &Path, triangles: &[[u32; 3]]) -> Result<()> {
         let negative = |triangle: &[u32; 3]| triangle.iter().any(|&i| i > i32::MAX as u32);
         match triangles.par_iter().position_first(negative) {
@@ -108,7 +108,7 @@ impl Layout {
     }
 }
 
-/// Fans of the polygons; none where the body ends too early.
+/// Triangle fans of the polygons; none where the body ends too early.
 fn polygons(count: usize, mut body: &[u8]) -> Option<Vec<[u32; 3]>> {
     let mut triangles = Vec::new();
     for _ in 0..count {
@@ -121,12 +121,12 @@ fn polygons(count: usize, mut body: &[u8]) -> Option<Vec<[u32; 3]>> {
     Some(triangles)
 }
 
-/// The first four bytes, which there are.
+/// The number in the first four bytes, which must exist.
 fn index(bytes: &[u8]) -> u32 {
     bytes.first_chunk().map_or(0, |&four| u32::from_le_bytes(four))
 }
 
-/// A field of a vertex, which has it.
+/// The value of a field of a vertex, which has it.
 fn number(vertex: &[u8], field: Field) -> f32 {
     let bytes = &vertex[field.offset..];
     if field.double {

@@ -9,25 +9,25 @@ use crate::scene::readers::lines::{integer, lines, number, pieces, words};
 
 use super::{slot, usual};
 
-/// What a column of the vertices holds.
+/// A column of the vertices.
 #[derive(Clone, Copy)]
 struct Column {
-    /// Number among x, y, z, nx, ny, nz, u, v; none for what is not read.
+    /// Index of its property among x, y, z, nx, ny, nz, u, v; none for a column that is not read.
     slot: Option<usize>,
     double: bool,
 }
 
-/// How the body is laid out.
+/// Layout of the body.
 pub struct Layout {
     vertices: usize,
     columns: Vec<Column>,
-    /// Which of x, y, z, nx, ny, nz, u, v there are.
+    /// Whether each of x, y, z, nx, ny, nz, u, v exists.
     has: [bool; 8],
     faces: usize,
 }
 
 impl Layout {
-    /// None for a file that only the library reads.
+    /// The layout of a file; none for one that only the library reads.
     pub fn of(header: &Header) -> Option<Self> {
         let (vertex, face, list) = usual(header)?;
         if header.encoding != Encoding::Ascii || !matches!(list, PropertyType::List(..)) {
@@ -49,7 +49,7 @@ impl Layout {
         has[..3].iter().all(|&has| has).then_some(Self { vertices: vertex.count, columns, has, faces: face.count })
     }
 
-    /// The mesh in `body`, which follows the header; none where anything is not as expected.
+    /// Reads the mesh in `body`, which follows the header; none where anything is not as expected.
     pub fn read(&self, body: &[u8]) -> Option<Mesh> {
         let pieces = pieces(body);
         let counts: Vec<usize> = pieces.par_iter().map(|piece| lines(piece).count()).collect();
@@ -76,7 +76,7 @@ impl Layout {
         Some(mesh)
     }
 
-    /// What a piece holds whose first line is number `begin` of the body.
+    /// Reads a piece whose first line is number `begin` of the body.
     fn part(&self, piece: &[u8], begin: usize) -> Option<Mesh> {
         let mut mesh = Mesh::default();
         for (index, line) in (begin..self.vertices + self.faces).zip(lines(piece)) {
@@ -115,7 +115,7 @@ fn face(line: &[u8], triangles: &mut Vec<[u32; 3]>) -> Option<()> {
     let count = u32::try_from(integer(words.next()?)?).ok()?;
     let (mut first, mut last) = (0, 0);
     for corner in 0..count {
-        // The library refuses what is no index of the type that the header names.
+        // The library refuses values that are no index of the type in the header.
         let index = u32::try_from(integer(words.next()?)?).ok()?;
         match corner {
             0 => first = index,

@@ -7,7 +7,7 @@ use crate::scene::file::LightFile;
 
 use super::number::Checker;
 
-/// Smallest angle of a sun, degrees: of a smaller one, directions in singles do not tell the edge.
+/// Smallest angular diameter of a sun, degrees: directions in single precision do not resolve the edge of a smaller one.
 pub const LEAST_ANGLE: f32 = 0.1;
 
 /// Checks one light.

@@ -66,7 +66,7 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
     }
 }
 
-/// What is around a material: two sides and holes, each once.
+/// Checks how materials are nested: two sides and holes, each at most once.
 fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]: [bool; 2]) -> Result<()> {
     match file {
         MaterialFile::TwoSided { material } if !two_sided => wrapped(check, key, material, [true, masked]),
@@ -144,7 +144,7 @@ fn index_of_metal(check: &Checker, key: &str, eta: &[f32; 3], k: &[f32; 3]) -> R
     check.finite(&format!("{key}.k"), k)
 }
 
-/// All textures so far are factors on reflected light, hence at most 1.
+/// Checks a texture. All textures so far are factors on reflected light, hence at most 1.
 fn texture(check: &Checker, key: &str, texture: &TextureFile) -> Result<()> {
     match texture {
         TextureFile::Rgb { value } => check.albedo(key, value),
@@ -160,7 +160,7 @@ fn texture(check: &Checker, key: &str, texture: &TextureFile) -> Result<()> {
     }
 }
 
-/// No inverse is needed: a texture may well be constant along an axis.
+/// Checks a texture transform. No inverse is needed: a texture may well be constant along an axis.
 fn to_uv_matrix(check: &Checker, key: &str, to_uv: &[f32; 9]) -> Result<()> {
     let key = format!("{key}.to_uv");
     check.finite(&key, to_uv)?;

@@ -1,4 +1,4 @@
-//! Checks of a [`SceneFile`]'s values and references. Nothing after this has to doubt them.
+//! Checks of a [`SceneFile`]'s values and references. Later code relies on them.
 
 mod lights;
 mod materials;
@@ -24,7 +24,7 @@ const LARGEST_SIDE: u32 = 16384;
 /// Most pixels of a picture.
 const MOST_PIXELS: u64 = 1 << 26;
 
-/// A scene file of another version than ours.
+/// Error for a scene file of another version.
 pub(super) fn unsupported_version(place: Place, version: u32) -> Error {
     Error::Unsupported { place, what: format!("format version {version}"), supported: VERSION.to_string() }
 }
@@ -170,7 +170,7 @@ fn shape(check: &Checker, key: &str, shape: &ShapeFile, file: &SceneFile) -> Res
     }
 }
 
-/// A sphere must stay one: columns of equal length at right angles, up to the rounding of a matrix written with six digits.
+/// Checks that a sphere stays one: columns of equal length at right angles, up to the rounding of a matrix written with six digits.
 fn uniform_scale(check: &Checker, key: &str, matrix: &Matrix) -> Result<()> {
     let linear = number::linear(matrix);
     let gram = linear.transpose() * linear;
@@ -191,7 +191,7 @@ fn one_environment(check: &Checker, lights: &[LightFile]) -> Result<()> {
     }
 }
 
-/// A quantity beyond its limit.
+/// Error for a quantity beyond its limit.
 fn beyond(check: &Checker, key: &str, value: u64, limit: u64) -> Error {
     Error::Limit { place: check.place(key), what: key.to_owned(), value, limit }
 }

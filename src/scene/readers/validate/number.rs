@@ -13,12 +13,12 @@ pub struct Checker<'a> {
 }
 
 impl<'a> Checker<'a> {
-    /// Places come from `places`.
+    /// A checker that finds places in `places`.
     pub fn new(places: &'a Places) -> Self {
         Self { places }
     }
 
-    /// Where `key` stands.
+    /// Place of `key`.
     pub fn place(&self, key: &str) -> Place {
         self.places.at(key)
     }
@@ -28,12 +28,12 @@ impl<'a> Checker<'a> {
         Err(Error::malformed(self.place(key), message))
     }
 
-    /// `value` may be at most `limit`.
+    /// Checks that `value` is at most `limit`.
     pub fn limit(&self, key: &str, value: u64, limit: u64) -> Result<()> {
         if value > limit { Err(super::beyond(self, key, value, limit)) } else { Ok(()) }
     }
 
-    /// No NaN, no infinity.
+    /// Checks that there is no NaN and no infinity.
     pub fn finite(&self, key: &str, values: &[f32]) -> Result<()> {
         match values.iter().find(|value| !value.is_finite()) {
             Some(value) => self.fail(key, format!("{} is {value}, expected a finite number", last(key))),
@@ -41,7 +41,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Finite and at least `least`.
+    /// Checks that a value is finite and at least `least`.
     pub fn at_least(&self, key: &str, value: f32, least: f32) -> Result<()> {
         if value.is_finite() && value >= least {
             return Ok(());
@@ -49,7 +49,7 @@ impl<'a> Checker<'a> {
         self.fail(key, format!("{} is {value}, expected a finite number of at least {least}", last(key)))
     }
 
-    /// Finite and above 0.
+    /// Checks that a value is finite and above 0.
     pub fn positive(&self, key: &str, value: f32) -> Result<()> {
         if value.is_finite() && value > 0.0 {
             return Ok(());
@@ -57,12 +57,12 @@ impl<'a> Checker<'a> {
         self.fail(key, format!("{} is {value}, expected a finite number above 0", last(key)))
     }
 
-    /// Finite channels, none negative.
+    /// Checks that channels are finite and none is negative.
     pub fn color(&self, key: &str, color: &[f32; 3]) -> Result<()> {
         color.iter().try_for_each(|&channel| self.at_least(key, channel, 0.0))
     }
 
-    /// Channels in [0, 1].
+    /// Checks that channels are in [0, 1].
     pub fn albedo(&self, key: &str, color: &[f32; 3]) -> Result<()> {
         match color.iter().find(|channel| !(0.0..=1.0).contains(*channel)) {
             Some(channel) => self.fail(key, format!("{} is {channel}, expected a number from 0 to 1", last(key))),
@@ -70,13 +70,13 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// A finite affine matrix with an inverse.
+    /// Checks for a finite affine matrix with an inverse.
     pub fn transform(&self, key: &str, matrix: &Matrix) -> Result<()> {
         self.affine(key, matrix)?;
         if has_inverse(matrix) { Ok(()) } else { self.fail(key, FLATTENS) }
     }
 
-    /// A finite affine matrix.
+    /// Checks for a finite affine matrix.
     pub fn affine(&self, key: &str, matrix: &Matrix) -> Result<()> {
         self.finite(key, matrix)?;
         if matrix[12..] != [0.0, 0.0, 0.0, 1.0] {
@@ -86,10 +86,10 @@ impl<'a> Checker<'a> {
     }
 }
 
-/// What is said of a transform without inverse.
+/// Message about a transform without inverse.
 pub const FLATTENS: &str = "the transform has no inverse: it flattens space";
 
-/// Whether an affine matrix can be undone.
+/// Whether an affine matrix has an inverse.
 pub fn has_inverse(matrix: &Matrix) -> bool {
     let m = linear(matrix);
     let size = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
@@ -103,7 +103,7 @@ pub fn linear(matrix: &Matrix) -> DMat3 {
     DMat3::from_cols(column(0), column(1), column(2))
 }
 
-/// The last part of a key path: what the user calls the value.
+/// The last part of a key path: the user's name for the value.
 fn last(key: &str) -> &str {
     key.rsplit('.').next().unwrap_or(key)
 }
