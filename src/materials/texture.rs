@@ -158,8 +158,7 @@ mod tests {
     use std::sync::Arc;
 
     use crate::base::random::Random;
-    use crate::picture::ByteImage;
-    use crate::picture::Image;
+    use crate::picture::{ByteImage, Image};
 
     fn picture() -> Texture {
         let pixels = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::ZERO, Vec3::splat(0.5)].to_vec();

@@ -11,8 +11,7 @@ use glam::Vec3;
 use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
 use crate::math::srgb;
-use crate::picture::Image;
-use crate::picture::{ByteImage, Texels};
+use crate::picture::{ByteImage, Image, Texels};
 
 use super::{LARGEST_FILE, MOST_PIXELS, read_exr};
 

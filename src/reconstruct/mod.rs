@@ -48,6 +48,20 @@ pub trait Reconstructor: Sync {
     fn reconstruct(&self, trees: &[CountedTree]) -> Result<Vec<Proposal>>;
 }
 
+impl<T: Reconstructor> Reconstructor for &T {
+    fn name(&self) -> &'static str {
+        (**self).name()
+    }
+
+    fn rays_per_node(&self) -> f64 {
+        (**self).rays_per_node()
+    }
+
+    fn reconstruct(&self, trees: &[CountedTree]) -> Result<Vec<Proposal>> {
+        (**self).reconstruct(trees)
+    }
+}
+
 /// Reconstructs the trees of the voxels that contribute most to the picture, until that has cost as much as tracing `rays`
 /// rays. The others are smoothed where that is much cheaper, else they stay as they were counted. Returns the proposals in the
 /// order of `trees`, and the cost in rays.

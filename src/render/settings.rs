@@ -10,6 +10,8 @@ use crate::guiding::tree::leaves::Layout;
 use crate::integrators::{Roulette, TransportSettings};
 use crate::network::config::Mode;
 use crate::picture::Window;
+use crate::reconstruct::gaussian::Gaussian;
+use crate::reconstruct::{AsCounted, Reconstructor};
 use crate::scene::file::FilterFile;
 use crate::scene::plan::{EffectKind, EffectPlan};
 
@@ -101,6 +103,21 @@ impl Reconstruction {
             Self::None => "none",
             Self::Gaussian => "gaussian",
             Self::Neural => "neural",
+        }
+    }
+
+    /// Reconstructor of this kind; `neural` gives the network where that is asked for.
+    ///
+    /// # Errors
+    /// Those of `neural`.
+    pub fn reconstructor<'n>(
+        self,
+        neural: impl FnOnce() -> Result<Box<dyn Reconstructor + 'n>>,
+    ) -> Result<Box<dyn Reconstructor + 'n>> {
+        match self {
+            Self::None => Ok(Box::new(AsCounted::default())),
+            Self::Gaussian => Ok(Box::new(Gaussian::default())),
+            Self::Neural => neural(),
         }
     }
 }

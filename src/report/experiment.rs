@@ -17,14 +17,9 @@ use crate::base::{Error, Progress, Result};
 use crate::film::{Measures, mean_and_variance, measure_noisy, relative_variance};
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
-use crate::picture::Image;
-use crate::picture::read_image;
-use crate::picture::write;
-use crate::reconstruct::gaussian::Gaussian;
-use crate::reconstruct::{AsCounted, Neural, Reconstructor};
-use crate::render::{
-    Control, GuideMode, Outcome, Reconstruction, RenderSettings, StopRule, learn, render, render_with_field,
-};
+use crate::picture::{Image, read_image, write};
+use crate::reconstruct::{AsCounted, Neural};
+use crate::render::{Control, GuideMode, Outcome, RenderSettings, StopRule, learn, render, render_with_field};
 use crate::scene::Scene;
 use crate::scene::plan::plan;
 use crate::scene::readers::LoadedScene;
@@ -274,13 +269,8 @@ impl Experiment<'_> {
     fn render(&self, scene: &Scene, guide: GuideMode, stop: StopRule, seed: u64, control: &Control) -> Result<Outcome> {
         let settings = RenderSettings { stop, seed, ..self.settings.with_guide(guide) };
         let settings = settings.following(&plan(&self.loaded.file));
-        let (counted, gaussian) = (AsCounted::default(), Gaussian::default());
-        let reconstructor: &dyn Reconstructor = match settings.reconstruction {
-            Reconstruction::None => &counted,
-            Reconstruction::Gaussian => &gaussian,
-            Reconstruction::Neural => self.neural,
-        };
-        render(scene, &settings, reconstructor, control.progress, control.stop)
+        let reconstructor = settings.reconstruction.reconstructor(|| Ok(Box::new(self.neural)))?;
+        render(scene, &settings, reconstructor.as_ref(), control.progress, control.stop)
     }
 
     /// Renders a run; none where it was stopped before it had spent its budget.

@@ -14,9 +14,7 @@ use super::results::{FILE, Interval, Reach, Results, SCHEMA_FILE};
 use crate::base::Result;
 use crate::base::files::write_bytes;
 use crate::film::pixel_error;
-use crate::picture::Image;
-use crate::picture::read_image;
-use crate::picture::write_png;
+use crate::picture::{Image, read_image, write_png};
 
 const STYLE: &str = include_str!("page/page.css");
 const VIEWER: &str = include_str!("page/viewer.js");

@@ -2,8 +2,7 @@
 //! the library (`ORT_DYLIB_PATH`, which `tests/fetch-onnxruntime.sh` prints) these tests say so and check nothing.
 #![cfg(feature = "onnx")]
 
-use crate::support::network;
-use crate::support::scenes;
+use crate::support::{network, scenes};
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

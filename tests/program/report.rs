@@ -7,9 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::atomic::Ordering;
 
-use fanal::picture::Image;
-use fanal::picture::read_image;
-use fanal::picture::write;
+use fanal::picture::{Image, read_image, write};
 use fanal::reconstruct::Neural;
 use fanal::render::{GuideMode, RenderSettings, StopRule};
 use fanal::report::results::{Reach, Results, SummaryEntry};

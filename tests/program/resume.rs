@@ -2,8 +2,7 @@
 //!
 //! The number of kills of the real program can be raised: `FANAL_KILLS=50 cargo test --release --test program resume -- --nocapture`.
 
-use crate::support::scenes;
-use crate::support::stop;
+use crate::support::{scenes, stop};
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};

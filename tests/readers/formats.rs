@@ -1,6 +1,6 @@
 //! Scene readers: one scene in both formats, hostile input, and the shared scenes where they are at hand.
 
-use crate::support::scenes;
+use crate::support::{files, scenes};
 
 use std::path::Path;
 
@@ -13,8 +13,6 @@ use fanal::scene::file::{
 };
 use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking, resolve, save};
 use glam::{Mat4, Vec3};
-
-use crate::support::files;
 
 use files::{JSON, MATERIALS, XML, folder, load_xml, refused, scene_with, xml_with};
 

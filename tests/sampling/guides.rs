@@ -1,8 +1,6 @@
 //! Guides: quadtrees and their mixture with a material are sampled with the stated densities. False alarms: see sampling.rs.
 
-use crate::support::chart;
-use crate::support::records;
-use crate::support::statistics;
+use crate::support::{chart, records, statistics};
 
 use std::sync::atomic::{AtomicU32, Ordering};
 

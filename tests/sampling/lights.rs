@@ -1,8 +1,7 @@
 //! Lights: directions sampled towards them follow the stated densities w.r.t. solid angle, and carry the stated radiance; and where
 //! rays start on the lens. False alarms: see sampling.rs.
 
-use crate::support::chart;
-use crate::support::statistics;
+use crate::support::{chart, statistics};
 
 use std::sync::Arc;
 

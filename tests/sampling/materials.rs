@@ -2,8 +2,7 @@
 //!
 //! All χ² tests of tests/sampling*.rs together raise a false alarm with probability 0.01 for a new seed (Šidák).
 
-use crate::support::chart;
-use crate::support::statistics;
+use crate::support::{chart, statistics};
 
 use chart::Chart;
 use fanal::base::random::Random;

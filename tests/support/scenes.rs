@@ -7,8 +7,7 @@ use fanal::base::progress::Silent;
 use fanal::generate::build::{Builder, diffuse};
 use fanal::guiding::target::Target;
 use fanal::picture::Image;
-use fanal::reconstruct::gaussian::Gaussian;
-use fanal::reconstruct::{AsCounted, Neural, Reconstructor};
+use fanal::reconstruct::{Neural, Reconstructor};
 use fanal::render::{GuideMode, RenderSettings, SampleKinds, StopRule, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{MaterialFile, SceneFile, TextureFile};
@@ -41,11 +40,9 @@ pub fn settings((guide, samples, target): Guide, spp: u32, seed: u64) -> RenderS
 
 /// What each mode reconstructs with.
 pub fn reconstructor(guide: GuideMode) -> Box<dyn Reconstructor> {
-    match guide {
-        GuideMode::Gaussian => Box::new(Gaussian::default()),
-        GuideMode::Neural => Box::new(Neural::built_in().expect("the model fits the program")),
-        _ => Box::new(AsCounted::default()),
-    }
+    let reconstruction = RenderSettings::new(guide, StopRule::Spp(1)).reconstruction;
+    let network = reconstruction.reconstructor(|| Ok(Box::new(Neural::built_in()?)));
+    network.expect("the model fits the program")
 }
 
 pub fn picture(scene: &Scene, settings: &RenderSettings) -> Image {

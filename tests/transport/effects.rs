@@ -1,9 +1,7 @@
 //! Every effect of the plan, switched on and off on every scene: what is on without need changes nothing, what only seeks light
 //! changes no mean, and what is part of the scene is gone as if the scene file had never had it.
 
-use crate::support::blocks;
-use crate::support::scenes;
-use crate::support::statistics;
+use crate::support::{blocks, scenes, statistics};
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;

@@ -1,7 +1,6 @@
 //! Participating media against what can be calculated, and every guide against the same.
 
-use crate::support::scenes;
-use crate::support::statistics;
+use crate::support::{scenes, statistics};
 
 use fanal::generate::build::{Builder, diffuse};
 use fanal::materials::phase::HenyeyGreenstein;

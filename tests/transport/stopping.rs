@@ -1,7 +1,6 @@
 //! Renders that end by what they have seen: the picture must not know.
 
-use crate::support::scenes;
-use crate::support::statistics;
+use crate::support::{scenes, statistics};
 
 use std::sync::atomic::AtomicBool;
 

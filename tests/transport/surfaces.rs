@@ -1,7 +1,6 @@
 //! Furnaces, whose radiance is known, and the agreement of the modes with each other, which share no sampling decision.
 
-use crate::support::scenes;
-use crate::support::statistics;
+use crate::support::{scenes, statistics};
 
 use std::sync::atomic::AtomicBool;
 

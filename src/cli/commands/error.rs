@@ -5,8 +5,7 @@ use crate::base::Result;
 use crate::cli::args::ErrorArgs;
 use crate::cli::print;
 use crate::film::measure;
-use crate::picture::read_image;
-use crate::picture::{matched, window_of};
+use crate::picture::{matched, read_image, window_of};
 
 /// Reads a picture and its reference and prints the errors; of a whole one and a window of it, the window is compared.
 ///

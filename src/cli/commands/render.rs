@@ -12,17 +12,14 @@ use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::{interrupt, print, progress};
 use crate::film::measure;
 use crate::guiding::sample::file;
-use crate::picture::Attribute;
-use crate::picture::Image;
-use crate::picture::read_image;
 use crate::picture::{
-    Picture, Window, check_folder, check_writable, matched, window_of, write_or_rescue, write_picture,
+    Attribute, Image, Picture, Window, check_folder, check_writable, matched, read_image, window_of, write_or_rescue,
+    write_picture,
 };
-use crate::reconstruct::gaussian::Gaussian;
-use crate::reconstruct::{AsCounted, Neural, Reconstructor};
+use crate::reconstruct::{Neural, Reconstructor};
 use crate::render::{
-    self, Aov, Checkpointing, Control, ErrorPoint, Reconstruction, Refresh, RenderSettings, Snapshot, Statistics,
-    StopRule, aov, checkpoint,
+    self, Aov, Checkpointing, Control, ErrorPoint, Refresh, RenderSettings, Snapshot, Statistics, StopRule, aov,
+    checkpoint,
 };
 use crate::scene::Scene;
 use crate::scene::overrides::decide;
@@ -209,27 +206,29 @@ fn checkpointing(
 
 /// Reconstructor for the mode asked for, and a text that identifies it.
 fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<(Box<dyn Reconstructor>, String)> {
-    match settings.reconstruction {
-        Reconstruction::None => return Ok((Box::new(AsCounted::default()), "as counted".into())),
-        Reconstruction::Gaussian => return Ok((Box::new(Gaussian::default()), "smoothed".into())),
-        Reconstruction::Neural => {}
-    }
-    let neural = match (&request.model, request.backend) {
-        (None, Backend::Embedded) => Neural::built_in()?,
-        (Some(folder), Backend::Embedded) => Neural::embedded(folder)?,
+    let mut identity = settings.reconstruction.name().to_owned();
+    let reconstructor = settings.reconstruction.reconstructor(|| {
+        let neural = network(request)?;
+        neural.check_mode(&settings.mode())?;
+        let weights = crc32([neural.model.weights.to_bytes()?.as_slice()]);
+        identity = format!("model {weights:08x} {:?}, {:?} backend", neural.model.config, request.backend);
+        Ok(Box::new(neural))
+    })?;
+    Ok((reconstructor, identity))
+}
+
+/// The model that was asked for, with its backend.
+fn network(request: &RenderRequest) -> Result<Neural> {
+    match (&request.model, request.backend) {
+        (None, Backend::Embedded) => Neural::built_in(),
+        (Some(folder), Backend::Embedded) => Neural::embedded(folder),
         #[cfg(feature = "onnx")]
-        (Some(folder), Backend::Onnx) => Neural::onnx(folder)?,
+        (Some(folder), Backend::Onnx) => Neural::onnx(folder),
         #[cfg(feature = "onnx")]
-        (None, Backend::Onnx) => Neural::built_in_onnx()?,
+        (None, Backend::Onnx) => Neural::built_in_onnx(),
         #[cfg(not(feature = "onnx"))]
-        (_, Backend::Onnx) => {
-            return Err(Error::Options("this program was built without the onnx feature".into()));
-        }
-    };
-    neural.check_mode(&settings.mode())?;
-    let weights = crc32([neural.model.weights.to_bytes()?.as_slice()]);
-    let model = format!("model {weights:08x} {:?}, {:?} backend", neural.model.config, request.backend);
-    Ok((Box::new(neural), model))
+        (_, Backend::Onnx) => Err(Error::Options("this program was built without the onnx feature".into())),
+    }
 }
 
 /// Attributes of an EXR file's header that are known before rendering. No name may be one that EXR reserves for other types,

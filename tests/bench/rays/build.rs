@@ -6,8 +6,7 @@ use std::time::Instant;
 
 use fanal::base::random::Random;
 use fanal::geometry::{Accel, Shape};
-use fanal::scene::Scene;
-use fanal::scene::readers;
+use fanal::scene::{Scene, readers};
 use glam::Affine3A;
 
 use super::{LARGE, cpu_seconds, ground, median, process_seconds};

@@ -3,8 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use fanal::geometry::{Accel, Ray};
-use fanal::scene::Scene;
-use fanal::scene::readers;
+use fanal::scene::{Scene, readers};
 
 use super::{cpu_seconds, median, process_seconds};
 
