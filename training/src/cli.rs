@@ -116,16 +116,16 @@ struct TrainArgs {
     #[arg(long, default_value_t = 16)]
     width: usize,
     /// Convolutions per level.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, help_heading = "Research", default_value_t = 1)]
     convolutions: usize,
     /// What is minimised.
-    #[arg(long, value_enum, default_value_t = Loss::Variance)]
+    #[arg(long, help_heading = "Research", value_enum, default_value_t = Loss::Variance)]
     loss: Loss,
     /// Separate weights for every level, as in Zhu 2021.
-    #[arg(long)]
+    #[arg(long, help_heading = "Research")]
     per_level: bool,
     /// An image network of 2^LEVEL squared pixels instead of one on sparse quadtrees.
-    #[arg(long, value_name = "LEVEL")]
+    #[arg(long, help_heading = "Research", value_name = "LEVEL")]
     image: Option<usize>,
     #[command(flatten)]
     view: ViewArgs,
@@ -158,13 +158,13 @@ struct TrainArgs {
 #[derive(Debug, Args)]
 struct ViewArgs {
     /// What inputs are made from; everything but `all` is for finding out what the rest is worth.
-    #[arg(long, value_enum, default_value_t = Inputs::All)]
+    #[arg(long, help_heading = "Research", value_enum, default_value_t = Inputs::All)]
     inputs: Inputs,
     /// Only pairs with a number of path samples in this range, such as 16..64.
-    #[arg(long, default_value = "0..")]
+    #[arg(long, help_heading = "Research", default_value = "0..")]
     samples: Samples,
     /// Only pairs whose targets are converged: KL between two halves of it at most this, in nats.
-    #[arg(long, value_name = "NATS")]
+    #[arg(long, help_heading = "Research", value_name = "NATS")]
     floor: Option<f64>,
 }
 
@@ -183,13 +183,13 @@ struct EvalArgs {
     #[arg(long, required = true)]
     model: Vec<PathBuf>,
     /// Accuracy against time instead: every model in every backend, as a table and as a plot in this folder.
-    #[arg(long, value_name = "FOLDER", conflicts_with = "ablate")]
+    #[arg(long, help_heading = "Research", value_name = "FOLDER", conflicts_with = "ablate")]
     pareto: Option<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     json: bool,
     /// Also evaluate the network without this.
-    #[arg(long, value_enum)]
+    #[arg(long, help_heading = "Research", value_enum)]
     ablate: Vec<Ablation>,
     /// Held-out trees at most.
     #[arg(long, default_value_t = 2000)]
