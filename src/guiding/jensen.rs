@@ -107,6 +107,10 @@ pub(super) fn read_histograms(file: &Tensors, kind: &str, count: usize) -> Resul
 /// Sums of one voxel: of path samples, and of photons.
 type Sums = [[f64; CELLS]; 2];
 
+fn is_empty(sums: &Sums) -> bool {
+    sums.as_flattened().iter().all(|sum| *sum == 0.0)
+}
+
 /// The histograms of all voxels while they learn.
 #[derive(Debug, Clone)]
 pub struct Histograms {
@@ -170,7 +174,7 @@ impl Histograms {
 
     /// Number of cells that samples are counted in.
     pub(super) fn cells(&self) -> usize {
-        CELLS * self.sums.iter().flatten().count()
+        CELLS * self.sums.iter().flatten().filter(|sums| !is_empty(sums)).count()
     }
 
     /// Forgets the samples of the iteration. From now on `target` is deposited.
@@ -197,7 +201,7 @@ impl Histograms {
             return file.fail("histogram_sums", "sums that are negative or not finite");
         }
         let sums = rows.as_chunks::<CELLS>().0.as_chunks::<2>().0.iter();
-        Ok(Self { target, sums: sums.map(|&sums| Some(Box::new(sums))).collect() })
+        Ok(Self { target, sums: sums.map(|sums| (!is_empty(sums)).then(|| Box::new(*sums))).collect() })
     }
 }
 
