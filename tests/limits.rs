@@ -163,8 +163,10 @@ fn limit_of_ten_million_records() {
 fn limit_of_the_field() {
     let _alone = alone();
     let scene = committed("door-ajar", [160, 120]);
-    for memory in [24 * MB, MB] {
-        let mut settings = settings(GUIDES[5], 48, 1);
+    for (guide, memory) in
+        [GUIDES[5], GUIDES[8]].into_iter().flat_map(|guide| [24 * MB, MB].map(|memory| (guide, memory)))
+    {
+        let mut settings = settings(guide, 48, 1);
         settings.learner.memory = memory;
         let (outcome, _) = run(&scene, &settings);
         println!("{} of {memory}", outcome.field.bytes());

@@ -98,10 +98,16 @@ pub(super) fn read_histograms(file: &Tensors, kind: &str, count: usize) -> Resul
     let rows = file.read(&name, Dtype::F32, Some(count), CELLS, f32::from_le_bytes)?;
     let histogram = |(v, &row): (usize, &[f32; CELLS])| match row {
         _ if row.iter().all(|&mass| mass == 0.0) => Ok(None),
-        _ if row.iter().all(|&mass| mass.is_normal() && mass > 0.0) => Ok(Some(Histogram::new(row))),
-        _ => file.fail(&name, format!("the masses of voxel {v} are not all above 0")),
+        _ if is_positive(&row) => Ok(Some(Histogram::new(row))),
+        _ => file.fail(&name, format!("the masses of voxel {v} are no distribution that is positive everywhere")),
     };
     rows.as_chunks::<CELLS>().0.iter().enumerate().map(histogram).collect::<Result<_>>().map(Some)
+}
+
+/// Whether masses are finite, and each at least a millionth of their sum; our own are above one in two thousand.
+fn is_positive(mass: &[f32; CELLS]) -> bool {
+    let sum: f64 = mass.iter().map(|&mass| f64::from(mass)).sum();
+    sum.is_finite() && mass.iter().all(|&mass| f64::from(mass) >= 1e-6 * sum)
 }
 
 /// Sums of one voxel: of path samples, and of photons.
@@ -154,7 +160,8 @@ impl Histograms {
     /// Histograms to sample next, one per voxel; none for a voxel that no sample has reached, nor for those that contribute least
     /// where all together would exceed `memory` bytes.
     pub(super) fn fit(&self, around: &Around, memory: usize) -> Vec<Option<Histogram>> {
-        let mut order: Vec<usize> = (0..self.sums.len()).filter(|&v| self.sums[v].is_some()).collect();
+        let arrived = |v: &usize| self.sums[*v].as_ref().is_some_and(|sums| !is_empty(sums));
+        let mut order: Vec<usize> = (0..self.sums.len()).filter(arrived).collect();
         order.sort_by(|&a, &b| around.contributions[b].total_cmp(&around.contributions[a]).then(a.cmp(&b)));
         let mut kept = vec![false; self.sums.len()];
         order.iter().take(memory / BYTES).for_each(|&v| kept[v] = true);

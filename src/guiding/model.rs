@@ -1,6 +1,6 @@
 //! Interface of models of directions. A model is two types: one that learns for all voxels, and the frozen distribution of a voxel,
-//! which is sampled. Code that learns, samples or stores guides knows [`Model`] and [`Directions`] alone; a new model is a file of
-//! its own and an arm in each `match` of this one.
+//! which is sampled. Code that samples or stores guides knows [`Directions`] alone, code that learns them [`Model`] too; a new model
+//! is a file of its own, an arm in each `match` of this one, and its arrays in [`Directions::arrays`] and [`Directions::read`].
 //!
 //! Enums and not traits: which model guides is decided once per render, and asking it costs a branch that is always the same.
 
@@ -188,6 +188,11 @@ impl Model {
             Self::Trees(trees) => Ok(boxed(trees.fit(around, propose, memory)?)),
             Self::Histograms(histograms) => Ok(boxed(histograms.fit(around, memory))),
         }
+    }
+
+    /// Whether a voxel of which nothing new is known keeps its guide, or has none from then on.
+    pub(super) fn keeps_guides(&self) -> bool {
+        matches!(self, Self::Trees(_))
     }
 
     /// Distributions as counted, before reconstruction, where evidence of them is kept.

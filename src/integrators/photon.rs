@@ -43,7 +43,8 @@ impl Photon {
     ///
     /// Trees learn from paths what light sampling finds too, but photons straight from a light are left out: kept, they crowd out
     /// what only photons know, and equal samples leave 1.02 to 1.2 times the error (`lamp-room` 1.12, a room with a lamp in a shade
-    /// 1.14, a classroom by daylight 1.2). So kinds of samples are compared by the other light alone, see [`PathRecord::shown`](crate::guiding::record::PathRecord::shown).
+    /// 1.14, a classroom by daylight 1.2). So kinds of samples are compared by the other light alone, which is what
+    /// [`DirectLight::Nothing`](crate::guiding::target::DirectLight) leaves.
     fn is_useful(&self, light_sampling: bool) -> bool {
         self.scattered || (self.reachable && (self.delta_chain > 0 || !light_sampling))
     }

@@ -50,7 +50,7 @@ pub struct Config {
 pub struct Mode {
     /// `radiance`, `variance` or `variance-pixel`.
     pub target: String,
-    /// Whether there was light sampling, whose light was then left out of the trees.
+    /// Whether there was light sampling; `direct` says what trees learned of its light.
     #[serde(rename = "nee")]
     pub light_sampling: bool,
     /// Whether Russian roulette was on.

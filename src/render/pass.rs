@@ -25,7 +25,7 @@ use crate::integrators::photon::PhotonTracer;
 use crate::picture::Window;
 use crate::scene::Scene;
 
-/// Paths per chunk: with about four records of 68 bytes each, a chunk holds some 70 MB.
+/// Paths per chunk: with about four records of 84 bytes each, a chunk holds some 90 MB.
 pub const CHUNK: u64 = 1 << 18;
 /// Paths per unit of parallel work.
 const BLOCK: u64 = 1 << 10;

@@ -242,7 +242,7 @@ impl RenderSettings {
         if !plan.is_on(EffectKind::Guiding) {
             self.guide = GuideMode::None;
         }
-        if !plan.is_on(EffectKind::Photons) && self.samples == SampleKinds::Both {
+        if !plan.is_on(EffectKind::Photons) {
             self.samples = SampleKinds::Path;
         }
         if !plan.is_on(EffectKind::Reconstruction) || self.guide == GuideMode::None {

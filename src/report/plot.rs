@@ -83,13 +83,15 @@ impl Measure {
 
 /// A method's colour, the same in every plot: distinguishable with red-green blindness (Okabe and Ito 2008).
 pub fn color(method: usize) -> RGBColor {
-    const COLORS: [RGBColor; 6] = [
+    const COLORS: [RGBColor; 8] = [
         RGBColor(80, 80, 80),
         RGBColor(230, 159, 0),
         RGBColor(0, 114, 178),
         RGBColor(0, 158, 115),
         RGBColor(204, 121, 167),
         RGBColor(213, 94, 0),
+        RGBColor(86, 180, 233),
+        RGBColor(240, 228, 66),
     ];
     COLORS[method % COLORS.len()]
 }

@@ -90,7 +90,8 @@ impl Scene {
             }
             if let Some(id) = *medium {
                 let limit = surface.map_or(f32::INFINITY, |surface| surface.distance);
-                match self.medium(id).sample(carried * weight, limit, random.next_f32(), random.next_f32()) {
+                let [distance, channel] = random.next_2d();
+                match self.medium(id).sample(carried * weight, limit, channel, distance) {
                     Flight::Collision { distance, weight: factor } => {
                         let point = Surface::in_medium(ray.at(distance), behind + distance, -ray.direction);
                         return (Arrival::Medium(point, self.medium(id).phase), weight * factor);

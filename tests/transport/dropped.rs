@@ -213,12 +213,12 @@ fn a09_causes_are_told_apart() {
     let mut file = b.finish();
     (file.shapes[0].emission, file.shapes[0].flip_normals) = (Some([3e38; 3]), true);
     traced(&scene_in(folder.path(), file), &settings(false), Cause::Overflow);
-    // A guide that has no part in the density of what it proposes.
+    // BSDF and guide whose parts of the density have no sum.
     let (scene, settings) = (built(room()), settings(false));
     let mut cache = SpatialCache::new(Vec3::splat(-5.0), 10.0).without_facing();
     cache.find_or_insert(Vec3::ZERO, Vec3::Y);
     let tree = SamplingTree::new(&Distribution::uniform(), 0.1, usize::MAX);
-    let (parallax, bsdf_fraction, roulette) = (Parallax::NONE, f32::NAN, AdjointRoulette::UNKNOWN);
+    let (parallax, bsdf_fraction, roulette) = (Parallax::NONE, f32::INFINITY, AdjointRoulette::UNKNOWN);
     let field =
         GuideField::new(cache, vec![VoxelGuide { directions: Some(tree.into()), parallax, bsdf_fraction, roulette }]);
     let transport = settings.transport;
@@ -226,7 +226,6 @@ fn a09_causes_are_told_apart() {
     let ray = || scene.camera.ray([4.0, 3.0], [0.5; 2]);
     let paths = (0..100).map(|i| tracer.explain(ray(), &mut Random::new(1, 0, i), None));
     let causes: Vec<Option<Cause>> = paths.filter(|path| !path.radiance.is_finite()).map(|path| path.cause).collect();
-    // Half of the directions lead into the wall, and the path ends.
     assert!(causes.len() > 20 && causes.iter().all(|cause| *cause == Some(Cause::Pdf)), "{causes:?}");
 }
 

@@ -305,17 +305,19 @@ impl Learner {
 
     /// Gives voxels their guides, and chooses for each the fraction of BSDF samples.
     fn publish(&mut self, guides: Vec<Option<Directions>>) {
-        let ancestry = &self.ancestry;
+        let (ancestry, keeps) = (&self.ancestry, self.model.keeps_guides());
         let fractions = ancestry.pooled(&self.voxels, |sum: &mut Moments<_>, v| sum.merge(&v.fractions));
         let adjoint = pooled_adjoint(&self.voxels, ancestry);
         let LearnerSettings { fraction: rule, keeps_evidence, .. } = self.settings;
         self.voxels.par_iter_mut().zip(guides).enumerate().for_each(|(v, (voxel, guide))| {
             let block = ancestry.block(v);
-            voxel.spheres.guide = voxel.spheres.learned;
             voxel.known_adjoint = voxel.adjoint;
             voxel.known_adjoint.add_prior(&adjoint[block], PRIOR_SAMPLES);
-            let Some(guide) = guide else { return };
-            voxel.guide = Some(guide);
+            if guide.is_none() && keeps {
+                return;
+            }
+            voxel.spheres.guide = voxel.spheres.learned;
+            voxel.guide = guide;
             let mut measured = voxel.fractions;
             measured.add_prior(&fractions[block], PRIOR_SAMPLES);
             voxel.told = measured.best().is_some() || voxel.lit;

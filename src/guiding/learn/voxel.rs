@@ -93,12 +93,10 @@ impl Voxel {
         let middle = 0.5 * (bounds.low + bounds.high);
         for record in paths {
             self.eighths[record.point.cmpge(middle).bitmask() as usize] += 1;
-            self.begun = true;
         }
         for record in photons {
             self.photons += 1;
             self.lit |= record.power > 0.0;
-            self.begun = true;
         }
     }
 

@@ -33,7 +33,7 @@ use crate::guiding::cache::arrays::{cache_arrays, read_cache, read_parallax};
 use crate::guiding::model::Directions;
 
 /// The version of guide files that this program reads.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// Largest accepted guide file in bytes.
 pub const GUIDE_LIMIT: u64 = 1 << 31;
