@@ -48,8 +48,12 @@ fn furnace(scene: &Scene, guide: Guide, light_sampling: bool, expected: f64) {
 
 /// The same with settings changed.
 fn furnace_with(scene: &Scene, guide: Guide, expected: f64, change: impl Fn(&mut RenderSettings)) {
-    // One guide for all facings and a fixed half of BSDF samples make this mode the noisiest.
-    let spp = if guide.0 == GuideMode::Ppg { 768 } else { 96 };
+    let spp = match guide.0 {
+        // One guide for all facings and a fixed half of BSDF samples make this mode the noisiest.
+        GuideMode::Ppg => 768,
+        GuideMode::Jensen => 384,
+        _ => 96,
+    };
     let changed = |seed| {
         let mut settings = settings(guide, spp, seed);
         settings.transport.max_depth = 200;
