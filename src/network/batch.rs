@@ -1,7 +1,8 @@
 //! Many quadtrees together, level by level: the rows and indices that the network's steps take.
 //!
 //! Within a level, rows are ordered by tree and then breadth first, so the four siblings are adjacent and, below the root,
-//! a level's row count is a multiple of four. [`Batch`] holds trees that exist, [`DecodeLevel`] is a level of trees that grow.
+//! a level's row count is a multiple of four. [`Batch`] holds trees that exist,
+//! [`DecodeLevel`](super::growing::DecodeLevel) is a level of trees that grow.
 
 use crate::guiding::tree::topology::{MAX_LEVEL, Topology};
 

@@ -41,7 +41,7 @@ impl Default for Gaussian {
 /// Number of times that a level is smoothed to see far.
 const FAR: usize = 3;
 
-/// Offsets of the neighbourhood in the order of a row of [`Neighbours`].
+/// Offsets of the neighbourhood in the order of a row of [`neighbours`].
 const OFFSETS: [[i32; 2]; 9] = [[-1, -1], [-1, 0], [-1, 1], [0, -1], [0, 0], [0, 1], [1, -1], [1, 0], [1, 1]];
 
 impl Gaussian {

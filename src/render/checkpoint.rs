@@ -8,7 +8,7 @@
 //! | name | type | |
 //! |---|---|---|
 //! | `made_for` | u8 | settings that the picture depends on, a line of text each, see [`made_for`] |
-//! | `state` | f64 | numbers in the order of [`state_numbers`] |
+//! | `state` | f64 | numbers in the order of [`Moment::state_numbers`] |
 //! | `variances` | f64 | of one sample in each iteration |
 //! | `totals` | f64 | of the statistics, in the order of [`Statistics::numbers`] |
 //! | `iterations`, `errors`, `dropped` | f64 | rows of the statistics |

@@ -60,8 +60,8 @@ pub struct Outcome {
 /// Under [`StopRule::Spp`] the picture is the same bit for bit for any number of threads.
 ///
 /// # Errors
-/// [`Error::Options`] for a picture without pixels or a budget without samples; [`Error::Interrupted`] where it was stopped before its
-/// first sample; errors of the reconstructor.
+/// [`Error::Options`](crate::base::Error::Options) for a picture without pixels or a budget without samples;
+/// [`Error::Interrupted`](crate::base::Error::Interrupted) where it was stopped before its first sample; errors of the reconstructor.
 pub fn render(
     scene: &Scene,
     settings: &RenderSettings,

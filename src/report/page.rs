@@ -25,7 +25,7 @@ const WORST: usize = 12;
 /// Writes `results.json` and its schema, `runs.csv`, the plots, the viewer's data and `index.html` into `folder`.
 ///
 /// # Errors
-/// [`Error::Io`], and [`Error::Options`] where something cannot be drawn.
+/// [`Error::Io`](crate::base::Error::Io), and [`Error::Options`](crate::base::Error::Options) where something cannot be drawn.
 pub fn write(comparison: &Comparison, folder: &Path) -> Result<()> {
     let results = &comparison.results;
     results.write(&folder.join(FILE))?;
