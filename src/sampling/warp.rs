@@ -14,11 +14,6 @@ pub fn square_to_disk([u, v]: [f32; 2]) -> Vec2 {
     Vec2::new(r * phi.cos(), r * phi.sin())
 }
 
-/// Density of [`square_to_disk`] w.r.t. area.
-pub fn square_to_disk_pdf() -> f32 {
-    1.0 / PI
-}
-
 /// Cosine-distributed on the hemisphere around +z.
 pub fn square_to_cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     let d = square_to_disk(u);
