@@ -87,16 +87,15 @@ macro_rules! words {
     };
 }
 
-words!(
-    GuideMode,
-    None: "Path tracing with light sampling and multiple importance sampling",
-    Jensen: "Jensen 1995: photons in histograms of fixed directions",
-    Ppg: "Müller 2017: path samples of radiance in a spatial and directional tree",
-    Variance: "Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees",
-    Hybrid: "Path and photon samples in per-voxel quadtrees",
-    Gaussian: "The same, smoothed level by level",
-    Neural: "The same, reconstructed by the network",
-);
+impl ValueEnum for GuideMode {
+    fn value_variants<'a>() -> &'a [Self] {
+        &Self::ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(self.name()).help(self.help()))
+    }
+}
 
 words!(
     SampleKinds,

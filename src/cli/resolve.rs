@@ -7,6 +7,7 @@ use super::args::{Backend, Layer, LearningArgs, PixelFilter, RenderArgs};
 use crate::base::{Error, Result};
 use crate::film::check_size;
 use crate::guiding::learn::learner::LearnerSettings;
+use crate::guiding::model::ModelKind;
 use crate::guiding::target::Target;
 use crate::guiding::tree::TreeSettings;
 use crate::integrators::TransportSettings;
@@ -175,12 +176,12 @@ fn check_guide(args: &RenderArgs) -> Result<()> {
         }
         Err(Error::Options(format!("{why}; leave {} out", found.join(", "))))
     };
-    match args.guide {
-        GuideMode::None => refused("--guide none learns nothing", &given.map(|(name, _)| name))?,
-        GuideMode::Jensen => {
-            refused("--guide jensen has no trees", &["--filter", "--past", "--reconstruct"])?;
-        }
-        _ => {}
+    if args.guide == GuideMode::None {
+        refused("--guide none learns nothing", &given.map(|(name, _)| name))?;
+    }
+    if args.guide.model() != ModelKind::Trees {
+        let why = format!("--guide {} has no trees", args.guide.name());
+        refused(&why, &["--filter", "--past", "--reconstruct"])?;
     }
     if simple_iterations.is_some() && target != Some(Target::VariancePixel) {
         return Err(Error::Options(

@@ -39,17 +39,34 @@ impl GuideMode {
     pub const ALL: [Self; 7] =
         [Self::None, Self::Jensen, Self::Ppg, Self::Variance, Self::Hybrid, Self::Gaussian, Self::Neural];
 
+    /// Name on the command line and in statistics, and its line of help.
+    fn words(self) -> [&'static str; 2] {
+        match self {
+            Self::None => ["none", "Path tracing with light sampling and multiple importance sampling"],
+            Self::Jensen => ["jensen", "Jensen 1995: photons in histograms of fixed directions"],
+            Self::Ppg => ["ppg", "Müller 2017: path samples of radiance in a spatial and directional tree"],
+            Self::Variance => {
+                ["variance", "Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees"]
+            }
+            Self::Hybrid => ["hybrid", "Path and photon samples in per-voxel quadtrees"],
+            Self::Gaussian => ["gaussian", "The same, smoothed level by level"],
+            Self::Neural => ["neural", "The same, reconstructed by the network"],
+        }
+    }
+
     /// Name on the command line and in statistics.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Jensen => "jensen",
-            Self::Ppg => "ppg",
-            Self::Variance => "variance",
-            Self::Hybrid => "hybrid",
-            Self::Gaussian => "gaussian",
-            Self::Neural => "neural",
-        }
+        self.words()[0]
+    }
+
+    /// Line of help.
+    pub fn help(self) -> &'static str {
+        self.words()[1]
+    }
+
+    /// Model of directions that learns.
+    pub fn model(self) -> ModelKind {
+        if self == Self::Jensen { ModelKind::Histograms } else { ModelKind::Trees }
     }
 }
 
@@ -182,9 +199,7 @@ impl RenderSettings {
                 parallax: false,
                 ..LearnerSettings::default()
             },
-            GuideMode::Jensen => {
-                LearnerSettings { model: ModelKind::Histograms, target: Target::Radiance, ..LearnerSettings::default() }
-            }
+            GuideMode::Jensen => LearnerSettings { target: Target::Radiance, ..LearnerSettings::default() },
             _ => LearnerSettings::default(),
         };
         let samples = match guide {
@@ -203,7 +218,7 @@ impl RenderSettings {
             guide,
             samples,
             reconstruction,
-            learner,
+            learner: LearnerSettings { model: guide.model(), ..learner },
             learning_share: 0.5,
             gives_up: guide != GuideMode::Ppg,
             reconstruction_share: 0.15,
