@@ -163,7 +163,7 @@ impl<'a, E: Effects> Mixture<'a, E> {
         }
         let sample = match self.scattering {
             Scattering::Material(material) => {
-                let lobe = random.at(Dimension::LOBE).next_f32();
+                let lobe = if material.chooses_lobe() { random.at(Dimension::LOBE).next_f32() } else { 0.0 };
                 material.sample(self.surface.uv, self.wo, lobe, direction(), transport)?
             }
             Scattering::Phase(phase) => {

@@ -197,6 +197,12 @@ impl Material {
         }
     }
 
+    /// Whether [`Material::sample`] reads the number that chooses a lobe: of most materials the other two say everything.
+    #[inline]
+    pub fn chooses_lobe(&self) -> bool {
+        matches!(self.kind, Kind::RoughDielectric(_) | Kind::Principled(_) | Kind::Blend(_))
+    }
+
     /// Samples `wi` by numbers in [0, 1), the first for the lobe where there are several, the others for its direction; none where the
     /// surface absorbs.
     pub fn sample(&self, uv: Vec2, wo: Vec3, lobe: f32, u: [f32; 2], transport: Transport) -> Option<BsdfSample> {

@@ -104,7 +104,7 @@ fn made(parameters: Parameters) -> Material {
 }
 
 /// Catches a density that is not the sampler's (a wrong Jacobian, a forgotten horizon, the wrong side), in shape and in mass:
-/// lost samples are counted too.
+/// lost samples are counted too. And a lobe's number that is left out although it is read.
 fn check(name: &str, material: &Material, wo: Vec3, alpha: f32) -> f64 {
     // A narrow lobe is spread over the chart around its centre; otherwise the horizon is a border of cells.
     let mirrored = Vec3::new(-wo.x, -wo.y, wo.z);
@@ -114,8 +114,11 @@ fn check(name: &str, material: &Material, wo: Vec3, alpha: f32) -> f64 {
         [32, 32],
         |wi| f64::from(material.pdf(Vec2::ZERO, wo, wi)),
         |random| {
-            let sample = material.sample(Vec2::ZERO, wo, random.next_f32(), random.next_2d(), Transport::Radiance);
-            sample.filter(|s| !s.delta).map(|s| s.wi)
+            let (lobe, u) = (random.next_f32(), random.next_2d());
+            let draw = |lobe| material.sample(Vec2::ZERO, wo, lobe, u, Transport::Radiance);
+            let direction = draw(lobe).filter(|s| !s.delta).map(|s| s.wi);
+            assert!(material.chooses_lobe() || draw(1.0 - lobe).is_none_or(|s| s.delta || Some(s.wi) == direction));
+            direction
         },
     )
 }
