@@ -47,6 +47,9 @@ pub struct State {
     pub view: View,
     /// Seed of weights, order and augmentation.
     pub seed: u64,
+    /// Checksum of the weights that a run from another model began with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<u32>,
     /// Pairs per step.
     pub batch: usize,
     /// Parts that a step is divided into; sums of gradients depend on it in their last bits.

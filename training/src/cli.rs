@@ -112,6 +112,9 @@ struct TrainArgs {
     /// Go on from the checkpoint in the model folder.
     #[arg(long)]
     resume: bool,
+    /// Begin with the weights of this model instead of random ones, and in the middle of the schedule.
+    #[arg(long, value_name = "MODEL", conflicts_with = "resume")]
+    from: Option<PathBuf>,
     /// Channels of the hidden layers.
     #[arg(long, default_value_t = 16)]
     width: usize,
@@ -227,6 +230,7 @@ fn run_train(args: TrainArgs) -> Result<Ended> {
         minutes: if unlimited { Some(30.0) } else { args.minutes },
         epochs: args.epochs,
         resume: args.resume,
+        from: args.from,
         patience: args.patience,
         width: args.width,
         convolutions: args.convolutions,

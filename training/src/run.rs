@@ -1,5 +1,6 @@
 //! The state of one training run, and its training step.
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow, ensure};
@@ -8,7 +9,7 @@ use fanal::base::random::Random;
 use fanal::guiding::tree::features::FEATURES;
 use fanal::network::config::{Config, Mode, VERSION};
 use fanal::network::embedded::Embedded;
-use fanal::network::weights::Model;
+use fanal::network::weights::{Model, Weights};
 
 use crate::batch::HostBatch;
 use crate::cases::{Case, common, mean_kl, mean_log_moment, reconstruct, tune_uniform};
@@ -73,6 +74,7 @@ impl<'a> Run<'a> {
             loss: settings.loss,
             view: settings.view,
             seed: settings.seed,
+            from: None,
             batch: settings.batch,
             parts: settings.parts.max(1),
             data,
@@ -91,14 +93,17 @@ impl<'a> Run<'a> {
                 best: state.best,
                 unimproved: state.unimproved,
                 parts: state.parts,
+                from: state.from,
                 ..fresh
             };
             ensure!(progress == state, "{}: the checkpoint was made with other settings or data", path.display());
             (state, net, optimiser)
         } else {
-            let weights = initial_weights(&fresh.config, settings.seed);
+            let begun = settings.from.as_deref().map(|folder| weights_of(folder, &fresh.config)).transpose()?;
+            let from = begun.as_ref().map(Weights::checksum);
+            let weights = begun.unwrap_or_else(|| initial_weights(&fresh.config, settings.seed));
             let net = Net::new(&fresh.config, &weights, &device)?;
-            (fresh, net, Optimiser::default())
+            (State { from, ..fresh }, net, Optimiser::default())
         };
         let journal = if settings.resume { Journal::read(&settings.output, state.step) } else { Journal::default() };
         let seconds_before = state.seconds;
@@ -126,6 +131,13 @@ impl<'a> Run<'a> {
         epochs.unwrap_or(0.0).max(time.unwrap_or(0.0))
     }
 
+    /// The place in the schedule of learning rate and losses. Weights that were trained before begin in the middle: the full rate would
+    /// undo what they know.
+    fn schedule(&self, plan: &Plan) -> f64 {
+        let progress = self.progress(plan);
+        if self.state.from.is_some() { 0.5 + 0.5 * progress } else { progress }
+    }
+
     /// Whether validation has not improved for as long as the settings wait.
     pub fn exhausted(&self) -> bool {
         self.settings.patience.is_some_and(|patience| self.state.unimproved >= patience)
@@ -137,7 +149,7 @@ impl<'a> Run<'a> {
     /// When a thread panics or a file cannot be written.
     pub fn step(&mut self, batch: &[HostBatch], plan: &Plan) -> Result<()> {
         let start = Instant::now();
-        let progress = self.progress(plan);
+        let progress = self.schedule(plan);
         let (rate, beta) = (rate(self.settings.rate, progress, self.state.step), beta(progress));
         let trees: usize = batch.iter().map(HostBatch::trees).sum();
         let (parts, value, class) = self.backward(batch, beta, trees)?;
@@ -251,6 +263,22 @@ impl<'a> Run<'a> {
         self.saved = Instant::now();
         Ok(())
     }
+}
+
+/// The weights of the model in `folder`, which must have the layers and the mode of `config`.
+fn weights_of(folder: &Path, config: &Config) -> Result<Weights> {
+    let Model { config: own, weights } = Model::load(folder)?;
+    let shape = |of: &Config| (of.width, of.convolutions, of.per_level, of.image);
+    ensure!(shape(&own) == shape(config), "{}: the model has {}", folder.display(), layers(&own));
+    ensure!(own.mode == config.mode, "{}: the model serves another mode than the data were made in", folder.display());
+    Ok(weights)
+}
+
+/// The options that make a network with the layers of `config`.
+fn layers(config: &Config) -> String {
+    let per_level = if config.per_level { " --per-level" } else { "" };
+    let image = config.image.map_or(String::new(), |level| format!(" --image {level}"));
+    format!("--width {} --convolutions {}{per_level}{image}", config.width, config.convolutions)
 }
 
 fn config(settings: &Settings, mode: Mode) -> Config {

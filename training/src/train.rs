@@ -38,6 +38,8 @@ pub struct Settings {
     pub epochs: Option<u64>,
     /// Whether to go on from the checkpoint in the model folder.
     pub resume: bool,
+    /// The folder of a model whose weights a new run begins with; random ones if none.
+    pub from: Option<PathBuf>,
     /// Channels, C.
     pub width: usize,
     /// Convolutions per level.
@@ -106,6 +108,10 @@ pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
         config: run.state.config.clone(),
     };
     let batches = loader::start(Arc::new(training), plan.clone(), run.state.step);
+    if settings.from.is_some() {
+        // What is written in the end is at least as good as what it began with.
+        run.validate()?;
+    }
     let shown = Shown::new(settings.quiet);
     let mut trees = 0;
     while run.progress(&plan) < 1.0 && !run.exhausted() {

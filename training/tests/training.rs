@@ -1,5 +1,6 @@
 //! The network in burn: it learns, does the same on both backends and in the renderer, and goes on after an interruption.
 
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use burn::tensor::Device;
@@ -205,15 +206,15 @@ fn data_folder(trees: u32) -> tempfile::TempDir {
     folder
 }
 
-#[test]
-fn a_resumed_run_equals_an_uninterrupted_one() {
-    let data = data_folder(40);
-    let base = |name: &str| train::Settings {
-        data: vec![data.path().to_owned()],
-        output: data.path().join(name),
+/// A short run on the pairs of `data`, whose model goes to the folder `name` beside them.
+fn short_run(data: &Path, name: &str) -> train::Settings {
+    train::Settings {
+        data: vec![data.to_owned()],
+        output: data.join(name),
         minutes: None,
         epochs: Some(2),
         resume: false,
+        from: None,
         patience: None,
         width: 8,
         convolutions: 1,
@@ -229,7 +230,13 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
         every: std::time::Duration::from_secs(60),
         stop_after: None,
         quiet: true,
-    };
+    }
+}
+
+#[test]
+fn a_resumed_run_equals_an_uninterrupted_one() {
+    let data = data_folder(40);
+    let base = |name: &str| short_run(data.path(), name);
     let never = AtomicBool::new(false);
     let whole = train(&base("whole"), &never).unwrap();
     assert_eq!(whole.step, 10);
@@ -280,6 +287,33 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
     assert_eq!(fanal_training::checkpoint::load(&path, &Device::flex()).unwrap().0.unimproved, 0);
 }
 
+#[test]
+fn a_run_from_a_model_begins_with_its_weights() {
+    let data = data_folder(40);
+    let never = AtomicBool::new(false);
+    let folder = |name: &str| data.path().join(name);
+    let run = |name: &str| train::Settings { epochs: Some(4), ..short_run(data.path(), name) };
+    train(&run("first"), &never).unwrap();
+    // At a rate of next to nothing they stay as they were.
+    let from = Some(folder("first"));
+    let still = train::Settings { from: from.clone(), seed: 10, rate: 1e-30, ..run("still") };
+    train(&still, &never).unwrap();
+    let weights = |name: &str| Model::load(&folder(name)).unwrap().weights;
+    assert_eq!(weights("still").checksum(), weights("first").checksum());
+    // The schedule begins in its middle, resumed or not.
+    let second = train::Settings { from: from.clone(), stop_after: Some(4), ..run("second") };
+    train(&second, &never).unwrap();
+    train(&train::Settings { from: None, resume: true, stop_after: None, ..second }, &never).unwrap();
+    let highest =
+        |name: &str| Journal::read(&folder(name), u64::MAX).entries.iter().map(|entry| entry.beta).fold(0.0, f64::max);
+    assert_eq!(highest("second"), 0.05, "classes count least from the beginning");
+    assert!(highest("first") > 0.05);
+    // Weights of another network are no beginning.
+    let wide = train::Settings { from, width: 16, ..run("wide") };
+    let error = train(&wide, &never).unwrap_err().to_string();
+    assert!(error.contains("--width 8"), "{error}");
+}
+
 /// A training checkpoint that is cut, has one bit of its arrays wrong, or moments that no training leaves, is refused by name.
 #[test]
 fn f03_damaged_training_checkpoints() {
@@ -294,6 +328,7 @@ fn f03_damaged_training_checkpoints() {
         loss: Loss::Variance,
         view: View::default(),
         seed: 3,
+        from: None,
         batch: 4,
         parts: 1,
         data: fanal_training::checkpoint::Data { pairs: 9, crc32: 1 },
