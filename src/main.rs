@@ -2,6 +2,11 @@
 
 #![forbid(unsafe_code)]
 
+use fanal::base::pages::LargePages;
+
+#[global_allocator]
+static MEMORY: LargePages = LargePages;
+
 fn main() -> std::process::ExitCode {
     fanal::cli::main()
 }

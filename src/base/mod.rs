@@ -2,6 +2,7 @@
 
 pub mod error;
 pub mod files;
+pub mod pages;
 pub mod process;
 pub mod processor;
 pub mod progress;
