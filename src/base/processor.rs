@@ -20,3 +20,16 @@ impl Avx2 {
         None
     }
 }
+
+/// Asks the processor to bring the first cache line of `value` near, since it will be needed soon.
+#[inline(always)]
+#[allow(unsafe_code, reason = "the instruction is an intrinsic that asks for a feature")]
+pub fn prefetch<T>(value: &T) {
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: every x86-64 processor has SSE, and a prefetch changes and faults at nothing.
+    unsafe {
+        std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(std::ptr::from_ref(value).cast());
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = value;
+}

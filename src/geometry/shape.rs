@@ -6,6 +6,7 @@ use glam::{Affine3A, DAffine3, Mat3, Vec2, Vec3};
 
 use super::mesh::Mesh;
 use super::sphere::Sphere;
+use crate::base::processor::prefetch;
 use crate::math::error_bound::gamma;
 use crate::sampling::discrete::Discrete;
 
@@ -83,6 +84,28 @@ impl Shape {
     /// The same sphere, with its texture coordinates rotated by the orthogonal matrix `to_world`.
     pub fn turned(self, to_world: Mat3) -> Self {
         Self { turn: (to_world != Mat3::IDENTITY).then(|| to_world.transpose()), ..self }
+    }
+
+    /// Brings the vertex indices of a triangle near, which will be needed soon.
+    #[inline(always)]
+    pub fn prefetch_indices(&self, triangle: u32) {
+        if let Geometry::Mesh { mesh, .. } = &self.geometry
+            && let Some(indices) = mesh.triangles.get(triangle as usize)
+        {
+            prefetch(indices);
+        }
+    }
+
+    /// Brings the vertices of a triangle near, whose indices should be near already.
+    #[inline(always)]
+    pub fn prefetch_vertices(&self, triangle: u32) {
+        let Geometry::Mesh { mesh, .. } = &self.geometry else { return };
+        let Some(indices) = mesh.triangles.get(triangle as usize) else { return };
+        for vertex in indices.map(|vertex| vertex as usize) {
+            mesh.positions.get(vertex).into_iter().for_each(prefetch);
+            mesh.normals.get(vertex).into_iter().for_each(prefetch);
+            mesh.uvs.get(vertex).into_iter().for_each(prefetch);
+        }
     }
 
     /// World positions of a triangle's vertices; the origin for a sphere, which has none.

@@ -1,18 +1,18 @@
 //! The path tracer: light sampling (next event estimation) with multiple importance sampling, guided directions, Russian roulette, and
 //! records of what each vertex received.
 
+mod batch;
 mod explain;
 
+pub use batch::PathScratch;
 pub use explain::{Cause, ExplainedVertex, Explanation, Met, Onward};
 
 use glam::Vec3;
 
 use super::mixture::{Mixture, MixtureSample, Scattering};
 use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
-#[cfg(target_arch = "x86_64")]
-use crate::base::processor::Avx2;
 use crate::base::random::{Dimension, Random};
-use crate::geometry::{Ray, Surface};
+use crate::geometry::{Hit, Ray, Surface};
 use crate::guiding::record::{PathRecord, Radiance};
 use crate::guiding::sample::field::{GuideField, VoxelGuide};
 use crate::guiding::sample::roulette::AdjointRoulette;
@@ -22,7 +22,8 @@ use crate::materials::medium::MediumId;
 use crate::math::channel_mean;
 use crate::sampling::mis;
 use crate::scene::Scene;
-use crate::scene::effects::{Effects, Everything, With};
+use crate::scene::effects::Effects;
+use batch::{Connection, Shadows, Vertices};
 
 /// Traces camera paths.
 pub struct PathTracer<'a> {
@@ -34,9 +35,22 @@ pub struct PathTracer<'a> {
     pub field: Option<&'a GuideField>,
 }
 
+/// The beginning of a camera path.
+pub struct CameraPath {
+    /// The camera's ray.
+    pub ray: Ray,
+    /// Random numbers of the path.
+    pub random: Random,
+    /// About the value of its pixel, by which what the path still carries is judged; none where nothing is known of it.
+    pub pixel: Option<f32>,
+}
+
 /// A path on its way: all that its next segment depends on.
 struct PathState {
     ray: Ray,
+    random: Random,
+    /// See [`CameraPath::pixel`].
+    pixel: Option<f32>,
     /// Segments so far.
     depth: u32,
     /// Π f·|cos θ| / p, roulette and media included.
@@ -47,12 +61,27 @@ struct PathState {
     squeezed: f32,
     medium: Option<MediumId>,
     previous: Option<Previous>,
+    /// Index of its last vertex so far.
+    last: u32,
+    /// Emission that it ran into infinitely far away.
+    background: Emission,
 }
 
 impl PathState {
-    fn new(ray: Ray, medium: Option<MediumId>) -> Self {
-        let (throughput, reflected) = (Vec3::ONE, Vec3::ONE);
-        Self { ray, depth: 0, throughput, reflected, squeezed: 1.0, medium, previous: None }
+    fn new(CameraPath { ray, random, pixel }: CameraPath, medium: Option<MediumId>) -> Self {
+        Self {
+            ray,
+            random,
+            pixel,
+            depth: 0,
+            throughput: Vec3::ONE,
+            reflected: Vec3::ONE,
+            squeezed: 1.0,
+            medium,
+            previous: None,
+            last: NO_VERTEX,
+            background: Emission::default(),
+        }
     }
 }
 
@@ -89,12 +118,12 @@ struct Vertex {
     weight: Vec3,
     /// Probability of surviving roulette before going on.
     survival: f32,
+    /// Index of the path's vertex before this one.
+    previous: u32,
 }
 
-impl Vertex {
-    /// Nothing, and the path ends.
-    const END: Self = Self { emitted: Vec3::ZERO, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0 };
-}
+/// Index where there is no vertex.
+const NO_VERTEX: u32 = u32::MAX;
 
 /// Further data of a vertex for its record; kept only where records are wanted.
 struct Details {
@@ -160,36 +189,6 @@ struct Previous {
     light_probability: f32,
 }
 
-/// Scratch space of a worker, reused from path to path.
-#[derive(Default)]
-pub struct PathScratch {
-    vertices: Vec<Vertex>,
-    /// Transmittance of the media before each vertex, over the density of getting there; empty where there are no media.
-    passed: Vec<Vec3>,
-    /// Of each vertex where records are wanted, otherwise none.
-    details: Vec<Details>,
-}
-
-impl PathScratch {
-    #[inline(always)]
-    fn push<const RECORDS: bool>(&mut self, vertex: Vertex, details: Details) {
-        self.vertices.push(vertex);
-        if RECORDS {
-            self.details.push(details);
-        }
-    }
-}
-
-/// Beginning of a path, with the scratch space and the counters that it uses on its way.
-struct Beginning<'p> {
-    ray: Ray,
-    random: &'p mut Random,
-    /// See [`PathTracer::trace`].
-    pixel: Option<f32>,
-    scratch: &'p mut PathScratch,
-    count: &'p mut RayCount,
-}
-
 /// Totals of a worker.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct RayCount {
@@ -200,134 +199,67 @@ pub struct RayCount {
 }
 
 impl PathTracer<'_> {
-    /// Radiance along `ray` (W·m⁻²·sr⁻¹). `pixel` is about the value that the path's pixel will have, by which what the path still
-    /// carries is judged; none where nothing is known of it. Where `records` is given, one record per vertex that is not a delta
-    /// surface is added to it.
-    pub fn trace(
-        &self,
-        ray: Ray,
-        random: &mut Random,
-        scratch: &mut PathScratch,
-        pixel: Option<f32>,
-        records: Option<&mut Vec<PathRecord>>,
-        count: &mut RayCount,
-    ) -> Vec3 {
-        let needs = self.scene.needs();
-        match (needs.media, needs.materials, self.field.is_some()) {
-            (true, ..) => self.trace_with::<Everything>(ray, random, scratch, pixel, records, count),
-            (_, true, true) => self.trace_with::<With<true, true, false>>(ray, random, scratch, pixel, records, count),
-            (_, true, false) => {
-                self.trace_with::<With<false, true, false>>(ray, random, scratch, pixel, records, count)
-            }
-            (_, _, true) => self.trace_with::<With<true, false, false>>(ray, random, scratch, pixel, records, count),
-            (_, _, false) => self.trace_with::<With<false, false, false>>(ray, random, scratch, pixel, records, count),
-        }
-    }
-
-    #[inline]
-    fn trace_with<E: Effects>(
-        &self,
-        ray: Ray,
-        random: &mut Random,
-        scratch: &mut PathScratch,
-        pixel: Option<f32>,
-        records: Option<&mut Vec<PathRecord>>,
-        count: &mut RayCount,
-    ) -> Vec3 {
-        scratch.vertices.clear();
-        if E::MEDIA {
-            scratch.passed.clear();
-        }
-        let Some(records) = records else {
-            let background = self.walk::<E, false>(Beginning { ray, random, pixel, scratch, count });
-            return self.gather::<E, false>(scratch, background, |_, _| ());
-        };
-        scratch.details.clear();
-        let background = self.walk::<E, true>(Beginning { ray, random, pixel, scratch, count });
-        let record = |i: usize, onward: Vec3| {
-            let next = scratch.details.get(i + 1);
-            let met = next.map_or(background, |next| next.emission);
-            records.extend(record(&scratch.details[i], next, met, onward, pixel.unwrap_or(1.0)));
-        };
-        self.gather::<E, true>(scratch, background, record)
-    }
-
-    /// Extends the path until it ends; returns what the last segment brought from the background.
+    /// Takes a path to its next vertex, at `hit` or behind it, and chooses how it goes on from there. Returns whether it does.
     #[inline(always)]
-    fn walk<E: Effects, const RECORDS: bool>(&self, beginning: Beginning) -> Emission {
-        #[cfg(target_arch = "x86_64")]
-        if Avx2::detect().is_some() {
-            // SAFETY: the processor has the features.
-            return unsafe { self.walk_avx2::<E, RECORDS>(beginning) };
-        }
-        self.walk_portable::<E, RECORDS>(beginning)
-    }
-
-    // Ten loops in one function would spill each other's registers, so each remains a function.
-    #[inline(never)]
-    fn walk_portable<E: Effects, const RECORDS: bool>(&self, beginning: Beginning) -> Emission {
-        self.extend::<E, RECORDS>(beginning)
-    }
-
-    /// The same compiled for newer processors. Nothing is rounded otherwise: products and sums are not fused unless code asks for it.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(never)]
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
-    fn walk_avx2<E: Effects, const RECORDS: bool>(&self, beginning: Beginning) -> Emission {
-        self.extend::<E, RECORDS>(beginning)
-    }
-
-    #[inline(always)]
-    fn extend<E: Effects, const RECORDS: bool>(&self, beginning: Beginning) -> Emission {
-        let Beginning { ray, random, pixel, scratch, count } = beginning;
-        let mut path = PathState::new(ray, self.scene.camera_medium);
-        while path.depth < self.settings.max_depth {
-            path.depth += 1;
-            random.begin_vertex(path.depth);
-            count.rays += 1;
-            let (surface, scattering, passed);
-            if E::MEDIA || E::MATERIALS {
-                let random = &mut random.at(Dimension::SEGMENT);
-                let (end, factor) = self.scene.advance::<E>(&path.ray, &mut path.medium, path.throughput, random);
-                let Some(found) = Scattering::at(self.scene, end) else { return self.background(&path).dimmed(factor) };
-                ((surface, scattering), passed) = (found, factor);
-            } else {
-                // On plain scenes the surface goes through no enum and is made where it stays: it is long, and every copy shows.
-                let Some(hit) = self.scene.accel.intersect(&path.ray) else { return self.background(&path) };
-                surface = Surface::new(&path.ray, &hit, &self.scene.shapes[hit.shape as usize]);
-                (scattering, passed) = (Scattering::Material(self.scene.material(&surface)), Vec3::ONE);
-            }
-            let arrival = self.arrive::<E>(&mut path, &surface, scattering, passed);
-            if E::MEDIA {
-                scratch.passed.push(arrival.passed);
-            }
-            let mut vertex = Vertex { emitted: arrival.emission.weighted(), ..Vertex::END };
-            let mut details = Details::new(&arrival, &path);
-            if path.depth == self.settings.max_depth {
-                scratch.push::<RECORDS>(vertex, details);
-                break;
-            }
-            let mixture = Mixture::<E>::new(arrival.surface, arrival.scattering, -path.ray.direction, arrival.guide);
-            let worth = self.worth::<E>(&path, &arrival, pixel);
-            details.direct = self.connect(&path, &arrival, &mixture, worth.light, random, count);
-            vertex.direct = details.direct.value;
-            let Some(sample) = mixture.sample(random, Transport::Radiance) else {
-                details.absorbed = !arrival.smooth;
-                scratch.push::<RECORDS>(vertex, details);
-                break;
+    fn visit<E: Effects, const RECORDS: bool>(
+        &self,
+        path: &mut PathState,
+        hit: Option<Hit>,
+        vertices: &mut Vertices,
+        shadows: &mut Shadows,
+    ) -> bool {
+        path.depth += 1;
+        path.random.begin_vertex(path.depth);
+        let (surface, scattering, passed);
+        if E::MEDIA || E::MATERIALS {
+            let random = &mut path.random.at(Dimension::SEGMENT);
+            let (end, factor) = self.scene.advance::<E>(&path.ray, hit, &mut path.medium, path.throughput, random);
+            let Some(found) = Scattering::at(self.scene, end) else {
+                path.background = self.background(path).dimmed(factor);
+                return false;
             };
-            (vertex.weight, vertex.survival) =
-                (sample.weight, self.survival::<E>(&mut path, &mixture, &sample, &worth));
-            let survives = vertex.survival >= 1.0 || random.at(Dimension::ROULETTE).next_f32() < vertex.survival;
-            details.step = (survives || !sample.delta).then_some(Step { sample, survival: vertex.survival });
-            let survival = vertex.survival;
-            scratch.push::<RECORDS>(vertex, details);
-            if !survives || path.throughput == Vec3::ZERO {
-                break;
-            }
-            self.scatter::<E>(&mut path, &arrival, &sample, survival, worth.light);
+            ((surface, scattering), passed) = (found, factor);
+        } else {
+            // On plain scenes the surface goes through no enum and is made where it stays: it is long, and every copy shows.
+            let Some(hit) = hit else {
+                path.background = self.background(path);
+                return false;
+            };
+            surface = Surface::new(&path.ray, &hit, &self.scene.shapes[hit.shape as usize]);
+            (scattering, passed) = (Scattering::Material(self.scene.material(&surface)), Vec3::ONE);
         }
-        Emission::default()
+        let arrival = self.arrive::<E>(path, &surface, scattering, passed);
+        let mut details = Details::new(&arrival, path);
+        let mut vertex = Vertex {
+            emitted: arrival.emission.weighted(),
+            direct: Vec3::ZERO,
+            weight: Vec3::ZERO,
+            survival: 1.0,
+            previous: path.last,
+        };
+        let mut goes_on = false;
+        if path.depth < self.settings.max_depth {
+            let mixture = Mixture::<E>::new(arrival.surface, arrival.scattering, -path.ray.direction, arrival.guide);
+            let worth = self.worth::<E>(path, &arrival);
+            if let Some(connection) = self.connect(path, &arrival, &mixture, worth.light) {
+                shadows.push(connection, vertices.next());
+            }
+            if let Some(sample) = mixture.sample(&path.random, Transport::Radiance) {
+                vertex.weight = sample.weight;
+                vertex.survival = self.survival::<E>(path, &mixture, &sample, &worth);
+                let survives =
+                    vertex.survival >= 1.0 || path.random.at(Dimension::ROULETTE).next_f32() < vertex.survival;
+                details.step = (survives || !sample.delta).then_some(Step { sample, survival: vertex.survival });
+                goes_on = survives && path.throughput != Vec3::ZERO;
+                if goes_on {
+                    self.scatter::<E>(path, &arrival, &sample, vertex.survival, worth.light);
+                }
+            } else {
+                details.absorbed = !arrival.smooth;
+            }
+        }
+        path.last = vertices.push::<E, RECORDS>(vertex, arrival.passed, details);
+        goes_on
     }
 
     /// Takes the path to `surface`, or to a point of a medium, through media that let `passed` through.
@@ -354,9 +286,9 @@ impl PathTracer<'_> {
 
     /// Probabilities of light sampling and of going on at a vertex.
     #[inline(always)]
-    fn worth<E: Effects>(&self, path: &PathState, at: &Arrival, pixel: Option<f32>) -> Worth {
+    fn worth<E: Effects>(&self, path: &PathState, at: &Arrival) -> Worth {
         // Without a guide nothing is known by which a path could be judged.
-        let pixel = if E::GUIDING { pixel } else { None };
+        let pixel = if E::GUIDING { path.pixel } else { None };
         let carried = channel_mean(path.throughput);
         let importance = pixel.map(|value| carried / value);
         let knows = self.settings.roulette == Roulette::Window;
@@ -446,7 +378,7 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Light sampling: f·L·w / p for one sampled light, tried with `probability`.
+    /// Light sampling, tried with `probability`: the connection to one sampled light; none where it would bring nothing.
     #[inline(always)]
     fn connect<E: Effects>(
         &self,
@@ -454,34 +386,35 @@ impl PathTracer<'_> {
         at: &Arrival,
         mixture: &Mixture<E>,
         probability: f32,
-        random: &Random,
-        count: &mut RayCount,
-    ) -> Direct {
-        let (nothing, surface) = (Direct::default(), at.surface);
+    ) -> Option<Connection> {
+        let (surface, random) = (at.surface, &path.random);
         if probability <= 0.0 {
-            return nothing;
+            return None;
         }
         if E::GUIDING && probability < 1.0 && random.at(Dimension::CONNECTION).next_f32() >= probability {
-            return nothing;
+            return None;
         }
         let lights = &self.scene.lights;
         let (choice, u) = (lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
-        let Some(light) = lights.sample(surface.point, choice, u) else { return nothing };
+        let light = lights.sample(surface.point, choice, u)?;
         let value = mixture.eval(light.wi);
         if value == Vec3::ZERO {
-            return nothing;
+            return None;
         }
-        let (ray, t_max) = surface.towards(light.wi, light.distance);
-        count.rays += 1;
-        let visible = self.scene.passes::<E>(surface, &ray, t_max, path.medium);
-        if visible == Vec3::ZERO {
-            return nothing;
-        }
-        // The density is not asked for before it is needed: most lights are hidden where guiding helps most.
+        let (ray, length) = surface.towards(light.wi, light.distance);
+        let medium = if E::MEDIA { self.scene.medium_beyond(surface, ray.direction, path.medium) } else { None };
         let pdf = light.pdf * probability;
         let (onward, bsdf_share) = if light.delta { (0.0, 1.0) } else { mixture.pdf(light.wi) };
         let weight = if light.delta { 1.0 } else { mis::balance(pdf, onward) };
-        Direct { value: value * light.radiance * visible * (weight / pdf), bsdf_share, ratio: pdf / onward }
+        Some(Connection {
+            ray,
+            length,
+            medium,
+            value: value * light.radiance,
+            factor: weight / pdf,
+            bsdf_share,
+            ratio: pdf / onward,
+        })
     }
 }
 
@@ -504,32 +437,6 @@ impl Emission {
     /// As it enters the picture.
     fn weighted(self) -> Vec3 {
         self.radiance * self.weight
-    }
-}
-
-impl PathTracer<'_> {
-    /// Sums the path from its end: radiance leaving each vertex towards the one before. Where records are wanted, `record` is told
-    /// of each step: the number of its vertex, and what arrived along it beside the emission that it met.
-    #[inline(always)]
-    fn gather<E: Effects, const RECORDS: bool>(
-        &self,
-        scratch: &PathScratch,
-        background: Emission,
-        mut record: impl FnMut(usize, Vec3),
-    ) -> Vec3 {
-        let (mut incoming, mut onward) = (background.weighted(), Vec3::ZERO);
-        for (i, vertex) in scratch.vertices.iter().enumerate().rev() {
-            if RECORDS {
-                record(i, onward);
-            }
-            // Nothing arrives where the path has ended.
-            onward = vertex.direct + vertex.weight * incoming / vertex.survival;
-            if E::MEDIA {
-                onward *= scratch.passed[i];
-            }
-            incoming = vertex.emitted + onward;
-        }
-        incoming
     }
 }
 

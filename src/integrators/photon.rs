@@ -3,14 +3,15 @@
 use glam::Vec3;
 
 use super::mixture::{Mixture, Scattering};
+use super::path::RayCount;
 use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
 use crate::base::random::{Dimension, Random};
-use crate::geometry::Surface;
+use crate::geometry::{Hit, Ray, Surface};
 use crate::guiding::learn::emission::{EmissionGuide, Start};
 use crate::guiding::record::PhotonRecord;
-use crate::integrators::path::RayCount;
 use crate::lights::Emission;
 use crate::materials::Transport;
+use crate::materials::medium::MediumId;
 use crate::math::channel_mean;
 use crate::scene::Scene;
 use crate::scene::effects::{Effects, With};
@@ -57,79 +58,141 @@ impl Photon {
     }
 }
 
+/// A light path on its way.
+struct LightPath {
+    /// Its number among those of its chunk.
+    number: u32,
+    random: Random,
+    ray: Ray,
+    medium: Option<MediumId>,
+    photon: Photon,
+    /// Channel mean of the power that it began with.
+    begun: f32,
+}
+
+/// Light paths that were traced together.
+#[derive(Default)]
+pub struct PhotonBlock {
+    /// Photons that arrived, in the order of their paths' numbers.
+    pub photons: Vec<PhotonRecord>,
+    /// How each path started; none where there is no light.
+    pub starts: Vec<Option<Start>>,
+    /// Rays of all paths, and paths that were dropped.
+    pub rays: RayCount,
+}
+
+/// Scratch space of a worker, reused from batch to batch.
+#[derive(Default)]
+pub struct PhotonScratch {
+    alive: Vec<LightPath>,
+    rays: Vec<Ray>,
+    hits: Vec<Option<Hit>>,
+}
+
 impl PhotonTracer<'_> {
-    /// Traces one light path of `paths` in the pass and adds a record per useful arrival, which says that it belongs to light
-    /// path `path`. Powers are those of a pass whose light paths together carry the power of the scene. Returns how it started.
-    pub fn trace(
+    /// Traces light paths with these numbers and random numbers, of `paths` in the pass, all at once, and adds a record per useful
+    /// arrival, in the order of `begun`, in which numbers must ascend. Powers are those of a pass whose light paths together carry the
+    /// power of the scene. To `starts` it adds how each started; none where there is no light.
+    pub fn trace_all(
         &self,
-        random: &mut Random,
-        (path, paths): (u32, u64),
-        records: &mut Vec<PhotonRecord>,
-        count: &mut RayCount,
-    ) -> Option<Start> {
-        let start = self.emission.sample(random)?;
+        begun: impl IntoIterator<Item = (u32, Random)>,
+        paths: u64,
+        scratch: &mut PhotonScratch,
+        block: &mut PhotonBlock,
+    ) {
+        let PhotonBlock { photons, starts, rays } = block;
+        scratch.alive.clear();
+        for (number, mut random) in begun {
+            let start = self.emission.sample(&mut random);
+            scratch.alive.extend(start.as_ref().and_then(|start| self.begin(start, number, random, paths, rays)));
+            starts.push(start);
+        }
+        let before = photons.len();
         let needs = self.scene.needs();
         match (needs.media, needs.materials) {
-            (true, _) => self.walk::<With<false, true, true>>(&start, random, (path, paths), records, count),
-            (_, true) => self.walk::<With<false, true, false>>(&start, random, (path, paths), records, count),
-            (_, false) => self.walk::<With<false, false, false>>(&start, random, (path, paths), records, count),
+            (true, _) => self.extend::<With<false, true, true>>(scratch, photons, rays),
+            (_, true) => self.extend::<With<false, true, false>>(scratch, photons, rays),
+            (_, false) => self.extend::<With<false, false, false>>(scratch, photons, rays),
         }
-        Some(start)
+        // All arrivals of one depth came before those of the next.
+        photons[before..].sort_by_key(|photon| photon.path);
     }
 
-    fn walk<E: Effects>(
-        &self,
-        start: &Start,
-        random: &mut Random,
-        (path, paths): (u32, u64),
-        records: &mut Vec<PhotonRecord>,
-        count: &mut RayCount,
-    ) {
-        let Some((emission, mut photon)) = self.emit(start) else { return };
+    /// The light path that starts so; none where it carries nothing.
+    fn begin(&self, start: &Start, number: u32, random: Random, paths: u64, count: &mut RayCount) -> Option<LightPath> {
+        let (emission, mut photon) = self.emit(start)?;
         if !photon.is_finite(count) {
-            return;
+            return None;
         }
         photon.power /= paths as f32;
-        let begun = channel_mean(photon.power);
-        let mut ray = emission.ray;
-        let mut medium = self.scene.light_medium(start.light);
+        let medium = self.scene.light_medium(start.light);
+        Some(LightPath { number, random, ray: emission.ray, medium, begun: channel_mean(photon.power), photon })
+    }
+
+    /// Extends all paths until they end.
+    fn extend<E: Effects>(&self, scratch: &mut PhotonScratch, records: &mut Vec<PhotonRecord>, count: &mut RayCount) {
+        let PhotonScratch { alive, rays, hits } = scratch;
         // A light path of n segments continues to the camera with at least one more: n + 1 vertices after the light.
         for depth in 1..self.settings.max_depth {
-            count.rays += 1;
-            random.begin_vertex(depth);
-            let (arrival, passed) =
-                self.scene.advance::<E>(&ray, &mut medium, photon.power, &mut random.at(Dimension::SEGMENT));
-            photon.power *= passed;
-            if !photon.is_finite(count) {
-                return;
+            if alive.is_empty() {
+                break;
             }
-            let Some((surface, scattering)) = Scattering::at(self.scene, arrival) else { return };
-            let on_surface = scattering.is_material();
-            if !scattering.is_delta() && photon.is_useful(self.settings.light_sampling) {
-                self.deposit(path, &surface, on_surface, -ray.direction, &photon, records);
-            }
-            let mixture = Mixture::<E>::new(&surface, scattering, -ray.direction, None);
-            let Some(sample) = mixture.sample(random, Transport::Importance) else { return };
-            photon.power *= sample.weight;
-            if on_surface {
-                photon.power *= shading_correction(&surface, -ray.direction, sample.direction);
-            }
-            if !photon.is_finite(count) {
-                return;
-            }
-            let survival = self.survival(depth, channel_mean(photon.power) / begun);
-            if !(survival > 0.0 && random.at(Dimension::ROULETTE).next_f32() < survival) {
-                return;
-            }
-            photon.power /= survival;
-            photon.at_infinity = false;
-            photon.delta_chain = if sample.delta { photon.delta_chain + 1 } else { 0 };
-            photon.scattered |= !sample.delta;
-            if E::MEDIA {
-                medium = self.scene.medium_beyond(&surface, sample.direction, medium);
-            }
-            ray = surface.leave(sample.direction);
+            rays.clear();
+            rays.extend(alive.iter().map(|path| path.ray));
+            self.scene.accel.intersect_all(rays, hits);
+            count.rays += rays.len() as u64;
+            let mut hits = hits.iter();
+            alive.retain_mut(|path| {
+                let hit = hits.next().copied().flatten();
+                self.visit::<E>(path, hit, depth, records, count)
+            });
         }
+    }
+
+    /// Takes a path to its vertex number `depth`; returns whether it goes on from there.
+    fn visit<E: Effects>(
+        &self,
+        path: &mut LightPath,
+        hit: Option<Hit>,
+        depth: u32,
+        records: &mut Vec<PhotonRecord>,
+        count: &mut RayCount,
+    ) -> bool {
+        let LightPath { number, random, ray, medium, photon, begun } = path;
+        random.begin_vertex(depth);
+        let segment = &mut random.at(Dimension::SEGMENT);
+        let (arrival, passed) = self.scene.advance::<E>(ray, hit, medium, photon.power, segment);
+        photon.power *= passed;
+        if !photon.is_finite(count) {
+            return false;
+        }
+        let Some((surface, scattering)) = Scattering::at(self.scene, arrival) else { return false };
+        let on_surface = scattering.is_material();
+        if !scattering.is_delta() && photon.is_useful(self.settings.light_sampling) {
+            self.deposit(*number, &surface, on_surface, -ray.direction, photon, records);
+        }
+        let mixture = Mixture::<E>::new(&surface, scattering, -ray.direction, None);
+        let Some(sample) = mixture.sample(random, Transport::Importance) else { return false };
+        photon.power *= sample.weight;
+        if on_surface {
+            photon.power *= shading_correction(&surface, -ray.direction, sample.direction);
+        }
+        if !photon.is_finite(count) {
+            return false;
+        }
+        let survival = self.survival(depth, channel_mean(photon.power) / *begun);
+        if !(survival > 0.0 && random.at(Dimension::ROULETTE).next_f32() < survival) {
+            return false;
+        }
+        photon.power /= survival;
+        photon.at_infinity = false;
+        photon.delta_chain = if sample.delta { photon.delta_chain + 1 } else { 0 };
+        photon.scattered |= !sample.delta;
+        if E::MEDIA {
+            *medium = self.scene.medium_beyond(&surface, sample.direction, *medium);
+        }
+        *ray = surface.leave(sample.direction);
+        true
     }
 
     fn emit(&self, start: &Start) -> Option<(Emission, Photon)> {

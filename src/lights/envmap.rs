@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::distant::{cross_section, ray_through};
 use super::{BoundingSphere, Emission, LightSample};
+use crate::base::processor::prefetch;
 use crate::math::channel_mean;
 use crate::picture::Image;
 use crate::sampling::grid::Grid;
@@ -106,13 +107,39 @@ impl Envmap {
         })
     }
 
-    fn radiance_at(&self, position: &Position) -> Vec3 {
+    /// Brings near what [`Envmap::sample`] reads for points.
+    pub fn prefetch_samples<const N: usize>(&self, points: &[[f32; 2]; N]) {
+        self.grid.cells(&points.map(|u| u.map(f64::from))).iter().for_each(|&cell| self.prefetch_texels(cell));
+    }
+
+    /// Brings near what [`Envmap::radiance_and_pdf`] reads for the direction `wi`.
+    pub fn prefetch(&self, wi: Vec3) {
+        let Some(position) = self.position(wi) else { return };
+        let ([x, y], _) = self.texel(&position);
+        self.prefetch_texels([x, y]);
+        self.grid.prefetch(position.grid);
+    }
+
+    fn prefetch_texels(&self, [x, y]: [usize; 2]) {
+        for row in [y, y + 1].map(|y| row(&self.image, y)) {
+            row.get(x).into_iter().for_each(prefetch);
+        }
+    }
+
+    /// The upper left one of the four texels around a position, and where between them it lies.
+    #[inline(always)]
+    fn texel(&self, position: &Position) -> ([usize; 2], [f32; 2]) {
         let (width, height) = (self.image.width, self.image.height);
         let [u, v] = position.grid;
         let (x, y) = (u * width as f64, v * (height - 1) as f64);
         let (x0, y0) = ((x as usize).min(width - 1), y as usize);
+        ([x0, y0], [(x - x0 as f64) as f32, (y - y0 as f64) as f32])
+    }
+
+    fn radiance_at(&self, position: &Position) -> Vec3 {
+        let width = self.image.width;
+        let ([x0, y0], [fx, fy]) = self.texel(position);
         let x1 = if x0 + 1 < width { x0 + 1 } else { 0 };
-        let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
         let [top, bottom] = [y0, y0 + 1].map(|y| {
             let row = row(&self.image, y);
             row[x0].lerp(row[x1], fx)

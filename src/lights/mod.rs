@@ -244,6 +244,14 @@ impl LightSet {
         }
     }
 
+    /// The environment map, where there is one: its tables are in no cache, so those who sample it many times ask for them first.
+    pub fn map(&self) -> Option<&Envmap> {
+        self.around.iter().find_map(|&index| match &self.lights[index as usize] {
+            Light::Envmap(map) => Some(map),
+            _ => None,
+        })
+    }
+
     /// Samples a chosen light; the density includes the choice. Lights at infinity that rays can hit are sampled together.
     pub fn sample(&self, point: Vec3, choice: f64, u: [f32; 2]) -> Option<LightSample> {
         if self.lights.is_empty() {

@@ -19,8 +19,7 @@ use crate::geometry::Ray;
 use crate::guiding::learn::emission::EmissionGuide;
 use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::GuideField;
-use crate::integrators::block::CameraPath;
-use crate::integrators::path::PathTracer;
+use crate::integrators::path::{CameraPath, PathTracer};
 use crate::integrators::photon::PhotonTracer;
 use crate::picture::Window;
 use crate::scene::Scene;
@@ -185,7 +184,7 @@ impl PassTracer<'_> {
         let start = range.start;
         let first = u64::from(self.first_sample) * self.pixels();
         let random = |index| Random::new(self.settings.seed, PHOTON_STREAM, first + index);
-        let blocks = in_blocks(range, |(), numbers| tracer.trace_block(numbers, (start, total), random));
+        let blocks = in_blocks(range, |scratch, numbers| tracer.trace_block(numbers, (start, total), random, scratch));
         for block in blocks {
             statistics.rays += block.rays.rays;
             statistics.dropped.photons += block.rays.dropped;

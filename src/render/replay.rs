@@ -7,7 +7,7 @@ use super::settings::RenderSettings;
 use crate::base::{Error, Result};
 use crate::film::PixelFilter;
 use crate::guiding::sample::field::GuideField;
-use crate::integrators::path::{Explanation, PathTracer};
+use crate::integrators::path::{CameraPath, Explanation, PathTracer};
 use crate::picture::Window;
 use crate::scene::Scene;
 
@@ -53,7 +53,7 @@ pub fn replay(
     let index = (y.wrapping_sub(window.y) as usize).wrapping_mul(window.width as usize);
     let value = picture.filter(|_| inside).map(|picture| picture[index + (x - window.x) as usize]);
     let camera = CameraSample { place: sample.pixel, number: sample.number, sequences_from: sample.pass_from };
-    let (ray, mut random) = camera_ray(scene, settings, &PixelFilter::new(settings.filter)?, camera);
+    let (ray, random) = camera_ray(scene, settings, &PixelFilter::new(settings.filter)?, camera);
     let tracer = PathTracer { scene, settings: settings.transport, field: field.as_ref() };
-    Ok(tracer.explain(ray, &mut random, value))
+    Ok(tracer.explain(CameraPath { ray, random, pixel: value }))
 }

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::cutpoints;
 use super::discrete::{self, Discrete};
+use crate::base::processor::prefetch;
 
 /// A piecewise-constant density over [0, 1)².
 #[derive(Debug, Clone)]
@@ -41,23 +42,61 @@ impl Grid {
         &self.cdfs[y * self.width..][..self.width]
     }
 
+    /// Table of [`cutpoints`] of row `y`.
+    #[inline]
+    fn table(&self, y: usize) -> &[u32] {
+        let entries = self.tables.len() / self.rows.len();
+        &self.tables[y * entries..][..entries]
+    }
+
+    /// Cells that [`Grid::sample`] would choose for points, columns and rows. What it reads on the way is brought near for all of them
+    /// at once, so they wait for memory together and not one after the other.
+    pub fn cells<const N: usize>(&self, points: &[[f64; 2]; N]) -> [[usize; 2]; N] {
+        let rows = points.map(|[u, v]| {
+            let y = self.rows.sample(v).0;
+            cutpoints::entry(self.table(y), u).into_iter().for_each(prefetch);
+            y
+        });
+        for (&y, &[u, _]) in rows.iter().zip(points) {
+            let first = cutpoints::entry(self.table(y), u).map_or(0, |&first| first as usize);
+            self.row(y).get(first).into_iter().for_each(prefetch);
+        }
+        std::array::from_fn(|i| {
+            let (y, [u, _]) = (rows[i], points[i]);
+            [cutpoints::find(self.row(y), self.table(y), u), y]
+        })
+    }
+
+    /// Brings near what [`Grid::pdf`] reads for a point.
+    #[inline]
+    pub fn prefetch(&self, point: [f64; 2]) {
+        let [x, y] = self.cell(point);
+        self.row(y).get(x).into_iter().for_each(prefetch);
+    }
+
     /// Samples a point of the square; returns it with its density w.r.t. area.
     #[inline]
     pub fn sample(&self, [u, v]: [f64; 2]) -> ([f64; 2], f64) {
         let (y, v) = self.rows.sample(v);
-        let entries = self.tables.len() / self.rows.len();
-        let (x, u) = discrete::sample(self.row(y), &self.tables[y * entries..][..entries], u);
+        let (x, u) = discrete::sample(self.row(y), self.table(y), u);
         let (width, height) = (self.width as f64, self.rows.len() as f64);
         ([(x as f64 + u) / width, (y as f64 + v) / height], self.density(x, y))
     }
 
     /// Density of [`Grid::sample`] at a point, w.r.t. area.
     #[inline]
-    pub fn pdf(&self, [u, v]: [f64; 2]) -> f64 {
+    pub fn pdf(&self, point: [f64; 2]) -> f64 {
+        let [x, y] = self.cell(point);
+        self.density(x, y)
+    }
+
+    /// Column and row of the cell that holds a point.
+    #[inline]
+    fn cell(&self, [u, v]: [f64; 2]) -> [usize; 2] {
         let height = self.rows.len();
         let y = ((v * height as f64) as usize).min(height - 1);
         let x = ((u * self.width as f64) as usize).min(self.width - 1);
-        self.density(x, y)
+        [x, y]
     }
 
     fn density(&self, x: usize, y: usize) -> f64 {

@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::effects::Effects;
 use super::{MOST_HOLES, Scene};
 use crate::base::random::Random;
-use crate::geometry::{Ray, Surface};
+use crate::geometry::{Hit, Ray, Surface};
 use crate::materials::medium::{Flight, Medium, MediumId};
 use crate::materials::phase::HenyeyGreenstein;
 
@@ -48,43 +48,45 @@ impl Scene {
         self.light_medium[index]
     }
 
-    /// The end of a path's next segment, which starts in `medium` and carries `carried`, and the factor on what it carries.
+    /// The end of a path's next segment, whose nearest hit is `hit`, which starts in `medium` and carries `carried`, and the factor on
+    /// what it carries.
     #[inline]
     pub fn advance<E: Effects>(
         &self,
         ray: &Ray,
+        hit: Option<Hit>,
         medium: &mut Option<MediumId>,
         carried: Vec3,
         random: &mut Random,
     ) -> (Arrival, Vec3) {
         if E::MEDIA {
-            return self.travel(ray, medium, carried, random);
+            return self.travel(ray, hit, medium, carried, random);
         }
-        let surface = if E::MATERIALS { self.trace(ray, random) } else { self.intersect(ray) };
+        let surface =
+            if E::MATERIALS { self.trace_from(ray, hit, random) } else { hit.map(|hit| self.surface(ray, hit)) };
         (surface.map_or(Arrival::Background, Arrival::Surface), Vec3::ONE)
     }
 
-    /// Transmittance per channel along the first `length` of a shadow ray that leaves `from`, reached by a path through `medium`.
+    /// Whether something may lie on a shadow ray that lets light through: then [`Scene::transmittance`] is asked instead of whether
+    /// anything lies there.
     #[inline(always)]
-    pub fn passes<E: Effects>(&self, from: &Surface, ray: &Ray, length: f32, medium: Option<MediumId>) -> Vec3 {
-        if length <= 0.0 {
-            return Vec3::ONE;
-        }
-        if E::MEDIA {
-            return self.transmittance(ray, length, self.medium_beyond(from, ray.direction, medium));
-        }
-        if E::MATERIALS && self.has_masks {
-            return self.transmittance(ray, length, None);
-        }
-        if self.accel.occluded(ray, length) { Vec3::ZERO } else { Vec3::ONE }
+    pub fn has_veils<E: Effects>(&self) -> bool {
+        E::MEDIA || E::MATERIALS && self.has_masks
     }
 
     /// Follows a ray that carries `carried` per channel to where it meets a surface or is scattered by a medium. Returns that end
     /// with the factor on what it carries; `medium`, in which the ray starts, becomes the one in which it arrives.
-    fn travel(&self, ray: &Ray, medium: &mut Option<MediumId>, carried: Vec3, random: &mut Random) -> (Arrival, Vec3) {
+    fn travel(
+        &self,
+        ray: &Ray,
+        mut hit: Option<Hit>,
+        medium: &mut Option<MediumId>,
+        carried: Vec3,
+        random: &mut Random,
+    ) -> (Arrival, Vec3) {
         let (mut ray, mut weight, mut behind) = (*ray, Vec3::ONE, 0.0);
         for _ in 0..MOST_HOLES {
-            let surface = self.intersect(&ray);
+            let surface = hit.map(|hit| self.surface(&ray, hit));
             if let Some(surface) = &surface {
                 *medium = self.medium_before(surface, ray.direction, *medium);
             }
@@ -108,12 +110,16 @@ impl Scene {
             *medium = self.medium_beyond(&surface, ray.direction, *medium);
             behind += surface.distance;
             ray = surface.leave(ray.direction);
+            hit = self.accel.intersect(&ray);
         }
         (Arrival::Background, Vec3::ZERO)
     }
 
     /// Transmittance along the first `length` of a ray that starts in `medium`, per channel.
-    fn transmittance(&self, ray: &Ray, length: f32, medium: Option<MediumId>) -> Vec3 {
+    pub fn transmittance(&self, ray: &Ray, length: f32, medium: Option<MediumId>) -> Vec3 {
+        if length <= 0.0 {
+            return Vec3::ONE;
+        }
         // Most rays meet an opaque surface or nothing, which is found sooner than the first surface.
         let mut meets_others = false;
         let wall = self.accel.occluded_by(ray, length, |shape| {

@@ -66,7 +66,13 @@ impl Scene {
     /// The nearest surface that stops a ray: a masked one does so with the probability of its opacity.
     #[inline]
     pub fn trace(&self, ray: &Ray, random: &mut Random) -> Option<Surface> {
-        let mut surface = self.intersect(ray)?;
+        self.trace_from(ray, self.accel.intersect(ray), random)
+    }
+
+    /// The same for a ray whose nearest hit is known.
+    #[inline]
+    fn trace_from(&self, ray: &Ray, hit: Option<Hit>, random: &mut Random) -> Option<Surface> {
+        let mut surface = self.surface(ray, hit?);
         if self.has_masks {
             for _ in 0..MOST_HOLES {
                 let opacity = self.opacity(&surface);
@@ -93,12 +99,17 @@ impl Scene {
     /// The nearest surface on a ray, holes or not.
     #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<Surface> {
-        let hit = self.accel.intersect(ray)?;
+        Some(self.surface(ray, self.accel.intersect(ray)?))
+    }
+
+    /// The surface at the hit of a ray.
+    #[inline]
+    fn surface(&self, ray: &Ray, hit: Hit) -> Surface {
         let mut surface = Surface::new(ray, &hit, &self.shapes[hit.shape as usize]);
         if self.has_bumps {
             self.bend(&mut surface, &hit, -ray.direction);
         }
-        Some(surface)
+        surface
     }
 
     /// Perturbs the shading frame by the material's bump or normal map, as seen from the unit direction `out`.

@@ -46,9 +46,8 @@ use glam::Vec3;
 
 use base::random::{Dimension, Random};
 use film::PixelFilter;
-use geometry::Ray;
 use guiding::target::{DirectLight, Target};
-use integrators::path::{PathScratch, PathTracer, RayCount};
+use integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
 use integrators::{Roulette, TransportSettings};
 use scene::Scene;
 use scene::readers::load;
@@ -58,6 +57,8 @@ use twin::Twin;
 const SIZE: u32 = 48;
 /// Longest path: what `render` does where it is not told.
 const MAX_DEPTH: u32 = 20;
+/// Paths at once, as a render traces them.
+const BATCH: usize = 1024;
 /// What the effects may cost where they are not used.
 const MOST: f64 = 1.01;
 
@@ -152,28 +153,35 @@ fn collected(path: &Path, tracer: Tracer, per_pixel: u64) -> Option<u64> {
 /// The radiance of every sample.
 fn samples(scene: &Scene, tracer: Tracer, per_pixel: u64) -> Vec<Vec3> {
     let indices = (0..per_pixel).flat_map(|sample| (0..u64::from(SIZE * SIZE)).map(move |pixel| (pixel, sample)));
-    let starts = indices.map(|(pixel, sample)| camera_ray(scene, pixel, sample));
+    let mut starts = indices.map(|(pixel, sample)| camera_path(scene, pixel, sample));
+    let batches = (u64::from(SIZE * SIZE) * per_pixel).div_ceil(BATCH as u64);
+    let mut radiance = Vec::new();
     match tracer {
         Tracer::Ours => {
             let settings = TransportSettings { max_depth: MAX_DEPTH, light_sampling: true, roulette: Roulette::Window };
             let tracer = PathTracer { scene, settings, field: None };
             let (mut scratch, mut rays) = (PathScratch::default(), RayCount::default());
-            let mut trace = |(ray, mut random)| tracer.trace(ray, &mut random, &mut scratch, None, None, &mut rays);
-            starts.map(&mut trace).collect()
+            for _ in 0..batches {
+                tracer.trace_all(starts.by_ref().take(BATCH), false, &mut scratch, &mut rays);
+                radiance.extend((0..scratch.paths()).map(|index| tracer.radiance(index, &scratch, None)));
+            }
         }
         Tracer::Twin => {
             let twin = Twin::new(scene, MAX_DEPTH).expect("the scene is plain");
-            let mut vertices = Vec::new();
-            starts.map(|(ray, mut random)| twin.trace(ray, &mut random, &mut vertices)).collect()
+            let mut scratch = twin::Scratch::default();
+            for _ in 0..batches {
+                twin.trace(starts.by_ref().take(BATCH), &mut scratch, &mut radiance);
+            }
         }
     }
+    radiance
 }
 
-/// The camera ray of a sample and its random numbers, as `render` makes them for the samples of one pass.
-fn camera_ray(scene: &Scene, pixel: u64, sample: u64) -> (Ray, Random) {
+/// The beginning of a sample's path, as `render` makes it for the samples of one pass.
+fn camera_path(scene: &Scene, pixel: u64, sample: u64) -> CameraPath {
     let family = Random::new(0x5EED, pixel, sample % 2);
     let random = Random::new(0, pixel, sample).in_sequences(family.key(), (sample / 2) as u32);
     let [dx, dy] = PixelFilter::default().sample(random.at(Dimension::FILM).next_2d());
     let film = [(pixel % u64::from(SIZE)) as f32 + dx, (pixel / u64::from(SIZE)) as f32 + dy];
-    (scene.camera.ray(film, scene.camera.lens(&random)), random)
+    CameraPath { ray: scene.camera.ray(film, scene.camera.lens(&random)), random, pixel: None }
 }

@@ -16,7 +16,7 @@ use fanal::guiding::sample::field::{GuideField, VoxelGuide};
 use fanal::guiding::sample::roulette::AdjointRoulette;
 use fanal::guiding::tree::distribution::Distribution;
 use fanal::guiding::tree::sampler::SamplingTree;
-use fanal::integrators::path::{Cause, PathTracer};
+use fanal::integrators::path::{CameraPath, Cause, PathTracer};
 use fanal::picture::Window;
 use fanal::render::{Control, GuideMode, Outcome, RenderSettings, Sample, render, render_with_field, replay};
 use fanal::scene::Scene;
@@ -224,7 +224,7 @@ fn a09_causes_are_told_apart() {
     let transport = settings.transport;
     let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field) };
     let ray = || scene.camera.ray([4.0, 3.0], [0.5; 2]);
-    let paths = (0..100).map(|i| tracer.explain(ray(), &mut Random::new(1, 0, i), None));
+    let paths = (0..100).map(|i| tracer.explain(CameraPath { ray: ray(), random: Random::new(1, 0, i), pixel: None }));
     let causes: Vec<Option<Cause>> = paths.filter(|path| !path.radiance.is_finite()).map(|path| path.cause).collect();
     assert!(causes.len() > 20 && causes.iter().all(|cause| *cause == Some(Cause::Pdf)), "{causes:?}");
 }

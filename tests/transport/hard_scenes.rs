@@ -24,7 +24,7 @@ use fanal::guiding::tree::distribution::Distribution as Directions;
 use fanal::guiding::tree::proposal::Proposal;
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::guiding::tree::topology::Topology;
-use fanal::integrators::path::{PathScratch, PathTracer, RayCount};
+use fanal::integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
 use fanal::integrators::{Roulette, TransportSettings};
 use fanal::materials::{Kind, Material, Transport};
 use fanal::math::cylindrical;
@@ -597,7 +597,8 @@ fn paths_in(scene: &Scene, n: u32, roulette: Roulette, field: Option<&GuideField
     for i in 0..n {
         let mut random = Random::new(4, 0, u64::from(i));
         let ray = Ray { origin: Vec3::ZERO, direction: warp::square_to_sphere(random.next_2d()) };
-        let radiance = f64::from(tracer.trace(ray, &mut random, &mut scratch, Some(1.0), None, &mut count).x);
+        let radiance =
+            f64::from(tracer.trace(CameraPath { ray, random, pixel: Some(1.0) }, &mut scratch, None, &mut count).x);
         (sum, squares) = (sum + radiance, squares + radiance * radiance);
     }
     let (n, mean) = (f64::from(n), sum / f64::from(n));
@@ -642,7 +643,7 @@ fn a15_glass_does_not_end_paths() {
     let mut inside = 0;
     for i in 0..200 {
         let ray = Ray { origin: Vec3::ZERO, direction: Vec3::new(1.0, 0.001 * i as f32, 0.0).normalize() };
-        let path = tracer.explain(ray, &mut Random::new(22, i, 0), None);
+        let path = tracer.explain(CameraPath { ray, random: Random::new(22, i, 0), pixel: None });
         for onward in path.vertices.iter().skip(3).filter_map(|vertex| vertex.onward.as_ref()) {
             assert!(onward.survival > 0.9, "{}", onward.survival);
             inside += 1;
@@ -670,7 +671,8 @@ fn a15_what_finds_nothing_counts() {
     let (mut scratch, mut count, mut records) = (PathScratch::default(), RayCount::default(), vec![]);
     for i in 0..20_000 {
         let ray = Ray { origin: Vec3::new(0.1, 1.0, 0.2), direction: Vec3::NEG_Y };
-        tracer.trace(ray, &mut Random::new(23, i, 0), &mut scratch, Some(1.0), Some(&mut records), &mut count);
+        let path = CameraPath { ray, random: Random::new(23, i, 0), pixel: Some(1.0) };
+        tracer.trace(path, &mut scratch, Some(&mut records), &mut count);
     }
     assert_eq!(records.len(), 20_000, "every path met the floor once");
     let mean = records.iter().map(|record| f64::from(record.estimate())).sum::<f64>() / 20_000.0;

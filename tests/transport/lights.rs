@@ -9,8 +9,8 @@ use fanal::base::random::Random;
 use fanal::generate::build::{Builder, diffuse, matrix};
 use fanal::geometry::{Ray, Shape, Surface};
 use fanal::guiding::learn::emission::EmissionGuide;
-use fanal::integrators::path::{PathScratch, PathTracer, RayCount};
-use fanal::integrators::photon::PhotonTracer;
+use fanal::integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
+use fanal::integrators::photon::{PhotonScratch, PhotonTracer};
 use fanal::integrators::{Roulette, TransportSettings};
 use fanal::lights::area::AreaLight;
 use fanal::lights::distant::{Constant, Directional};
@@ -114,7 +114,7 @@ fn traced_flux(scene: &Scene, light_sampling: bool) -> f64 {
             let [x, z] = random.next_2d().map(|u| 2.0 * u - 1.0);
             // From just above the floor, below the lamp.
             let ray = Ray { origin: Vec3::new(x, 0.01, z), direction: Vec3::NEG_Y };
-            sum += f64::from(tracer.trace(ray, &mut random, &mut scratch, None, None, &mut count).x);
+            sum += f64::from(tracer.trace(CameraPath { ray, random, pixel: None }, &mut scratch, None, &mut count).x);
         }
         sum / PART as f64
     };
@@ -152,11 +152,9 @@ fn deposited_flux(scene: &Scene, light_sampling: bool) -> f64 {
     let settings = TransportSettings { max_depth: 2, light_sampling, roulette: Roulette::Throughput };
     let tracer = PhotonTracer { scene, settings, emission: &emission };
     mean_of_parts(|part| {
-        let (mut records, mut count) = (vec![], RayCount::default());
-        for i in 0..PART {
-            tracer.trace(&mut Random::new(5, part, i), (0, PART), &mut records, &mut count);
-        }
-        let front = records.iter().filter(|r| r.normal.y > 0.0 && r.point.y < 0.1);
+        let random = |i| Random::new(5, part, i);
+        let block = tracer.trace_block(0..PART, (0, PART), random, &mut PhotonScratch::default());
+        let front = block.photons.iter().filter(|r| r.normal.y > 0.0 && r.point.y < 0.1);
         front.map(|r| f64::from(r.power)).sum()
     })
 }
@@ -207,10 +205,9 @@ fn s08_photons_of_several_lights_carry_their_sum() {
     let emission = EmissionGuide::new(&scene.lights.emission);
     let settings = TransportSettings { max_depth: 2, light_sampling: false, roulette: Roulette::Throughput };
     let tracer = PhotonTracer { scene: &scene, settings, emission: &emission };
-    let (mut records, mut count) = (vec![], RayCount::default());
     let n = 100_000;
-    (0..n).for_each(|i| _ = tracer.trace(&mut Random::new(6, 0, i), (0, n), &mut records, &mut count));
-    let power: f64 = records.iter().map(|r| f64::from(r.power)).sum();
+    let block = tracer.trace_block(0..n, (0, n), |i| Random::new(6, 0, i), &mut PhotonScratch::default());
+    let power: f64 = block.photons.iter().map(|r| f64::from(r.power)).sum();
     let expected = 4.0 * std::f64::consts::PI.powi(2) * (0.04 + 48.0 * 0.01);
     assert!((power / expected - 1.0).abs() < 0.01, "{power} {expected}");
 }

@@ -3,10 +3,8 @@
 use glam::Vec3;
 use serde::Serialize;
 
-use super::{Beginning, Details, Emission, PathScratch, PathTracer, RayCount, Step, Vertex};
-use crate::base::random::Random;
+use super::{CameraPath, Details, Emission, PathScratch, PathTracer, RayCount, Step, Vertex};
 use crate::geometry::Ray;
-use crate::scene::effects::{Effects, Everything, With};
 
 /// First quantity on a path that is not finite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -142,32 +140,21 @@ pub struct Explanation {
 }
 
 impl PathTracer<'_> {
-    /// Traces the same path as [`PathTracer::trace`] and returns its vertices.
-    pub fn explain(&self, ray: Ray, random: &mut Random, pixel: Option<f32>) -> Explanation {
-        let needs = self.scene.needs();
-        match (needs.media, needs.materials, self.field.is_some()) {
-            (true, ..) => self.explain_with::<Everything>(ray, random, pixel),
-            (_, true, true) => self.explain_with::<With<true, true, false>>(ray, random, pixel),
-            (_, true, false) => self.explain_with::<With<false, true, false>>(ray, random, pixel),
-            (_, _, true) => self.explain_with::<With<true, false, false>>(ray, random, pixel),
-            (_, _, false) => self.explain_with::<With<false, false, false>>(ray, random, pixel),
-        }
-    }
-
-    fn explain_with<E: Effects>(&self, ray: Ray, random: &mut Random, pixel: Option<f32>) -> Explanation {
-        let mut scratch = PathScratch::default();
-        let count = &mut RayCount::default();
-        let found = self.walk::<E, true>(Beginning { ray, random, pixel, scratch: &mut scratch, count });
-        let radiance = self.gather::<E, true>(&scratch, found, |_, _| ());
+    /// Traces a path as among others, and returns its vertices.
+    pub fn explain(&self, path: CameraPath) -> Explanation {
+        let (ray, mut scratch) = (path.ray, PathScratch::default());
+        self.trace_all([path], true, &mut scratch, &mut RayCount::default());
+        let radiance = self.radiance(0, &scratch, None);
         let mut throughput = Vec3::ONE;
-        let mut vertices = Vec::with_capacity(scratch.vertices.len());
-        for (i, (vertex, details)) in scratch.vertices.iter().zip(&scratch.details).enumerate() {
-            let passed = scratch.passed.get(i).copied().unwrap_or(Vec3::ONE);
+        let of = &scratch.vertices;
+        let mut vertices = Vec::with_capacity(of.all.len());
+        for (i, (vertex, details)) in of.all.iter().zip(&of.details).enumerate() {
+            let passed = of.passed.get(i).copied().unwrap_or(Vec3::ONE);
             let explained = explained(vertex, passed, details, throughput);
             throughput *= passed * vertex.weight / vertex.survival;
             vertices.push(explained);
         }
-        let background = Met::new(found);
+        let background = Met::new(scratch.background());
         let finite_ray = ray.origin.is_finite() && ray.direction.is_finite();
         let first = || vertices.iter().find_map(|v| v.cause).or_else(|| background.cause(Cause::Background));
         let cause = match radiance.is_finite() {

@@ -9,7 +9,8 @@ use glam::Vec3;
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
 use crate::base::random::{Dimension, Random};
-use crate::geometry::{Ray, Surface};
+use crate::geometry::{Hit, Ray, Surface};
+use crate::integrators::path::CameraPath;
 use crate::lights::Light;
 use crate::lights::area::AreaLight;
 use crate::materials::diffuse::Diffuse;
@@ -37,16 +38,46 @@ pub struct Twin<'a> {
 }
 
 /// What a vertex adds to what arrives at it, and what it lets through.
-pub struct Vertex {
+struct Vertex {
     emitted: Vec3,
     direct: Vec3,
     weight: Vec3,
     survival: f32,
+    previous: u32,
 }
 
 struct Previous {
     point: Vec3,
     pdf: f32,
+}
+
+/// A path on its way.
+struct Path {
+    ray: Ray,
+    random: Random,
+    depth: u32,
+    throughput: Vec3,
+    previous: Option<Previous>,
+    last: u32,
+}
+
+/// Light of a vertex that a shadow ray decides about.
+struct Connection {
+    vertex: u32,
+    value: Vec3,
+}
+
+/// Scratch space, reused from batch to batch.
+#[derive(Default)]
+pub struct Scratch {
+    paths: Vec<Path>,
+    alive: Vec<u32>,
+    rays: Vec<Ray>,
+    hits: Vec<Option<Hit>>,
+    shadows: Vec<(Ray, f32)>,
+    connections: Vec<Connection>,
+    occluded: Vec<bool>,
+    vertices: Vec<Vertex>,
 }
 
 impl<'a> Twin<'a> {
@@ -71,90 +102,146 @@ impl<'a> Twin<'a> {
         })
     }
 
-    /// Radiance along `ray`. Compiled for newer processors too, as ours is.
-    pub fn trace(&self, ray: Ray, random: &mut Random, vertices: &mut Vec<Vertex>) -> Vec3 {
+    /// Radiance of each path. Compiled for newer processors too, as ours is.
+    pub fn trace(&self, begun: impl Iterator<Item = CameraPath>, scratch: &mut Scratch, radiance: &mut Vec<Vec3>) {
+        scratch.vertices.clear();
+        scratch.paths.clear();
+        scratch.paths.extend(begun.map(|CameraPath { ray, random, .. }| Path {
+            ray,
+            random,
+            depth: 0,
+            throughput: Vec3::ONE,
+            previous: None,
+            last: u32::MAX,
+        }));
+        scratch.alive.clear();
+        scratch.alive.extend(0..scratch.paths.len() as u32);
+        self.walk(scratch);
+        radiance.extend(scratch.paths.iter().map(|path| {
+            let (mut incoming, mut at) = (Vec3::ZERO, path.last);
+            while let Some(vertex) = scratch.vertices.get(at as usize) {
+                incoming = vertex.emitted + (vertex.direct + vertex.weight * incoming / vertex.survival);
+                at = vertex.previous;
+            }
+            incoming
+        }));
+    }
+
+    fn walk(&self, scratch: &mut Scratch) {
         #[cfg(target_arch = "x86_64")]
         if Avx2::detect().is_some() {
             // SAFETY: the processor has the features.
-            return unsafe { self.trace_avx2(ray, random, vertices) };
+            return unsafe { self.walk_avx2(scratch) };
         }
-        self.walk(ray, random, vertices)
+        self.extend(scratch);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
-    fn trace_avx2(&self, ray: Ray, random: &mut Random, vertices: &mut Vec<Vertex>) -> Vec3 {
-        self.walk(ray, random, vertices)
+    fn walk_avx2(&self, scratch: &mut Scratch) {
+        self.extend(scratch);
     }
 
     #[inline(always)]
-    fn walk(&self, mut ray: Ray, random: &mut Random, vertices: &mut Vec<Vertex>) -> Vec3 {
-        vertices.clear();
-        let mut previous: Option<Previous> = None;
-        let mut throughput = Vec3::ONE;
-        let mut incoming = Vec3::ZERO;
-        for depth in 1..=self.max_depth {
-            random.begin_vertex(depth);
-            let Some(hit) = self.scene.accel.intersect(&ray) else { break };
-            let surface = Surface::new(&ray, &hit, &self.scene.shapes[hit.shape as usize]);
-            let emitted = self.emission(&surface, &ray, previous);
-            if depth == self.max_depth {
-                incoming = emitted;
+    fn extend(&self, scratch: &mut Scratch) {
+        let Scratch { paths, alive, rays, hits, shadows, connections, occluded, vertices } = scratch;
+        for _ in 0..self.max_depth {
+            if alive.is_empty() {
                 break;
             }
+            rays.clear();
+            rays.extend(alive.iter().map(|&path| paths[path as usize].ray));
+            self.scene.accel.intersect_all(rays, hits);
+            let mut kept = 0;
+            for (place, hit) in hits.iter().enumerate() {
+                let path = alive[place];
+                if self.visit(&mut paths[path as usize], *hit, vertices, shadows, connections) {
+                    alive[kept] = path;
+                    kept += 1;
+                }
+            }
+            alive.truncate(kept);
+            self.scene.accel.occluded_all(shadows, occluded);
+            for (connection, occluded) in connections.iter().zip(&*occluded) {
+                if !occluded {
+                    vertices[connection.vertex as usize].direct = connection.value;
+                }
+            }
+            shadows.clear();
+            connections.clear();
+        }
+    }
+
+    /// Takes a path to its next vertex; returns whether it goes on.
+    #[inline(always)]
+    fn visit(
+        &self,
+        path: &mut Path,
+        hit: Option<Hit>,
+        vertices: &mut Vec<Vertex>,
+        shadows: &mut Vec<(Ray, f32)>,
+        connections: &mut Vec<Connection>,
+    ) -> bool {
+        path.depth += 1;
+        path.random.begin_vertex(path.depth);
+        let Some(hit) = hit else { return false };
+        let surface = Surface::new(&path.ray, &hit, &self.scene.shapes[hit.shape as usize]);
+        let emitted = self.emission(&surface, &path.ray, path.previous.as_ref());
+        let mut vertex = Vertex { emitted, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0, previous: path.last };
+        let mut goes_on = false;
+        if path.depth < self.max_depth {
             let material = &self.materials[self.shape_material[surface.shape as usize] as usize];
-            let wo = surface.frame.to_local(-ray.direction);
-            let direct = self.direct(&surface, material, wo, random);
-            let Some(sample) = material.sample(&surface, wo, random) else {
-                incoming = emitted + direct;
-                break;
-            };
-            throughput *= sample.weight;
-            let survival = if depth < ROULETTE_START { 1.0 } else { throughput.max_element().clamp(0.05, 0.95) };
-            let survives = survival >= 1.0 || random.at(Dimension::ROULETTE).next_f32() < survival;
-            if !survives || throughput == Vec3::ZERO {
-                incoming = emitted + direct;
-                break;
+            let wo = surface.frame.to_local(-path.ray.direction);
+            if let Some((ray, value)) = self.direct(&surface, material, wo, &path.random) {
+                shadows.push(ray);
+                connections.push(Connection { vertex: vertices.len() as u32, value });
             }
-            throughput /= survival;
-            vertices.push(Vertex { emitted, direct, weight: sample.weight, survival });
-            previous = Some(Previous { point: surface.point, pdf: sample.pdf });
-            ray = surface.leave(surface.frame.to_world(sample.wi));
+            if let Some(sample) = material.sample(&surface, wo, &path.random) {
+                path.throughput *= sample.weight;
+                vertex.weight = sample.weight;
+                if path.depth >= ROULETTE_START {
+                    vertex.survival = path.throughput.max_element().clamp(0.05, 0.95);
+                }
+                let survives =
+                    vertex.survival >= 1.0 || path.random.at(Dimension::ROULETTE).next_f32() < vertex.survival;
+                goes_on = survives && path.throughput != Vec3::ZERO;
+                if goes_on {
+                    path.throughput /= vertex.survival;
+                    path.previous = Some(Previous { point: surface.point, pdf: sample.pdf });
+                    path.ray = surface.leave(surface.frame.to_world(sample.wi));
+                }
+            }
         }
-        for vertex in vertices.iter().rev() {
-            incoming = vertex.emitted + (vertex.direct + vertex.weight * incoming / vertex.survival);
-        }
-        incoming
+        path.last = vertices.len() as u32;
+        vertices.push(vertex);
+        goes_on
     }
 
     /// Emission of a surface that the path ran into, weighted against light sampling at the vertex before.
     #[inline(always)]
-    fn emission(&self, surface: &Surface, ray: &Ray, previous: Option<Previous>) -> Vec3 {
+    fn emission(&self, surface: &Surface, ray: &Ray, previous: Option<&Previous>) -> Vec3 {
         let Some(index) = self.shape_light[surface.shape as usize] else { return Vec3::ZERO };
         let light = &self.lights[index as usize];
         let radiance = light.emitted(surface, -ray.direction);
-        let Some(Previous { point, pdf }) = previous else { return radiance };
+        let Some(&Previous { point, pdf }) = previous else { return radiance };
         let choice = self.scene.lights.probability(point, index as usize);
         radiance * mis::balance(pdf, light.pdf(point, surface) * choice)
     }
 
-    /// Light sampling: f·L·w / p for one sampled light.
+    /// Light sampling: the shadow ray to one sampled light, and f·L·w / p.
     #[inline(always)]
-    fn direct(&self, surface: &Surface, material: &Plain, wo: Vec3, random: &Random) -> Vec3 {
+    fn direct(&self, surface: &Surface, material: &Plain, wo: Vec3, random: &Random) -> Option<((Ray, f32), Vec3)> {
         let (choice, u) = (self.scene.lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
-        let Some((index, probability)) = self.scene.lights.choose(surface.point, choice) else { return Vec3::ZERO };
-        let Some(light) = self.lights[index].sample(surface.point, u) else { return Vec3::ZERO };
+        let (index, probability) = self.scene.lights.choose(surface.point, choice)?;
+        let light = self.lights[index].sample(surface.point, u)?;
         let (wo, wi) = material.to_front(wo, surface.frame.to_local(light.wi));
         let value = material.diffuse.eval(surface.uv, wo, wi);
         if value == Vec3::ZERO {
-            return Vec3::ZERO;
-        }
-        let (ray, t_max) = shadow_ray(surface, light.wi, light.distance);
-        if t_max > 0.0 && self.scene.accel.occluded(&ray, t_max) {
-            return Vec3::ZERO;
+            return None;
         }
         let pdf = light.pdf * probability;
-        value * light.radiance * (mis::balance(pdf, Diffuse::pdf(wo, wi)) / pdf)
+        let value = value * light.radiance * (mis::balance(pdf, Diffuse::pdf(wo, wi)) / pdf);
+        Some((shadow_ray(surface, light.wi, light.distance), value))
     }
 }
 

@@ -1,0 +1,313 @@
+//! Many paths at once: at each depth first all rays, then all vertices, then all shadow rays. Rays of different paths do not wait for
+//! one another's memory, which a path alone would.
+
+use glam::Vec3;
+
+use super::{CameraPath, Details, Direct, Emission, NO_VERTEX, PathState, PathTracer, RayCount, Vertex, record};
+#[cfg(target_arch = "x86_64")]
+use crate::base::processor::Avx2;
+use crate::base::random::Dimension;
+use crate::geometry::{Hit, Ray};
+use crate::guiding::record::PathRecord;
+use crate::materials::medium::MediumId;
+use crate::scene::effects::{Effects, Everything, With};
+
+/// Hits from one whose surface is made to the one whose vertices are prefetched, and to that whose vertex indices are.
+const AHEAD: usize = 8;
+const FAR_AHEAD: usize = 16;
+/// Vertices whose light samples are prefetched together.
+const LIGHTS_AHEAD: usize = 16;
+
+/// Scratch space of a worker, reused from batch to batch.
+#[derive(Default)]
+pub struct PathScratch {
+    paths: Vec<PathState>,
+    /// Indices of the paths that go on.
+    alive: Vec<u32>,
+    rays: Vec<Ray>,
+    hits: Vec<Option<Hit>>,
+    shadows: Shadows,
+    pub(super) vertices: Vertices,
+}
+
+/// The vertices of all paths, in the order of depth; each knows the one before it on its path.
+#[derive(Default)]
+pub(super) struct Vertices {
+    pub all: Vec<Vertex>,
+    /// Transmittance of the media before each, over the density of getting there; empty where there are no media.
+    pub passed: Vec<Vec3>,
+    /// Of each where records are wanted, otherwise none.
+    pub details: Vec<Details>,
+}
+
+impl Vertices {
+    /// Index of the vertex that is pushed next.
+    #[inline(always)]
+    pub fn next(&self) -> u32 {
+        self.all.len() as u32
+    }
+
+    /// Adds a vertex and returns its index.
+    #[inline(always)]
+    pub fn push<E: Effects, const RECORDS: bool>(&mut self, vertex: Vertex, passed: Vec3, details: Details) -> u32 {
+        let index = self.next();
+        self.all.push(vertex);
+        if E::MEDIA {
+            self.passed.push(passed);
+        }
+        if RECORDS {
+            self.details.push(details);
+        }
+        index
+    }
+
+    fn clear(&mut self) {
+        self.all.clear();
+        self.passed.clear();
+        self.details.clear();
+    }
+}
+
+/// A vertex and a sampled light, before it is known whether anything is in the way.
+pub(super) struct Connection {
+    /// The shadow ray.
+    pub ray: Ray,
+    /// Its length.
+    pub length: f32,
+    /// The medium that it starts in.
+    pub medium: Option<MediumId>,
+    /// f·L.
+    pub value: Vec3,
+    /// MIS weight over the density of light sampling.
+    pub factor: f32,
+    /// See [`Direct::bsdf_share`].
+    pub bsdf_share: f32,
+    /// See [`Direct::ratio`].
+    pub ratio: f32,
+}
+
+/// The connections of one depth.
+#[derive(Default)]
+pub(super) struct Shadows {
+    rays: Vec<(Ray, f32)>,
+    connections: Vec<(u32, Connection)>,
+    occluded: Vec<bool>,
+}
+
+impl Shadows {
+    /// Adds a connection of the vertex with index `vertex`.
+    #[inline(always)]
+    pub fn push(&mut self, connection: Connection, vertex: u32) {
+        self.rays.push((connection.ray, connection.length));
+        self.connections.push((vertex, connection));
+    }
+
+    fn clear(&mut self) {
+        self.rays.clear();
+        self.connections.clear();
+    }
+}
+
+impl PathScratch {
+    /// Number of paths that were traced last.
+    pub fn paths(&self) -> usize {
+        self.paths.len()
+    }
+
+    /// Emission that the only path ran into infinitely far away.
+    pub(super) fn background(&self) -> Emission {
+        self.paths[0].background
+    }
+}
+
+impl PathTracer<'_> {
+    /// Radiance of one path; see [`PathTracer::radiance`].
+    pub fn trace(
+        &self,
+        path: CameraPath,
+        scratch: &mut PathScratch,
+        records: Option<&mut Vec<PathRecord>>,
+        count: &mut RayCount,
+    ) -> Vec3 {
+        self.trace_all([path], records.is_some(), scratch, count);
+        self.radiance(0, scratch, records)
+    }
+
+    /// Traces camera paths; [`PathTracer::radiance`] then tells what each brought.
+    pub fn trace_all(
+        &self,
+        begun: impl IntoIterator<Item = CameraPath>,
+        wants_records: bool,
+        scratch: &mut PathScratch,
+        count: &mut RayCount,
+    ) {
+        scratch.vertices.clear();
+        scratch.paths.clear();
+        scratch.paths.extend(begun.into_iter().map(|path| PathState::new(path, self.scene.camera_medium)));
+        scratch.alive.clear();
+        scratch.alive.extend(0..scratch.paths.len() as u32);
+        let needs = self.scene.needs();
+        match (needs.media, needs.materials, self.field.is_some()) {
+            (true, ..) => self.walk::<Everything>(wants_records, scratch, count),
+            (_, true, true) => self.walk::<With<true, true, false>>(wants_records, scratch, count),
+            (_, true, false) => self.walk::<With<false, true, false>>(wants_records, scratch, count),
+            (_, _, true) => self.walk::<With<true, false, false>>(wants_records, scratch, count),
+            (_, _, false) => self.walk::<With<false, false, false>>(wants_records, scratch, count),
+        }
+    }
+
+    fn walk<E: Effects>(&self, wants_records: bool, scratch: &mut PathScratch, count: &mut RayCount) {
+        if wants_records {
+            self.walk_with::<E, true>(scratch, count)
+        } else {
+            self.walk_with::<E, false>(scratch, count)
+        }
+    }
+
+    #[inline(always)]
+    fn walk_with<E: Effects, const RECORDS: bool>(&self, scratch: &mut PathScratch, count: &mut RayCount) {
+        #[cfg(target_arch = "x86_64")]
+        if Avx2::detect().is_some() {
+            // SAFETY: the processor has the features.
+            return unsafe { self.walk_avx2::<E, RECORDS>(scratch, count) };
+        }
+        self.walk_portable::<E, RECORDS>(scratch, count);
+    }
+
+    // Ten loops in one function would spill each other's registers, so each remains a function.
+    #[inline(never)]
+    fn walk_portable<E: Effects, const RECORDS: bool>(&self, scratch: &mut PathScratch, count: &mut RayCount) {
+        self.extend::<E, RECORDS>(scratch, count);
+    }
+
+    /// The same compiled for newer processors. Nothing is rounded otherwise: products and sums are not fused unless code asks for it.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(never)]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+    fn walk_avx2<E: Effects, const RECORDS: bool>(&self, scratch: &mut PathScratch, count: &mut RayCount) {
+        self.extend::<E, RECORDS>(scratch, count);
+    }
+
+    /// Extends all paths until they end.
+    #[inline(always)]
+    fn extend<E: Effects, const RECORDS: bool>(&self, scratch: &mut PathScratch, count: &mut RayCount) {
+        let PathScratch { paths, alive, rays, hits, shadows, vertices } = scratch;
+        for _ in 0..self.settings.max_depth {
+            if alive.is_empty() {
+                break;
+            }
+            rays.clear();
+            rays.extend(alive.iter().map(|&path| paths[path as usize].ray));
+            self.scene.accel.intersect_all(rays, hits);
+            let mut kept = 0;
+            for (place, hit) in hits.iter().enumerate() {
+                if place % LIGHTS_AHEAD == 0 {
+                    self.prefetch_lights(paths, &alive[place..]);
+                }
+                self.prefetch(rays, hits, place);
+                let path = alive[place];
+                if self.visit::<E, RECORDS>(&mut paths[path as usize], *hit, vertices, shadows) {
+                    alive[kept] = path;
+                    kept += 1;
+                }
+            }
+            alive.truncate(kept);
+            count.rays += (rays.len() + shadows.connections.len()) as u64;
+            self.resolve::<E, RECORDS>(shadows, vertices);
+        }
+    }
+
+    /// Brings near what surfaces a few hits after `place` will be made of.
+    #[inline(always)]
+    fn prefetch(&self, rays: &[Ray], hits: &[Option<Hit>], place: usize) {
+        let shape = |hit: &Hit| &self.scene.shapes[hit.shape as usize];
+        if let Some(Some(hit)) = hits.get(place + FAR_AHEAD) {
+            shape(hit).prefetch_indices(hit.triangle);
+        }
+        match hits.get(place + AHEAD) {
+            Some(Some(hit)) => shape(hit).prefetch_vertices(hit.triangle),
+            Some(None) => {
+                self.scene.lights.map().into_iter().for_each(|map| map.prefetch(rays[place + AHEAD].direction));
+            }
+            None => {}
+        }
+    }
+
+    /// Brings near what light sampling at the next vertices of the first paths of `alive` will read of an environment map.
+    #[inline(always)]
+    fn prefetch_lights(&self, paths: &[PathState], alive: &[u32]) {
+        let Some(map) = self.scene.lights.map().filter(|_| self.settings.light_sampling) else { return };
+        let mut points = [[0.0; 2]; LIGHTS_AHEAD];
+        for (point, &path) in points.iter_mut().zip(alive) {
+            let path = &paths[path as usize];
+            let mut random = path.random.clone();
+            random.begin_vertex(path.depth + 1);
+            *point = random.at(Dimension::LIGHT_POINT).next_2d();
+        }
+        map.prefetch_samples(&points);
+    }
+
+    /// Gives the vertices what their connections bring.
+    #[inline(always)]
+    fn resolve<E: Effects, const RECORDS: bool>(&self, shadows: &mut Shadows, vertices: &mut Vertices) {
+        let mut bring = |vertex: u32, connection: &Connection, visible: Vec3| {
+            let value = connection.value * visible * connection.factor;
+            vertices.all[vertex as usize].direct = value;
+            if RECORDS {
+                let Connection { bsdf_share, ratio, .. } = *connection;
+                vertices.details[vertex as usize].direct = Direct { value, bsdf_share, ratio };
+            }
+        };
+        if self.scene.has_veils::<E>() {
+            for (vertex, connection) in &shadows.connections {
+                let visible = self.scene.transmittance(&connection.ray, connection.length, connection.medium);
+                if visible != Vec3::ZERO {
+                    bring(*vertex, connection, visible);
+                }
+            }
+        } else {
+            self.scene.accel.occluded_all(&shadows.rays, &mut shadows.occluded);
+            for ((vertex, connection), occluded) in shadows.connections.iter().zip(&shadows.occluded) {
+                if !occluded {
+                    bring(*vertex, connection, Vec3::ONE);
+                }
+            }
+        }
+        shadows.clear();
+    }
+
+    /// Radiance of path `index` of those traced last, W·m⁻²·sr⁻¹. Where `records` is given, one record per vertex that is not a delta
+    /// surface is added to it.
+    pub fn radiance(&self, index: usize, scratch: &PathScratch, records: Option<&mut Vec<PathRecord>>) -> Vec3 {
+        let PathScratch { paths, vertices, .. } = scratch;
+        let path = &paths[index];
+        let Some(records) = records else { return gather(path, vertices, |_, _, _| ()) };
+        let pixel = path.pixel.unwrap_or(1.0);
+        gather(path, vertices, |vertex, next, onward| {
+            let next = next.map(|next| &vertices.details[next]);
+            let met = next.map_or(path.background, |next| next.emission);
+            records.extend(record(&vertices.details[vertex], next, met, onward, pixel));
+        })
+    }
+}
+
+/// Sums a path from its end: radiance leaving each vertex towards the one before. `step` is told of each vertex: its index, that of the
+/// next, and what arrived from there beside the emission that was met.
+#[inline(always)]
+fn gather(path: &PathState, vertices: &Vertices, mut step: impl FnMut(usize, Option<usize>, Vec3)) -> Vec3 {
+    let (mut incoming, mut onward) = (path.background.weighted(), Vec3::ZERO);
+    let (mut at, mut next) = (path.last, None);
+    while at != NO_VERTEX {
+        let index = at as usize;
+        let vertex = &vertices.all[index];
+        step(index, next, onward);
+        // Nothing arrives where the path has ended.
+        onward = vertex.direct + vertex.weight * incoming / vertex.survival;
+        if let Some(passed) = vertices.passed.get(index) {
+            onward *= *passed;
+        }
+        incoming = vertex.emitted + onward;
+        (at, next) = (vertex.previous, Some(index));
+    }
+    incoming
+}
