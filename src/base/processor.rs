@@ -1,6 +1,6 @@
 //! Instruction sets beyond the architecture's baseline, detected at run time.
 
-/// Proof that the processor has AVX2, FMA, BMI1, BMI2 and LZCNT: only [`Avx2::detect`] makes one.
+/// Proof that the processor has AVX2, FMA, BMI1, BMI2, LZCNT and POPCNT: only [`Avx2::detect`] makes one.
 #[derive(Debug, Clone, Copy)]
 pub struct Avx2(());
 
@@ -14,6 +14,7 @@ impl Avx2 {
             && is_x86_feature_detected!("bmi1")
             && is_x86_feature_detected!("bmi2")
             && is_x86_feature_detected!("lzcnt")
+            && is_x86_feature_detected!("popcnt")
         {
             return Some(Self(()));
         }
@@ -32,4 +33,28 @@ pub fn prefetch<T>(value: &T) {
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = value;
+
+/// Proof that the processor has, besides those of [`Avx2`], the parts F, VL, BW and DQ of AVX-512: only [`Avx512::detect`] makes one.
+#[derive(Debug, Clone, Copy)]
+pub struct Avx512(Avx2);
+
+impl Avx512 {
+    /// Detects the instruction sets; none where one of them is missing.
+    #[inline(always)]
+    pub fn detect() -> Option<Self> {
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512vl")
+            && is_x86_feature_detected!("avx512bw")
+            && is_x86_feature_detected!("avx512dq")
+        {
+            return Avx2::detect().map(Self);
+        }
+        None
+    }
+
+    /// The smaller instruction sets.
+    pub fn avx2(self) -> Avx2 {
+        self.0
+    }
 }

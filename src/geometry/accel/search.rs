@@ -66,6 +66,8 @@ impl<'a> Search<'a> {
                 Kernel::Portable => self.search(Portable, 0, query, *t_max),
                 #[cfg(target_arch = "x86_64")]
                 Kernel::Avx2(tests) => self.search(tests, 0, query, *t_max),
+                #[cfg(target_arch = "x86_64")]
+                Kernel::Avx512(tests) => self.search(tests.avx2(), 0, query, *t_max),
             });
         }
         self.visits

@@ -9,7 +9,10 @@ use crate::sampling::warp;
 pub(super) fn kernels() -> Vec<Kernel> {
     match Kernel::detect() {
         Kernel::Portable => vec![Kernel::Portable],
-        fastest => vec![Kernel::Portable, fastest],
+        #[cfg(target_arch = "x86_64")]
+        fastest @ Kernel::Avx2(_) => vec![Kernel::Portable, fastest],
+        #[cfg(target_arch = "x86_64")]
+        fastest @ Kernel::Avx512(proof) => vec![Kernel::Portable, Kernel::Avx2(proof.avx2()), fastest],
     }
 }
 

@@ -9,7 +9,7 @@ use crate::geometry::triangle::Shear;
 #[cfg(target_arch = "x86_64")]
 use super::avx2;
 #[cfg(target_arch = "x86_64")]
-use crate::base::processor::Avx2;
+use crate::base::processor::{Avx2, Avx512};
 
 /// The tests that this processor can do. Chosen once, when a scene's hierarchy is built.
 #[derive(Debug, Clone, Copy)]
@@ -19,13 +19,18 @@ pub enum Kernel {
     /// Vector instructions.
     #[cfg(target_arch = "x86_64")]
     Avx2(Avx2),
+    /// The same for single rays, to which longer vectors bring nothing, and longer ones for batches.
+    #[cfg(target_arch = "x86_64")]
+    Avx512(Avx512),
 }
 
 impl Kernel {
     /// The fastest kernel of this processor.
     pub fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
-        if let Some(proof) = Avx2::detect() {
+        if let Some(proof) = Avx512::detect() {
+            return Self::Avx512(proof);
+        } else if let Some(proof) = Avx2::detect() {
             return Self::Avx2(proof);
         }
         Self::Portable
@@ -193,7 +198,7 @@ impl Hierarchy {
     }
 
     /// Most children on the stack at a time: all but one of each node on the path from the root, and one more before it is taken.
-    fn stack(&self) -> usize {
+    pub(super) fn stack(&self) -> usize {
         self.depth * (WIDTH - 1) + 1
     }
 
@@ -209,6 +214,9 @@ impl Hierarchy {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: an `Avx2` exists only where the processor has the features.
             Kernel::Avx2(tests) => unsafe { self.closest_avx2(tests, query, best, others, stack) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Kernel::Avx512(tests) => unsafe { self.closest_avx2(tests.avx2(), query, best, others, stack) },
         }
     }
 
@@ -244,6 +252,9 @@ impl Hierarchy {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: an `Avx2` exists only where the processor has the features.
             Kernel::Avx2(tests) => unsafe { self.occluded_avx2(tests, query, t_max, others, stop, stack) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Kernel::Avx512(tests) => unsafe { self.occluded_avx2(tests.avx2(), query, t_max, others, stop, stack) },
         }
     }
 
