@@ -7,7 +7,7 @@ pub mod sphere;
 pub mod surface;
 pub mod triangle;
 
-pub use accel::{Accel, Hit};
+pub use accel::{Accel, Coherence, Hit, Scratch};
 pub use shape::{Geometry, Shape};
 pub use surface::Surface;
 

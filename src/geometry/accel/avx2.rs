@@ -34,10 +34,20 @@ fn store4(values: &mut [f32; LANES], vector: __m128) {
     *values = bytemuck::cast(vector);
 }
 
-/// See [`super::portable::boxes`]. Maximum and minimum return the second operand where the first is NaN.
+/// See [`super::portable::boxes`].
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 pub fn boxes(node: &Node, slabs: &Slabs, t_max: f32, distances: &mut Array) -> u32 {
+    let (near, mask) = meet(node, slabs, t_max);
+    store(distances, near);
+    mask
+}
+
+/// Distances to the boxes of the children, and the children that the ray meets, one bit each. Maximum and minimum return the
+/// second operand where the first is NaN.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub fn meet(node: &Node, slabs: &Slabs, t_max: f32) -> (__m256, u32) {
     let [mut near, mut far] = [_mm256_setzero_ps(), _mm256_set1_ps(t_max)];
     for axis in 0..3 {
         let origin = _mm256_set1_ps(slabs.origin[axis]);
@@ -46,8 +56,7 @@ pub fn boxes(node: &Node, slabs: &Slabs, t_max: f32, distances: &mut Array) -> u
         near = _mm256_max_ps(_mm256_mul_ps(nearer, _mm256_set1_ps(slabs.nearer[axis])), near);
         far = _mm256_min_ps(_mm256_mul_ps(farther, _mm256_set1_ps(slabs.farther[axis])), far);
     }
-    store(distances, near);
-    _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as u32
+    (near, _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as u32)
 }
 
 /// Result of testing the triangles of a packet.
@@ -193,8 +202,9 @@ fn lanes(mask: u32) -> impl Iterator<Item = usize> {
     (0..LANES).filter(move |lane| mask >> lane & 1 == 1)
 }
 
+/// Replaces `best` by the nearest hit among the triangles in `mask` that precedes it, by the test in double precision.
 #[cold]
-fn closest_on_edge(packet: &Packet, shear: &Shear, mask: u32, best: &mut Hit) {
+pub fn closest_on_edge(packet: &Packet, shear: &Shear, mask: u32, best: &mut Hit) {
     for lane in lanes(mask) {
         if let Some((distance, barycentric)) = shear.intersect(&packet.triangle(lane), best.distance.next_up()) {
             best.replace(Hit { distance, shape: packet.shapes[lane], triangle: packet.triangles[lane], barycentric });
@@ -202,8 +212,9 @@ fn closest_on_edge(packet: &Packet, shear: &Shear, mask: u32, best: &mut Hit) {
     }
 }
 
+/// The triangles among those in `mask` that the ray meets before `t_max`, by the test in double precision.
 #[cold]
-fn occluders_on_edge(packet: &Packet, shear: &Shear, mask: u32, t_max: f32) -> u32 {
+pub fn occluders_on_edge(packet: &Packet, shear: &Shear, mask: u32, t_max: f32) -> u32 {
     let meets = |lane: &usize| shear.intersect(&packet.triangle(*lane), t_max).is_some();
     lanes(mask).filter(meets).fold(0, |mask, lane| mask | 1 << lane)
 }

@@ -9,6 +9,7 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+mod batch;
 mod build;
 mod cut;
 mod node;
@@ -27,6 +28,8 @@ use glam::{Affine3A, Vec3, Vec3A};
 use hashbrown::{HashMap, HashSet};
 use obvhs::aabb::Aabb;
 use rayon::prelude::*;
+
+pub use batch::{Coherence, Scratch};
 
 use super::Ray;
 use super::mesh::Mesh;

@@ -37,9 +37,15 @@ impl Query {
         if !(origin.is_finite() && direction.is_finite()) {
             return None;
         }
+        Some(ask(&Self::new(origin, direction)))
+    }
+
+    /// The query of a ray with finite origin and direction.
+    #[inline(always)]
+    pub fn new(origin: Vec3, direction: Vec3) -> Self {
         let inverse = direction.recip();
         let shear = Shear::with_inverse(origin, direction, inverse);
-        Some(ask(&Self { origin, direction, shear, slabs: Slabs::new(origin, direction, inverse) }))
+        Self { origin, direction, shear, slabs: Slabs::new(origin, direction, inverse) }
     }
 }
 
@@ -47,7 +53,7 @@ impl Slabs {
     /// Relative widening of the distances to boxes: a test of a box must not be stricter than that of a triangle in it. Its three
     /// roundings (Ize 2013), and the roundings that move a vertex before the edges of a triangle are tested, are all relative to
     /// the distance from the origin to the plane; together they stay below eight units.
-    const SLACK: f32 = 8.0 * f32::EPSILON;
+    pub const SLACK: f32 = 8.0 * f32::EPSILON;
 
     #[inline(always)]
     fn new(origin: Vec3, direction: Vec3, inverse: Vec3) -> Self {

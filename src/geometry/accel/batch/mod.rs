@@ -1,0 +1,92 @@
+//! Queries in batches, which answer every ray as [`Accel::intersect`] and [`Accel::occluded`] do, to the last bit.
+//!
+//! What slows a single ray down are branches that cannot be predicted, and waiting for memory. Many rays at a time need neither.
+
+#[cfg(target_arch = "x86_64")]
+mod bundle;
+#[cfg(target_arch = "x86_64")]
+mod flight;
+#[cfg(target_arch = "x86_64")]
+mod lanes;
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
+mod run;
+#[cfg(test)]
+mod tests;
+#[cfg(target_arch = "x86_64")]
+mod triangles;
+#[cfg(target_arch = "x86_64")]
+mod vectors;
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
+mod wide;
+
+#[cfg(target_arch = "x86_64")]
+use super::traverse::Kernel;
+use super::{Accel, Hit};
+use crate::geometry::Ray;
+#[cfg(target_arch = "x86_64")]
+use bundle::Bundle;
+#[cfg(target_arch = "x86_64")]
+use flight::Flight;
+
+/// What the rays of a batch have in common. Answers do not depend on it, only the time they take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Coherence {
+    /// Rays that follow one another lie close together, like those of a camera.
+    Coherent,
+    /// They go anywhere.
+    Incoherent,
+}
+
+/// Memory of batches, to be used again.
+#[derive(Default)]
+pub struct Scratch {
+    #[cfg(target_arch = "x86_64")]
+    flight: Flight,
+    #[cfg(target_arch = "x86_64")]
+    bundle: Bundle,
+    /// Classes of rays, and numbers of rays sorted by class.
+    #[cfg(target_arch = "x86_64")]
+    classes: Vec<u8>,
+    #[cfg(target_arch = "x86_64")]
+    sorted: Vec<u32>,
+}
+
+impl Accel {
+    /// Sets `hits` to the nearest hit of each ray, as [`Accel::intersect`] finds it.
+    ///
+    /// # Panics
+    /// Panics where there are not as many hits as rays.
+    pub fn intersect_all(&self, rays: &[Ray], coherence: Coherence, scratch: &mut Scratch, hits: &mut [Option<Hit>]) {
+        assert_eq!(rays.len(), hits.len());
+        #[cfg(target_arch = "x86_64")]
+        if !matches!(self.hierarchy.kernel, Kernel::Portable) {
+            return self.intersect_wide(rays, coherence, scratch, hits);
+        }
+        for (ray, hit) in rays.iter().zip(hits) {
+            *hit = self.intersect(ray);
+        }
+    }
+
+    /// Sets `occluded` to whether anything lies on each ray before its maximum distance, as [`Accel::occluded`] finds it.
+    ///
+    /// # Panics
+    /// Panics where there are not as many answers as rays.
+    pub fn occluded_all(
+        &self,
+        rays: &[(Ray, f32)],
+        coherence: Coherence,
+        scratch: &mut Scratch,
+        occluded: &mut [bool],
+    ) {
+        assert_eq!(rays.len(), occluded.len());
+        #[cfg(target_arch = "x86_64")]
+        if !matches!(self.hierarchy.kernel, Kernel::Portable) {
+            return self.occluded_wide(rays, coherence, scratch, occluded);
+        }
+        for ((ray, t_max), occluded) in rays.iter().zip(occluded) {
+            *occluded = self.occluded(ray, *t_max);
+        }
+    }
+}
