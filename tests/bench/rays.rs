@@ -3,12 +3,15 @@
 //!     cargo bench --bench rays                           all of it
 //!     cargo bench --bench rays -- queries [--raw DIR]    one round of queries; writes the scene, the rays and the hits
 //!     cargo bench --bench rays -- shadows SCENE...       shadow rays of scenes, before and after an order is learned
+//!     cargo bench --bench rays -- batches SCENE...       rays of a render's paths, one at a time and in batches
 //!     cargo bench --bench rays -- build SCENE...         building hierarchies: seconds that pass, and of all processors
 //!
 //! The scene is procedural: displaced ground, closed lumps and loose triangles, about 300,000 triangles in all. Rays start
 //! anywhere in its box in any direction, one after the other on one thread; any-hit queries end at a random point of the box.
 //! Times are the thread's own seconds on the processor. `rays_embree.py` asks Embree the same.
 
+#[path = "rays/batches.rs"]
+mod batches;
 #[path = "rays/build.rs"]
 mod build;
 #[path = "rays/shadows.rs"]
@@ -51,6 +54,12 @@ enum What {
         #[arg(long)]
         raw: Option<PathBuf>,
     },
+    /// Rays per second (millions) of paths by depth and towards lights: one at a time, as single rays in flight, and as coherent
+    /// ones.
+    Batches {
+        /// Scenes.
+        scenes: Vec<PathBuf>,
+    },
     /// Seconds to build the hierarchies of a million triangles and of scenes.
     Build {
         /// Scenes.
@@ -68,6 +77,7 @@ fn main() {
     let what = Options::parse().what;
     match &what {
         Some(What::Shadows { scenes }) => return shadows::compare(scenes),
+        Some(What::Batches { scenes }) => return batches::compare(scenes),
         Some(What::Build { scenes }) => return build::time(scenes),
         Some(What::Queries { .. }) | None => {}
     }
