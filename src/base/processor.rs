@@ -33,6 +33,7 @@ pub fn prefetch<T>(value: &T) {
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = value;
+}
 
 /// Proof that the processor has, besides those of [`Avx2`], the parts F, VL, BW and DQ of AVX-512: only [`Avx512::detect`] makes one.
 #[derive(Debug, Clone, Copy)]

@@ -6,7 +6,7 @@ use super::mixture::{Mixture, Scattering};
 use super::path::RayCount;
 use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
 use crate::base::random::{Dimension, Random};
-use crate::geometry::{Hit, Ray, Surface};
+use crate::geometry::{Coherence, Hit, Ray, Scratch, Surface};
 use crate::guiding::learn::emission::{EmissionGuide, Start};
 use crate::guiding::record::PhotonRecord;
 use crate::lights::Emission;
@@ -87,6 +87,7 @@ pub struct PhotonScratch {
     alive: Vec<LightPath>,
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
+    queries: Scratch,
 }
 
 impl PhotonTracer<'_> {
@@ -131,7 +132,7 @@ impl PhotonTracer<'_> {
 
     /// Extends all paths until they end.
     fn extend<E: Effects>(&self, scratch: &mut PhotonScratch, records: &mut Vec<PhotonRecord>, count: &mut RayCount) {
-        let PhotonScratch { alive, rays, hits } = scratch;
+        let PhotonScratch { alive, rays, hits, queries } = scratch;
         // A light path of n segments continues to the camera with at least one more: n + 1 vertices after the light.
         for depth in 1..self.settings.max_depth {
             if alive.is_empty() {
@@ -139,7 +140,8 @@ impl PhotonTracer<'_> {
             }
             rays.clear();
             rays.extend(alive.iter().map(|path| path.ray));
-            self.scene.accel.intersect_all(rays, hits);
+            hits.resize(rays.len(), None);
+            self.scene.accel.intersect_all(rays, Coherence::Incoherent, queries, hits);
             count.rays += rays.len() as u64;
             let mut hits = hits.iter();
             alive.retain_mut(|path| {

@@ -157,18 +157,6 @@ impl Accel {
         best.found()
     }
 
-    /// The nearest hits of rays.
-    pub fn intersect_all(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
-        hits.clear();
-        hits.extend(rays.iter().map(|ray| self.intersect(ray)));
-    }
-
-    /// Whether anything lies on each ray before its end.
-    pub fn occluded_all(&self, rays: &[(Ray, f32)], occluded: &mut Vec<bool>) {
-        occluded.clear();
-        occluded.extend(rays.iter().map(|(ray, t_max)| self.occluded(ray, *t_max)));
-    }
-
     /// Whether anything lies on the ray before distance `t_max`.
     #[inline(always)]
     pub fn occluded(&self, ray: &Ray, t_max: f32) -> bool {

@@ -7,7 +7,7 @@ use super::{CameraPath, Details, Direct, Emission, NO_VERTEX, PathState, PathTra
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
 use crate::base::random::Dimension;
-use crate::geometry::{Hit, Ray};
+use crate::geometry::{Coherence, Hit, Ray, Scratch};
 use crate::guiding::record::PathRecord;
 use crate::materials::medium::MediumId;
 use crate::scene::effects::{Effects, Everything, With};
@@ -27,6 +27,7 @@ pub struct PathScratch {
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
     shadows: Shadows,
+    queries: Scratch,
     pub(super) vertices: Vertices,
 }
 
@@ -191,14 +192,17 @@ impl PathTracer<'_> {
     /// Extends all paths until they end.
     #[inline(always)]
     fn extend<E: Effects, const RECORDS: bool>(&self, scratch: &mut PathScratch, count: &mut RayCount) {
-        let PathScratch { paths, alive, rays, hits, shadows, vertices } = scratch;
-        for _ in 0..self.settings.max_depth {
+        let PathScratch { paths, alive, rays, hits, shadows, queries, vertices } = scratch;
+        for depth in 1..=self.settings.max_depth {
             if alive.is_empty() {
                 break;
             }
             rays.clear();
             rays.extend(alive.iter().map(|&path| paths[path as usize].ray));
-            self.scene.accel.intersect_all(rays, hits);
+            // Only a camera's rays, and those from what it sees to lights, lie close together.
+            let coherence = if depth == 1 { Coherence::Coherent } else { Coherence::Incoherent };
+            hits.resize(rays.len(), None);
+            self.scene.accel.intersect_all(rays, coherence, queries, hits);
             let mut kept = 0;
             for (place, hit) in hits.iter().enumerate() {
                 if place % LIGHTS_AHEAD == 0 {
@@ -213,7 +217,7 @@ impl PathTracer<'_> {
             }
             alive.truncate(kept);
             count.rays += (rays.len() + shadows.connections.len()) as u64;
-            self.resolve::<E, RECORDS>(shadows, vertices);
+            self.resolve::<E, RECORDS>(coherence, shadows, queries, vertices);
         }
     }
 
@@ -249,7 +253,13 @@ impl PathTracer<'_> {
 
     /// Gives the vertices what their connections bring.
     #[inline(always)]
-    fn resolve<E: Effects, const RECORDS: bool>(&self, shadows: &mut Shadows, vertices: &mut Vertices) {
+    fn resolve<E: Effects, const RECORDS: bool>(
+        &self,
+        coherence: Coherence,
+        shadows: &mut Shadows,
+        queries: &mut Scratch,
+        vertices: &mut Vertices,
+    ) {
         let mut bring = |vertex: u32, connection: &Connection, visible: Vec3| {
             let value = connection.value * visible * connection.factor;
             vertices.all[vertex as usize].direct = value;
@@ -266,7 +276,8 @@ impl PathTracer<'_> {
                 }
             }
         } else {
-            self.scene.accel.occluded_all(&shadows.rays, &mut shadows.occluded);
+            shadows.occluded.resize(shadows.rays.len(), false);
+            self.scene.accel.occluded_all(&shadows.rays, coherence, queries, &mut shadows.occluded);
             for ((vertex, connection), occluded) in shadows.connections.iter().zip(&shadows.occluded) {
                 if !occluded {
                     bring(*vertex, connection, Vec3::ONE);

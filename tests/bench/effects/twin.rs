@@ -9,7 +9,7 @@ use glam::Vec3;
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
 use crate::base::random::{Dimension, Random};
-use crate::geometry::{Hit, Ray, Surface};
+use crate::geometry::{Coherence, Hit, Ray, Scratch as Queries, Surface};
 use crate::integrators::path::CameraPath;
 use crate::lights::Light;
 use crate::lights::area::AreaLight;
@@ -74,6 +74,7 @@ pub struct Scratch {
     alive: Vec<u32>,
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
+    queries: Queries,
     shadows: Vec<(Ray, f32)>,
     connections: Vec<Connection>,
     occluded: Vec<bool>,
@@ -144,14 +145,16 @@ impl<'a> Twin<'a> {
 
     #[inline(always)]
     fn extend(&self, scratch: &mut Scratch) {
-        let Scratch { paths, alive, rays, hits, shadows, connections, occluded, vertices } = scratch;
-        for _ in 0..self.max_depth {
+        let Scratch { paths, alive, rays, hits, queries, shadows, connections, occluded, vertices } = scratch;
+        for depth in 1..=self.max_depth {
             if alive.is_empty() {
                 break;
             }
             rays.clear();
             rays.extend(alive.iter().map(|&path| paths[path as usize].ray));
-            self.scene.accel.intersect_all(rays, hits);
+            let coherence = if depth == 1 { Coherence::Coherent } else { Coherence::Incoherent };
+            hits.resize(rays.len(), None);
+            self.scene.accel.intersect_all(rays, coherence, queries, hits);
             let mut kept = 0;
             for (place, hit) in hits.iter().enumerate() {
                 let path = alive[place];
@@ -161,7 +164,8 @@ impl<'a> Twin<'a> {
                 }
             }
             alive.truncate(kept);
-            self.scene.accel.occluded_all(shadows, occluded);
+            occluded.resize(shadows.len(), false);
+            self.scene.accel.occluded_all(shadows, coherence, queries, occluded);
             for (connection, occluded) in connections.iter().zip(&*occluded) {
                 if !occluded {
                     vertices[connection.vertex as usize].direct = connection.value;
