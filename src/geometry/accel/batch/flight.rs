@@ -20,16 +20,16 @@ struct Slot {
     best: Hit,
     /// What to visit next; [`Child::EMPTY`] when the ray is done.
     current: Child,
-    /// Entries on the stack, of which the first is that of no child.
-    waiting: u32,
+    /// Where the slot's stack begins among all stacks, with an entry of no child, and where it ends.
+    begin: u32,
+    end: u32,
     /// Number of the ray in its batch.
     ray: u32,
 }
 
 /// Rays in flight with their stacks.
-#[derive(Default)]
 pub struct Flight {
-    slots: Vec<Slot>,
+    slots: Box<[Slot; SLOTS]>,
     stacks: Vec<u64>,
     /// Entries of one stack.
     stride: usize,
@@ -65,6 +65,16 @@ impl Queues {
     }
 }
 
+impl Default for Flight {
+    fn default() -> Self {
+        let query = Query::new(Vec3::ZERO, Vec3::Z);
+        let block = RayBlock::new(&query.shear, 0.0);
+        let slot = Slot { block, query, best: Hit::NONE, current: Child::EMPTY, begin: 0, end: 0, ray: 0 };
+        let free = (0..SLOTS as u8).collect();
+        Self { slots: Box::new([slot; SLOTS]), stacks: Vec::new(), stride: 0, queues: Queues::default(), free }
+    }
+}
+
 impl Flight {
     /// Makes room for rays through `tree`.
     pub fn prepare(&mut self, tree: &Hierarchy) {
@@ -72,18 +82,13 @@ impl Flight {
         let least = tree.stack() + 1 + WIDTH;
         // An odd number of cache lines: the beginnings of stacks fall into different sets.
         let stride = (least.div_ceil(8) | 1) * 8;
-        if self.slots.is_empty() {
-            let query = Query::new(Vec3::ZERO, Vec3::Z);
-            let block = RayBlock::new(&query.shear, 0.0);
-            self.slots = vec![Slot { block, query, best: Hit::NONE, current: Child::EMPTY, waiting: 0, ray: 0 }; SLOTS];
-            self.free = (0..SLOTS as u8).collect();
-        }
         if self.stride < stride {
             self.stride = stride;
             self.stacks = vec![0; SLOTS * stride];
             // Below all entries lies one of no child, at distance 0, which nothing rules out.
-            for stack in self.stacks.chunks_exact_mut(stride) {
-                stack[0] = u64::from(Child::EMPTY.0);
+            for (slot, begin) in self.slots.iter_mut().zip((0..).step_by(stride)) {
+                self.stacks[begin] = u64::from(Child::EMPTY.0);
+                slot.begin = begin as u32;
             }
         }
     }
@@ -94,14 +99,10 @@ impl Flight {
         SLOTS - self.free.len()
     }
 
-    /// Lets a ray start at `root`, with what it knows of its best hit. There is a free slot.
+    /// Lets a ray start at the root, with what it knows of its best hit. There is a free slot.
     #[inline(always)]
     pub fn start<T: Wide>(&mut self, tests: T, tree: &Hierarchy, ray: u32, query: &Query, best: Hit) {
-        let Some(slot) = self.free.pop() else { return };
-        let block = RayBlock::new(&query.shear, best.distance);
-        self.slots[usize::from(slot) % SLOTS] =
-            Slot { block, query: *query, best, current: tree.root, waiting: 1, ray };
-        self.proceed(tests, tree, slot, tree.root);
+        self.adopt(tests, tree, ray, query, best, [u64::from(tree.root.0)].into_iter());
     }
 
     /// Lets a ray go on with stack entries, the last first. There is a free slot.
@@ -117,15 +118,15 @@ impl Flight {
     ) {
         let Some(slot) = self.free.pop() else { return };
         let at = usize::from(slot) % SLOTS;
-        let stack = &mut self.stacks[at * self.stride..][..self.stride];
-        let mut top = 0;
+        let begin = self.slots[at].begin;
+        let mut end = begin as usize;
         for entry in entries {
-            top += 1;
-            stack[top] = entry;
+            end += 1;
+            self.stacks[end] = entry;
         }
-        let (block, child) = (RayBlock::new(&query.shear, best.distance), Child(stack[top] as u32));
-        self.slots[at] = Slot { block, query: *query, best, current: child, waiting: top as u32, ray };
-        self.proceed(tests, tree, slot, child);
+        let (block, current) = (RayBlock::new(&query.shear, best.distance), Child(self.stacks[end] as u32));
+        self.slots[at] = Slot { block, query: *query, best, current, begin, end: end as u32, ray };
+        self.proceed(tests, tree, slot, current);
     }
 
     /// Queues a slot for `child`, which is fetched.
@@ -167,14 +168,17 @@ impl Flight {
     fn node<T: Wide, G: Goal>(&mut self, tests: T, goal: G, tree: &Hierarchy, slot: u8) {
         let at = usize::from(slot) % SLOTS;
         let state = &mut self.slots[at];
-        let stack = &mut self.stacks[at * self.stride..][..self.stride];
         let node = &tree.nodes[state.current.0 as usize];
-        let Some(room) = stack[state.waiting as usize..].first_chunk_mut() else { unreachable!("a stack has room") };
+        // The top of the stack, and the room above.
+        let top = state.end as usize - 1;
+        let Some(window) = self.stacks[top..].first_chunk_mut::<{ 1 + WIDTH }>() else {
+            unreachable!("a stack has room")
+        };
+        let [_, room @ ..] = window;
         let count = goal.stack(tests, node, &state.query.slabs, state.best.distance, room);
-        let top = state.waiting as usize + count - 1;
-        let child = Child(stack[top] as u32);
+        let child = Child(window[count] as u32);
         state.current = child;
-        state.waiting = top as u32;
+        state.end = (top + count) as u32;
         self.proceed(tests, tree, slot, child);
     }
 
@@ -232,8 +236,9 @@ impl Flight {
             let state = &mut self.slots[at[i]];
             if goal.take(found, i, packets[i], || state.query.shear, &mut state.best) {
                 state.block.values[RayBlock::T_MAX] = state.best.distance;
-                let stack = &mut self.stacks[at[i] * self.stride..][..self.stride];
-                state.waiting = goal.cut(tests, stack, state.waiting as usize, &state.best) as u32;
+                let stack = &mut self.stacks[state.begin as usize..];
+                state.end =
+                    state.begin + goal.cut(tests, stack, (state.end - state.begin) as usize, &state.best) as u32;
             }
         }
         for &slot in &slots[..number] {
@@ -263,12 +268,12 @@ impl Flight {
     fn pop<T: Wide, G: Goal>(&mut self, tests: T, goal: G, tree: &Hierarchy, slot: u8, nearer: bool) {
         let at = usize::from(slot) % SLOTS;
         let state = &mut self.slots[at];
-        let stack = &mut self.stacks[at * self.stride..][..self.stride];
         if nearer {
-            state.waiting = goal.cut(tests, stack, state.waiting as usize, &state.best) as u32;
+            let stack = &mut self.stacks[state.begin as usize..];
+            state.end = state.begin + goal.cut(tests, stack, (state.end - state.begin) as usize, &state.best) as u32;
         }
-        state.waiting -= 1;
-        let child = Child(stack[state.waiting as usize] as u32);
+        state.end -= 1;
+        let child = Child(self.stacks[state.end as usize] as u32);
         state.current = child;
         self.proceed(tests, tree, slot, child);
     }

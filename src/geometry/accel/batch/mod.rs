@@ -64,6 +64,7 @@ impl Accel {
         if !matches!(self.hierarchy.kernel, Kernel::Portable) {
             return self.intersect_wide(rays, coherence, scratch, hits);
         }
+        let _ = (coherence, scratch);
         for (ray, hit) in rays.iter().zip(hits) {
             *hit = self.intersect(ray);
         }
@@ -85,6 +86,7 @@ impl Accel {
         if !matches!(self.hierarchy.kernel, Kernel::Portable) {
             return self.occluded_wide(rays, coherence, scratch, occluded);
         }
+        let _ = (coherence, scratch);
         for ((ray, t_max), occluded) in rays.iter().zip(occluded) {
             *occluded = self.occluded(ray, *t_max);
         }
