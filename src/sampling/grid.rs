@@ -144,6 +144,7 @@ mod tests {
                     let ([x, y], density) = grid.sample([u, v]);
                     let (row, below) = halved(&sums, v);
                     let (column, right) = halved(rows[row], u);
+                    assert_eq!(grid.cells(&[[0.5; 2], [u, v]])[1], [column, row]);
                     let expected = [(column as f64 + right) / width as f64, (row as f64 + below) / height as f64];
                     assert_eq!([x, y], expected, "{width}×{height}, kind {kind}, {u} {v}");
                     assert_eq!(density, grid.density(column, row));

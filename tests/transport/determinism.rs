@@ -2,11 +2,17 @@
 
 use crate::support::scenes;
 
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
+use fanal::base::random::Random;
+use fanal::guiding::learn::emission::EmissionGuide;
+use fanal::integrators::path::{CameraPath, PathScratch, PathTracer};
+use fanal::integrators::photon::{PhotonScratch, PhotonTracer};
+use fanal::integrators::{Roulette, TransportSettings};
 use fanal::render::{RenderSettings, render};
-use fanal::scene::Scene;
+use fanal::scene::{Scene, readers};
 use scenes::{GUIDES, Guide, committed, reconstructor, settings};
 
 /// The bits of a picture rendered by `threads` threads.
@@ -45,5 +51,48 @@ fn guiding_is_left_out_where_it_does_not_pay() {
         let outcome = render(&scene, &settings, reconstructor(GUIDES[5].0).as_ref(), &Silent, &AtomicBool::new(false));
         let statistics = outcome.expect("the settings are sound").statistics;
         assert_eq!(statistics.guide.trees > 0, guided, "{name}: {:?}", statistics.iterations);
+    }
+}
+
+/// All that paths and light paths tell, traced in batches of `size`.
+fn told(scene: &Scene, paths: u64, size: u64) -> [Vec<String>; 3] {
+    let transport = TransportSettings { max_depth: 12, light_sampling: true, roulette: Roulette::Throughput };
+    let emission = EmissionGuide::new(&scene.lights.emission);
+    let tracer = PathTracer { scene, settings: transport, field: None };
+    let photon_tracer = PhotonTracer { scene, settings: transport, emission: &emission };
+    let begin = |number: u64| {
+        let random = Random::new(7, number, 0);
+        let film = [(number % 32) as f32 + 0.5, (number / 32 % 24) as f32 + 0.5];
+        CameraPath { ray: scene.camera.ray(film, scene.camera.lens(&random)), random, pixel: None }
+    };
+    let (mut scratch, mut photon_scratch) = (PathScratch::default(), PhotonScratch::default());
+    let (mut radiance, mut records, mut photons, mut rays) = (vec![], vec![], vec![], 0);
+    for first in (0..paths).step_by(size as usize) {
+        let range = first..(first + size).min(paths);
+        let block = tracer.trace_block(range.clone(), begin, true, &mut scratch);
+        radiance.extend(block.radiance.iter().map(|radiance| format!("{radiance:?}")));
+        records.extend(block.records.iter().map(|record| format!("{record:?}")));
+        let random = |number| Random::new(8, 0, number);
+        let light = photon_tracer.trace_block(range, (0, paths), random, &mut photon_scratch);
+        photons.extend(light.photons.iter().map(|photon| format!("{photon:?}")));
+        rays += block.rays.rays + light.rays.rays;
+    }
+    radiance.push(format!("{rays} rays"));
+    [radiance, records, photons]
+}
+
+/// No path knows which others it is traced with: every size of batches gives the same radiance, records and photons, to the last bit,
+/// on a plain scene, one with glass, and one with every material, holes, bumps and media.
+#[test]
+fn batches_change_nothing() {
+    let museum = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/museum");
+    let museum =
+        Scene::build(&readers::load(&museum).expect("the museum is sound"), [32, 24]).expect("so is what it says");
+    for scene in [committed("cornell", [32, 24]), committed("glass-caustic", [32, 24]), museum] {
+        let alone = told(&scene, 700, 1);
+        assert!(alone.iter().all(|told| told.len() > 500), "{:?}", alone.map(|told| told.len()));
+        for size in [3, 16, 17, 700] {
+            assert!(told(&scene, 700, size) == alone, "{}: batches of {size}", scene.name);
+        }
     }
 }
