@@ -14,6 +14,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::Parser;
 
+use crate::base::processor;
 use args::{Cli, Command};
 use interrupt::Ended;
 
@@ -31,6 +32,7 @@ pub fn main() -> ExitCode {
 }
 
 fn execute(command: Command) -> anyhow::Result<Ended> {
+    processor::check()?;
     let whole = |()| Ended::Whole;
     match command {
         Command::Render(args) => {

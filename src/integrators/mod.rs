@@ -2,7 +2,6 @@
 
 pub mod block;
 pub mod mixture;
-#[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 pub mod path;
 pub mod photon;
 

@@ -1,6 +1,7 @@
 //! The path tracer: light sampling (next event estimation) with multiple importance sampling, guided directions, Russian roulette, and
 //! records of what each vertex received.
 
+#[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 mod batch;
 mod explain;
 
