@@ -160,3 +160,28 @@ fn edges_are_decided_alike() {
         assert!(hits > 28_000 && (5000..29_000).contains(&occluded), "{hits} {occluded}");
     }
 }
+
+/// One ray that starts nowhere, wherever it stands among others of its octant, takes no hit from them.
+#[test]
+fn rays_from_nowhere_spoil_no_others() {
+    let mesh = closed_sphere(40, 40, 0.5, Vec3::splat(0.5));
+    let mut random = Random::new(73, 0, 0);
+    for kernel in kernels() {
+        let accel = Accel::with_kernel(&[in_world(mesh.clone())], kernel);
+        let mut hits = 0;
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            for place in 0..16 * 3 {
+                let ray = |i: usize| {
+                    let mut origin = Vec3::new(-1.0, 0.0, 0.0) + point(&mut random);
+                    if i == place / 3 {
+                        origin[place % 3] = bad;
+                    }
+                    (Ray { origin, direction: Vec3::new(0.9, 0.2, 0.1).normalize() }, 3.0)
+                };
+                let rays: Vec<(Ray, f32)> = (0..16).map(ray).collect();
+                hits += compare(&accel, &rays, &mut Scratch::default())[0];
+            }
+        }
+        assert!(hits > 1000, "{hits}");
+    }
+}
