@@ -29,7 +29,7 @@ use hashbrown::{HashMap, HashSet};
 use obvhs::aabb::Aabb;
 use rayon::prelude::*;
 
-pub use batch::{Coherence, Scratch};
+pub use batch::{Kind, Pace, Scratch, Way};
 
 use super::Ray;
 use super::mesh::Mesh;
@@ -82,6 +82,8 @@ pub struct Accel {
     hierarchy: Hierarchy,
     others: Placed,
     bounds: [Vec3; 2],
+    /// How long batches take.
+    pub pace: Pace,
 }
 
 /// Spheres and instances, and the hierarchies of instanced meshes in mesh coordinates.
@@ -135,7 +137,7 @@ impl Accel {
             let (shape, index) = triangles[i];
             Triangle { vertices: shapes[shape as usize].triangle(index), shape, index }
         });
-        Self { hierarchy: Hierarchy::new(tree, kernel), others, bounds }
+        Self { hierarchy: Hierarchy::new(tree, kernel), others, bounds, pace: Pace::default() }
     }
 
     /// Corners of the box around everything; infinite and inverted for an empty scene.

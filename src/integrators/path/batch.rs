@@ -7,7 +7,7 @@ use super::{CameraPath, Details, Direct, Emission, NO_VERTEX, PathState, PathTra
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
 use crate::base::random::Dimension;
-use crate::geometry::{Coherence, Hit, Ray, Scratch};
+use crate::geometry::{Hit, Kind, Ray, Scratch};
 use crate::guiding::record::PathRecord;
 use crate::materials::medium::MediumId;
 use crate::scene::effects::{Effects, Everything, With};
@@ -199,10 +199,9 @@ impl PathTracer<'_> {
             }
             rays.clear();
             rays.extend(alive.iter().map(|&path| paths[path as usize].ray));
-            // Only a camera's rays, and those from what it sees to lights, lie close together.
-            let coherence = if depth == 1 { Coherence::Coherent } else { Coherence::Incoherent };
             hits.resize(rays.len(), None);
-            self.scene.accel.intersect_all(rays, coherence, queries, hits);
+            let accel = &self.scene.accel;
+            accel.pace.measure(Kind::Path(depth), rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
             let mut kept = 0;
             for (place, hit) in hits.iter().enumerate() {
                 if place % LIGHTS_AHEAD == 0 {
@@ -217,7 +216,7 @@ impl PathTracer<'_> {
             }
             alive.truncate(kept);
             count.rays += (rays.len() + shadows.connections.len()) as u64;
-            self.resolve::<E, RECORDS>(coherence, shadows, queries, vertices);
+            self.resolve::<E, RECORDS>(depth, shadows, queries, vertices);
         }
     }
 
@@ -255,7 +254,7 @@ impl PathTracer<'_> {
     #[inline(always)]
     fn resolve<E: Effects, const RECORDS: bool>(
         &self,
-        coherence: Coherence,
+        depth: u32,
         shadows: &mut Shadows,
         queries: &mut Scratch,
         vertices: &mut Vertices,
@@ -277,7 +276,9 @@ impl PathTracer<'_> {
             }
         } else {
             shadows.occluded.resize(shadows.rays.len(), false);
-            self.scene.accel.occluded_all(&shadows.rays, coherence, queries, &mut shadows.occluded);
+            let (accel, Shadows { rays, occluded, .. }) = (&self.scene.accel, &mut *shadows);
+            let answer = |way| accel.occluded_all(rays, way, queries, occluded);
+            accel.pace.measure(Kind::Shadow(depth), rays.len(), answer);
             for ((vertex, connection), occluded) in shadows.connections.iter().zip(&shadows.occluded) {
                 if !occluded {
                     bring(*vertex, connection, Vec3::ONE);

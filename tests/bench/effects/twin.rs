@@ -9,7 +9,7 @@ use glam::Vec3;
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
 use crate::base::random::{Dimension, Random};
-use crate::geometry::{Coherence, Hit, Ray, Scratch as Queries, Surface};
+use crate::geometry::{Hit, Kind, Ray, Scratch as Queries, Surface};
 use crate::integrators::path::CameraPath;
 use crate::lights::Light;
 use crate::lights::area::AreaLight;
@@ -152,9 +152,9 @@ impl<'a> Twin<'a> {
             }
             rays.clear();
             rays.extend(alive.iter().map(|&path| paths[path as usize].ray));
-            let coherence = if depth == 1 { Coherence::Coherent } else { Coherence::Incoherent };
+            let accel = &self.scene.accel;
             hits.resize(rays.len(), None);
-            self.scene.accel.intersect_all(rays, coherence, queries, hits);
+            accel.pace.measure(Kind::Path(depth), rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
             let mut kept = 0;
             for (place, hit) in hits.iter().enumerate() {
                 let path = alive[place];
@@ -165,7 +165,8 @@ impl<'a> Twin<'a> {
             }
             alive.truncate(kept);
             occluded.resize(shadows.len(), false);
-            self.scene.accel.occluded_all(shadows, coherence, queries, occluded);
+            let answer = |way| accel.occluded_all(shadows, way, queries, occluded);
+            accel.pace.measure(Kind::Shadow(depth), shadows.len(), answer);
             for (connection, occluded) in connections.iter().zip(&*occluded) {
                 if !occluded {
                     vertices[connection.vertex as usize].direct = connection.value;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use fanal::base::random::{Dimension, Random};
-use fanal::geometry::{Accel, Coherence, Hit, Ray, Scratch, Surface};
+use fanal::geometry::{Accel, Hit, Ray, Scratch, Surface, Way};
 use fanal::materials::Transport;
 use fanal::scene::{Scene, readers};
 use glam::Vec3;
@@ -26,8 +26,8 @@ const DEPTH: u32 = 7;
 const KINDS: [&str; 7] = ["camera", "bounce 1", "bounce 2", "bounce 3-6", "shadow 1", "shadow 2", "shadow 3-6"];
 /// The first kind of rays towards lights.
 const SHADOWS: usize = 4;
-/// Ways to answer: one ray at a time, and batches.
-const WAYS: [Option<Coherence>; 3] = [None, Some(Coherence::Incoherent), Some(Coherence::Coherent)];
+/// Ways to answer, the first without the batches' interface.
+const WAYS: [Way; 3] = [Way::Single, Way::InFlight, Way::Bundles];
 
 type Batch = Vec<(Ray, f32)>;
 
@@ -36,7 +36,7 @@ pub fn compare(paths: &[PathBuf]) {
     println!("Mrays/s, one thread, median of {ROUNDS}");
     println!(
         "{:>16} {:>12} {:>8} {:>8} {:>9} {:>9} {:>6}",
-        "scene", "rays", "number", "single", "in flight", "coherent", "ratio"
+        "scene", "rays", "number", "single", "in flight", "bundles", "ratio"
     );
     for path in paths {
         let loaded = readers::load(path).expect("the scene is sound");
@@ -127,7 +127,7 @@ fn measure(accel: &Accel, batches: &[Batch], shadows: bool) -> [f64; WAYS.len()]
     let alone: Vec<Vec<Ray>> = batches.iter().map(|batch| batch.iter().map(|(ray, _)| *ray).collect()).collect();
     let repeats = LEAST.div_ceil(batches.iter().map(Vec::len).sum());
     let mut scratch = Scratch::default();
-    let mut ask = |way: Option<Coherence>| {
+    let mut ask = |way: Way| {
         let (mut hits, mut occluded): (Vec<Vec<Option<Hit>>>, Vec<Vec<bool>>) = (Vec::new(), Vec::new());
         match shadows {
             false => hits.extend(alone.iter().map(|rays| vec![None; rays.len()])),
@@ -137,21 +137,21 @@ fn measure(accel: &Accel, batches: &[Batch], shadows: bool) -> [f64; WAYS.len()]
         for _ in 0..repeats {
             for (rays, hits) in alone.iter().zip(&mut hits) {
                 match way {
-                    None => rays.iter().zip(hits).for_each(|(ray, hit)| *hit = accel.intersect(ray)),
-                    Some(coherence) => accel.intersect_all(rays, coherence, &mut scratch, hits),
+                    Way::Single => rays.iter().zip(hits).for_each(|(ray, hit)| *hit = accel.intersect(ray)),
+                    way => accel.intersect_all(rays, way, &mut scratch, hits),
                 }
             }
             for (rays, occluded) in batches.iter().zip(&mut occluded) {
                 match way {
-                    None => (rays.iter().zip(occluded))
+                    Way::Single => (rays.iter().zip(occluded))
                         .for_each(|((ray, t_max), hidden)| *hidden = accel.occluded(ray, *t_max)),
-                    Some(coherence) => accel.occluded_all(rays, coherence, &mut scratch, occluded),
+                    way => accel.occluded_all(rays, way, &mut scratch, occluded),
                 }
             }
         }
         ((cpu_seconds() - start) / repeats as f64, hits, occluded)
     };
-    let (_, hits, occluded) = ask(None);
+    let (_, hits, occluded) = ask(Way::Single);
     let rounds: Vec<[f64; WAYS.len()]> = (0..ROUNDS)
         .map(|_| {
             WAYS.map(|way| {

@@ -8,6 +8,7 @@ mod bundle;
 mod flight;
 #[cfg(target_arch = "x86_64")]
 mod lanes;
+mod pace;
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 mod run;
@@ -30,13 +31,23 @@ use bundle::Bundle;
 #[cfg(target_arch = "x86_64")]
 use flight::Flight;
 
-/// What the rays of a batch have in common. Answers do not depend on it, only the time they take.
+pub use pace::{Kind, Pace};
+
+/// Ways to answer a batch. Answers do not depend on it, only the time they take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Coherence {
-    /// Rays that follow one another lie close together, like those of a camera.
-    Coherent,
-    /// They go anywhere.
-    Incoherent,
+pub enum Way {
+    /// Bundles of sixteen rays of the same octant and main axis, which go from node to node together as long as enough of them do. For
+    /// rays that lie close together, like those of a camera. Needs AVX-512, and is as the next without it.
+    Bundles,
+    /// Many rays at a time, each of which takes a step in turn. Needs AVX2, and is as the next without it.
+    InFlight,
+    /// One ray after the other.
+    Single,
+}
+
+impl Way {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Bundles, Self::InFlight, Self::Single];
 }
 
 /// Memory of batches, to be used again.
@@ -58,13 +69,14 @@ impl Accel {
     ///
     /// # Panics
     /// Panics where there are not as many hits as rays.
-    pub fn intersect_all(&self, rays: &[Ray], coherence: Coherence, scratch: &mut Scratch, hits: &mut [Option<Hit>]) {
+    pub fn intersect_all(&self, rays: &[Ray], way: Way, scratch: &mut Scratch, hits: &mut [Option<Hit>]) {
         assert_eq!(rays.len(), hits.len());
         #[cfg(target_arch = "x86_64")]
-        if !matches!(self.hierarchy.kernel, Kernel::Portable) {
-            return self.intersect_wide(rays, coherence, scratch, hits);
+        if way != Way::Single && !matches!(self.hierarchy.kernel, Kernel::Portable) {
+            return self.intersect_wide(rays, way, scratch, hits);
         }
-        let _ = (coherence, scratch);
+        // Of these two plain Rust needs neither.
+        let _ = (way, scratch);
         for (ray, hit) in rays.iter().zip(hits) {
             *hit = self.intersect(ray);
         }
@@ -74,19 +86,14 @@ impl Accel {
     ///
     /// # Panics
     /// Panics where there are not as many answers as rays.
-    pub fn occluded_all(
-        &self,
-        rays: &[(Ray, f32)],
-        coherence: Coherence,
-        scratch: &mut Scratch,
-        occluded: &mut [bool],
-    ) {
+    pub fn occluded_all(&self, rays: &[(Ray, f32)], way: Way, scratch: &mut Scratch, occluded: &mut [bool]) {
         assert_eq!(rays.len(), occluded.len());
         #[cfg(target_arch = "x86_64")]
-        if !matches!(self.hierarchy.kernel, Kernel::Portable) {
-            return self.occluded_wide(rays, coherence, scratch, occluded);
+        if way != Way::Single && !matches!(self.hierarchy.kernel, Kernel::Portable) {
+            return self.occluded_wide(rays, way, scratch, occluded);
         }
-        let _ = (coherence, scratch);
+        // Of these two plain Rust needs neither.
+        let _ = (way, scratch);
         for ((ray, t_max), occluded) in rays.iter().zip(occluded) {
             *occluded = self.occluded(ray, *t_max);
         }

@@ -7,32 +7,20 @@ use super::bundle::{Walk, land};
 use super::flight::{Flight, SLOTS};
 use super::lanes::RAYS;
 use super::wide::{Any, Goal, Nearest, Wide};
-use super::{Coherence, Scratch};
+use super::{Scratch, Way};
 use crate::base::processor::{Avx2, Avx512};
 use crate::geometry::Ray;
 
 impl Accel {
-    pub(super) fn intersect_wide(
-        &self,
-        rays: &[Ray],
-        coherence: Coherence,
-        scratch: &mut Scratch,
-        hits: &mut [Option<Hit>],
-    ) {
+    pub(super) fn intersect_wide(&self, rays: &[Ray], way: Way, scratch: &mut Scratch, hits: &mut [Option<Hit>]) {
         let batch = Batch { tree: &self.hierarchy, others: &self.others, goal: Nearest };
         let asked = |i: usize| (rays[i], f32::MAX);
-        batch.run(rays.len(), asked, coherence, scratch, |i, hit| hits[i] = hit.found());
+        batch.run(rays.len(), asked, way, scratch, |i, hit| hits[i] = hit.found());
     }
 
-    pub(super) fn occluded_wide(
-        &self,
-        rays: &[(Ray, f32)],
-        coherence: Coherence,
-        scratch: &mut Scratch,
-        occluded: &mut [bool],
-    ) {
+    pub(super) fn occluded_wide(&self, rays: &[(Ray, f32)], way: Way, scratch: &mut Scratch, occluded: &mut [bool]) {
         let batch = Batch { tree: &self.hierarchy, others: &self.others, goal: Any };
-        batch.run(rays.len(), |i| rays[i], coherence, scratch, |i, hit| occluded[i] = hit.found().is_some());
+        batch.run(rays.len(), |i| rays[i], way, scratch, |i, hit| occluded[i] = hit.found().is_some());
     }
 }
 
@@ -50,7 +38,7 @@ impl<G: Goal, O: Others> Batch<'_, G, O> {
         &self,
         count: usize,
         asked: impl Fn(usize) -> (Ray, f32),
-        coherence: Coherence,
+        way: Way,
         scratch: &mut Scratch,
         answer: impl FnMut(usize, &Hit),
     ) {
@@ -59,7 +47,7 @@ impl<G: Goal, O: Others> Batch<'_, G, O> {
             // SAFETY: an `Avx2` exists only where the processor has the features.
             Kernel::Avx2(tests) => unsafe { self.fly_avx2(tests, count, asked, &mut scratch.flight, answer) },
             // SAFETY: an `Avx512` exists only where the processor has the features.
-            Kernel::Avx512(tests) if coherence == Coherence::Coherent => unsafe {
+            Kernel::Avx512(tests) if way == Way::Bundles => unsafe {
                 self.walk(tests, count, asked, scratch, answer);
             },
             // SAFETY: as above.

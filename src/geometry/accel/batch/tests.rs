@@ -6,12 +6,11 @@ use glam::{Affine3A, Quat, Vec3};
 
 use super::super::tests::{closed_sphere, kernels, point, random_ray, soup};
 use super::super::{Accel, Hit};
-use super::{Coherence, Scratch};
+use super::{Scratch, Way};
 use crate::base::random::Random;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::{Ray, Shape};
 
-const COHERENCE: [Coherence; 2] = [Coherence::Coherent, Coherence::Incoherent];
 /// Sizes of batches, around and far from those of groups of rays.
 const SIZES: [usize; 9] = [0, 1, 15, 16, 17, 31, 33, 1000, 5000];
 
@@ -82,14 +81,14 @@ fn compare(accel: &Accel, rays: &[(Ray, f32)], scratch: &mut Scratch) -> [usize;
     let alone: Vec<Ray> = rays.iter().map(|(ray, _)| *ray).collect();
     let single: Vec<Option<Hit>> = alone.iter().map(|ray| accel.intersect(ray)).collect();
     let hidden: Vec<bool> = rays.iter().map(|(ray, t_max)| accel.occluded(ray, *t_max)).collect();
-    for coherence in COHERENCE {
+    for way in Way::ALL {
         // Values that no query answers.
         let mut hits = vec![Some(Hit { shape: 1 << 20, ..Hit::NONE }); rays.len()];
-        accel.intersect_all(&alone, coherence, scratch, &mut hits);
+        accel.intersect_all(&alone, way, scratch, &mut hits);
         let mut occluded: Vec<bool> = hidden.iter().map(|hidden| !hidden).collect();
-        accel.occluded_all(rays, coherence, scratch, &mut occluded);
+        accel.occluded_all(rays, way, scratch, &mut occluded);
         for (i, ray) in rays.iter().enumerate() {
-            let context = format!("ray {i} of {}: {ray:?}, {coherence:?}, {:?}", rays.len(), accel.hierarchy.kernel);
+            let context = format!("ray {i} of {}: {ray:?}, {way:?}, {:?}", rays.len(), accel.hierarchy.kernel);
             assert_eq!(hits[i].as_ref().map(bits), single[i].as_ref().map(bits), "{context}");
             assert_eq!(occluded[i], hidden[i], "{context}");
         }
