@@ -238,28 +238,40 @@ impl PathTracer<'_> {
             survival: 1.0,
             previous: path.last,
         };
-        let mut goes_on = false;
-        if path.depth < self.settings.max_depth {
-            let mixture = Mixture::<E>::new(arrival.surface, arrival.scattering, -path.ray.direction, arrival.guide);
-            let worth = self.worth::<E>(path, &arrival);
-            if let Some(connection) = self.connect(path, &arrival, &mixture, worth.light) {
-                shadows.push(connection, vertices.next());
-            }
-            if let Some(sample) = mixture.sample(&path.random, Transport::Radiance) {
-                vertex.weight = sample.weight;
-                vertex.survival = self.survival::<E>(path, &mixture, &sample, &worth);
-                let survives =
-                    vertex.survival >= 1.0 || path.random.at(Dimension::ROULETTE).next_f32() < vertex.survival;
-                details.step = (survives || !sample.delta).then_some(Step { sample, survival: vertex.survival });
-                goes_on = survives && path.throughput != Vec3::ZERO;
-                if goes_on {
-                    self.scatter::<E>(path, &arrival, &sample, vertex.survival, worth.light);
-                }
-            } else {
-                details.absorbed = !arrival.smooth;
-            }
+        path.last = vertices.next();
+        let goes_on =
+            path.depth < self.settings.max_depth && self.go_on::<E>(path, &arrival, &mut vertex, &mut details, shadows);
+        vertices.push::<E, RECORDS>(vertex, arrival.passed, details);
+        goes_on
+    }
+
+    /// Connects a path at its last vertex to a light and chooses its next direction; returns whether it goes on.
+    #[inline(always)]
+    fn go_on<E: Effects>(
+        &self,
+        path: &mut PathState,
+        arrival: &Arrival,
+        vertex: &mut Vertex,
+        details: &mut Details,
+        shadows: &mut Shadows,
+    ) -> bool {
+        let mixture = Mixture::<E>::new(arrival.surface, arrival.scattering, -path.ray.direction, arrival.guide);
+        let worth = self.worth::<E>(path, arrival);
+        if let Some(connection) = self.connect(path, arrival, &mixture, worth.light) {
+            shadows.push(connection, path.last);
         }
-        path.last = vertices.push::<E, RECORDS>(vertex, arrival.passed, details);
+        let Some(sample) = mixture.sample(&path.random, Transport::Radiance) else {
+            details.absorbed = !arrival.smooth;
+            return false;
+        };
+        vertex.weight = sample.weight;
+        vertex.survival = self.survival::<E>(path, &mixture, &sample, &worth);
+        let survives = vertex.survival >= 1.0 || path.random.at(Dimension::ROULETTE).next_f32() < vertex.survival;
+        details.step = (survives || !sample.delta).then_some(Step { sample, survival: vertex.survival });
+        let goes_on = survives && path.throughput != Vec3::ZERO;
+        if goes_on {
+            self.scatter::<E>(path, arrival, &sample, vertex.survival, worth.light);
+        }
         goes_on
     }
 

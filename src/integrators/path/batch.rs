@@ -48,10 +48,9 @@ impl Vertices {
         self.all.len() as u32
     }
 
-    /// Adds a vertex and returns its index.
+    /// Adds a vertex.
     #[inline(always)]
-    pub fn push<E: Effects, const RECORDS: bool>(&mut self, vertex: Vertex, passed: Vec3, details: Details) -> u32 {
-        let index = self.next();
+    pub fn push<E: Effects, const RECORDS: bool>(&mut self, vertex: Vertex, passed: Vec3, details: Details) {
         self.all.push(vertex);
         if E::MEDIA {
             self.passed.push(passed);
@@ -59,7 +58,6 @@ impl Vertices {
         if RECORDS {
             self.details.push(details);
         }
-        index
     }
 
     fn clear(&mut self) {
