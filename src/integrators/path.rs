@@ -257,8 +257,8 @@ impl PathTracer<'_> {
     ) -> bool {
         let mixture = Mixture::<E>::new(arrival.surface, arrival.scattering, -path.ray.direction, arrival.guide);
         let worth = self.worth::<E>(path, arrival);
-        if let Some(connection) = self.connect(path, arrival, &mixture, worth.light) {
-            shadows.push(connection, path.last);
+        if let Some((ray, connection)) = self.connect(path, arrival, &mixture, worth.light) {
+            shadows.push(path.last, ray, connection);
         }
         let Some(sample) = mixture.sample(&path.random, Transport::Radiance) else {
             details.absorbed = !arrival.smooth;
@@ -391,7 +391,8 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Light sampling, tried with `probability`: the connection to one sampled light; none where it would bring nothing.
+    /// Light sampling, tried with `probability`: the connection to one sampled light, and the shadow ray with its length; none where it
+    /// would bring nothing.
     #[inline(always)]
     fn connect<E: Effects>(
         &self,
@@ -399,7 +400,7 @@ impl PathTracer<'_> {
         at: &Arrival,
         mixture: &Mixture<E>,
         probability: f32,
-    ) -> Option<Connection> {
+    ) -> Option<((Ray, f32), Connection)> {
         let (surface, random) = (at.surface, &path.random);
         if probability <= 0.0 {
             return None;
@@ -419,15 +420,8 @@ impl PathTracer<'_> {
         let pdf = light.pdf * probability;
         let (onward, bsdf_share) = if light.delta { (0.0, 1.0) } else { mixture.pdf(light.wi) };
         let weight = if light.delta { 1.0 } else { mis::balance(pdf, onward) };
-        Some(Connection {
-            ray,
-            length,
-            medium,
-            value: value * light.radiance,
-            factor: weight / pdf,
-            bsdf_share,
-            ratio: pdf / onward,
-        })
+        let value = value * light.radiance;
+        Some(((ray, length), Connection { medium, value, factor: weight / pdf, bsdf_share, ratio: pdf / onward }))
     }
 }
 

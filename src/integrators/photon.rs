@@ -6,7 +6,7 @@ use super::mixture::{Mixture, Scattering};
 use super::path::RayCount;
 use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
 use crate::base::random::{Dimension, Random};
-use crate::geometry::{Hit, Kind, Ray, Scratch, Surface};
+use crate::geometry::{Hit, Ray, RayKind, Scratch, Surface};
 use crate::guiding::learn::emission::{EmissionGuide, Start};
 use crate::guiding::record::PhotonRecord;
 use crate::lights::Emission;
@@ -142,7 +142,7 @@ impl PhotonTracer<'_> {
             rays.extend(alive.iter().map(|path| path.ray));
             hits.resize(rays.len(), None);
             let accel = &self.scene.accel;
-            accel.pace.measure(Kind::Photon, rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
+            accel.pace.measure(RayKind::Photon, rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
             count.rays += rays.len() as u64;
             let mut hits = hits.iter();
             alive.retain_mut(|path| {

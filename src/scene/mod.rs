@@ -59,6 +59,10 @@ pub struct Scene {
     has_bumps: bool,
 }
 
+/// Places from a hit whose surface is made to that whose vertices are prefetched, and to that whose vertex indices are.
+const AHEAD: usize = 8;
+const FAR_AHEAD: usize = 16;
+
 /// Holes that a ray may pass through before it is taken to have hit something.
 const MOST_HOLES: usize = 1 << 12;
 
@@ -100,6 +104,20 @@ impl Scene {
     #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<Surface> {
         Some(self.surface(ray, self.accel.intersect(ray)?))
+    }
+
+    /// Brings near what the surfaces a few places after `place` will be made of, or the background that a ray meets there.
+    #[inline(always)]
+    pub fn prefetch(&self, rays: &[Ray], hits: &[Option<Hit>], place: usize) {
+        let shape = |hit: &Hit| &self.shapes[hit.shape as usize];
+        if let Some(Some(hit)) = hits.get(place + FAR_AHEAD) {
+            shape(hit).prefetch_indices(hit.triangle);
+        }
+        match hits.get(place + AHEAD) {
+            Some(Some(hit)) => shape(hit).prefetch_vertices(hit.triangle),
+            Some(None) => self.lights.map().into_iter().for_each(|map| map.prefetch(rays[place + AHEAD].direction)),
+            None => {}
+        }
     }
 
     /// The surface at the hit of a ray.

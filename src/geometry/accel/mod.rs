@@ -29,7 +29,7 @@ use hashbrown::{HashMap, HashSet};
 use obvhs::aabb::Aabb;
 use rayon::prelude::*;
 
-pub use batch::{Kind, Pace, Scratch, Way};
+pub use batch::{Pace, RayKind, Scratch, Way};
 
 use super::Ray;
 use super::mesh::Mesh;

@@ -7,14 +7,11 @@ use super::{CameraPath, Details, Direct, Emission, NO_VERTEX, PathState, PathTra
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
 use crate::base::random::Dimension;
-use crate::geometry::{Hit, Kind, Ray, Scratch};
+use crate::geometry::{Hit, Ray, RayKind, Scratch};
 use crate::guiding::record::PathRecord;
 use crate::materials::medium::MediumId;
 use crate::scene::effects::{Effects, Everything, With};
 
-/// Hits from one whose surface is made to the one whose vertices are prefetched, and to that whose vertex indices are.
-const AHEAD: usize = 8;
-const FAR_AHEAD: usize = 16;
 /// Vertices whose light samples are prefetched together.
 const LIGHTS_AHEAD: usize = 16;
 
@@ -69,11 +66,7 @@ impl Vertices {
 
 /// A vertex and a sampled light, before it is known whether anything is in the way.
 pub(super) struct Connection {
-    /// The shadow ray.
-    pub ray: Ray,
-    /// Its length.
-    pub length: f32,
-    /// The medium that it starts in.
+    /// The medium that the shadow ray starts in.
     pub medium: Option<MediumId>,
     /// f·L.
     pub value: Vec3,
@@ -88,16 +81,18 @@ pub(super) struct Connection {
 /// The connections of one depth.
 #[derive(Default)]
 pub(super) struct Shadows {
+    /// Shadow rays with their lengths.
     rays: Vec<(Ray, f32)>,
+    /// Vertices and what they may receive.
     connections: Vec<(u32, Connection)>,
     occluded: Vec<bool>,
 }
 
 impl Shadows {
-    /// Adds a connection of the vertex with index `vertex`.
+    /// Adds a connection of the vertex with index `vertex`, and its shadow ray with its length.
     #[inline(always)]
-    pub fn push(&mut self, connection: Connection, vertex: u32) {
-        self.rays.push((connection.ray, connection.length));
+    pub fn push(&mut self, vertex: u32, ray: (Ray, f32), connection: Connection) {
+        self.rays.push(ray);
         self.connections.push((vertex, connection));
     }
 
@@ -199,13 +194,13 @@ impl PathTracer<'_> {
             rays.extend(alive.iter().map(|&path| paths[path as usize].ray));
             hits.resize(rays.len(), None);
             let accel = &self.scene.accel;
-            accel.pace.measure(Kind::Path(depth), rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
+            accel.pace.measure(RayKind::Path(depth), rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
             let mut kept = 0;
             for (place, hit) in hits.iter().enumerate() {
                 if place % LIGHTS_AHEAD == 0 {
                     self.prefetch_lights(paths, &alive[place..]);
                 }
-                self.prefetch(rays, hits, place);
+                self.scene.prefetch(rays, hits, place);
                 let path = alive[place];
                 if self.visit::<E, RECORDS>(&mut paths[path as usize], *hit, vertices, shadows) {
                     alive[kept] = path;
@@ -215,22 +210,6 @@ impl PathTracer<'_> {
             alive.truncate(kept);
             count.rays += (rays.len() + shadows.connections.len()) as u64;
             self.resolve::<E, RECORDS>(depth, shadows, queries, vertices);
-        }
-    }
-
-    /// Brings near what surfaces a few hits after `place` will be made of.
-    #[inline(always)]
-    fn prefetch(&self, rays: &[Ray], hits: &[Option<Hit>], place: usize) {
-        let shape = |hit: &Hit| &self.scene.shapes[hit.shape as usize];
-        if let Some(Some(hit)) = hits.get(place + FAR_AHEAD) {
-            shape(hit).prefetch_indices(hit.triangle);
-        }
-        match hits.get(place + AHEAD) {
-            Some(Some(hit)) => shape(hit).prefetch_vertices(hit.triangle),
-            Some(None) => {
-                self.scene.lights.map().into_iter().for_each(|map| map.prefetch(rays[place + AHEAD].direction));
-            }
-            None => {}
         }
     }
 
@@ -266,8 +245,8 @@ impl PathTracer<'_> {
             }
         };
         if self.scene.has_veils::<E>() {
-            for (vertex, connection) in &shadows.connections {
-                let visible = self.scene.transmittance(&connection.ray, connection.length, connection.medium);
+            for ((vertex, connection), (ray, length)) in shadows.connections.iter().zip(&shadows.rays) {
+                let visible = self.scene.transmittance(ray, *length, connection.medium);
                 if visible != Vec3::ZERO {
                     bring(*vertex, connection, visible);
                 }
@@ -276,7 +255,7 @@ impl PathTracer<'_> {
             shadows.occluded.resize(shadows.rays.len(), false);
             let (accel, Shadows { rays, occluded, .. }) = (&self.scene.accel, &mut *shadows);
             let answer = |way| accel.occluded_all(rays, way, queries, occluded);
-            accel.pace.measure(Kind::Shadow(depth), rays.len(), answer);
+            accel.pace.measure(RayKind::Shadow(depth), rays.len(), answer);
             for ((vertex, connection), occluded) in shadows.connections.iter().zip(&shadows.occluded) {
                 if !occluded {
                     bring(*vertex, connection, Vec3::ONE);

@@ -9,7 +9,7 @@ use glam::Vec3;
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
 use crate::base::random::{Dimension, Random};
-use crate::geometry::{Hit, Kind, Ray, Scratch as Queries, Surface};
+use crate::geometry::{Hit, Ray, RayKind, Scratch as Queries, Surface};
 use crate::integrators::path::CameraPath;
 use crate::lights::Light;
 use crate::lights::area::AreaLight;
@@ -154,9 +154,10 @@ impl<'a> Twin<'a> {
             rays.extend(alive.iter().map(|&path| paths[path as usize].ray));
             let accel = &self.scene.accel;
             hits.resize(rays.len(), None);
-            accel.pace.measure(Kind::Path(depth), rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
+            accel.pace.measure(RayKind::Path(depth), rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
             let mut kept = 0;
             for (place, hit) in hits.iter().enumerate() {
+                self.scene.prefetch(rays, hits, place);
                 let path = alive[place];
                 if self.visit(&mut paths[path as usize], *hit, vertices, shadows, connections) {
                     alive[kept] = path;
@@ -166,7 +167,7 @@ impl<'a> Twin<'a> {
             alive.truncate(kept);
             occluded.resize(shadows.len(), false);
             let answer = |way| accel.occluded_all(shadows, way, queries, occluded);
-            accel.pace.measure(Kind::Shadow(depth), shadows.len(), answer);
+            accel.pace.measure(RayKind::Shadow(depth), shadows.len(), answer);
             for (connection, occluded) in connections.iter().zip(&*occluded) {
                 if !occluded {
                     vertices[connection.vertex as usize].direct = connection.value;

@@ -6,8 +6,8 @@ use super::super::query::Query;
 use super::super::traverse::{Hierarchy, Others};
 use super::flight::{Flight, SLOTS, fetch};
 use super::lanes::{Bounds, Lanes, RAYS, farthest, reaching};
-use super::triangles;
-use super::wide::{Found, GROUP, Goal};
+use super::triangles::{self, Found, GROUP};
+use super::wide::Goal;
 use crate::base::processor::Avx512;
 use crate::geometry::Ray;
 

@@ -7,7 +7,8 @@ use super::super::Hit;
 use super::super::node::{Child, Kind, LANES, Node, Packet, WIDTH};
 use super::super::query::Query;
 use super::super::traverse::{Hierarchy, Others, Tests};
-use super::wide::{Found, GROUP, Goal, RayBlock, Wide};
+use super::triangles::{Found, GROUP, RayBlock};
+use super::wide::{Goal, Wide};
 
 /// Rays in flight.
 pub const SLOTS: usize = 32;

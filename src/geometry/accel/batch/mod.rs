@@ -31,7 +31,7 @@ use bundle::Bundle;
 #[cfg(target_arch = "x86_64")]
 use flight::Flight;
 
-pub use pace::{Kind, Pace};
+pub use pace::{Pace, RayKind};
 
 /// Ways to answer a batch. Answers do not depend on it, only the time they take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

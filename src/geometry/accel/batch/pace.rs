@@ -8,7 +8,7 @@ use super::Way;
 
 /// Kinds of rays. Those of a kind lie about as close together from batch to batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum RayKind {
     /// Segment number `.0` of camera paths, from 1 on.
     Path(u32),
     /// From vertex number `.0` of camera paths to lights.
@@ -21,7 +21,7 @@ pub enum Kind {
 const DEPTHS: usize = 4;
 const KINDS: usize = 2 * DEPTHS + 1;
 
-impl Kind {
+impl RayKind {
     fn index(self) -> usize {
         let depth = |depth: u32| (depth.max(1) as usize).min(DEPTHS) - 1;
         match self {
@@ -58,7 +58,7 @@ impl Pace {
     /// Calls `answer` with the way that was the fastest for batches of this kind, or one that has to be tried, and takes its time for
     /// `rays` rays.
     #[inline]
-    pub fn measure(&self, kind: Kind, rays: usize, answer: impl FnOnce(Way)) {
+    pub fn measure(&self, kind: RayKind, rays: usize, answer: impl FnOnce(Way)) {
         let times = &self.kinds[kind.index()];
         if rays < TELLING {
             return answer(times.fastest());
@@ -97,8 +97,8 @@ mod tests {
     #[test]
     fn the_fastest_way_is_taken() {
         let pace = Pace::default();
-        let times = &pace.kinds[Kind::Shadow(9).index()];
-        assert_eq!(Kind::Shadow(4).index(), Kind::Shadow(9).index());
+        let times = &pace.kinds[RayKind::Shadow(9).index()];
+        assert_eq!(RayKind::Shadow(4).index(), RayKind::Shadow(9).index());
         for (way, time) in Way::ALL.into_iter().zip([30.0, 20.0, 10.0]) {
             times.tell(way, time);
         }
@@ -109,14 +109,14 @@ mod tests {
         times.tell(Way::ALL[1], 1e9);
         assert_eq!(times.fastest(), Way::ALL[2]);
         times.tell(Way::ALL[1], 15.0);
-        let tried = |kind: Kind, rays: usize, count: usize| {
+        let tried = |kind: RayKind, rays: usize, count: usize| {
             let mut tried = vec![];
             (0..count).for_each(|_| pace.measure(kind, rays, |way| tried.push(way)));
             tried
         };
-        assert_eq!(tried(Kind::Path(1), 100, 3), Way::ALL, "another kind");
+        assert_eq!(tried(RayKind::Path(1), 100, 3), Way::ALL, "another kind");
         // Batches that are too small to tell do not try.
         let fastest = times.fastest();
-        assert!(tried(Kind::Shadow(9), TELLING - 1, 10).iter().all(|way| *way == fastest));
+        assert!(tried(RayKind::Shadow(9), TELLING - 1, 10).iter().all(|way| *way == fastest));
     }
 }

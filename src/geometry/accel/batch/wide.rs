@@ -4,55 +4,10 @@ use super::super::node::{LANES, Node, Packet, WIDTH};
 use super::super::query::{Query, Slabs};
 use super::super::traverse::{Others, Tests};
 use super::super::{Hit, avx2};
-use super::{triangles, vectors};
+use super::triangles::{self, Found, GROUP, RayBlock};
+use super::vectors;
 use crate::base::processor::{Avx2, Avx512};
 use crate::geometry::triangle::Shear;
-
-/// Packets that are tested at a time, each against its own ray.
-pub const GROUP: usize = 4;
-
-/// Constants of a ray's tests against triangles, as [`triangles`] loads them.
-#[derive(Debug, Clone, Copy)]
-#[repr(C, align(32))]
-pub struct RayBlock {
-    /// The origin and the shear by permuted axis, the maximum distance, and nothing.
-    pub values: [f32; 8],
-    /// The permuted axes.
-    pub axes: [u8; 3],
-}
-
-impl RayBlock {
-    /// Index of the maximum distance.
-    pub const T_MAX: usize = 6;
-
-    #[inline(always)]
-    pub fn new(shear: &Shear, t_max: f32) -> Self {
-        let [kx, ky, kz] = shear.axes;
-        let [o, s] = [shear.origin, shear.shear];
-        Self { values: [o[kx], o[ky], o[kz], s.x, s.y, s.z, t_max, 0.0], axes: [kx as u8, ky as u8, kz as u8] }
-    }
-}
-
-/// Result of testing a group of packets: lane `LANES · i + j` is for triangle j of packet i.
-pub struct Found {
-    /// Lanes whose triangle the ray meets, one bit each.
-    pub mask: u32,
-    /// Lanes with an edge function of zero, to be tested in double precision.
-    pub on_edge: u32,
-    pub distances: [f32; GROUP * LANES],
-    pub b1: [f32; GROUP * LANES],
-    pub b2: [f32; GROUP * LANES],
-}
-
-impl Found {
-    pub const NOTHING: Self = Self {
-        mask: 0,
-        on_edge: 0,
-        distances: [0.0; GROUP * LANES],
-        b1: [0.0; GROUP * LANES],
-        b2: [0.0; GROUP * LANES],
-    };
-}
 
 /// The steps of many rays in flight; see [`vectors`].
 pub trait Wide: Copy {
