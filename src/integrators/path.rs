@@ -56,7 +56,7 @@ struct PathState {
     depth: u32,
     /// Π f·|cos θ| / p, roulette and media included.
     throughput: Vec3,
-    /// The same as if BSDFs had chosen all directions.
+    /// The same as if BSDFs had chosen all directions; not kept without a guide, where both are the same.
     reflected: Vec3,
     /// Product of the squared indices that radiance was divided by on its way into glass, and will be multiplied by on its way out.
     squeezed: f32,
@@ -325,7 +325,9 @@ impl PathTracer<'_> {
         light_probability: f32,
     ) {
         path.throughput /= survival;
-        path.reflected /= survival;
+        if E::GUIDING {
+            path.reflected /= survival;
+        }
         let light_probability = if sample.delta { 0.0 } else { light_probability };
         path.previous = Some(Previous { point: at.surface.point, pdf: sample.pdf, light_probability });
         if E::MEDIA && at.on_surface {
@@ -348,8 +350,9 @@ impl PathTracer<'_> {
         worth: &Worth,
     ) -> f32 {
         path.throughput *= sample.weight;
-        // Without a guide both are the same.
-        path.reflected = if E::GUIDING { path.reflected * sample.bsdf_weight } else { path.throughput };
+        if E::GUIDING {
+            path.reflected *= sample.bsdf_weight;
+        }
         if E::MATERIALS {
             path.squeezed *= mixture.eta(sample.direction).powi(2);
         }
