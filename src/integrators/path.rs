@@ -257,9 +257,7 @@ impl PathTracer<'_> {
     ) -> bool {
         let mixture = Mixture::<E>::new(arrival.surface, arrival.scattering, -path.ray.direction, arrival.guide);
         let worth = self.worth::<E>(path, arrival);
-        if let Some((ray, connection)) = self.connect(path, arrival, &mixture, worth.light) {
-            shadows.push(path.last, ray, connection);
-        }
+        details.direct = self.connect(path, arrival, &mixture, worth.light, shadows);
         let Some(sample) = mixture.sample(&path.random, Transport::Radiance) else {
             details.absorbed = !arrival.smooth;
             return false;
@@ -394,8 +392,8 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Light sampling, tried with `probability`: the connection to one sampled light, and the shadow ray with its length; none where it
-    /// would bring nothing.
+    /// Light sampling, tried with `probability`: a connection to one sampled light, unless it would bring nothing. Returns what it tells
+    /// of the densities; whether it brings light is known later.
     #[inline(always)]
     fn connect<E: Effects>(
         &self,
@@ -403,28 +401,33 @@ impl PathTracer<'_> {
         at: &Arrival,
         mixture: &Mixture<E>,
         probability: f32,
-    ) -> Option<((Ray, f32), Connection)> {
-        let (surface, random) = (at.surface, &path.random);
+        shadows: &mut Shadows,
+    ) -> Direct {
+        let (nothing, surface, random) = (Direct::default(), at.surface, &path.random);
         if probability <= 0.0 {
-            return None;
+            return nothing;
         }
         if E::GUIDING && probability < 1.0 && random.at(Dimension::CONNECTION).next_f32() >= probability {
-            return None;
+            return nothing;
         }
         let lights = &self.scene.lights;
         let (choice, u) = (lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
-        let light = lights.sample(surface.point, choice, u)?;
+        let Some(light) = lights.sample(surface.point, choice, u) else { return nothing };
         let value = mixture.eval(light.wi);
         if value == Vec3::ZERO {
-            return None;
+            return nothing;
         }
-        let (ray, length) = surface.towards(light.wi, light.distance);
-        let medium = if E::MEDIA { self.scene.medium_beyond(surface, ray.direction, path.medium) } else { None };
+        let shadow = surface.towards(light.wi, light.distance);
+        if E::MEDIA {
+            shadows.media.push(self.scene.medium_beyond(surface, shadow.0.direction, path.medium));
+        }
         let pdf = light.pdf * probability;
         let (onward, bsdf_share) = if light.delta { (0.0, 1.0) } else { mixture.pdf(light.wi) };
         let weight = if light.delta { 1.0 } else { mis::balance(pdf, onward) };
-        let value = value * light.radiance;
-        Some(((ray, length), Connection { medium, value, factor: weight / pdf, bsdf_share, ratio: pdf / onward }))
+        shadows.rays.push(shadow);
+        let (vertex, value) = (path.last, value * light.radiance);
+        shadows.connections.push(Connection { vertex, value, factor: weight / pdf });
+        Direct { value: Vec3::ZERO, bsdf_share, ratio: pdf / onward }
     }
 }
 

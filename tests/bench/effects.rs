@@ -46,6 +46,7 @@ use glam::Vec3;
 
 use base::random::{Dimension, Random};
 use film::PixelFilter;
+use geometry::{Pace, Way};
 use guiding::target::{DirectLight, Target};
 use integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
 use integrators::{Roulette, TransportSettings};
@@ -91,7 +92,10 @@ fn main() -> ExitCode {
     let mut sound = true;
     for path in scenes {
         let scene = match load(path).and_then(|loaded| Scene::build(&loaded, [SIZE; 2])) {
-            Ok(scene) => scene,
+            Ok(mut scene) => {
+                scene.accel.pace = Pace::only(Way::InFlight);
+                scene
+            }
             Err(error) => {
                 println!("{error}");
                 return ExitCode::FAILURE;

@@ -66,39 +66,31 @@ impl Vertices {
 
 /// A vertex and a sampled light, before it is known whether anything is in the way.
 pub(super) struct Connection {
-    /// The medium that the shadow ray starts in.
-    pub medium: Option<MediumId>,
+    /// Index of the vertex.
+    pub vertex: u32,
     /// f·L.
     pub value: Vec3,
     /// MIS weight over the density of light sampling.
     pub factor: f32,
-    /// See [`Direct::bsdf_share`].
-    pub bsdf_share: f32,
-    /// See [`Direct::ratio`].
-    pub ratio: f32,
 }
 
 /// The connections of one depth.
 #[derive(Default)]
 pub(super) struct Shadows {
     /// Shadow rays with their lengths.
-    rays: Vec<(Ray, f32)>,
-    /// Vertices and what they may receive.
-    connections: Vec<(u32, Connection)>,
+    pub rays: Vec<(Ray, f32)>,
+    /// What each brings, and to which vertex.
+    pub connections: Vec<Connection>,
+    /// Media that the rays start in; empty where there are no media.
+    pub media: Vec<Option<MediumId>>,
     occluded: Vec<bool>,
 }
 
 impl Shadows {
-    /// Adds a connection of the vertex with index `vertex`, and its shadow ray with its length.
-    #[inline(always)]
-    pub fn push(&mut self, vertex: u32, ray: (Ray, f32), connection: Connection) {
-        self.rays.push(ray);
-        self.connections.push((vertex, connection));
-    }
-
     fn clear(&mut self) {
         self.rays.clear();
         self.connections.clear();
+        self.media.clear();
     }
 }
 
@@ -236,30 +228,30 @@ impl PathTracer<'_> {
         queries: &mut Scratch,
         vertices: &mut Vertices,
     ) {
-        let mut bring = |vertex: u32, connection: &Connection, visible: Vec3| {
-            let value = connection.value * visible * connection.factor;
-            vertices.all[vertex as usize].direct = value;
+        let Shadows { rays, connections, media, occluded } = shadows;
+        let mut bring = |connection: &Connection, visible: Vec3| {
+            let (vertex, value) = (connection.vertex as usize, connection.value * visible * connection.factor);
+            let seen = visible != Vec3::ZERO;
+            if seen {
+                vertices.all[vertex].direct = value;
+            }
             if RECORDS {
-                let Connection { bsdf_share, ratio, .. } = *connection;
-                vertices.details[vertex as usize].direct = Direct { value, bsdf_share, ratio };
+                let direct = &mut vertices.details[vertex].direct;
+                *direct = if seen { Direct { value, ..*direct } } else { Direct::default() };
             }
         };
         if self.scene.has_veils::<E>() {
-            for ((vertex, connection), (ray, length)) in shadows.connections.iter().zip(&shadows.rays) {
-                let visible = self.scene.transmittance(ray, *length, connection.medium);
-                if visible != Vec3::ZERO {
-                    bring(*vertex, connection, visible);
-                }
+            for (i, (connection, (ray, length))) in connections.iter().zip(&*rays).enumerate() {
+                let medium = media.get(i).copied().flatten();
+                bring(connection, self.scene.transmittance(ray, *length, medium));
             }
         } else {
-            shadows.occluded.resize(shadows.rays.len(), false);
-            let (accel, Shadows { rays, occluded, .. }) = (&self.scene.accel, &mut *shadows);
+            occluded.resize(rays.len(), false);
+            let accel = &self.scene.accel;
             let answer = |way| accel.occluded_all(rays, way, queries, occluded);
             accel.pace.measure(RayKind::Shadow(depth), rays.len(), answer);
-            for ((vertex, connection), occluded) in shadows.connections.iter().zip(&shadows.occluded) {
-                if !occluded {
-                    bring(*vertex, connection, Vec3::ONE);
-                }
+            for (connection, occluded) in connections.iter().zip(&*occluded) {
+                bring(connection, if *occluded { Vec3::ZERO } else { Vec3::ONE });
             }
         }
         shadows.clear();
