@@ -1,8 +1,9 @@
-//! Small geometric mathematics: frames, the cylindrical map of directions, error-bounded ray origins, special functions; the sRGB curve.
+//! Small geometric mathematics: frames, the cylindrical map of directions, error-bounded ray origins, special functions, lanes; the sRGB curve.
 
 pub mod cylindrical;
 pub mod error_bound;
 pub mod frame;
+pub mod lanes;
 pub mod special;
 pub mod srgb;
 

@@ -3,7 +3,7 @@
 
 Development only: needs `pip install mitsuba numpy` (for llvm_ad_rgb also LLVM's shared library) and a release build of fanal.
 
-    python3 tests/bench/peer.py SCENE_FOLDER... [--rounds 5] [--seconds 30] [--seeds 2] [--variants scalar_rgb,llvm_ad_rgb]
+    python3 tests/bench/peer.py SCENE_FOLDER... [--rounds 5] [--seconds 30] [--seeds 2] [--variants scalar_rgb,llvm_ad_rgb] [--fanal PATH]
 
 Each folder holds a scene.xml and, for errors, a reference.exr with the scene's own filter. Two tables are printed:
 
@@ -140,7 +140,9 @@ def main():
     parser.add_argument("--seconds", type=float, default=30, help="CPU seconds for errors; 0 leaves them out")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--variants", default="scalar_rgb,llvm_ad_rgb")
+    parser.add_argument("--fanal", type=pathlib.Path, default=FANAL, help="the build to measure")
     options = parser.parse_args()
+    globals()["FANAL"] = options.fanal
     variants = [variant for variant in options.variants.split(",") if variant]
     ratios = {variant: [] for variant in variants}
     with tempfile.TemporaryDirectory() as folder:

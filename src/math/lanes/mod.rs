@@ -1,0 +1,181 @@
+//! Sixteen numbers at once, or one: formulas are written once, over [`Real`], and run in the lanes of AVX-512 or AVX2, in arrays, or
+//! with plain `f32`, which is the scalar renderer.
+//!
+//! All give the same bits. Sums, products, quotients and square roots are rounded as IEEE 754 says and never fused; everything else,
+//! sines and exponentials too ([`functions`]), is made of these. A branch becomes a choice between values that are both computed, so
+//! what is not chosen may be infinite or NaN.
+//!
+//! Values of wide types come from a token of [`Wide`], which proves that the processor has the instructions, or from other values.
+
+mod array;
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code, reason = "intrinsics; each value proves that the processor has them")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code, reason = "intrinsics; each value proves that the processor has them")]
+mod avx512;
+pub mod functions;
+mod one;
+#[cfg(test)]
+mod tests;
+mod vector;
+
+use std::fmt::Debug;
+use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
+
+pub use array::Arrays;
+pub use vector::V3;
+
+/// Lanes of the wide types.
+pub const LANES: usize = 16;
+
+/// Numbers in single precision, one per lane.
+pub trait Real:
+    Copy + Debug + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+{
+    /// Answers to a comparison.
+    type Mask: Mask<Real = Self>;
+    /// The numbers' bits, and whole numbers.
+    type Bits: Bits<Real = Self, Mask = Self::Mask>;
+
+    /// The same number in every lane.
+    fn all(self, number: f32) -> Self;
+    /// Square root; NaN below 0.
+    fn sqrt(self) -> Self;
+    /// The largest whole number that is not larger.
+    fn floor(self) -> Self;
+    /// The nearest whole number, the even one of two, as an integer. Numbers must be below 2³¹ in magnitude.
+    fn nearest(self) -> Self::Bits;
+    /// The whole part, towards 0, as an integer. Numbers must be below 2³¹ in magnitude.
+    fn whole(self) -> Self::Bits;
+    /// The bits of each number.
+    fn bits(self) -> Self::Bits;
+    /// self < other; false for NaN.
+    fn lt(self, other: Self) -> Self::Mask;
+    /// self ≤ other; false for NaN.
+    fn le(self, other: Self) -> Self::Mask;
+    /// self = other; false for NaN, true for zeros of either sign.
+    fn same(self, other: Self) -> Self::Mask;
+    /// The lesser; `other` where one is NaN or both are equal.
+    fn min(self, other: Self) -> Self;
+    /// The greater; `other` where one is NaN or both are equal.
+    fn max(self, other: Self) -> Self;
+
+    /// self > other; false for NaN.
+    #[inline(always)]
+    fn gt(self, other: Self) -> Self::Mask {
+        other.lt(self)
+    }
+
+    /// self ≥ other; false for NaN.
+    #[inline(always)]
+    fn ge(self, other: Self) -> Self::Mask {
+        other.le(self)
+    }
+
+    /// The number without its sign.
+    #[inline(always)]
+    fn abs(self) -> Self {
+        let bits = self.bits();
+        (bits & bits.all(i32::MAX)).real_bits()
+    }
+
+    /// The magnitude with the sign of another number.
+    #[inline(always)]
+    fn with_sign(self, of: Self) -> Self {
+        let (magnitude, sign) = (self.bits(), of.bits());
+        (magnitude & magnitude.all(i32::MAX) | sign & sign.all(i32::MIN)).real_bits()
+    }
+
+    /// The number between the bounds; the lower one for NaN.
+    #[inline(always)]
+    fn between(self, low: f32, high: f32) -> Self {
+        self.max(self.all(low)).min(self.all(high))
+    }
+
+    /// Neither infinite nor NaN.
+    #[inline(always)]
+    fn finite(self) -> Self::Mask {
+        self.abs().lt(self.all(f32::INFINITY))
+    }
+
+    /// The square.
+    #[inline(always)]
+    fn squared(self) -> Self {
+        self * self
+    }
+
+    /// 1 / self.
+    #[inline(always)]
+    fn inverse(self) -> Self {
+        self.all(1.0) / self
+    }
+}
+
+/// Signed 32-bit integers, one per lane; sums must not overflow.
+pub trait Bits:
+    Copy
+    + Debug
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + BitAnd<Output = Self>
+    + BitOr<Output = Self>
+    + BitXor<Output = Self>
+{
+    /// Numbers with these bits.
+    type Real;
+    /// Answers to a comparison.
+    type Mask;
+
+    /// The same integer in every lane.
+    fn all(self, integer: i32) -> Self;
+    /// Shifted left, zeros behind.
+    fn left<const BY: u32>(self) -> Self;
+    /// Shifted right, copies of the sign before.
+    fn right<const BY: u32>(self) -> Self;
+    /// self = other.
+    fn same(self, other: Self) -> Self::Mask;
+    /// The nearest number.
+    fn real(self) -> Self::Real;
+    /// The number of these bits.
+    fn real_bits(self) -> Self::Real;
+}
+
+/// Yes or no, one per lane.
+pub trait Mask: Copy + Debug + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
+    /// What is chosen between.
+    type Real;
+
+    /// The first where yes, the second where no.
+    fn choose(self, yes: Self::Real, no: Self::Real) -> Self::Real;
+    /// Whether any lane says yes.
+    fn any(self) -> bool;
+    /// The answers, lane 0 in the lowest bit.
+    fn answers(self) -> u32;
+}
+
+/// What makes values of a wide type: proof of an instruction set.
+pub trait Wide: Copy + Send + Sync {
+    /// Numbers in [`LANES`] lanes.
+    type Real: Real;
+
+    /// Lane by lane.
+    fn load(self, numbers: &[f32; LANES]) -> Self::Real;
+    /// Lane by lane.
+    fn store(self, numbers: Self::Real) -> [f32; LANES];
+    /// Integers lane by lane.
+    fn load_bits(self, integers: &[i32; LANES]) -> <Self::Real as Real>::Bits;
+    /// Integers lane by lane.
+    fn store_bits(self, integers: <Self::Real as Real>::Bits) -> [i32; LANES];
+    /// Runs a kernel, compiled for the instruction set.
+    fn run<K: Kernel>(self, kernel: K) -> K::Output;
+}
+
+/// Code for any wide type.
+pub trait Kernel {
+    /// What it returns.
+    type Output;
+    /// Its code. Marked `#[inline(always)]`, like all that it calls with wide values: what is not inlined is compiled for the oldest
+    /// processor.
+    fn run<W: Wide>(self, wide: W) -> Self::Output;
+}

@@ -1,0 +1,117 @@
+//! One lane: plain numbers.
+
+use super::{Bits, Mask, Real};
+
+impl Real for f32 {
+    type Mask = bool;
+    type Bits = i32;
+
+    #[inline(always)]
+    fn all(self, number: f32) -> Self {
+        number
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        f32::sqrt(self)
+    }
+
+    #[inline(always)]
+    fn floor(self) -> Self {
+        f32::floor(self)
+    }
+
+    #[inline(always)]
+    fn nearest(self) -> i32 {
+        self.round_ties_even() as i32
+    }
+
+    #[inline(always)]
+    fn whole(self) -> i32 {
+        self as i32
+    }
+
+    #[inline(always)]
+    fn bits(self) -> i32 {
+        self.to_bits().cast_signed()
+    }
+
+    #[inline(always)]
+    fn lt(self, other: Self) -> bool {
+        self < other
+    }
+
+    #[inline(always)]
+    fn le(self, other: Self) -> bool {
+        self <= other
+    }
+
+    #[inline(always)]
+    fn same(self, other: Self) -> bool {
+        self == other
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        if self < other { self } else { other }
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        if self > other { self } else { other }
+    }
+}
+
+impl Bits for i32 {
+    type Real = f32;
+    type Mask = bool;
+
+    #[inline(always)]
+    fn all(self, integer: i32) -> Self {
+        integer
+    }
+
+    #[inline(always)]
+    fn left<const BY: u32>(self) -> Self {
+        self << BY
+    }
+
+    #[inline(always)]
+    fn right<const BY: u32>(self) -> Self {
+        self >> BY
+    }
+
+    #[inline(always)]
+    fn same(self, other: Self) -> bool {
+        self == other
+    }
+
+    #[inline(always)]
+    fn real(self) -> f32 {
+        self as f32
+    }
+
+    #[inline(always)]
+    fn real_bits(self) -> f32 {
+        f32::from_bits(self.cast_unsigned())
+    }
+}
+
+impl Mask for bool {
+    type Real = f32;
+
+    #[inline(always)]
+    fn choose(self, yes: f32, no: f32) -> f32 {
+        if self { yes } else { no }
+    }
+
+    #[inline(always)]
+    fn any(self) -> bool {
+        self
+    }
+
+    #[inline(always)]
+    fn answers(self) -> u32 {
+        u32::from(self)
+    }
+}
