@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::phase::HenyeyGreenstein;
+use crate::math::lanes::functions::{exp, ln};
 
 /// Index of a medium in its scene.
 pub type MediumId = u32;
@@ -51,7 +52,7 @@ impl Medium {
         }
         let share = shares(carried);
         let channel = if choice < share.x { 0 } else { 1 + usize::from(choice >= share.x + share.y) };
-        let distance = -(1.0 - u).ln() / self.extinction[channel];
+        let distance = -ln(1.0 - u) / self.extinction[channel];
         // Without extinction in the channel the quotient is infinite, or NaN for u = 0.
         let collides = distance < limit;
         let length = if collides { distance } else { limit };
@@ -71,7 +72,7 @@ impl Medium {
 /// exp(-σ·d) per channel; 1 where σ is 0, even along an infinite distance.
 fn attenuation(extinction: Vec3, distance: f32) -> Vec3 {
     let depth = extinction * distance;
-    Vec3::select(extinction.cmpeq(Vec3::ZERO), Vec3::ONE, (-depth).exp())
+    Vec3::select(extinction.cmpeq(Vec3::ZERO), Vec3::ONE, (-depth).map(exp))
 }
 
 /// Probability of choosing each channel.

@@ -4,6 +4,7 @@ use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::Vec3;
 
+use crate::math::lanes::functions::{acos, exp, ln, pow, sin_cos};
 use crate::math::special::{erf, erf_inv};
 
 /// Below this roughness a surface is treated as perfectly smooth: its lobe is narrower than single precision resolves.
@@ -36,7 +37,7 @@ impl Microfacets {
         let (cos2, sin2, alpha2) = (h.z * h.z, h.x * h.x + h.y * h.y, self.alpha * self.alpha);
         match self.shape {
             Shape::Beckmann => {
-                let falloff = (-sin2 / (cos2 * alpha2)).exp();
+                let falloff = exp(-sin2 / (cos2 * alpha2));
                 // At grazing angles cos⁴ vanishes too, but later.
                 if falloff > 0.0 { FRAC_1_PI * falloff / (alpha2 * cos2 * cos2) } else { 0.0 }
             }
@@ -71,7 +72,7 @@ impl Microfacets {
         match self.shape {
             Shape::Beckmann => {
                 let a = cos / sine;
-                1.0 / (1.0 + 0.5 * ((-a * a).exp() / (a * PI.sqrt()) - (1.0 - erf(a))).max(0.0))
+                1.0 / (1.0 + 0.5 * (exp(-a * a) / (a * PI.sqrt()) - (1.0 - erf(a))).max(0.0))
             }
             Shape::Ggx => 2.0 * cos / (cos + (cos * cos + sine * sine).sqrt()),
         }
@@ -111,10 +112,10 @@ impl Microfacets {
         let length2 = w.x * w.x + w.y * w.y;
         let t1 = if length2 > 0.0 { Vec3::new(-w.y, w.x, 0.0) / length2.sqrt() } else { Vec3::X };
         let t2 = w.cross(t1);
-        let (r, phi) = (u.sqrt(), TAU * v);
-        let p1 = r * phi.cos();
+        let (r, (sin, cos)) = (u.sqrt(), sin_cos(TAU * v));
+        let p1 = r * cos;
         let s = 0.5 * (1.0 + w.z);
-        let p2 = (1.0 - s) * (1.0 - p1 * p1).max(0.0).sqrt() + s * r * phi.sin();
+        let p2 = (1.0 - s) * (1.0 - p1 * p1).max(0.0).sqrt() + s * r * sin;
         let n = t1 * p1 + t2 * p2 + w * (1.0 - p1 * p1 - p2 * p2).max(0.0).sqrt();
         Vec3::new(self.alpha * n.x, self.alpha * n.y, n.z.max(1e-6)).normalize()
     }
@@ -124,24 +125,24 @@ impl Microfacets {
 /// inverted by Newton iterations kept inside a bracket (Heitz and d'Eon 2014, supplement; the start is Jakob's 2014 fit).
 fn beckmann_slopes(cos: f32, [u, v]: [f32; 2]) -> [f32; 2] {
     if cos > 0.999_9 {
-        let r = (-(1.0 - u).ln()).sqrt();
-        return [r * (TAU * v).cos(), r * (TAU * v).sin()];
+        let (r, (sin, cos)) = ((-ln(1.0 - u)).sqrt(), sin_cos(TAU * v));
+        return [r * cos, r * sin];
     }
     let tan = (1.0 - cos * cos).max(0.0).sqrt() / cos.max(1e-6);
     let cot = 1.0 / tan;
     let inverse_sqrt_pi = 1.0 / PI.sqrt();
     let u = u.max(1e-6);
     let (mut low, mut high) = (-1.0f32, erf(cot));
-    let theta = cos.acos();
+    let theta = acos(cos);
     let fit = 1.0 + theta * (-0.876 + theta * (0.4265 - 0.0594 * theta));
-    let mut b = high - (1.0 + high) * (1.0 - u).powf(fit);
-    let norm = 1.0 / (1.0 + high + inverse_sqrt_pi * tan * (-cot * cot).exp());
+    let mut b = high - (1.0 + high) * pow(1.0 - u, fit);
+    let norm = 1.0 / (1.0 + high + inverse_sqrt_pi * tan * exp(-cot * cot));
     for _ in 0..10 {
         if !(b >= low && b <= high) {
             b = 0.5 * (low + high);
         }
         let slope = erf_inv(b);
-        let value = norm * (1.0 + b + inverse_sqrt_pi * tan * (-slope * slope).exp()) - u;
+        let value = norm * (1.0 + b + inverse_sqrt_pi * tan * exp(-slope * slope)) - u;
         if value.abs() < 1e-6 {
             break;
         }

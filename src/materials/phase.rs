@@ -7,6 +7,8 @@ use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 
+use crate::math::lanes::functions::sin_cos;
+
 /// Henyey and Greenstein 1941: p(cos θ) = (1 - g²) / (4π (1 + g² - 2 g cos θ)^{3/2}), where θ is the angle by which light is turned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HenyeyGreenstein {
@@ -42,7 +44,7 @@ impl HenyeyGreenstein {
         let top = x + g * (0.5 * (x * x + 3.0) + g * (x + 0.5 * g * (x * x - 1.0)));
         let cos = (top / (1.0 + g * x).powi(2)).clamp(-1.0, 1.0);
         let sin = (1.0 - cos * cos).sqrt() as f32;
-        let (y, x) = (TAU * v).sin_cos();
+        let (y, x) = sin_cos(TAU * v);
         Vec3::new(sin * x, sin * y, -cos as f32)
     }
 }

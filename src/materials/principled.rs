@@ -15,6 +15,7 @@ use super::rough_dielectric::Geometry;
 use super::texture::{Texture, luminance};
 use super::{BsdfSample, Transport};
 use crate::math::channel_mean;
+use crate::math::lanes::functions::{ln, pow, sin_cos};
 use crate::sampling::warp;
 
 /// Parameters of a principled material. Numbers are in [0, 1] unless something else is said.
@@ -327,15 +328,15 @@ fn gtr1(alpha: f32, h: Vec3) -> f32 {
     let a2 = alpha * alpha;
     // 1 − (1 − α²)·cos², written so that it keeps its digits near the normal.
     let spread = (h.x * h.x + h.y * h.y) + a2 * h.z * h.z;
-    if h.z <= 0.0 { 0.0 } else { (a2 - 1.0) / (PI * a2.ln() * spread) }
+    if h.z <= 0.0 { 0.0 } else { (a2 - 1.0) / (PI * ln(a2) * spread) }
 }
 
 /// A facet normal with density D·cos θ.
 fn sample_gtr1(alpha: f32, [u, v]: [f32; 2]) -> Vec3 {
     let a2 = alpha * alpha;
-    let cos2 = ((1.0 - a2.powf(1.0 - u)) / (1.0 - a2)).clamp(0.0, 1.0);
+    let cos2 = ((1.0 - pow(a2, 1.0 - u)) / (1.0 - a2)).clamp(0.0, 1.0);
     let (sin, cos) = ((1.0 - cos2).sqrt(), cos2.sqrt());
-    let (sin_phi, cos_phi) = (TAU * v).sin_cos();
+    let (sin_phi, cos_phi) = sin_cos(TAU * v);
     Vec3::new(sin * cos_phi, sin * sin_phi, cos)
 }
 

@@ -7,6 +7,7 @@ use glam::{Vec2, Vec3};
 use super::BsdfSample;
 use super::diffuse::Diffuse;
 use super::texture::Texture;
+use crate::math::lanes::functions::atan2;
 use crate::sampling::warp;
 
 /// Number of cosines at which albedos are kept, evenly from 0 to 1.
@@ -46,7 +47,7 @@ impl Angles {
         let (sin_wide, sin_narrow) = (low.truncate().length(), high.truncate().length());
         let both = sin_wide * sin_narrow;
         let cos_phi = if both > 0.0 { (a.truncate().dot(b.truncate()) / both).clamp(-1.0, 1.0) } else { 0.0 };
-        let (wide, narrow) = (sin_wide.atan2(low.z), sin_narrow.atan2(high.z));
+        let (wide, narrow) = (atan2(sin_wide, low.z), atan2(sin_narrow, high.z));
         let tan_half = (sin_wide + sin_narrow) / (low.z + high.z);
         Self { wide, narrow, sin_wide, tan_narrow: sin_narrow / high.z, tan_half, cos_phi }
     }

@@ -1,10 +1,12 @@
 //! Special functions that the standard library lacks.
 
+use super::lanes::functions::{exp, ln};
+
 /// Error function, absolute error below 1.5e-7 (Abramowitz and Stegun 1964, 7.1.26).
 pub fn erf(x: f32) -> f32 {
     let t = 1.0 / (1.0 + 0.327_591_1 * x.abs());
     let poly = t * (0.254_829_6 + t * (-0.284_496_72 + t * (1.421_413_8 + t * (-1.453_152_1 + t * 1.061_405_4))));
-    (1.0 - poly * (-x * x).exp()).copysign(x)
+    (1.0 - poly * exp(-x * x)).copysign(x)
 }
 
 /// Inverse error function on (−1, 1), single precision (Giles 2012, "Approximating the erfinv function").
@@ -32,9 +34,9 @@ pub fn erf_inv(x: f32) -> f32 {
         2.832_976_8,
     ];
     let x = x.clamp(-0.999_999_94, 0.999_999_94);
-    let w = -((1.0 - x) * (1.0 + x)).ln();
+    let w = -ln((1.0 - x) * (1.0 + x));
     let (start, coefficients) = if w < 5.0 { (w - 2.5, &CENTRAL) } else { (w.sqrt() - 3.0, &TAIL) };
-    coefficients.iter().fold(0.0, |p: f32, &c| p.mul_add(start, c)) * x
+    coefficients.iter().fold(0.0, |p: f32, &c| p * start + c) * x
 }
 
 #[cfg(test)]

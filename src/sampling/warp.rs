@@ -4,6 +4,8 @@ use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 use glam::{Vec2, Vec3};
 
+use crate::math::lanes::functions::sin_cos;
+
 /// Uniform on the unit disk (Shirley and Chiu 1997, concentric map).
 pub fn square_to_disk([u, v]: [f32; 2]) -> Vec2 {
     let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
@@ -11,7 +13,8 @@ pub fn square_to_disk([u, v]: [f32; 2]) -> Vec2 {
         return Vec2::ZERO;
     }
     let (r, phi) = if a.abs() > b.abs() { (a, FRAC_PI_4 * (b / a)) } else { (b, FRAC_PI_2 - FRAC_PI_4 * (a / b)) };
-    Vec2::new(r * phi.cos(), r * phi.sin())
+    let (sin, cos) = sin_cos(phi);
+    Vec2::new(r * cos, r * sin)
 }
 
 /// Cosine-distributed on the hemisphere around +z.
@@ -29,7 +32,8 @@ pub fn square_to_cosine_hemisphere_pdf(w: Vec3) -> f32 {
 pub fn square_to_sphere([u, v]: [f32; 2]) -> Vec3 {
     let z = 1.0 - 2.0 * u;
     let r = (1.0 - z * z).max(0.0).sqrt();
-    Vec3::new(r * (TAU * v).cos(), r * (TAU * v).sin(), z)
+    let (sin, cos) = sin_cos(TAU * v);
+    Vec3::new(r * cos, r * sin, z)
 }
 
 /// Density of [`square_to_sphere`] w.r.t. solid angle.
@@ -41,7 +45,8 @@ pub fn square_to_sphere_pdf() -> f32 {
 pub fn square_to_cone([u, v]: [f32; 2], m: f32) -> Vec3 {
     let h = u * m;
     let r = (h * (2.0 - h)).max(0.0).sqrt();
-    Vec3::new(r * (TAU * v).cos(), r * (TAU * v).sin(), 1.0 - h)
+    let (sin, cos) = sin_cos(TAU * v);
+    Vec3::new(r * cos, r * sin, 1.0 - h)
 }
 
 /// Density of [`square_to_cone`] w.r.t. solid angle, inside the cone.
