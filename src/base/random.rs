@@ -180,7 +180,82 @@ impl Random {
     }
 }
 
+/// The first numbers that many generators draw for one purpose, those of [`Random::at`], without a branch for each.
+#[derive(Debug, Clone, Copy)]
+pub struct Draws<const N: usize> {
+    /// 64 bits each: a 2D point of a sequence, or independent.
+    bits: [u64; N],
+    in_sequences: bool,
+}
+
+impl<const N: usize> Draws<N> {
+    /// Draws for `dimension` by the generators, which are at the same vertex. Loops over all, which the compiler turns into vectors.
+    #[inline(always)]
+    pub fn new(of: &[&Random; N], dimension: Dimension) -> Self {
+        let mut bits = [0; N];
+        let in_sequences = of[0].sequence.is_some();
+        let number = of[0].vertex * PER_VERTEX + dimension.0;
+        if in_sequences {
+            let (mut seeds, mut indices) = ([0; N], [0; N]);
+            for (lane, random) in of.iter().enumerate() {
+                let sequence = random.sequence.as_ref();
+                seeds[lane] = sequence.map_or(0, |sequence| sequence.key);
+                indices[lane] = sequence.map_or(0, |sequence| sequence.index);
+            }
+            for lane in 0..N {
+                let seed = mix(seeds[lane].wrapping_add(GOLDEN.wrapping_mul(u64::from(number))));
+                let [x, y] = sobol::point(indices[lane], seed);
+                bits[lane] = u64::from(x) << 32 | u64::from(y);
+            }
+        } else {
+            for (lane, random) in of.iter().enumerate() {
+                bits[lane] = random.key;
+            }
+            let skipped = GOLDEN.wrapping_mul((u64::from(number) << APART) + 1);
+            for bits in &mut bits {
+                *bits = mix(bits.wrapping_add(skipped));
+            }
+        }
+        Self { bits, in_sequences }
+    }
+
+    /// As by [`Random::next_2d`].
+    #[inline(always)]
+    pub fn points(&self) -> [[f32; 2]; N] {
+        let mut points = [[0.0; 2]; N];
+        for (point, bits) in points.iter_mut().zip(&self.bits) {
+            *point = [unit((bits >> 32) as u32), unit(*bits as u32)];
+        }
+        points
+    }
+
+    /// As by [`Random::next_f32`].
+    #[inline(always)]
+    pub fn numbers(&self) -> [f32; N] {
+        let mut numbers = [0.0; N];
+        for (number, bits) in numbers.iter_mut().zip(&self.bits) {
+            *number = unit((bits >> 32) as u32);
+        }
+        numbers
+    }
+
+    /// As by [`Random::next_f64`].
+    #[inline(always)]
+    pub fn doubles(&self) -> [f64; N] {
+        let mut numbers = [0.0; N];
+        for (number, &bits) in numbers.iter_mut().zip(&self.bits) {
+            *number = if self.in_sequences {
+                (bits >> 32) as f64 * (1.0 / 4_294_967_296.0)
+            } else {
+                (bits >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
+            };
+        }
+        numbers
+    }
+}
+
 /// The upper 24 bits as a number in [0, 1).
+#[inline(always)]
 fn unit(bits: u32) -> f32 {
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
@@ -230,6 +305,29 @@ mod tests {
                     assert_eq!(first, other.at(dimension).next_2d());
                     assert!(drawn.into_iter().all(|u| seen.insert(u)));
                     other.next_u64();
+                }
+            }
+        }
+    }
+
+    /// Many generators at once draw what each draws alone.
+    #[test]
+    fn draws_are_those_of_each() {
+        for sequences in [false, true] {
+            for depth in 1..2 * VERTICES {
+                let generators: [Random; 16] = std::array::from_fn(|lane| {
+                    let random = Random::new(9, lane as u64, 3);
+                    let mut random =
+                        if sequences { random.in_sequences(lane as u64 / 3, 7 + lane as u32) } else { random };
+                    random.begin_vertex(depth);
+                    random
+                });
+                for dimension in (0..PER_VERTEX).map(Dimension) {
+                    let draws = Draws::new(&std::array::from_fn::<_, 16, _>(|lane| &generators[lane]), dimension);
+                    let at = |lane: usize| generators[lane].at(dimension);
+                    assert_eq!(draws.points(), std::array::from_fn(|lane| at(lane).next_2d()));
+                    assert_eq!(draws.numbers(), std::array::from_fn(|lane| at(lane).next_f32()));
+                    assert_eq!(draws.doubles(), std::array::from_fn(|lane| at(lane).next_f64()));
                 }
             }
         }

@@ -1,6 +1,7 @@
 //! Geometry: meshes, spheres and the bounding volume hierarchy over them.
 
 pub mod accel;
+mod corners;
 pub mod mesh;
 pub mod shape;
 pub mod sphere;
@@ -9,7 +10,7 @@ pub mod triangle;
 
 pub use accel::{Accel, Hit, Pace, RayKind, Scratch, Way};
 pub use shape::{Geometry, Shape};
-pub use surface::Surface;
+pub use surface::{Origins, Surface};
 
 use glam::Vec3;
 

@@ -76,6 +76,12 @@ impl Shape {
         Self { geometry, ..self }
     }
 
+    /// 1, or −1 where the front is the side opposite to the stored normals.
+    #[inline(always)]
+    pub fn front(&self) -> f32 {
+        if self.flip_normals { -1.0 } else { 1.0 }
+    }
+
     /// A sphere.
     pub fn sphere(center: Vec3, radius: f32, flip_normals: bool) -> Self {
         Self { geometry: Geometry::Sphere(Sphere { center, radius }), flip_normals, turn: None }

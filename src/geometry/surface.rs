@@ -6,9 +6,12 @@ use glam::{Mat3, Vec2, Vec3};
 
 use super::Ray;
 use super::accel::Hit;
+use super::corners::{self, Corners};
 use super::shape::{Geometry, Shape};
+use super::sphere::Sphere;
 use crate::math::Frame;
-use crate::math::error_bound::{gamma, offset_origin};
+use crate::math::error_bound::{gamma, offset_origins};
+use crate::math::lanes::{LANES, Mask, Real, V3};
 
 /// A point of a surface with its local geometry.
 #[derive(Debug, Clone, Copy)]
@@ -19,8 +22,8 @@ pub struct Surface {
     pub error: Vec3,
     /// Unit geometric normal on the front side.
     pub normal: Vec3,
-    /// Shading frame around the shading normal.
-    pub frame: Frame,
+    /// Unit shading normal.
+    pub shading: Vec3,
     /// The shading normal without bump map.
     pub smooth: Vec3,
     /// Texture coordinates.
@@ -35,49 +38,64 @@ impl Surface {
     /// The surface at `hit` on `shape`.
     #[inline(always)]
     pub fn new(ray: &Ray, hit: &Hit, shape: &Shape) -> Self {
-        let sign = if shape.flip_normals { -1.0 } else { 1.0 };
         match &shape.geometry {
-            Geometry::Mesh { winding, .. } => Self::on_triangle(hit, shape, sign, *winding),
-            Geometry::Sphere(sphere) => {
-                // Projecting back onto the sphere removes the error that grows with the distance of the ray's origin.
-                let outward = (ray.at(hit.distance) - sphere.center).normalize_or(Vec3::Z);
-                let point = sphere.center + outward * sphere.radius;
-                let error = gamma(6) * (sphere.center.abs() + Vec3::splat(sphere.radius));
-                let normal = outward * sign;
-                let uv = super::sphere::Sphere::uv(shape.turn.map_or(outward, |turn| turn * outward));
-                let frame = Frame::new(normal);
-                Self { point, error, normal, frame, smooth: normal, uv, distance: hit.distance, shape: hit.shape }
+            Geometry::Mesh { .. } => Self::on_triangle(hit, shape),
+            Geometry::Sphere(sphere) => Self::on_sphere(ray, hit, shape, sphere),
+        }
+    }
+
+    /// Makes the surfaces at hits of rays, in their places; where there is no hit, nothing changes.
+    #[inline(always)]
+    pub fn all(rays: &[Ray], hits: &[Option<Hit>], shapes: &[Shape], surfaces: &mut [Self]) {
+        for first in (0..hits.len()).step_by(LANES) {
+            let places = first..hits.len().min(first + LANES);
+            let (hits, surfaces) = (&hits[places.clone()], &mut surfaces[places.clone()]);
+            let made = corners::surfaces(hits, shapes, surfaces);
+            for (lane, place) in places.enumerate().filter(|(lane, _)| made >> lane & 1 == 0) {
+                if let Some(hit) = &hits[lane] {
+                    surfaces[lane] = Self::new(&rays[place], hit, &shapes[hit.shape as usize]);
+                }
             }
         }
     }
 
+    fn on_sphere(ray: &Ray, hit: &Hit, shape: &Shape, sphere: &Sphere) -> Self {
+        // Projecting back onto the sphere removes the error that grows with the distance of the ray's origin.
+        let outward = (ray.at(hit.distance) - sphere.center).normalize_or(Vec3::Z);
+        let point = sphere.center + outward * sphere.radius;
+        let error = gamma(6) * (sphere.center.abs() + Vec3::splat(sphere.radius));
+        let normal = outward * shape.front();
+        let uv = Sphere::uv(shape.turn.map_or(outward, |turn| turn * outward));
+        Self { point, error, normal, shading: normal, smooth: normal, uv, distance: hit.distance, shape: hit.shape }
+    }
+
     /// A point inside a medium that was reached after `distance` and sends light towards `out`. There is no surface: the normal
-    /// is zero, so that a ray leaves from the point itself, and +z of the frame is `out`.
+    /// is zero, so that a ray leaves from the point itself, and the shading normal is `out`.
     pub fn in_medium(point: Vec3, distance: f32, out: Vec3) -> Self {
         let (error, normal, uv) = (Vec3::ZERO, Vec3::ZERO, Vec2::ZERO);
-        Self { point, error, normal, smooth: normal, frame: Frame::new(out), uv, distance, shape: u32::MAX }
+        Self { point, error, normal, smooth: normal, shading: out, uv, distance, shape: u32::MAX }
     }
 
     #[inline(always)]
-    fn on_triangle(hit: &Hit, shape: &Shape, sign: f32, winding: f32) -> Self {
-        let [a, b, c] = shape.triangle(hit.triangle);
-        let [b1, b2] = hit.barycentric;
-        let b0 = 1.0 - b1 - b2;
-        let point = a * b0 + b * b1 + c * b2;
-        let error = shape.error((a * b0).abs() + (b * b1).abs() + (c * b2).abs());
-        let normal = winding * sign * (b - a).cross(c - a).normalize_or(Vec3::Z);
-        let [ta, tb, tc] = shape.triangle_uvs(hit.triangle);
-        let shading = shading_normal(shape, hit, [b0, b1, b2]).map_or(normal, |n| n * sign);
+    fn on_triangle(hit: &Hit, shape: &Shape) -> Self {
+        let corners = Corners::<f32>::new(shape, hit.triangle);
+        let at = corners.at(hit.barycentric);
         Self {
-            point,
-            error,
-            normal,
-            frame: Frame::new(shading),
-            smooth: shading,
-            uv: ta * b0 + tb * b1 + tc * b2,
+            point: at.point.into(),
+            error: shape.error(at.magnitudes.into()),
+            normal: at.normal.into(),
+            shading: at.smooth.into(),
+            smooth: at.smooth.into(),
+            uv: Vec2::from_array(at.uv),
             distance: hit.distance,
             shape: hit.shape,
         }
+    }
+
+    /// Shading frame: around the shading normal.
+    #[inline(always)]
+    pub fn frame(&self) -> Frame {
+        Frame::new(self.shading)
     }
 
     /// The shading normal on the side of the unit direction `out`, without bumps, which would spread a surface over all facings of
@@ -86,26 +104,57 @@ impl Surface {
         if self.smooth.dot(out) < 0.0 { -self.smooth } else { self.smooth }
     }
 
+    /// The point as rays leave from it.
+    #[inline(always)]
+    pub fn origin(&self) -> Origins<f32> {
+        Origins { point: self.point.into(), error: self.error.into(), normal: self.normal.into() }
+    }
+
     /// The ray that leaves this point along the unit vector `direction` without hitting the surface again.
     #[inline(always)]
     pub fn leave(&self, direction: Vec3) -> Ray {
-        Ray { origin: offset_origin(self.point, self.error, self.normal, direction), direction }
+        Ray { origin: self.origin().leave(direction.into()).into(), direction }
     }
 
-    /// The ray from this point to the one at `distance` in the unit direction `wi`, and its maximum distance. It is aimed from its
-    /// offset origin, since at grazing angles the offset would otherwise carry it past the end, and stops short of that by the
-    /// rounding of both ends.
+    /// The ray from this point to the one at `distance` in the unit direction `wi`, and its maximum distance; see [`Origins::towards`].
     #[inline(always)]
     pub fn towards(&self, wi: Vec3, distance: f32) -> (Ray, f32) {
-        let ray = self.leave(wi);
-        if distance.is_infinite() {
-            return (ray, distance);
-        }
+        let (origin, direction, length) = self.origin().towards(wi.into(), distance);
+        (Ray { origin: origin.into(), direction: direction.into() }, length)
+    }
+}
+
+/// Points of surfaces from which rays leave, one per lane.
+#[derive(Debug, Clone, Copy)]
+pub struct Origins<R> {
+    /// World position.
+    pub point: V3<R>,
+    /// Bound of the rounding error of each coordinate.
+    pub error: V3<R>,
+    /// Unit geometric normal.
+    pub normal: V3<R>,
+}
+
+impl<R: Real> Origins<R> {
+    /// Where the ray along the unit vector `direction` starts, so that it does not hit the surface again.
+    #[inline(always)]
+    pub fn leave(&self, direction: V3<R>) -> V3<R> {
+        offset_origins(self.point, self.error, self.normal, direction)
+    }
+
+    /// Origin, unit direction and maximum distance of the ray to the point at `distance` in the unit direction `wi`. It is aimed from
+    /// its offset origin, since at grazing angles the offset would otherwise carry it past the end, and stops short of that by the
+    /// rounding of both ends.
+    #[inline(always)]
+    pub fn towards(&self, wi: V3<R>, distance: R) -> (V3<R>, V3<R>, R) {
+        let origin = self.leave(wi);
         let target = self.point + wi * distance;
-        let to = target - ray.origin;
+        let to = target - origin;
         let length = to.length();
-        let rounding = gamma(16) * (self.point.abs() + target.abs()).max_element();
-        (Ray { origin: ray.origin, direction: to / length }, length * (1.0 - gamma(256)) - rounding)
+        let rounding = (self.point.abs() + target.abs()).max_element() * length.all(gamma(16));
+        let infinite = distance.same(distance.all(f32::INFINITY));
+        let end = length * length.all(1.0 - gamma(256)) - rounding;
+        (origin, V3::choose(infinite, wi, to / length), infinite.choose(distance, end))
     }
 }
 
@@ -127,14 +176,4 @@ pub fn partials(surface: &Surface, hit: &Hit, shape: &Shape) -> Option<[Vec3; 2]
     let det = t1.perp_dot(t2);
     let partials = [(p1 * t2.y - p2 * t1.y) / det, (p2 * t1.x - p1 * t2.x) / det];
     partials.iter().all(|partial| partial.is_finite()).then_some(partials)
-}
-
-fn shading_normal(shape: &Shape, hit: &Hit, weights: [f32; 3]) -> Option<Vec3> {
-    let Geometry::Mesh { mesh, normal_to_world, rounding, .. } = &shape.geometry else { return None };
-    if mesh.normals.is_empty() {
-        return None;
-    }
-    let vertices = mesh.triangles[hit.triangle as usize];
-    let sum: Vec3 = vertices.iter().zip(weights).map(|(&v, w)| mesh.normals[v as usize] * w).sum();
-    if rounding.is_none() { sum.try_normalize() } else { (*normal_to_world * sum).try_normalize() }
 }

@@ -1,9 +1,10 @@
-//! Light transport: the path tracer, the photon tracer, and the mixture of BSDF and guide that both draw directions from.
+//! Light transport: the path tracer, the photon tracer, the sites where their paths scatter, and the mixture of BSDF and guide.
 
 pub mod block;
 pub mod mixture;
 pub mod path;
 pub mod photon;
+pub mod site;
 
 /// Settings of light transport that the path tracer and the photon tracer share.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,27 +4,31 @@
 #[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 mod batch;
 mod explain;
+mod shade;
 
 pub use batch::PathScratch;
 pub use explain::{Cause, ExplainedVertex, Explanation, Met, Onward};
 
 use glam::Vec3;
 
-use super::mixture::{Mixture, MixtureSample, Scattering};
+use super::mixture::{MixtureDensity, MixtureSample};
 use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
 use crate::base::random::{Dimension, Random};
-use crate::geometry::{Hit, Ray, Surface};
+use crate::geometry::{Ray, Surface};
 use crate::guiding::record::{PathRecord, Radiance};
-use crate::guiding::sample::field::{GuideField, VoxelGuide};
+use crate::guiding::sample::field::{DirectionGuide, GuideField};
 use crate::guiding::sample::roulette::AdjointRoulette;
 use crate::lights::Light;
-use crate::materials::Transport;
 use crate::materials::medium::MediumId;
+use crate::materials::phase::HenyeyGreenstein;
+use crate::materials::{Material, Variant};
 use crate::math::channel_mean;
 use crate::sampling::mis;
 use crate::scene::Scene;
 use crate::scene::effects::Effects;
-use batch::{Connection, Shadows, Vertices};
+use crate::scene::media::End;
+use batch::{Connection, Shadows, Towards, Vertices};
+use shade::Shaded;
 
 /// Traces camera paths.
 pub struct PathTracer<'a> {
@@ -86,24 +90,30 @@ impl PathState {
     }
 }
 
-/// Where a segment ended.
-struct Arrival<'a> {
-    surface: &'a Surface,
-    scattering: Scattering<'a>,
-    /// Transmittance of the media on the way, over the density of getting here.
-    passed: Vec3,
-    on_surface: bool,
-    /// Emission towards the vertex before.
-    emission: Emission,
-    /// Shading normal on the side that the path arrived at; zero in a medium.
-    normal: Vec3,
+/// A path at a vertex from which it may go on.
+struct Arrival {
+    /// Place of the surface among those that were made with it.
+    place: u32,
+    /// Indices of the path and of the vertex.
+    path: u32,
+    vertex: u32,
+    variant: Variant,
+    /// The phase function of a medium, if it is there that the vertex lies.
+    phase: Option<HenyeyGreenstein>,
+    /// Whether the shading normal is turned by bumps.
+    bumped: bool,
     /// Whether only delta lobes scatter here.
     smooth: bool,
-    guide: Option<&'a VoxelGuide>,
+    /// Whether a light is sampled.
+    connects: bool,
+    worth: Worth,
+    /// Index of the voxel whose guide is sampled; none where the BSDF samples alone.
+    voxel: Option<u32>,
 }
 
 /// Probabilities of light sampling and of going on at a vertex, by the light that is expected there; for the latter none where nothing
 /// is known.
+#[derive(Clone, Copy)]
 struct Worth {
     light: f32,
     onward: Option<f32>,
@@ -146,24 +156,6 @@ struct Details {
     absorbed: bool,
 }
 
-impl Details {
-    /// Of a vertex where the path ends, unless more is said.
-    #[inline(always)]
-    fn new(at: &Arrival, path: &PathState) -> Self {
-        Self {
-            point: at.surface.point,
-            shape: at.surface.shape,
-            distance: at.surface.distance,
-            normal: at.normal,
-            throughput: path.throughput,
-            emission: at.emission,
-            direct: Direct::default(),
-            step: None,
-            absorbed: false,
-        }
-    }
-}
-
 /// Result of light sampling at a vertex.
 #[derive(Clone, Copy, Default)]
 struct Direct {
@@ -200,111 +192,99 @@ pub struct RayCount {
 }
 
 impl PathTracer<'_> {
-    /// Takes a path to its next vertex, at `hit` or behind it, and chooses how it goes on from there. Returns whether it does.
+    /// Takes a path to its next vertex, where it `meets` the `surface`, or behind that; there the surface, or the point of a medium,
+    /// takes its place. `number` and `place` are the indices of path and surface. Returns where it scatters; none where it ends.
     #[inline(always)]
-    fn visit<E: Effects, const RECORDS: bool>(
+    fn arrive<E: Effects, const RECORDS: bool>(
         &self,
+        [number, place]: [u32; 2],
         path: &mut PathState,
-        hit: Option<Hit>,
+        meets: bool,
+        surface: &mut Surface,
         vertices: &mut Vertices,
-        shadows: &mut Shadows,
-    ) -> bool {
+    ) -> Option<Arrival> {
         path.depth += 1;
         path.random.begin_vertex(path.depth);
-        let (surface, scattering, passed);
-        if E::MEDIA || E::MATERIALS {
-            let random = &mut path.random.at(Dimension::SEGMENT);
-            let (end, factor) = self.scene.advance::<E>(&path.ray, hit, &mut path.medium, path.throughput, random);
-            let Some(found) = Scattering::at(self.scene, end) else {
-                path.background = self.background(path).dimmed(factor);
-                return false;
-            };
-            ((surface, scattering), passed) = (found, factor);
-        } else {
-            // On plain scenes the surface goes through no enum and is made where it stays: it is long, and every copy shows.
-            let Some(hit) = hit else {
-                path.background = self.background(path);
-                return false;
-            };
-            surface = Surface::new(&path.ray, &hit, &self.scene.shapes[hit.shape as usize]);
-            (scattering, passed) = (Scattering::Material(self.scene.material(&surface)), Vec3::ONE);
-        }
-        let arrival = self.arrive::<E>(path, &surface, scattering, passed);
-        let mut details = Details::new(&arrival, path);
-        let mut vertex = Vertex {
-            emitted: arrival.emission.weighted(),
-            direct: Vec3::ZERO,
-            weight: Vec3::ZERO,
-            survival: 1.0,
-            previous: path.last,
+        let (carried, random) = (path.throughput, &path.random);
+        let (end, passed) = self.scene.advance::<E>(&path.ray, meets, surface, &mut path.medium, carried, random);
+        let phase = match end {
+            End::Background => {
+                path.background = self.background(path).dimmed(passed);
+                return None;
+            }
+            End::Surface => None,
+            End::Medium(phase) => Some(phase),
         };
-        path.last = vertices.next();
-        let goes_on =
-            path.depth < self.settings.max_depth && self.go_on::<E>(path, &arrival, &mut vertex, &mut details, shadows);
-        vertices.push::<E, RECORDS>(vertex, arrival.passed, details);
-        goes_on
-    }
-
-    /// Connects a path at its last vertex to a light and chooses its next direction; returns whether it goes on.
-    #[inline(always)]
-    fn go_on<E: Effects>(
-        &self,
-        path: &mut PathState,
-        arrival: &Arrival,
-        vertex: &mut Vertex,
-        details: &mut Details,
-        shadows: &mut Shadows,
-    ) -> bool {
-        let mixture = Mixture::<E>::new(arrival.surface, arrival.scattering, -path.ray.direction, arrival.guide);
-        let worth = self.worth::<E>(path, arrival);
-        details.direct = self.connect(path, arrival, &mixture, worth.light, shadows);
-        let Some(sample) = mixture.sample(&path.random, Transport::Radiance) else {
-            details.absorbed = !arrival.smooth;
-            return false;
-        };
-        vertex.weight = sample.weight;
-        vertex.survival = self.survival::<E>(path, &mixture, &sample, &worth);
-        let survives = vertex.survival >= 1.0 || path.random.at(Dimension::ROULETTE).next_f32() < vertex.survival;
-        details.step = (survives || !sample.delta).then_some(Step { sample, survival: vertex.survival });
-        let goes_on = survives && path.throughput != Vec3::ZERO;
-        if goes_on {
-            self.scatter::<E>(path, arrival, &sample, vertex.survival, worth.light);
-        }
-        goes_on
-    }
-
-    /// Takes the path to `surface`, or to a point of a medium, through media that let `passed` through.
-    #[inline(always)]
-    fn arrive<'s, E: Effects>(
-        &'s self,
-        path: &mut PathState,
-        surface: &'s Surface,
-        scattering: Scattering<'s>,
-        passed: Vec3,
-    ) -> Arrival<'s> {
         if E::MEDIA {
             path.throughput *= passed;
             path.reflected *= passed;
         }
-        let on_surface = !E::MEDIA || scattering.is_material();
-        let emission = if on_surface { self.emission(surface, path) } else { Emission::default() };
-        let normal = if on_surface { surface.normal_towards(-path.ray.direction) } else { Vec3::ZERO };
-        let smooth = E::MATERIALS && scattering.is_delta();
-        let field = if E::GUIDING { self.field } else { None };
-        let guide = field.filter(|_| !smooth).and_then(|field| field.at(surface.point, normal));
-        Arrival { surface, scattering, passed, on_surface, emission: emission.dimmed(passed), normal, smooth, guide }
+        let emission = if phase.is_none() { self.emission(surface, path).dimmed(passed) } else { Emission::default() };
+        let normal = if phase.is_none() { surface.normal_towards(-path.ray.direction) } else { Vec3::ZERO };
+        let vertex = self.begin_vertex::<E, RECORDS>(path, surface, normal, emission, passed, vertices);
+        if path.depth >= self.settings.max_depth {
+            return None;
+        }
+        let material = if phase.is_none() && E::MATERIALS { Some(self.scene.material(surface)) } else { None };
+        let smooth = material.is_some_and(Material::is_delta);
+        let bumped = material.is_some_and(|material| material.bump.is_some() && surface.smooth != surface.shading);
+        let field = if E::GUIDING { self.field.filter(|_| !smooth) } else { None };
+        let found = field.and_then(|field| Some((field, field.find(surface.point, normal)?)));
+        let worth = self.worth::<E>(path, smooth, found);
+        let guides =
+            |(field, voxel): (&GuideField, u32)| field.voxels()[voxel as usize].directions.is_some().then_some(voxel);
+        Some(Arrival {
+            place,
+            path: number,
+            vertex,
+            variant: if phase.is_some() { Variant::PHASE } else { self.scene.variant(surface) },
+            phase,
+            bumped,
+            smooth,
+            connects: self.connects::<E>(path, worth.light),
+            worth,
+            voxel: found.and_then(guides),
+        })
     }
 
-    /// Probabilities of light sampling and of going on at a vertex.
+    /// Adds a vertex to a path and returns its index.
     #[inline(always)]
-    fn worth<E: Effects>(&self, path: &PathState, at: &Arrival) -> Worth {
+    fn begin_vertex<E: Effects, const RECORDS: bool>(
+        &self,
+        path: &mut PathState,
+        surface: &Surface,
+        normal: Vec3,
+        emission: Emission,
+        passed: Vec3,
+        vertices: &mut Vertices,
+    ) -> u32 {
+        let (index, emitted) = (vertices.next(), emission.weighted());
+        let vertex = Vertex { emitted, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0, previous: path.last };
+        path.last = index;
+        vertices.push::<E, RECORDS>(vertex, passed, || Details {
+            point: surface.point,
+            shape: surface.shape,
+            distance: surface.distance,
+            normal,
+            throughput: path.throughput,
+            emission,
+            direct: Direct::default(),
+            step: None,
+            absorbed: false,
+        });
+        index
+    }
+
+    /// Probabilities of light sampling and of going on at a vertex in a voxel.
+    #[inline(always)]
+    fn worth<E: Effects>(&self, path: &PathState, smooth: bool, voxel: Option<(&GuideField, u32)>) -> Worth {
         // Without a guide nothing is known by which a path could be judged.
         let pixel = if E::GUIDING { path.pixel } else { None };
         let carried = channel_mean(path.throughput);
         let importance = pixel.map(|value| carried / value);
-        let knows = self.settings.roulette == Roulette::Window;
-        let adjoint = at.guide.filter(|_| knows).map_or(AdjointRoulette::UNKNOWN, |guide| guide.roulette);
-        let tries = self.settings.light_sampling && !at.smooth;
+        let known = voxel.filter(|_| self.settings.roulette == Roulette::Window);
+        let adjoint = known.map_or(AdjointRoulette::UNKNOWN, |(field, voxel)| field.voxels()[voxel as usize].roulette);
+        let tries = self.settings.light_sampling && !smooth;
         let light = importance.map_or(1.0, |importance| adjoint.light_probability(importance, carried));
         Worth {
             light: if tries { light } else { 0.0 },
@@ -312,26 +292,78 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Takes the path along the direction that was drawn, to which it survived with probability `survival`.
+    /// Whether a light is sampled, which is tried with `probability`.
+    #[inline(always)]
+    fn connects<E: Effects>(&self, path: &PathState, probability: f32) -> bool {
+        if E::GUIDING && probability < 1.0 {
+            return probability > 0.0 && path.random.at(Dimension::CONNECTION).next_f32() < probability;
+        }
+        probability > 0.0
+    }
+
+    /// The guide of a vertex.
+    #[inline(always)]
+    fn guide(&self, voxel: Option<u32>, point: Vec3) -> Option<DirectionGuide<'_>> {
+        self.field?.voxels()[voxel? as usize].at(point)
+    }
+
+    /// Connects a path at a vertex to the light that was sampled there and takes it on in the direction that was drawn; returns whether
+    /// it goes on.
+    #[inline(always)]
+    fn go_on<E: Effects, const RECORDS: bool>(
+        &self,
+        path: &mut PathState,
+        at: &Arrival,
+        surface: &Surface,
+        shaded: &Shaded,
+        vertices: &mut Vertices,
+        shadows: &mut Shadows,
+    ) -> bool {
+        if at.connects && shaded.lit {
+            self.connect::<E>(path, at, surface, shaded, shadows);
+        }
+        let vertex = at.vertex as usize;
+        let guide = if E::GUIDING { self.guide(at.voxel, surface.point) } else { None };
+        let Some(sample) = MixtureSample::new(&shaded.onward, guide.as_ref(), shaded.proposal.as_ref()) else {
+            if RECORDS {
+                vertices.details[vertex].absorbed = !at.smooth;
+            }
+            return false;
+        };
+        let survival = self.survival::<E>(path, &sample, shaded.onward.squeeze, &at.worth);
+        let survives = survival >= 1.0 || shaded.roulette < survival;
+        if RECORDS {
+            vertices.details[vertex].step = (survives || !sample.delta).then_some(Step { sample, survival });
+        }
+        vertices.all[vertex].weight = sample.weight;
+        vertices.all[vertex].survival = survival;
+        let goes_on = survives && path.throughput != Vec3::ZERO;
+        if goes_on {
+            self.scatter::<E>(path, at, surface, &sample, survival);
+            path.ray = Ray { origin: shaded.onward.origin.into(), direction: sample.direction };
+        }
+        goes_on
+    }
+
+    /// What the path takes along in the direction that was drawn, to which it survived with probability `survival`.
     #[inline(always)]
     fn scatter<E: Effects>(
         &self,
         path: &mut PathState,
         at: &Arrival,
+        surface: &Surface,
         sample: &MixtureSample,
         survival: f32,
-        light_probability: f32,
     ) {
         path.throughput /= survival;
         if E::GUIDING {
             path.reflected /= survival;
         }
-        let light_probability = if sample.delta { 0.0 } else { light_probability };
-        path.previous = Some(Previous { point: at.surface.point, pdf: sample.pdf, light_probability });
-        if E::MEDIA && at.on_surface {
-            path.medium = self.scene.medium_beyond(at.surface, sample.direction, path.medium);
+        let light_probability = if sample.delta { 0.0 } else { at.worth.light };
+        path.previous = Some(Previous { point: surface.point, pdf: sample.pdf, light_probability });
+        if E::MEDIA && at.phase.is_none() {
+            path.medium = self.scene.medium_beyond(surface, sample.direction, path.medium);
         }
-        path.ray = at.surface.leave(sample.direction);
     }
 
     /// Probability that the path goes on in the direction that was drawn, by which its throughput is multiplied. Where a guide chose
@@ -340,19 +372,13 @@ impl PathTracer<'_> {
     /// directions, or the throughput where that is larger. And what glass divides by η² on the way in it multiplies on the way out:
     /// inside of it paths are worth as much as outside.
     #[inline(always)]
-    fn survival<E: Effects>(
-        &self,
-        path: &mut PathState,
-        mixture: &Mixture<E>,
-        sample: &MixtureSample,
-        worth: &Worth,
-    ) -> f32 {
+    fn survival<E: Effects>(&self, path: &mut PathState, sample: &MixtureSample, squeeze: f32, worth: &Worth) -> f32 {
         path.throughput *= sample.weight;
         if E::GUIDING {
             path.reflected *= sample.bsdf_weight;
         }
         if E::MATERIALS {
-            path.squeezed *= mixture.eta(sample.direction).powi(2);
+            path.squeezed *= squeeze;
         }
         // What a mirror shows has nothing to do with what the voxel's other directions send back.
         if let Some(expected) = worth.onward.filter(|_| !sample.delta) {
@@ -392,42 +418,47 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Light sampling, tried with `probability`: a connection to one sampled light, unless it would bring nothing. Returns what it tells
-    /// of the densities; whether it brings light is known later.
+    /// A connection to the light that was sampled; whether it brings light is known later.
     #[inline(always)]
     fn connect<E: Effects>(
         &self,
         path: &PathState,
         at: &Arrival,
-        mixture: &Mixture<E>,
-        probability: f32,
+        surface: &Surface,
+        shaded: &Shaded,
         shadows: &mut Shadows,
-    ) -> Direct {
-        let (nothing, surface, random) = (Direct::default(), at.surface, &path.random);
-        if probability <= 0.0 {
-            return nothing;
-        }
-        if E::GUIDING && probability < 1.0 && random.at(Dimension::CONNECTION).next_f32() >= probability {
-            return nothing;
-        }
-        let lights = &self.scene.lights;
-        let (choice, u) = (lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
-        let Some(light) = lights.sample(surface.point, choice, u) else { return nothing };
-        let value = mixture.eval(light.wi);
-        if value == Vec3::ZERO {
-            return nothing;
-        }
-        let shadow = surface.towards(light.wi, light.distance);
+    ) {
+        let (ray, _) = shaded.shadow;
+        shadows.rays.push(shaded.shadow);
         if E::MEDIA {
-            shadows.media.push(self.scene.medium_beyond(surface, shadow.0.direction, path.medium));
+            shadows.media.push(self.scene.medium_beyond(surface, ray.direction, path.medium));
         }
-        let pdf = light.pdf * probability;
-        let (onward, bsdf_share) = if light.delta { (0.0, 1.0) } else { mixture.pdf(light.wi) };
-        let weight = if light.delta { 1.0 } else { mis::balance(pdf, onward) };
-        shadows.rays.push(shadow);
-        let (vertex, value) = (path.last, value * light.radiance);
-        shadows.connections.push(Connection { vertex, value, factor: weight / pdf });
-        Direct { value: Vec3::ZERO, bsdf_share, ratio: pdf / onward }
+        shadows.connections.push(Connection {
+            vertex: at.vertex,
+            value: shaded.light,
+            pdf: shaded.light_pdf * at.worth.light,
+            bsdf_pdf: if shaded.light_delta { 0.0 } else { shaded.bsdf_pdf },
+        });
+        if E::GUIDING {
+            let voxel = at.voxel.filter(|_| !shaded.light_delta);
+            let deltas = shaded.onward.deltas;
+            shadows.guided.push(Towards { voxel, point: surface.point, direction: shaded.to_light, deltas });
+        }
+    }
+
+    /// How light that a connection brings is weighted: its factor, and what it tells of the densities.
+    #[inline(always)]
+    fn weigh<E: Effects>(&self, connection: &Connection, guided: Option<&Towards>) -> (f32, Direct) {
+        let guide = guided.filter(|_| E::GUIDING).and_then(|at| Some((at, self.guide(at.voxel, at.point)?)));
+        let (onward, bsdf_share) = match guide {
+            Some((at, guide)) => {
+                let (bsdf_fraction, guide_pdf) = (guide.bsdf_fraction, guide.pdf(at.direction));
+                MixtureDensity { bsdf_fraction, deltas: at.deltas, guide_pdf }.pdf(connection.bsdf_pdf)
+            }
+            None => (connection.bsdf_pdf, 1.0),
+        };
+        let pdf = connection.pdf;
+        (mis::balance(pdf, onward) / pdf, Direct { value: Vec3::ZERO, bsdf_share, ratio: pdf / onward })
     }
 }
 

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::mixture::{Mixture, Scattering};
+use super::mixture::Mixture;
 use super::path::RayCount;
 use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
 use crate::base::random::{Dimension, Random};
@@ -10,11 +10,12 @@ use crate::geometry::{Hit, Ray, RayKind, Scratch, Surface};
 use crate::guiding::learn::emission::{EmissionGuide, Start};
 use crate::guiding::record::PhotonRecord;
 use crate::lights::Emission;
-use crate::materials::Transport;
 use crate::materials::medium::MediumId;
+use crate::materials::{Bsdf, Transport};
 use crate::math::channel_mean;
 use crate::scene::Scene;
 use crate::scene::effects::{Effects, With};
+use crate::scene::media::End;
 
 /// Traces light paths.
 pub struct PhotonTracer<'a> {
@@ -87,6 +88,7 @@ pub struct PhotonScratch {
     alive: Vec<LightPath>,
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
+    surfaces: Vec<Surface>,
     queries: Scratch,
 }
 
@@ -132,7 +134,7 @@ impl PhotonTracer<'_> {
 
     /// Extends all paths until they end.
     fn extend<E: Effects>(&self, scratch: &mut PhotonScratch, records: &mut Vec<PhotonRecord>, count: &mut RayCount) {
-        let PhotonScratch { alive, rays, hits, queries } = scratch;
+        let PhotonScratch { alive, rays, hits, surfaces, queries } = scratch;
         // A light path of n segments continues to the camera with at least one more: n + 1 vertices after the light.
         for depth in 1..self.settings.max_depth {
             if alive.is_empty() {
@@ -144,41 +146,51 @@ impl PhotonTracer<'_> {
             let accel = &self.scene.accel;
             accel.pace.measure(RayKind::Photon, rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
             count.rays += rays.len() as u64;
-            let mut hits = hits.iter();
+            surfaces.resize(rays.len(), Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
+            self.scene.surfaces(rays, hits, surfaces);
+            let mut ends = hits.iter().zip(&mut *surfaces);
             alive.retain_mut(|path| {
-                let hit = hits.next().copied().flatten();
-                self.visit::<E>(path, hit, depth, records, count)
+                let Some((hit, surface)) = ends.next() else { return false };
+                self.visit::<E>(path, hit.is_some(), surface, depth, records, count)
             });
         }
     }
 
-    /// Takes a path to its vertex number `depth`; returns whether it goes on from there.
+    /// Takes a path to its vertex number `depth`, where it `meets` the `surface` or behind that; returns whether it goes on from there.
     fn visit<E: Effects>(
         &self,
         path: &mut LightPath,
-        hit: Option<Hit>,
+        meets: bool,
+        surface: &mut Surface,
         depth: u32,
         records: &mut Vec<PhotonRecord>,
         count: &mut RayCount,
     ) -> bool {
         let LightPath { number, random, ray, medium, photon, begun } = path;
         random.begin_vertex(depth);
-        let segment = &mut random.at(Dimension::SEGMENT);
-        let (arrival, passed) = self.scene.advance::<E>(ray, hit, medium, photon.power, segment);
+        let (end, passed) = self.scene.advance::<E>(ray, meets, surface, medium, photon.power, random);
         photon.power *= passed;
         if !photon.is_finite(count) {
             return false;
         }
-        let Some((surface, scattering)) = Scattering::at(self.scene, arrival) else { return false };
-        let on_surface = scattering.is_material();
-        if !scattering.is_delta() && photon.is_useful(self.settings.light_sampling) {
-            self.deposit(*number, &surface, on_surface, -ray.direction, photon, records);
+        let (bsdf, bumped, smooth) = match end {
+            End::Background => return false,
+            End::Surface => {
+                let material = self.scene.material(surface);
+                let bumped = E::MATERIALS && material.bump.is_some() && surface.smooth != surface.shading;
+                (material.at(surface.uv), bumped, material.is_delta())
+            }
+            End::Medium(phase) => (Bsdf::phase(phase), false, false),
+        };
+        let on_surface = matches!(end, End::Surface);
+        if !smooth && photon.is_useful(self.settings.light_sampling) {
+            self.deposit(*number, surface, on_surface, -ray.direction, photon, records);
         }
-        let mixture = Mixture::<E>::new(&surface, scattering, -ray.direction, None);
-        let Some(sample) = mixture.sample(random, Transport::Importance) else { return false };
+        let mixture = Mixture::new(surface, bsdf, bumped, -ray.direction, None);
+        let Some((sample, origin)) = mixture.sample(random, Transport::Importance) else { return false };
         photon.power *= sample.weight;
         if on_surface {
-            photon.power *= shading_correction(&surface, -ray.direction, sample.direction);
+            photon.power *= shading_correction(surface, -ray.direction, sample.direction);
         }
         if !photon.is_finite(count) {
             return false;
@@ -192,9 +204,9 @@ impl PhotonTracer<'_> {
         photon.delta_chain = if sample.delta { photon.delta_chain + 1 } else { 0 };
         photon.scattered |= !sample.delta;
         if E::MEDIA {
-            *medium = self.scene.medium_beyond(&surface, sample.direction, *medium);
+            *medium = self.scene.medium_beyond(surface, sample.direction, *medium);
         }
-        *ray = surface.leave(sample.direction);
+        *ray = Ray { origin, direction: sample.direction };
         true
     }
 
@@ -252,7 +264,7 @@ fn side(surface: &Surface, on_surface: bool, direction: Vec3) -> Vec3 {
 /// Adjoint correction for shading normals (Veach 1997, eq. 5.19): power is carried by the geometric cosine, the BSDF's
 /// cosine is the shading one.
 fn shading_correction(surface: &Surface, arriving: Vec3, leaving: Vec3) -> f32 {
-    let ratio = |w: Vec3| surface.frame.n.dot(w).abs() / surface.normal.dot(w).abs();
+    let ratio = |w: Vec3| surface.shading.dot(w).abs() / surface.normal.dot(w).abs();
     let correction = ratio(arriving) / ratio(leaving);
     // The ratio is unbounded at grazing angles; photons only steer sampling, so the tail is cut.
     if correction.is_finite() { correction.min(10.0) } else { 0.0 }

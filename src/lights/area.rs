@@ -5,10 +5,11 @@ use std::f32::consts::PI;
 use glam::Vec3;
 
 use super::tree::{Cone, LightBounds};
-use super::{Emission, LightSample};
-use crate::geometry::sphere::Sphere;
+use super::{Emission, LightSample, LightSamples};
+use crate::geometry::sphere::{Sphere, Spheres};
 use crate::geometry::{Geometry, Ray, Shape, Surface};
 use crate::math::error_bound::{gamma, offset_origin};
+use crate::math::lanes::{Mask, Real, V3};
 use crate::math::{Frame, channel_mean};
 use crate::sampling::discrete::Discrete;
 use crate::sampling::warp;
@@ -19,33 +20,30 @@ pub struct AreaLight {
     shape: Shape,
     radiance: Vec3,
     triangles: Discrete,
+    /// Of the whole shape.
+    area: f32,
     /// The triangles in world coordinates; empty for a sphere.
     placed: Vec<Placed>,
 }
 
-/// A triangle that emits.
-#[derive(Debug, Clone, Copy)]
-struct Placed {
-    corners: [Vec3; 3],
-    /// Unit normal on the emitting side.
-    normal: Vec3,
-}
+/// A triangle that emits: its corners, and the unit normal on the emitting side.
+type Placed = [Vec3; 4];
 
 impl AreaLight {
     /// The emitting `shape` with `radiance` in W·m⁻²·sr⁻¹.
     pub fn new(shape: Shape, radiance: Vec3) -> Self {
         let triangles = shape.area_distribution();
+        let area = triangles.total() as f32;
         let Geometry::Mesh { mesh, winding, .. } = &shape.geometry else {
-            return Self { shape, radiance, triangles, placed: Vec::new() };
+            return Self { shape, radiance, triangles, area, placed: Vec::new() };
         };
         let sign = if shape.flip_normals { -1.0 } else { 1.0 } * winding;
         let placed = (0..mesh.triangles.len() as u32).map(|index| {
-            let corners = shape.triangle(index);
-            let [a, b, c] = corners;
-            Placed { corners, normal: (b - a).cross(c - a).normalize_or(Vec3::Z) * sign }
+            let [a, b, c] = shape.triangle(index);
+            [a, b, c, (b - a).cross(c - a).normalize_or(Vec3::Z) * sign]
         });
         let placed = placed.collect();
-        Self { shape, radiance, triangles, placed }
+        Self { shape, radiance, triangles, area, placed }
     }
 
     /// Radiance that leaves the surface point towards the unit direction `out`.
@@ -63,7 +61,7 @@ impl AreaLight {
                 let to = surface.point - point;
                 let squared = to.length_squared();
                 let cos = surface.normal.dot(to).abs() / squared.sqrt();
-                squared / (cos * self.triangles.total() as f32)
+                squared / (cos * self.area)
             }
         }
     }
@@ -71,40 +69,19 @@ impl AreaLight {
     /// A direction towards the emitting side, uniform over the area of a mesh or the visible cap of a sphere.
     #[inline(always)]
     pub fn sample(&self, point: Vec3, u: [f32; 2]) -> Option<LightSample> {
-        match &self.shape.geometry {
-            Geometry::Sphere(sphere) => {
-                let (wi, pdf) = sphere.sample_direction(point, u);
-                // A direction on the rim may miss by rounding: then the nearest point of the line to the centre serves.
-                let distance =
-                    sphere.intersect(point, wi, f32::INFINITY).unwrap_or_else(|| (sphere.center - point).dot(wi));
-                (self.faces(sphere, point) && distance > 0.0).then_some(LightSample {
-                    wi,
-                    distance,
-                    radiance: self.radiance,
-                    pdf,
-                    delta: false,
-                })
-            }
-            Geometry::Mesh { .. } => {
-                let (target, normal, _) = self.sample_point(u);
-                let to = target - point;
-                let squared = to.length_squared();
-                let distance = squared.sqrt();
-                let wi = to / distance;
-                let cos = -normal.dot(wi);
-                if cos <= 0.0 || !wi.is_finite() {
-                    return None;
-                }
-                let pdf = squared / (cos * self.triangles.total() as f32);
-                Some(LightSample { wi, distance, radiance: self.radiance, pdf, delta: false })
-            }
-        }
+        let point = V3::from(point);
+        if self.is_sphere() { sample_spheres(|_| self, point, u) } else { sample_meshes(|_| self, point, u) }.one()
+    }
+
+    /// Whether the surface is a sphere, otherwise a mesh.
+    #[inline(always)]
+    pub(super) fn is_sphere(&self) -> bool {
+        matches!(self.shape.geometry, Geometry::Sphere(_))
     }
 
     /// Whether the emitting side of a sphere is towards `point`.
     fn faces(&self, sphere: &Sphere, point: Vec3) -> bool {
-        let inside = (point - sphere.center).length_squared() < sphere.radius * sphere.radius;
-        inside == self.shape.flip_normals
+        inside(&(*sphere).into(), point.into()) == self.shape.flip_normals
     }
 
     /// Samples a point uniformly; returns it with its front normal and error bound.
@@ -119,11 +96,10 @@ impl AreaLight {
             }
             Geometry::Mesh { .. } => {
                 let (triangle, inside) = self.triangles.sample(f64::from(u[0]));
-                let Placed { corners: [a, b, c], normal } = self.placed[triangle];
-                let [b1, b2] = warp::square_to_triangle([inside as f32, u[1]]);
-                let b0 = 1.0 - b1 - b2;
-                let error = self.shape.error((a * b0).abs() + (b * b1).abs() + (c * b2).abs());
-                (a * b0 + b * b1 + c * b2, normal, error)
+                let [a, b, c, normal] = self.placed[triangle];
+                let parts = parts([a, b, c].map(V3::from), [inside as f32, u[1]]).map(Vec3::from);
+                let error = self.shape.error(parts[0].abs() + parts[1].abs() + parts[2].abs());
+                (parts[0] + parts[1] + parts[2], normal, error)
             }
         }
     }
@@ -164,6 +140,80 @@ impl AreaLight {
 
     /// Emitted power π·A·L, W.
     pub fn power(&self) -> Vec3 {
-        self.radiance * (PI * self.triangles.total() as f32)
+        self.radiance * (PI * self.area)
+    }
+}
+
+/// The parts of the corners of a uniform point of each triangle; it is their sum.
+#[inline(always)]
+fn parts<R: Real>([a, b, c]: [V3<R>; 3], u: [R; 2]) -> [V3<R>; 3] {
+    let [b1, b2] = warp::lanes::square_to_triangle(u);
+    [a * (b1.rest() - b2), b * b1, c * b2]
+}
+
+/// Which points are inside of spheres.
+#[inline(always)]
+fn inside<R: Real>(sphere: &Spheres<R>, point: V3<R>) -> R::Mask {
+    (point - sphere.center).length_squared().lt(sphere.radius.squared())
+}
+
+/// Samples the meshes `light` of each lane, see [`AreaLight::sample`].
+#[inline(always)]
+pub(super) fn sample_meshes<'a, R: Real>(
+    light: impl Fn(usize) -> &'a AreaLight,
+    point: V3<R>,
+    u: [R; 2],
+) -> LightSamples<R> {
+    let [ax, ay, az, bx, by, bz, cx, cy, cz, nx, ny, nz, r, g, b, area, inside] = R::by_lane([u[0]], |lane, [u]| {
+        let AreaLight { triangles, area, placed, radiance, .. } = light(lane);
+        let (triangle, inside) = triangles.sample(f64::from(u));
+        let mut row = [0.0; 17];
+        row[..12].copy_from_slice(bytemuck::cast_slice(&placed[triangle]));
+        row[12..].copy_from_slice(&[radiance.x, radiance.y, radiance.z, *area, inside as f32]);
+        row
+    });
+    let [a_part, b_part, c_part] =
+        parts([V3::new(ax, ay, az), V3::new(bx, by, bz), V3::new(cx, cy, cz)], [inside, u[1]]);
+    let to = a_part + b_part + c_part - point;
+    let squared = to.length_squared();
+    let distance = squared.sqrt();
+    let wi = to / distance;
+    let cos = -V3::new(nx, ny, nz).dot(wi);
+    LightSamples {
+        wi,
+        distance,
+        radiance: V3::new(r, g, b),
+        pdf: squared / (cos * area),
+        delta: cos.lt(cos),
+        found: cos.above(0.0) & wi.is_finite(),
+    }
+}
+
+/// Samples the spheres `light` of each lane, see [`AreaLight::sample`].
+#[inline(always)]
+pub(super) fn sample_spheres<'a, R: Real>(
+    light: impl Fn(usize) -> &'a AreaLight,
+    point: V3<R>,
+    u: [R; 2],
+) -> LightSamples<R> {
+    let [x, y, z, radius, flipped, r, g, b] = R::by_lane([u[0]], |lane, _| {
+        let AreaLight { shape, radiance, .. } = light(lane);
+        let Geometry::Sphere(Sphere { center, radius }) = shape.geometry else { return [0.0; 8] };
+        let flipped = f32::from(u8::from(shape.flip_normals));
+        [center.x, center.y, center.z, radius, flipped, radiance.x, radiance.y, radiance.z]
+    });
+    let sphere = Spheres { center: V3::new(x, y, z), radius };
+    let (wi, pdf) = sphere.sample_direction(point, u);
+    let (distance, hit) = sphere.intersect(point, wi, f32::INFINITY);
+    // A direction on the rim may miss by rounding: then the nearest point of the line to the centre serves.
+    let distance = hit.choose(distance, (sphere.center - point).dot(wi));
+    let (inside, flipped) = (inside(&sphere, point), flipped.above(0.0));
+    LightSamples {
+        wi,
+        distance,
+        radiance: V3::new(r, g, b),
+        pdf,
+        delta: pdf.lt(pdf),
+        found: (inside & flipped | !inside & !flipped) & distance.above(0.0),
     }
 }

@@ -4,9 +4,10 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
-use super::{BoundingSphere, Emission, LightSample};
+use super::{BoundingSphere, Emission, LightSamples};
 use crate::geometry::Ray;
 use crate::math::Frame;
+use crate::math::lanes::{Real, V3};
 use crate::sampling::warp;
 
 /// A ray along `direction` that starts outside the sphere at a uniform point of the disk which the sphere covers.
@@ -31,9 +32,12 @@ pub struct Directional {
 }
 
 impl Directional {
-    /// The only direction towards the light.
-    pub fn sample(&self) -> LightSample {
-        LightSample { wi: -self.direction, distance: f32::INFINITY, radiance: self.irradiance, pdf: 1.0, delta: true }
+    /// The only direction towards the light, in lanes of what is `like` that.
+    #[inline(always)]
+    pub(super) fn samples<R: Real>(&self, like: R) -> LightSamples<R> {
+        let all = V3::splat(like);
+        let sample = LightSamples::distant(all.all(-self.direction), all.all(self.irradiance), like.all(1.0));
+        LightSamples { delta: sample.found, ..sample }
     }
 
     /// Samples a photon through the scene.
@@ -56,15 +60,16 @@ pub struct Constant {
 }
 
 impl Constant {
-    /// Samples a uniform direction.
-    pub fn sample(&self, u: [f32; 2]) -> LightSample {
-        let wi = warp::square_to_sphere(u);
-        LightSample { wi, distance: f32::INFINITY, radiance: self.radiance, pdf: Self::pdf(), delta: false }
+    /// Uniform directions.
+    #[inline(always)]
+    pub(super) fn directions<R: Real>(u: [R; 2]) -> V3<R> {
+        warp::lanes::square_to_sphere(u)
     }
 
-    /// Density of [`Constant::sample`] w.r.t. solid angle.
-    pub fn pdf() -> f32 {
-        warp::square_to_sphere_pdf()
+    /// Radiance from the directions `wi`, and their density w.r.t. solid angle.
+    #[inline(always)]
+    pub(super) fn seen<R: Real>(&self, wi: V3<R>) -> (V3<R>, R) {
+        (wi.all(self.radiance), wi.x.all(warp::square_to_sphere_pdf()))
     }
 
     /// Samples a photon through the scene.

@@ -3,9 +3,12 @@
 pub mod area;
 pub mod distant;
 pub mod envmap;
+mod lanes;
 pub mod point;
 pub mod sky;
 pub mod sun;
+#[cfg(test)]
+mod tests;
 pub mod tree;
 
 use glam::Vec3;
@@ -13,10 +16,12 @@ use glam::Vec3;
 use crate::base::random::{Dimension, Random};
 use crate::geometry::Ray;
 use crate::math::channel_mean;
+use crate::math::lanes::{Bits, Mask, Real, V3};
 use crate::sampling::discrete::Discrete;
 use area::AreaLight;
 use distant::{Constant, Directional};
 use envmap::Envmap;
+pub use lanes::LightSamples;
 use point::{Point, Spot};
 use sun::Sun;
 use tree::{LightBounds, LightTree};
@@ -81,12 +86,38 @@ impl Light {
     pub fn sample(&self, point: Vec3, u: [f32; 2]) -> Option<LightSample> {
         match self {
             Self::Area(light) => light.sample(point, u),
-            Self::Point(light) => light.sample(point),
-            Self::Spot(light) => light.sample(point),
-            Self::Directional(light) => Some(light.sample()),
-            Self::Sun(light) => Some(light.sample(u)),
-            Self::Constant(light) => Some(light.sample(u)),
-            Self::Envmap(light) => light.sample(u),
+            Self::Point(light) => point::sample_points(|_| light, point.into()).one(),
+            Self::Spot(light) => point::sample_spots(|_| light, point.into()).one(),
+            _ => self.sample_distant(u).one(),
+        }
+    }
+
+    /// Samples a light that has no position, in lanes.
+    #[inline(always)]
+    fn sample_distant<R: Real>(&self, u: [R; 2]) -> LightSamples<R> {
+        match self {
+            Self::Directional(light) => light.samples(u[0]),
+            Self::Sun(light) => {
+                let (radiance, pdf) = light.disk(u[0]);
+                LightSamples::distant(light.directions(u), radiance, pdf)
+            }
+            Self::Constant(light) => {
+                let wi = Constant::directions(u);
+                let (radiance, pdf) = light.seen(wi);
+                LightSamples::distant(wi, radiance, pdf)
+            }
+            Self::Envmap(light) => light.samples(u),
+            Self::Area(_) | Self::Point(_) | Self::Spot(_) => LightSamples::none(u[0]),
+        }
+    }
+
+    /// Directions to the light, which is around the scene.
+    #[inline(always)]
+    fn directions<R: Real>(&self, u: [R; 2]) -> V3<R> {
+        match self {
+            Self::Sun(light) => light.directions(u),
+            Self::Envmap(light) => light.directions(u),
+            _ => Constant::directions(u),
         }
     }
 
@@ -107,30 +138,22 @@ impl Light {
 
     /// Radiance from infinitely far away in direction `wi`, zero for lights that are not there.
     pub fn background(&self, wi: Vec3) -> Vec3 {
-        match self {
-            Self::Constant(light) => light.radiance,
-            Self::Envmap(light) => light.radiance(wi),
-            Self::Sun(light) => light.radiance(wi),
-            _ => Vec3::ZERO,
-        }
+        self.seen(V3::from(wi)).0.into()
     }
 
     /// Density with which [`Light::sample`] chooses the background direction `wi`, w.r.t. solid angle.
     pub fn background_pdf(&self, wi: Vec3) -> f32 {
-        match self {
-            Self::Constant(_) => Constant::pdf(),
-            Self::Envmap(light) => light.pdf(wi),
-            Self::Sun(light) => light.pdf(wi),
-            _ => 0.0,
-        }
+        self.seen(V3::from(wi)).1
     }
 
-    /// [`Light::background`] and [`Light::background_pdf`], in less time than both take.
-    #[inline]
-    fn background_and_pdf(&self, wi: Vec3) -> (Vec3, f32) {
+    /// [`Light::background`] and [`Light::background_pdf`] in lanes.
+    #[inline(always)]
+    fn seen<R: Real>(&self, wi: V3<R>) -> (V3<R>, R) {
         match self {
-            Self::Envmap(light) => light.radiance_and_pdf(wi),
-            _ => (self.background(wi), self.background_pdf(wi)),
+            Self::Constant(light) => light.seen(wi),
+            Self::Envmap(light) => light.seen(wi),
+            Self::Sun(light) => light.seen(wi),
+            _ => (V3::splat(wi.x.all(0.0)), wi.x.all(0.0)),
         }
     }
 
@@ -181,8 +204,8 @@ pub struct LightSet {
     /// Total probability of the lights with a place.
     placed: f32,
     tree: LightTree,
-    /// Indices of the lights at infinity that rays can hit.
-    around: Vec<u32>,
+    /// Indices of the lights at infinity that rays can hit, and the probabilities of choosing each among those without a place.
+    around: Vec<(u32, f32)>,
     /// Probabilities for photons: half evenly over all lights that shine, half by power, since a sky over a large ground has a
     /// million times the power of the lamp in the room that is looked at.
     pub emission: Discrete,
@@ -208,20 +231,28 @@ impl LightSet {
                 placed += std::mem::take(weighted);
             }
         }
+        let placed = if distant.iter().all(|weight| *weight == 0.0) { 1.0 } else { placed as f32 };
+        let selection = Discrete::new(distant);
+        let around = lights.iter().enumerate().filter(|(_, light)| light.is_around());
         Self {
-            placed: if distant.iter().all(|weight| *weight == 0.0) { 1.0 } else { placed as f32 },
-            selection: Discrete::new(distant),
+            placed,
+            around: around.map(|(index, _)| (index as u32, selection.probability(index) as f32)).collect(),
+            selection,
             tree: LightTree::new(&bounds),
-            around: (0..).zip(&lights).filter(|(_, light)| light.is_around()).map(|(index, _)| index).collect(),
             emission: Discrete::new(power.iter().map(|&p| if p > 0.0 { weight(p) } else { 0.0 })),
             lights,
         }
     }
 
+    /// Whether there is a light to choose among others.
+    pub fn has_choice(&self) -> bool {
+        self.lights.len() > 1
+    }
+
     /// Random number for [`LightSet::choose`]; 0 where there is nothing to choose.
     #[inline(always)]
     pub fn choice(&self, random: &Random) -> f64 {
-        if self.lights.len() > 1 { random.at(Dimension::LIGHT).next_f64() } else { 0.0 }
+        if self.has_choice() { random.at(Dimension::LIGHT).next_f64() } else { 0.0 }
     }
 
     /// Chooses a light for `point`; returns its index and the probability of the choice.
@@ -246,7 +277,7 @@ impl LightSet {
 
     /// The environment map, where there is one: its tables are in no cache, so those who sample it many times ask for them first.
     pub fn map(&self) -> Option<&Envmap> {
-        self.around.iter().find_map(|&index| match &self.lights[index as usize] {
+        self.around.iter().find_map(|&(index, _)| match &self.lights[index as usize] {
             Light::Envmap(map) => Some(map),
             _ => None,
         })
@@ -259,24 +290,53 @@ impl LightSet {
         }
         let (index, probability) = self.choose(point, choice)?;
         let light = &self.lights[index];
-        let sample = light.sample(point, u)?;
-        if self.around.len() > 1 && light.is_around() {
-            // A ray that leaves the scene meets all of them at once, so a sample of one is one of their sum.
-            let (radiance, pdf) = self.background(sample.wi);
-            return (pdf > 0.0).then_some(LightSample { radiance, pdf, ..sample });
+        if self.together(light) {
+            return self.sample_around(light.directions(u), index as i32).one();
         }
+        let sample = light.sample(point, u)?;
         Some(LightSample { pdf: sample.pdf * probability, ..sample })
+    }
+
+    /// Whether the light is sampled together with others.
+    #[inline(always)]
+    fn together(&self, light: &Light) -> bool {
+        self.around.len() > 1 && light.is_around()
+    }
+
+    /// Samples of all lights around the scene, in directions that were chosen for one of them. A ray that leaves the scene meets all of
+    /// them at once, so a sample of one is one of their sum.
+    #[inline(always)]
+    fn sample_around<R: Real>(&self, wi: V3<R>, chosen: R::Bits) -> LightSamples<R> {
+        let (radiance, pdf, own) = self.background_and_own(wi, chosen);
+        LightSamples { found: pdf.above(0.0) & own.above(0.0), ..LightSamples::distant(wi, radiance, pdf) }
     }
 
     /// Radiance of all background lights in direction `wi`, and the density with which [`LightSet::sample`] chooses it.
     #[inline]
     pub fn background(&self, wi: Vec3) -> (Vec3, f32) {
-        let mut sum = (Vec3::ZERO, 0.0);
-        for i in self.around.iter().map(|&i| i as usize) {
-            let (radiance, pdf) = self.lights[i].background_and_pdf(wi);
-            sum.0 += radiance;
-            sum.1 += pdf * (1.0 - self.placed) * self.selection.probability(i) as f32;
+        let (radiance, pdf) = self.background_lanes(V3::from(wi));
+        (radiance.into(), pdf)
+    }
+
+    /// [`LightSet::background`] in lanes.
+    #[inline(always)]
+    pub fn background_lanes<R: Real>(&self, wi: V3<R>) -> (V3<R>, R) {
+        let none = wi.x.bits();
+        let (radiance, pdf, _) = self.background_and_own(wi, none.all(-1));
+        (radiance, pdf)
+    }
+
+    /// [`LightSet::background`], and the density with which each lane's `chosen` light alone has its direction.
+    #[inline(always)]
+    fn background_and_own<R: Real>(&self, wi: V3<R>, chosen: R::Bits) -> (V3<R>, R, R) {
+        let zero = wi.x.all(0.0);
+        let (mut sum, mut density, mut own) = (V3::splat(zero), zero, zero);
+        for &(index, probability) in &self.around {
+            let (radiance, pdf) = self.lights[index as usize].seen(wi);
+            sum = sum + radiance;
+            density = density + pdf * (1.0 - self.placed) * probability;
+            own = chosen.same(chosen.all(index as i32)).choose(pdf, own);
         }
-        sum
+        (sum, density, own)
     }
 }

@@ -5,8 +5,10 @@ use std::f32::consts::{PI, TAU};
 use glam::{Affine3A, Vec3};
 
 use super::tree::{Cone, LightBounds};
-use super::{Emission, LightSample};
+use super::{Emission, LightSamples};
 use crate::geometry::Ray;
+use crate::math::lanes::functions::atan2;
+use crate::math::lanes::{Axes, Mask, Real, V3};
 use crate::math::{Frame, channel_mean};
 use crate::sampling::warp;
 
@@ -19,24 +21,49 @@ pub struct Point {
     pub intensity: Vec3,
 }
 
-fn towards(position: Vec3, point: Vec3, intensity: impl Fn(Vec3) -> Vec3) -> Option<LightSample> {
-    let to = position - point;
-    let squared = to.length_squared();
-    let distance = squared.sqrt();
-    let wi = to / distance;
-    if !wi.is_finite() {
-        return None;
+/// Ways from points to lights in lanes.
+struct Way<R> {
+    wi: V3<R>,
+    distance: R,
+    squared: R,
+}
+
+impl<R: Real> Way<R> {
+    #[inline(always)]
+    fn new(point: V3<R>, position: V3<R>) -> Self {
+        let to = position - point;
+        let squared = to.length_squared();
+        let distance = squared.sqrt();
+        Self { wi: to / distance, distance, squared }
     }
-    let radiance = intensity(-wi) / squared;
-    (radiance != Vec3::ZERO).then_some(LightSample { wi, distance, radiance, pdf: 1.0, delta: true })
+
+    /// The only directions towards lights of these intensities.
+    #[inline(always)]
+    fn samples(&self, intensity: V3<R>) -> LightSamples<R> {
+        let (wi, distance, one) = (self.wi, self.distance, self.distance.all(1.0));
+        let radiance = intensity / self.squared;
+        LightSamples {
+            wi,
+            distance,
+            radiance,
+            pdf: one,
+            delta: one.same(one),
+            found: wi.is_finite() & !radiance.is_zero(),
+        }
+    }
+}
+
+/// Samples the points `light` of each lane: the only directions towards them.
+#[inline(always)]
+pub(super) fn sample_points<'a, R: Real>(light: impl Fn(usize) -> &'a Point, point: V3<R>) -> LightSamples<R> {
+    let [x, y, z, r, g, b] = R::by_lane([point.x], |lane, _| {
+        let Point { position, intensity } = light(lane);
+        [position.x, position.y, position.z, intensity.x, intensity.y, intensity.z]
+    });
+    Way::new(point, V3::new(x, y, z)).samples(V3::new(r, g, b))
 }
 
 impl Point {
-    /// The only direction towards the light.
-    pub fn sample(&self, point: Vec3) -> Option<LightSample> {
-        towards(self.position, point, |_| self.intensity)
-    }
-
     /// Samples a photon in a uniform direction.
     pub fn emit(&self, u: [f32; 2]) -> Emission {
         let direction = warp::square_to_sphere(u);
@@ -65,6 +92,27 @@ pub struct Spot {
     beam: f32,
 }
 
+/// Samples the spots `light` of each lane: the only directions towards them.
+#[inline(always)]
+pub(super) fn sample_spots<'a, R: Real>(light: impl Fn(usize) -> &'a Spot, point: V3<R>) -> LightSamples<R> {
+    let [x, y, z, sx, sy, sz, tx, ty, tz, nx, ny, nz, r, g, b, cutoff, beam] = R::by_lane([point.x], |lane, _| {
+        let Spot { position: p, frame: Frame { s, t, n }, intensity: i, cutoff, beam } = light(lane);
+        [p.x, p.y, p.z, s.x, s.y, s.z, t.x, t.y, t.z, n.x, n.y, n.z, i.x, i.y, i.z, *cutoff, *beam]
+    });
+    let way = Way::new(point, V3::new(x, y, z));
+    let axes = Axes { s: V3::new(sx, sy, sz), t: V3::new(tx, ty, tz), n: V3::new(nx, ny, nz) };
+    way.samples(V3::new(r, g, b) * part(axes.to_local(-way.wi), cutoff, beam))
+}
+
+/// Part of the full intensity in local directions.
+#[inline(always)]
+fn part<R: Real>(local: V3<R>, cutoff: R, beam: R) -> R {
+    // atan2 keeps the small angles of a narrow beam, where acos(1 − ε) has no digits left.
+    let angle = atan2((local.x * local.x + local.y * local.y).sqrt(), local.z);
+    let edge = ((cutoff - angle) / (cutoff - beam)).only(angle.lt(cutoff));
+    angle.le(beam).choose(angle.all(1.0), edge)
+}
+
 impl Spot {
     /// A spot at the origin of `to_world` along its +z axis; half angles in radians, 0 ≤ `beam` ≤ `cutoff` ≤ π.
     pub fn new(to_world: Affine3A, intensity: Vec3, cutoff: f32, beam: f32) -> Self {
@@ -72,27 +120,9 @@ impl Spot {
         Self { position: to_world.translation.into(), frame: Frame::new(axis), intensity, cutoff, beam }
     }
 
-    fn intensity(&self, direction: Vec3) -> Vec3 {
-        let local = self.frame.to_local(direction);
-        // atan2 keeps the small angles of a narrow beam, where acos(1 − ε) has no digits left.
-        let angle = (local.x * local.x + local.y * local.y).sqrt().atan2(local.z);
-        if angle <= self.beam {
-            self.intensity
-        } else if angle < self.cutoff {
-            self.intensity * ((self.cutoff - angle) / (self.cutoff - self.beam))
-        } else {
-            Vec3::ZERO
-        }
-    }
-
     fn cone(&self) -> f32 {
         let s = (0.5 * self.cutoff).sin();
         2.0 * s * s
-    }
-
-    /// The only direction towards the light.
-    pub fn sample(&self, point: Vec3) -> Option<LightSample> {
-        towards(self.position, point, |direction| self.intensity(direction))
     }
 
     /// Position, intensity and cone of directions.
@@ -104,7 +134,8 @@ impl Spot {
     /// Samples a photon in a uniform direction of the cone.
     pub fn emit(&self, u: [f32; 2]) -> Emission {
         let direction = self.frame.to_world(warp::square_to_cone(u, self.cone())).normalize();
-        let power = self.intensity(direction) / warp::square_to_cone_pdf(self.cone());
+        let part = part(self.frame.to_local(direction).into(), self.cutoff, self.beam);
+        let power = self.intensity * part / warp::square_to_cone_pdf(self.cone());
         Emission { ray: Ray { origin: self.position, direction }, power, normal: direction }
     }
 

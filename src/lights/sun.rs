@@ -5,8 +5,9 @@ use std::f32::consts::{PI, TAU};
 use glam::Vec3;
 
 use super::distant::{cross_section, ray_through};
-use super::{BoundingSphere, Emission, LightSample};
+use super::{BoundingSphere, Emission};
 use crate::math::Frame;
+use crate::math::lanes::{Axes, Real, V3};
 use crate::sampling::warp;
 
 /// A disk of the same radiance all over.
@@ -39,31 +40,32 @@ impl Sun {
         TAU * self.height
     }
 
-    // The chord keeps digits that the cosine of a small angle has lost.
-    fn covers(&self, wi: Vec3) -> bool {
-        wi.distance_squared(self.frame.n) <= self.reach
+    /// Radiance from the directions `wi`, and the density of [`Sun::directions`] w.r.t. solid angle.
+    #[inline(always)]
+    pub(super) fn seen<R: Real>(&self, wi: V3<R>) -> (V3<R>, R) {
+        // The chord keeps digits that the cosine of a small angle has lost.
+        let chord = (wi - wi.all(self.frame.n)).length_squared();
+        let covered = chord.le(chord.all(self.reach));
+        let (radiance, pdf) = self.disk(chord);
+        (radiance.only(covered), pdf.only(covered))
     }
 
-    /// Radiance from direction `wi`.
-    pub fn radiance(&self, wi: Vec3) -> Vec3 {
-        if self.covers(wi) { self.radiance } else { Vec3::ZERO }
+    /// Radiance from the disk, and the density of its directions, in lanes of what is `like` that.
+    #[inline(always)]
+    pub(super) fn disk<R: Real>(&self, like: R) -> (V3<R>, R) {
+        (V3::splat(like).all(self.radiance), like.all(warp::square_to_cone_pdf(self.height)))
     }
 
-    /// Density of [`Sun::sample`] w.r.t. solid angle.
-    pub fn pdf(&self, wi: Vec3) -> f32 {
-        if self.covers(wi) { warp::square_to_cone_pdf(self.height) } else { 0.0 }
-    }
-
-    /// Samples a uniform direction on the disk.
-    pub fn sample(&self, u: [f32; 2]) -> LightSample {
-        let wi = self.frame.to_world(warp::square_to_cone(u, self.height));
-        let pdf = warp::square_to_cone_pdf(self.height);
-        LightSample { wi, distance: f32::INFINITY, radiance: self.radiance, pdf, delta: false }
+    /// Uniform directions on the disk.
+    #[inline(always)]
+    pub(super) fn directions<R: Real>(&self, u: [R; 2]) -> V3<R> {
+        let Frame { s, t, n } = self.frame;
+        Axes::all(u[0], [s, t, n]).to_world(warp::lanes::square_to_cone(u, u[0].all(self.height)))
     }
 
     /// Samples a photon through the scene.
     pub fn emit(&self, bounds: &BoundingSphere, u: [f32; 2], v: [f32; 2]) -> Emission {
-        let direction = -self.sample(u).wi;
+        let direction = Vec3::from(-self.directions(u));
         Emission { ray: ray_through(bounds, direction, v), power: self.power(bounds), normal: direction }
     }
 

@@ -8,6 +8,8 @@ use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::Vec3;
 
+use crate::math::lanes::{Bits, LANES, Mask, Real, V3, Wide};
+
 /// Bounds of a light's position, directions and intensity.
 #[derive(Debug, Clone, Copy)]
 pub struct LightBounds {
@@ -84,67 +86,144 @@ impl LightBounds {
     }
 }
 
+/// What is known of the lights below a node, in lanes.
 #[derive(Debug, Clone, Copy)]
-struct Node {
-    centre: Vec3,
+struct Node<R> {
+    centre: V3<R>,
     /// Half diagonal of the box.
-    radius: f32,
-    axis: Vec3,
-    cos_half: f32,
-    sin_half: f32,
-    intensity: f32,
-    /// Index of the first of two adjacent children, or of the light.
-    link: u32,
-    leaf: bool,
+    radius: R,
+    axis: V3<R>,
+    cos_half: R,
+    sin_half: R,
+    intensity: R,
 }
 
-impl Node {
+/// Numbers in a [`Node`].
+const NUMBERS: usize = 10;
+
+impl Node<f32> {
     fn new(bounds: &LightBounds) -> Self {
         let (sin_half, cos_half) = bounds.cone.half.sin_cos();
         Self {
-            centre: bounds.centre(),
+            centre: bounds.centre().into(),
             radius: 0.5 * (bounds.high - bounds.low).length(),
-            axis: bounds.cone.axis,
+            axis: bounds.cone.axis.into(),
             cos_half,
             sin_half,
             intensity: bounds.intensity,
-            link: 0,
-            leaf: true,
         }
     }
 
-    /// Estimate of the greatest irradiance that the node's lights can send to `point`: intensity times the cosine of the least
+    fn numbers(&self) -> [f32; NUMBERS] {
+        let Self { centre, radius, axis, cos_half, sin_half, intensity } = self;
+        [centre.x, centre.y, centre.z, *radius, axis.x, axis.y, axis.z, *cos_half, *sin_half, *intensity]
+    }
+}
+
+impl<R: Real> Node<R> {
+    /// From its numbers in a row.
+    #[inline(always)]
+    fn of(row: &[R]) -> Self {
+        Self {
+            centre: V3::new(row[0], row[1], row[2]),
+            radius: row[3],
+            axis: V3::new(row[4], row[5], row[6]),
+            cos_half: row[7],
+            sin_half: row[8],
+            intensity: row[9],
+        }
+    }
+
+    /// Estimate of the greatest irradiance that the node's lights can send to a point: intensity times the cosine of the least
     /// angle by which they are turned away, over the squared distance, which counts as no less than the node's size.
-    fn importance(&self, point: Vec3) -> f32 {
+    #[inline(always)]
+    fn importance(&self, point: V3<R>) -> R {
         let to = point - self.centre;
         let squared = to.length_squared();
-        let near = self.radius * self.radius;
-        let falloff = self.intensity / squared.max(near).max(f32::MIN_POSITIVE);
-        if squared <= near {
-            return falloff;
-        }
+        let near = self.radius.squared();
+        let falloff = self.intensity / squared.max(near).at_least(f32::MIN_POSITIVE);
         let cos = self.axis.dot(to) / squared.sqrt();
-        let sin = (1.0 - cos * cos).max(0.0).sqrt();
+        let sin = cos.squared().rest().at_least(0.0).sqrt();
         // Angles are subtracted by their sines and cosines: first the cone of the normals, then the box as seen from the point.
         let (sin, cos) = less((sin, cos), (self.sin_half, self.cos_half));
         let sin_box = (near / squared).sqrt();
-        let (_, cos) = less((sin, cos), (sin_box, (1.0 - sin_box * sin_box).max(0.0).sqrt()));
-        falloff * cos.max(0.0)
+        let (_, cos) = less((sin, cos), (sin_box, sin_box.squared().rest().at_least(0.0).sqrt()));
+        squared.le(near).choose(falloff, falloff * cos.at_least(0.0))
     }
 }
 
 /// Sine and cosine of max(a - b, 0), for angles in [0, π] given by their sines and cosines.
-fn less((sin_a, cos_a): (f32, f32), (sin_b, cos_b): (f32, f32)) -> (f32, f32) {
-    if cos_a >= cos_b { (0.0, 1.0) } else { (sin_a * cos_b - cos_a * sin_b, cos_a * cos_b + sin_a * sin_b) }
+#[inline(always)]
+fn less<R: Real>((sin_a, cos_a): (R, R), (sin_b, cos_b): (R, R)) -> (R, R) {
+    let none = cos_a.ge(cos_b);
+    if !(!none).any() {
+        return (sin_a.all(0.0), cos_a.all(1.0));
+    }
+    let (sin, cos) = (sin_a * cos_b - cos_a * sin_b, cos_a * cos_b + sin_a * sin_b);
+    (none.choose(sin.all(0.0), sin), none.choose(cos.all(1.0), cos))
+}
+
+/// What is below a node: the index of a pair of nodes, or [`LEAF`] and the index of a light.
+type Link = i32;
+/// The sign.
+const LEAF: Link = Link::MIN;
+/// Below it there is nothing.
+const NOTHING: Link = -1;
+/// No light's index.
+pub const NO_LIGHT: u32 = (NOTHING ^ LEAF).cast_unsigned();
+
+/// Two nodes with one parent.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(32))]
+struct Pair([Row; 2]);
+
+/// The numbers of a node, its link as the bits of a number, and one that fills the space of four.
+type Row = [f32; NUMBERS + 2];
+
+impl Pair {
+    fn new(halves: [&[(u32, LightBounds)]; 2]) -> Self {
+        Self(halves.map(|half| {
+            let mut row = [0.0; NUMBERS + 2];
+            row[..NUMBERS].copy_from_slice(&Node::new(&around(half)).numbers());
+            row
+        }))
+    }
+
+    #[inline(always)]
+    fn nodes(&self) -> [Node<f32>; 2] {
+        [Node::of(&self.0[0]), Node::of(&self.0[1])]
+    }
+
+    #[inline(always)]
+    fn link(&self, second: bool) -> Link {
+        self.0[usize::from(second)][NUMBERS].bits()
+    }
+}
+
+/// Probability of choosing the first of two nodes at a point, and where there is one: not where both estimates are 0.
+#[inline(always)]
+fn turn<R: Real>([first, second]: &[Node<R>; 2], point: V3<R>) -> (R, R::Mask) {
+    let (a, b) = (first.importance(point), second.importance(point));
+    let sum = a + b;
+    let share = a / sum;
+    let share = (a.above(0.0) & b.above(0.0)).choose(share.between(LEAST, 1.0 - LEAST), share);
+    (share, sum.above(0.0) & sum.finite())
 }
 
 /// A tree over the lights that have a place.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct LightTree {
-    /// The nodes: two children are adjacent, and parents come before them.
-    nodes: Vec<Node>,
+    root: Link,
+    /// The other nodes; parents come before their children.
+    pairs: Vec<Pair>,
     /// By light: the turns from the root to its leaf, the first in the lowest bit, and their number; none without a place.
     trails: Vec<Option<(u64, u32)>>,
+}
+
+impl Default for LightTree {
+    fn default() -> Self {
+        Self { root: NOTHING, pairs: Vec::new(), trails: Vec::new() }
+    }
 }
 
 /// Greatest depth of splits by cost; below, lights that the costs do not tell apart are halved by number.
@@ -159,72 +238,128 @@ impl LightTree {
     pub fn new(lights: &[Option<LightBounds>]) -> Self {
         let mut placed: Vec<(u32, LightBounds)> =
             (0..).zip(lights).filter_map(|(index, bounds)| Some((index, (*bounds)?))).collect();
-        let mut tree = Self { nodes: Vec::with_capacity(2 * placed.len()), trails: vec![None; lights.len()] };
+        let pairs = Vec::with_capacity(placed.len().saturating_sub(1));
+        let mut tree = Self { pairs, trails: vec![None; lights.len()], ..Self::default() };
         if !placed.is_empty() {
-            tree.nodes.push(Node::new(&around(&placed)));
-            tree.grow(0, &mut placed, 0, 0);
+            tree.root = tree.grow(&mut placed, 0, 0);
         }
         tree
     }
 
-    fn grow(&mut self, node: usize, lights: &mut [(u32, LightBounds)], trail: u64, depth: u32) {
+    /// Adds the nodes below one with these lights.
+    fn grow(&mut self, lights: &mut [(u32, LightBounds)], trail: u64, depth: u32) -> Link {
         if let [(light, _)] = lights {
-            self.nodes[node].link = *light;
             self.trails[*light as usize] = Some((trail, depth));
-            return;
+            return LEAF | light.cast_signed();
         }
         let middle = if depth < DEEPEST { split(lights) } else { lights.len() / 2 };
         let (left, right) = lights.split_at_mut(middle);
-        let first = self.nodes.len();
-        self.nodes[node].link = first as u32;
-        self.nodes[node].leaf = false;
-        self.nodes.extend([&*left, &*right].map(|half| Node::new(&around(half))));
-        self.grow(first, left, trail, depth + 1);
-        self.grow(first + 1, right, trail | 1 << depth, depth + 1);
-    }
-
-    /// Probability of choosing the first child at `point`; none where both estimates are 0.
-    fn turn(&self, first: u32, point: Vec3) -> Option<f32> {
-        let [a, b] = [first, first + 1].map(|child| self.nodes[child as usize].importance(point));
-        let sum = a + b;
-        if !(sum > 0.0 && sum.is_finite()) {
-            return None;
+        let pair = self.pairs.len();
+        self.pairs.push(Pair::new([left, right]));
+        let links = [self.grow(left, trail, depth + 1), self.grow(right, trail | 1 << depth, depth + 1)];
+        for (row, link) in self.pairs[pair].0.iter_mut().zip(links) {
+            row[NUMBERS] = link.real_bits();
         }
-        let share = a / sum;
-        Some(if a > 0.0 && b > 0.0 { share.clamp(LEAST, 1.0 - LEAST) } else { share })
+        pair as Link
     }
 
     /// Samples a light for `point`; returns its index and probability, none where no light can light it.
     pub fn sample(&self, point: Vec3, mut u: f64) -> Option<(usize, f32)> {
-        let mut node = self.nodes.first()?;
-        let mut probability = 1.0;
-        while !node.leaf {
-            let share = self.turn(node.link, point)?;
-            let limit = f64::from(share);
-            let second = u >= limit;
-            (u, probability) = if second {
-                ((u - limit) / (1.0 - limit), probability * (1.0 - share))
-            } else {
-                (u / limit, probability * share)
-            };
-            node = &self.nodes[node.link as usize + usize::from(second)];
+        let (mut link, mut probability) = (self.root, 1.0);
+        while link & LEAF == 0 {
+            let pair = &self.pairs[link as usize];
+            let (share, possible) = turn(&pair.nodes(), point.into());
+            if !possible {
+                return None;
+            }
+            let second;
+            (second, u) = split_number(u, share);
+            probability *= if second { share.rest() } else { share };
+            link = pair.link(second);
         }
-        Some((node.link as usize, probability))
+        (link != NOTHING).then_some(((link ^ LEAF) as usize, probability))
+    }
+
+    /// As [`LightTree::sample`] in lanes: the light of each, [`NO_LIGHT`] where there is none or `u` is negative, and its probability.
+    #[inline(always)]
+    pub fn sample_lanes<W: Wide>(&self, wide: W, points: &V3<W::Real>, mut u: [f64; LANES]) -> ([u32; LANES], W::Real) {
+        let mut begin = [NOTHING; LANES];
+        for lane in 0..LANES {
+            begin[lane] = if u[lane] >= 0.0 { self.root } else { NOTHING };
+        }
+        let (mut links, mut probability) = (wide.load_bits(&begin), points.x.all(1.0));
+        let nothing = links.all(NOTHING);
+        // A lane that has come to its end stays there, whatever becomes of its number.
+        loop {
+            let open = links.right::<31>().same(links.all(0));
+            if !open.any() {
+                break;
+            }
+            let rows = self.rows(points.x, &wide.store_bits(links), open.answers());
+            let (first, second) = rows.split_at(NUMBERS + 2);
+            let (share, possible) = turn(&[Node::of(first), Node::of(second)], *points);
+            let shares = wide.store(share);
+            let mut is_second = [0; LANES];
+            for lane in 0..LANES {
+                let turned;
+                (turned, u[lane]) = split_number(u[lane], shares[lane]);
+                is_second[lane] = i32::from(turned);
+            }
+            let is_second = wide.load_bits(&is_second).same(links.all(1));
+            let taken = is_second.choose(share.rest(), share);
+            probability = open.choose(probability * taken, probability);
+            let next = possible.choose(is_second.choose(second[NUMBERS], first[NUMBERS]), nothing.real_bits());
+            links = open.choose(next, links.real_bits()).bits();
+        }
+        let mut lights = [NO_LIGHT; LANES];
+        let ends = wide.store_bits(links);
+        for lane in 0..LANES {
+            lights[lane] = (ends[lane] ^ LEAF).cast_unsigned();
+        }
+        (lights, probability)
+    }
+
+    /// The rows of the pairs that lanes have come to; in lanes that have come to an end, those of the first that is `open`.
+    #[inline(always)]
+    fn rows<R: Real>(&self, like: R, links: &[Link; LANES], open: u32) -> [R; 2 * (NUMBERS + 2)] {
+        let row = |link: Link| bytemuck::cast::<_, [f32; 2 * (NUMBERS + 2)]>(self.pairs[link as usize].0);
+        let first = links[open.trailing_zeros() as usize];
+        // The first turn is the same for all.
+        if links.iter().all(|link| *link == first) {
+            let (row, mut same) = (row(first), [like; 2 * (NUMBERS + 2)]);
+            for i in 0..row.len() {
+                same[i] = like.all(row[i]);
+            }
+            return same;
+        }
+        R::by_lane([like], |lane, _| row(if links[lane] >= 0 { links[lane] } else { first }))
     }
 
     /// The probability with which [`LightTree::sample`] chooses `light` for `point`.
     pub fn probability(&self, point: Vec3, light: usize) -> f32 {
         let Some((mut trail, depth)) = self.trails[light] else { return 0.0 };
-        let (mut node, mut probability) = (&self.nodes[0], 1.0);
+        let (mut link, mut probability, mut possible) = (self.root, 1.0, true);
+        // No branch depends on the estimates, so those of all levels are computed at once.
         for _ in 0..depth {
-            let Some(share) = self.turn(node.link, point) else { return 0.0 };
+            let pair = &self.pairs[link as usize];
+            let (share, one_is) = turn(&pair.nodes(), point.into());
             let second = trail & 1 == 1;
-            probability *= if second { 1.0 - share } else { share };
-            node = &self.nodes[node.link as usize + usize::from(second)];
+            probability *= if second { share.rest() } else { share };
+            possible &= one_is;
+            link = pair.link(second);
             trail >>= 1;
         }
-        probability
+        if possible { probability } else { 0.0 }
     }
+}
+
+/// Whether `u` in [0, 1) falls beyond `share`, and `u` rescaled to [0, 1) within its part.
+#[inline(always)]
+fn split_number(u: f64, share: f32) -> (bool, f64) {
+    let limit = f64::from(share);
+    let second = u >= limit;
+    let (above, part) = if second { (u - limit, 1.0 - limit) } else { (u, limit) };
+    (second, above / part)
 }
 
 fn around(lights: &[(u32, LightBounds)]) -> LightBounds {

@@ -8,6 +8,7 @@ use glam::{Vec2, Vec3};
 
 use super::texture::Texture;
 use crate::math::Frame;
+use crate::math::lanes::{Mask, Real, V3};
 
 /// A bump or normal map of a material.
 #[derive(Debug, Clone)]
@@ -83,28 +84,29 @@ impl Bump {
 /// Shadowing by bumps at a point whose shading normal was turned from one unit vector to another: the part of the light that bumps
 /// do not hide and that comes from the same side of the smooth surface.
 #[derive(Debug, Clone, Copy)]
-pub struct Shadowing {
-    smooth: Vec3,
-    alpha2: f32,
+pub struct Shadowing<R> {
+    smooth: V3<R>,
+    alpha2: R,
 }
 
-impl Shadowing {
+impl<R: Real> Shadowing<R> {
     /// Shadowing of the turn from `smooth` to `bumped`: α² = tan²/8 of the angle, at most 1 (Estevez et al. 2019, eq. 2).
-    pub fn new(smooth: Vec3, bumped: Vec3) -> Self {
-        let cos2 = smooth.dot(bumped).powi(2).min(1.0);
-        let alpha2 = if cos2 > 0.0 { (0.125 * (1.0 - cos2) / cos2).min(1.0) } else { 1.0 };
-        Self { smooth, alpha2 }
+    #[inline(always)]
+    pub fn new(smooth: V3<R>, bumped: V3<R>) -> Self {
+        let one = smooth.x.all(1.0);
+        let cos2 = smooth.dot(bumped).squared().min(one);
+        let alpha2 = ((one - cos2) * 0.125 / cos2).min(one);
+        Self { smooth, alpha2: cos2.above(0.0).choose(alpha2, one) }
     }
 
     /// Factor for light from the unit direction `wi`, whose cosine with the bumped normal is `cos`: GGX's shadowing, or 0 where the
     /// smooth surface has the light on its other side.
-    pub fn factor(&self, wi: Vec3, cos: f32) -> f32 {
-        let smooth = self.smooth.dot(wi);
-        if smooth * cos <= 0.0 {
-            return 0.0;
-        }
-        let cos2 = smooth.powi(2).clamp(1e-12, 1.0);
-        2.0 / (1.0 + (1.0 + self.alpha2 * (1.0 - cos2) / cos2).sqrt())
+    #[inline(always)]
+    pub fn factor(&self, wi: V3<R>, cos: R) -> R {
+        let (smooth, one) = (self.smooth.dot(wi), cos.all(1.0));
+        let cos2 = smooth.squared().between(1e-12, 1.0);
+        let seen = (one + (one + self.alpha2 * (one - cos2) / cos2).sqrt()).inverse() * 2.0;
+        (smooth * cos).above(0.0).choose(seen, cos.all(0.0))
     }
 }
 
@@ -177,16 +179,17 @@ mod tests {
             let bump = Bump { map: Map::Normals(picture(2, |_| (normal + Vec3::ONE) / 2.0)), mirrored: false };
             let turned = bump.normal(&at(out)).unwrap();
             let cos = turned.dot(wi);
-            let ours = cos * Shadowing::new(Vec3::Z, turned).factor(wi, cos);
+            let ours = cos * Shadowing::<f32>::new(Vec3::Z.into(), turned.into()).factor(wi.into(), cos);
             assert!((ours - value).abs() < 1e-5, "{normal} {wi}: {ours} {value}");
         }
     }
 
     #[test]
     fn light_does_not_leak() {
-        let shadowing = Shadowing::new(Vec3::Z, Vec3::new(0.6, 0.0, 0.8));
-        assert_eq!(shadowing.factor(Vec3::NEG_Z, 0.5), 0.0);
-        assert!((shadowing.factor(Vec3::Z, 0.8) - 1.0).abs() < 1e-6);
-        assert!(shadowing.factor(Vec3::new(0.99, 0.0, 0.1).normalize(), 0.9) < 0.7);
+        let shadowing = Shadowing::<f32>::new(Vec3::Z.into(), Vec3::new(0.6, 0.0, 0.8).into());
+        let factor = |wi: Vec3, cos: f32| shadowing.factor(wi.into(), cos);
+        assert_eq!(factor(Vec3::NEG_Z, 0.5), 0.0);
+        assert!((factor(Vec3::Z, 0.8) - 1.0).abs() < 1e-6);
+        assert!(factor(Vec3::new(0.99, 0.0, 0.1).normalize(), 0.9) < 0.7);
     }
 }

@@ -1,9 +1,10 @@
 //! Smooth metal: a mirror with a coloured Fresnel factor.
 
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 
-use super::BsdfSample;
-use super::fresnel::Metal;
+use super::fresnel::{Metal, MetalAt};
+use super::{Drawn, Scatter, Transport, mirrored};
+use crate::math::lanes::{Real, V3, lanes_of};
 
 /// A perfectly smooth conductor on the front side.
 #[derive(Debug, Clone)]
@@ -12,14 +13,35 @@ pub struct Conductor {
     pub metal: Metal,
 }
 
+/// A conductor at surface points.
+#[derive(Debug, Clone, Copy)]
+pub struct At<R> {
+    metal: MetalAt<R>,
+}
+
+lanes_of!(At { metal });
+
 impl Conductor {
+    /// The conductor at `uv`.
+    pub fn at(&self, uv: Vec2) -> At<f32> {
+        At { metal: self.metal.at(uv) }
+    }
+}
+
+impl<R: Real> Scatter<R> for At<R> {
     /// The mirrored direction.
-    pub fn sample(&self, uv: Vec2, wo: Vec3) -> Option<BsdfSample> {
-        (wo.z > 0.0).then(|| BsdfSample {
-            wi: Vec3::new(-wo.x, -wo.y, wo.z),
-            weight: self.metal.reflection(uv, wo.z),
-            pdf: 1.0,
-            delta: true,
-        })
+    #[inline(always)]
+    fn sample(&self, wo: V3<R>, _: R, _: [R; 2], _: Transport) -> Drawn<R> {
+        Drawn::of_delta(mirrored(wo), self.metal.reflection(wo.z), wo.z.all(1.0), wo.z.above(0.0))
+    }
+
+    #[inline(always)]
+    fn delta_probability(&self, wo: V3<R>) -> R {
+        wo.z.all(1.0).only(wo.z.above(0.0))
+    }
+
+    #[inline(always)]
+    fn albedo(&self) -> V3<R> {
+        self.metal.albedo()
     }
 }

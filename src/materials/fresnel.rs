@@ -3,6 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::texture::Texture;
+use crate::math::lanes::{Mask, Real, V3, lanes_of};
 
 /// A metal: its refractive index per channel and a factor on the reflection.
 #[derive(Debug, Clone)]
@@ -15,57 +16,79 @@ pub struct Metal {
     pub reflectance: Texture,
 }
 
+/// A metal at surface points.
+#[derive(Debug, Clone, Copy)]
+pub struct MetalAt<R> {
+    eta: V3<R>,
+    k: V3<R>,
+    reflectance: V3<R>,
+}
+
+lanes_of!(MetalAt { eta, k, reflectance });
+
 impl Metal {
+    /// The metal at `uv`.
+    pub fn at(&self, uv: Vec2) -> MetalAt<f32> {
+        MetalAt { eta: self.eta.into(), k: self.k.into(), reflectance: self.reflectance.eval(uv).into() }
+    }
+}
+
+impl<R: Real> MetalAt<R> {
     /// Reflected share per channel under the angle with cosine `cos`.
-    pub fn reflection(&self, uv: Vec2, cos: f32) -> Vec3 {
-        let channel = |i: usize| conductor(cos, self.eta[i], self.k[i]);
-        Vec3::new(channel(0), channel(1), channel(2)) * self.reflectance.eval(uv)
+    #[inline(always)]
+    pub fn reflection(&self, cos: R) -> V3<R> {
+        let Self { eta, k, reflectance } = self;
+        let fresnel = V3::new(conductor(cos, eta.x, k.x), conductor(cos, eta.y, k.y), conductor(cos, eta.z, k.z));
+        fresnel * *reflectance
     }
 
     /// Reflection at normal incidence.
-    pub fn albedo(&self, uv: Vec2) -> Vec3 {
-        self.reflection(uv, 1.0)
+    #[inline(always)]
+    pub fn albedo(&self) -> V3<R> {
+        self.reflection(self.eta.x.all(1.0))
     }
 }
 
 /// Unpolarised Fresnel reflectance of a conductor with refractive index `eta` + i·`k` relative to the outside.
 /// The exact form, e.g. Born and Wolf 1999, §14.2.
-pub fn conductor(cos: f32, eta: f32, k: f32) -> f32 {
+#[inline(always)]
+pub fn conductor<R: Real>(cos: R, eta: R, k: R) -> R {
     let cos2 = cos * cos;
-    let sin2 = 1.0 - cos2;
+    let sin2 = cos2.rest();
     let (eta2, k2) = (eta * eta, k * k);
     let t0 = eta2 - k2 - sin2;
-    let a2b2 = (t0 * t0 + 4.0 * eta2 * k2).sqrt();
-    let a = (0.5 * (a2b2 + t0)).max(0.0).sqrt();
-    let perpendicular = (a2b2 + cos2 - 2.0 * a * cos) / (a2b2 + cos2 + 2.0 * a * cos);
-    let (t3, t4) = (cos2 * a2b2 + sin2 * sin2, 2.0 * a * cos * sin2);
+    let a2b2 = (t0 * t0 + eta2 * 4.0 * k2).sqrt();
+    let a = ((a2b2 + t0) * 0.5).at_least(0.0).sqrt();
+    let t1 = a * 2.0 * cos;
+    let perpendicular = (a2b2 + cos2 - t1) / (a2b2 + cos2 + t1);
+    let (t3, t4) = (cos2 * a2b2 + sin2 * sin2, t1 * sin2);
     let parallel = perpendicular * (t3 - t4) / (t3 + t4);
-    let r = 0.5 * (perpendicular + parallel);
+    let r = (perpendicular + parallel) * 0.5;
     // 0/0 only where there is no interface: eta = 1, k = 0 at grazing incidence.
-    if r.is_finite() { r.clamp(0.0, 1.0) } else { 1.0 }
+    r.finite().choose(r.between(0.0, 1.0), r.all(1.0))
 }
 
 /// Unpolarised Fresnel reflectance at a dielectric interface and the cosine on the other side (0 under total internal
 /// reflection). `eta` is the index behind the interface over the index on the side of the direction; `cos` ≥ 0.
-pub fn dielectric(cos: f32, eta: f32) -> (f32, f32) {
-    let sin2_t = (1.0 - cos * cos).max(0.0) / (eta * eta);
-    if sin2_t >= 1.0 {
-        return (1.0, 0.0);
-    }
-    let cos_t = (1.0 - sin2_t).sqrt();
-    if eta == 1.0 {
-        return (0.0, cos);
-    }
+#[inline(always)]
+pub fn dielectric<R: Real>(cos: R, eta: R) -> (R, R) {
+    let sin2_t = (cos * cos).rest().at_least(0.0) / (eta * eta);
+    let passes = sin2_t.below(1.0);
+    let cos_t = sin2_t.rest().sqrt();
     let s = (cos - eta * cos_t) / (cos + eta * cos_t);
     let p = (eta * cos - cos_t) / (eta * cos + cos_t);
-    (0.5 * (s * s + p * p), cos_t)
+    let reflected = (s * s + p * p) * 0.5;
+    let nothing = eta.is(1.0);
+    let (reflected, cos_t) = (nothing.choose(cos.all(0.0), reflected), nothing.choose(cos, cos_t));
+    (passes.choose(reflected, cos.all(1.0)), cos_t.only(passes))
 }
 
 /// 1 − R of [`dielectric`], precise also where hardly anything passes: at grazing angles.
-pub fn transmitted(cos: f32, eta: f32) -> f32 {
+#[inline(always)]
+pub fn transmitted<R: Real>(cos: R, eta: R) -> R {
     let cos_t = dielectric(cos, eta).1;
     let (s, p) = (cos + eta * cos_t, eta * cos + cos_t);
-    if cos_t > 0.0 { 2.0 * eta * cos * cos_t * (1.0 / (s * s) + 1.0 / (p * p)) } else { 0.0 }
+    (eta * 2.0 * cos * cos_t * ((s * s).inverse() + (p * p).inverse())).only(cos_t.above(0.0))
 }
 
 #[cfg(test)]

@@ -2,8 +2,13 @@
 //!
 //! Everything here works in the local frame of the shading normal (+z). `wo` points to where the light goes (the camera's
 //! side of a camera path), `wi` to where it comes from; both point away from the surface.
+//!
+//! A [`Material`] varies over a surface; [`Material::at`] reads its textures at a point and gives a [`Bsdf`], which answers all questions
+//! there. Its formulas are written over [`Real`](crate::math::lanes::Real): for one point in plain numbers, and for sixteen points of
+//! one [`Variant`] at once, with the same bits.
 
 pub mod blend;
+pub mod bsdf;
 pub mod bump;
 pub mod conductor;
 pub mod dielectric;
@@ -17,14 +22,19 @@ pub mod principled;
 pub mod rough_conductor;
 pub mod rough_dielectric;
 pub mod rough_diffuse;
+mod table;
 pub mod texture;
+#[cfg(test)]
+mod tests;
 
 use glam::{Vec2, Vec3};
 
 use blend::Blend;
+pub use bsdf::{Bsdf, Drawn, Scatter, Variant};
+use bsdf::{Model, Null, mirrored};
 use bump::Bump;
 use conductor::Conductor;
-use dielectric::{Dielectric, ThinDielectric};
+use dielectric::{Dielectric, ThinDielectric, seen_from};
 use diffuse::Diffuse;
 use plastic::Plastic;
 use principled::Principled;
@@ -32,6 +42,8 @@ use rough_conductor::RoughConductor;
 use rough_dielectric::RoughDielectric;
 use rough_diffuse::RoughDiffuse;
 use texture::Texture;
+
+use crate::math::lanes::V3;
 
 /// The quantity that a path carries: radiance from the lights to the camera, or importance the other way (photons). Refraction
 /// scales only radiance (Veach 1997, §5.2).
@@ -81,8 +93,9 @@ pub struct Tint {
 }
 
 impl Tint {
-    fn factor(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
-        if wo.z * wi.z > 0.0 { self.reflectance.eval(uv) } else { self.transmittance.eval(uv) }
+    /// The factors at `uv`.
+    fn at(&self, uv: Vec2) -> [V3<f32>; 2] {
+        [self.reflectance.eval(uv).into(), self.transmittance.eval(uv).into()]
     }
 }
 
@@ -120,6 +133,44 @@ impl From<Kind> for Material {
 }
 
 impl Material {
+    /// The material at `uv`: all that its textures say there, read once.
+    pub fn at(&self, uv: Vec2) -> Bsdf<'_, f32> {
+        let model = match &self.kind {
+            Kind::Diffuse(m) => Model::Diffuse(m.at(uv)),
+            Kind::RoughDiffuse(m) => Model::RoughDiffuse(m.at(uv)),
+            Kind::Conductor(m) => Model::Conductor(m.at(uv)),
+            Kind::RoughConductor(m) => Model::RoughConductor(m.at(uv)),
+            Kind::Dielectric(m) => Model::Dielectric(*m),
+            Kind::ThinDielectric(m) => Model::ThinDielectric(*m),
+            Kind::RoughDielectric(m) => Model::RoughDielectric(*m),
+            Kind::Plastic(m) => Model::Plastic(m.at(uv)),
+            Kind::Null => Model::Null(Null { one: 1.0 }),
+            Kind::Principled(m) => Model::Principled(m.at(uv)),
+            Kind::Blend(m) => Model::Blend(m.at(uv)),
+        };
+        Bsdf { two_sided: self.two_sided, tint: self.tint.as_ref().map(|tint| tint.at(uv)), model }
+    }
+
+    /// Brings near what the textures of [`Material::at`] hold at `uv`.
+    pub fn prefetch(&self, uv: Vec2) {
+        match &self.kind {
+            Kind::Diffuse(m) => m.reflectance.prefetch(uv),
+            Kind::RoughDiffuse(m) => m.prefetch(uv),
+            Kind::Conductor(m) => m.metal.reflectance.prefetch(uv),
+            Kind::RoughConductor(m) => m.metal.reflectance.prefetch(uv),
+            Kind::Plastic(m) => m.prefetch(uv),
+            Kind::Principled(m) => m.prefetch(uv),
+            Kind::Blend(m) => m.prefetch(uv),
+            Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) | Kind::Null => {}
+        }
+        self.opacity.iter().for_each(|mask| mask.prefetch(uv));
+    }
+
+    /// What points of the material have in common with points of others: the same everywhere on it.
+    pub fn variant(&self) -> Variant {
+        self.at(Vec2::ZERO).variant()
+    }
+
     /// Whether every lobe is a delta lobe: such a surface is never connected to a light, guided, or stored in.
     pub fn is_delta(&self) -> bool {
         match &self.kind {
@@ -129,119 +180,56 @@ impl Material {
         }
     }
 
-    /// Probability with which [`Material::sample`] chooses a delta lobe.
-    pub fn delta_probability(&self, uv: Vec2, wo: Vec3) -> f32 {
-        let (wo, _) = self.to_front(wo, wo);
-        match &self.kind {
-            Kind::Conductor(_) if wo.z <= 0.0 => 0.0,
-            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => 1.0,
-            Kind::Plastic(m) => m.delta_probability(wo),
-            Kind::Blend(m) => m.delta_probability(uv, wo),
-            Kind::Diffuse(_)
-            | Kind::RoughDiffuse(_)
-            | Kind::RoughConductor(_)
-            | Kind::RoughDielectric(_)
-            | Kind::Principled(_) => 0.0,
-        }
-    }
-
-    /// Refractive index on the side of `wi` over that on the side of `wo`: radiance that is refracted is divided by its square
-    /// (Veach 1997, §5.2). 1 where both are on one side, and where transmitted light is not refracted.
-    pub fn eta(&self, wo: Vec3, wi: Vec3) -> f32 {
-        if wo.z * wi.z >= 0.0 {
-            return 1.0;
-        }
-        let (wo, _) = self.to_front(wo, wi);
-        let behind = match &self.kind {
-            Kind::Dielectric(m) => m.eta,
-            Kind::RoughDielectric(m) => m.eta,
-            Kind::Principled(m) => m.eta(),
-            // Of two parts that refract, the first decides.
-            Kind::Blend(m) => {
-                return m.parts.iter().map(|part| part.eta(wo, -wo)).find(|&eta| eta != 1.0).unwrap_or(1.0);
-            }
-            Kind::Diffuse(_) | Kind::Conductor(_) | Kind::RoughConductor(_) | Kind::ThinDielectric(_) => 1.0,
-            Kind::RoughDiffuse(_) | Kind::Plastic(_) | Kind::Null => 1.0,
-        };
-        if wo.z > 0.0 { behind } else { 1.0 / behind }
-    }
-
-    /// f(wo, wi)·|cos θᵢ| of the lobes that are not delta, sr⁻¹.
-    pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
-        let (wo, wi) = self.to_front(wo, wi);
-        let value = match &self.kind {
-            Kind::Diffuse(m) => m.eval(uv, wo, wi),
-            Kind::RoughDiffuse(m) => m.eval(uv, wo, wi),
-            Kind::RoughConductor(m) => m.eval(uv, wo, wi),
-            Kind::RoughDielectric(m) => Vec3::splat(m.eval(wo, wi)),
-            Kind::Plastic(m) => m.eval(uv, wo, wi),
-            Kind::Principled(m) => m.eval(uv, wo, wi),
-            Kind::Blend(m) => m.eval(uv, wo, wi),
-            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => Vec3::ZERO,
-        };
-        self.tint.as_ref().map_or(value, |tint| value * tint.factor(uv, wo, wi))
-    }
-
-    /// Density of [`Material::sample`] over the lobes that are not delta, w.r.t. solid angle.
-    pub fn pdf(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> f32 {
-        let (wo, wi) = self.to_front(wo, wi);
-        match &self.kind {
-            Kind::Diffuse(_) => Diffuse::pdf(wo, wi),
-            Kind::RoughDiffuse(_) => RoughDiffuse::pdf(wo, wi),
-            Kind::RoughConductor(m) => m.pdf(wo, wi),
-            Kind::RoughDielectric(m) => m.pdf(wo, wi),
-            Kind::Plastic(m) => m.pdf(wo, wi),
-            Kind::Principled(m) => m.pdf(uv, wo, wi),
-            Kind::Blend(m) => m.pdf(uv, wo, wi),
-            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => 0.0,
-        }
-    }
-
     /// Whether [`Material::sample`] reads the number that chooses a lobe: of most materials the other two say everything.
     #[inline]
     pub fn chooses_lobe(&self) -> bool {
         matches!(self.kind, Kind::RoughDielectric(_) | Kind::Principled(_) | Kind::Blend(_))
     }
 
-    /// Samples `wi` by numbers in [0, 1), the first for the lobe where there are several, the others for its direction; none where the
-    /// surface absorbs.
-    pub fn sample(&self, uv: Vec2, wo: Vec3, lobe: f32, u: [f32; 2], transport: Transport) -> Option<BsdfSample> {
-        let flip = self.two_sided && wo.z < 0.0;
-        let wo = if flip { -wo } else { wo };
-        let mut sample = match &self.kind {
-            Kind::Diffuse(m) => m.sample(uv, wo, u),
-            Kind::RoughDiffuse(m) => m.sample(uv, wo, u),
-            Kind::RoughConductor(m) => m.sample(uv, wo, u),
-            Kind::Conductor(m) => m.sample(uv, wo),
-            Kind::Dielectric(m) => m.sample(wo, u[0], transport),
-            Kind::ThinDielectric(m) => m.sample(wo, u[0]),
-            Kind::RoughDielectric(m) => m.sample(wo, u, lobe, transport),
-            Kind::Plastic(m) => m.sample(uv, wo, u),
-            Kind::Null => Some(BsdfSample { wi: -wo, weight: Vec3::ONE, pdf: 1.0, delta: true }),
-            Kind::Principled(m) => m.sample(uv, wo, u, lobe, transport),
-            Kind::Blend(m) => m.sample(uv, wo, lobe, u, transport),
-        }?;
-        if let Some(tint) = &self.tint {
-            sample.weight *= tint.factor(uv, wo, sample.wi);
+    /// [`Bsdf::eta`], which no texture changes.
+    pub fn eta(&self, wo: Vec3, wi: Vec3) -> f32 {
+        if wo.z * wi.z >= 0.0 {
+            return 1.0;
         }
-        Some(if flip { BsdfSample { wi: -sample.wi, ..sample } } else { sample })
-    }
-
-    /// Reflectance for pictures of the albedo.
-    pub fn albedo(&self, uv: Vec2) -> Vec3 {
+        let wo = if self.two_sided && wo.z < 0.0 { -wo } else { wo };
         match &self.kind {
-            Kind::Diffuse(m) => m.reflectance.eval(uv),
-            Kind::RoughDiffuse(m) => m.albedo(uv),
-            Kind::Conductor(m) => m.metal.albedo(uv),
-            Kind::RoughConductor(m) => m.metal.albedo(uv),
-            Kind::Plastic(m) => m.albedo(uv),
-            Kind::Principled(m) => m.albedo(uv),
-            Kind::Blend(m) => m.albedo(uv),
-            Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) | Kind::Null => Vec3::ONE,
+            Kind::Dielectric(m) => seen_from(wo.into(), m.eta),
+            Kind::RoughDielectric(m) => seen_from(wo.into(), m.eta),
+            Kind::Principled(m) => seen_from(wo.into(), m.eta()),
+            Kind::Blend(m) => m.eta(wo),
+            Kind::Diffuse(_) | Kind::Conductor(_) | Kind::RoughConductor(_) | Kind::ThinDielectric(_) => 1.0,
+            Kind::RoughDiffuse(_) | Kind::Plastic(_) | Kind::Null => 1.0,
         }
     }
 
-    fn to_front(&self, wo: Vec3, wi: Vec3) -> (Vec3, Vec3) {
-        if self.two_sided && wo.z < 0.0 { (-wo, -wi) } else { (wo, wi) }
+    /// [`Bsdf::eval`] at `uv`.
+    pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
+        self.at(uv).eval(wo.into(), wi.into()).into()
+    }
+
+    /// [`Bsdf::pdf`] at `uv`.
+    pub fn pdf(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> f32 {
+        self.at(uv).pdf(wo.into(), wi.into())
+    }
+
+    /// [`Bsdf::eval_and_pdf`] at `uv`.
+    pub fn eval_and_pdf(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        let (value, pdf) = self.at(uv).eval_and_pdf(wo.into(), wi.into());
+        (value.into(), pdf)
+    }
+
+    /// [`Bsdf::sample`] at `uv`; none where the surface absorbs.
+    pub fn sample(&self, uv: Vec2, wo: Vec3, lobe: f32, u: [f32; 2], transport: Transport) -> Option<BsdfSample> {
+        self.at(uv).sample(wo.into(), lobe, u, transport).into()
+    }
+
+    /// [`Bsdf::delta_probability`] at `uv`.
+    pub fn delta_probability(&self, uv: Vec2, wo: Vec3) -> f32 {
+        self.at(uv).delta_probability(wo.into())
+    }
+
+    /// [`Bsdf::albedo`] at `uv`.
+    pub fn albedo(&self, uv: Vec2) -> Vec3 {
+        self.at(uv).albedo().into()
     }
 }

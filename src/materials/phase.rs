@@ -7,7 +7,9 @@ use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 
+use super::{Drawn, Scatter, Transport};
 use crate::math::lanes::functions::sin_cos;
+use crate::math::lanes::{Mask, Real, V3, lanes_of};
 
 /// Henyey and Greenstein 1941: p(cos θ) = (1 - g²) / (4π (1 + g² - 2 g cos θ)^{3/2}), where θ is the angle by which light is turned.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,27 +27,86 @@ impl HenyeyGreenstein {
         Self { g: g.clamp(-SHARPEST, SHARPEST) }
     }
 
-    /// Value towards `wi`, sr⁻¹; at the same time the density of [`HenyeyGreenstein::sample`] w.r.t. solid angle.
-    pub fn pdf(self, wi: Vec3) -> f32 {
-        // 1 + g² - 2 g cos θ, written so that the difference of nearly equal numbers does not arise for g near 1 or -1.
-        let g = self.g.abs();
-        let cos = -wi.z * self.g.signum();
-        // 1 − cos θ of a small θ has no digits left, its sine has all.
-        let sine2 = wi.x * wi.x + wi.y * wi.y;
-        let one_less = if cos > 0.0 { sine2 / (1.0 + cos) } else { 1.0 - cos };
-        let base = (1.0 - g) * (1.0 - g) + 2.0 * g * one_less;
-        (1.0 - g) * (1.0 + g) / (4.0 * PI * base * base.sqrt())
+    /// Scattering at points of a medium.
+    #[inline(always)]
+    pub(super) fn at(self) -> At<f32> {
+        At { g: self.g }
     }
 
-    /// Samples `wi` in proportion to the phase function. The inverse of the distribution is expanded so that nothing is
-    /// divided by g, which may be 0.
-    pub fn sample(self, [u, v]: [f32; 2]) -> Vec3 {
-        let (g, x) = (f64::from(self.g), 2.0 * f64::from(u) - 1.0);
-        let top = x + g * (0.5 * (x * x + 3.0) + g * (x + 0.5 * g * (x * x - 1.0)));
-        let cos = (top / (1.0 + g * x).powi(2)).clamp(-1.0, 1.0);
-        let sin = (1.0 - cos * cos).sqrt() as f32;
-        let (y, x) = sin_cos(TAU * v);
-        Vec3::new(sin * x, sin * y, -cos as f32)
+    /// Value towards `wi`, sr⁻¹; at the same time the density of [`HenyeyGreenstein::sample`] w.r.t. solid angle.
+    pub fn pdf(self, wi: Vec3) -> f32 {
+        self.at().density(wi.into())
+    }
+
+    /// Samples `wi` in proportion to the phase function.
+    pub fn sample(self, u: [f32; 2]) -> Vec3 {
+        self.at().direction(u).into()
+    }
+}
+
+/// The phase function at points.
+#[derive(Debug, Clone, Copy)]
+pub struct At<R> {
+    /// Mean cosine, see [`HenyeyGreenstein`].
+    g: R,
+}
+
+lanes_of!(At { g });
+
+impl<R: Real> At<R> {
+    #[inline(always)]
+    fn density(&self, wi: V3<R>) -> R {
+        // 1 + g² - 2 g cos θ, written so that the difference of nearly equal numbers does not arise for g near 1 or -1.
+        let (g, one) = (self.g.abs(), self.g.all(1.0));
+        let cos = -wi.z * one.with_sign(self.g);
+        // 1 − cos θ of a small θ has no digits left, its sine has all.
+        let sine2 = wi.x * wi.x + wi.y * wi.y;
+        let one_less = cos.above(0.0).choose(sine2 / (one + cos), one - cos);
+        let base = (one - g) * (one - g) + g * 2.0 * one_less;
+        (one - g) * (one + g) / (base * (4.0 * PI) * base.sqrt())
+    }
+
+    /// The inverse of the distribution is expanded so that nothing is divided by g, which may be 0; in double precision, since
+    /// directions near the peak have no digits left in single.
+    #[inline(always)]
+    fn direction(&self, [u, v]: [R; 2]) -> V3<R> {
+        let [cos, sin] = R::by_lane([self.g, u], |_, [g, u]| {
+            let (g, x) = (f64::from(g), 2.0 * f64::from(u) - 1.0);
+            let top = x + g * (0.5 * (x * x + 3.0) + g * (x + 0.5 * g * (x * x - 1.0)));
+            let cos = (top / (1.0 + g * x).powi(2)).clamp(-1.0, 1.0);
+            [cos as f32, (1.0 - cos * cos).sqrt() as f32]
+        });
+        let (y, x) = sin_cos(v * TAU);
+        V3::new(sin * x, sin * y, -cos)
+    }
+}
+
+impl<R: Real> Scatter<R> for At<R> {
+    #[inline(always)]
+    fn eval(&self, _: V3<R>, wi: V3<R>) -> V3<R> {
+        V3::splat(self.density(wi))
+    }
+
+    #[inline(always)]
+    fn pdf(&self, _: V3<R>, wi: V3<R>) -> R {
+        self.density(wi)
+    }
+
+    #[inline(always)]
+    fn eval_and_pdf(&self, _: V3<R>, wi: V3<R>) -> (V3<R>, R) {
+        let density = self.density(wi);
+        (V3::splat(density), density)
+    }
+
+    #[inline(always)]
+    fn sample(&self, _: V3<R>, _: R, u: [R; 2], _: Transport) -> Drawn<R> {
+        let wi = self.direction(u);
+        Drawn::of_lobe(wi, V3::splat(self.g.all(1.0)), self.density(wi))
+    }
+
+    #[inline(always)]
+    fn albedo(&self) -> V3<R> {
+        V3::splat(self.g.all(1.0))
     }
 }
 

@@ -7,13 +7,15 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 
-use super::BsdfSample;
 use super::fresnel;
 use super::microfacet::Microfacets;
+use super::table::interpolated;
 use super::texture::Texture;
+use super::{Drawn, Scatter, Transport, mirrored};
 use crate::math::channel_mean;
+use crate::math::lanes::{Mask, Real, V3, lanes_of};
 use crate::sampling::warp;
 
 /// A coated diffuse surface, on the front side.
@@ -31,6 +33,21 @@ pub struct Plastic {
     /// Probability of sampling the coat where it reflects half of all light.
     coat_share: f32,
 }
+
+/// Plastic at surface points.
+#[derive(Clone, Copy)]
+pub struct At<'a, R: Real> {
+    /// Albedo of the base with all rounds inside the coat, ρ / (1 − ρ'·R).
+    scattered: V3<R>,
+    reflectance: V3<R>,
+    eta: R,
+    internal: R,
+    coat_share: R,
+    transmitted: R::Each<&'a [f32]>,
+    facets: Option<Microfacets<R>>,
+}
+
+lanes_of!(At<'a> { scattered, reflectance, eta, internal, coat_share, transmitted, facets });
 
 /// Cosines at which a coat is tabulated, from 0 to 1.
 const COSINES: usize = 64;
@@ -55,91 +72,136 @@ impl Plastic {
         Self { base, reflectance, eta, nonlinear, facets, transmitted, internal, coat_share }
     }
 
+    /// See [`Material::prefetch`](super::Material::prefetch).
+    pub(super) fn prefetch(&self, uv: Vec2) {
+        self.base.prefetch(uv);
+        self.reflectance.prefetch(uv);
+    }
+
+    /// Plastic at `uv`.
+    pub fn at(&self, uv: Vec2) -> At<'_, f32> {
+        let base = V3::from(self.base.eval(uv));
+        let saturated = if self.nonlinear { base } else { V3::splat(1.0) };
+        At {
+            scattered: base / (saturated * self.internal).rest(),
+            reflectance: self.reflectance.eval(uv).into(),
+            eta: self.eta,
+            internal: self.internal,
+            coat_share: self.coat_share,
+            transmitted: [&self.transmitted],
+            facets: self.facets,
+        }
+    }
+}
+
+/// What one direction sees: transmittance of the coat, and the probabilities of sampling the coat and the base.
+#[derive(Clone, Copy)]
+struct Seen<R> {
+    passed: R,
+    coat: R,
+    base: R,
+}
+
+impl<R: Real> At<'_, R> {
+    /// Number of the discrete options, see [`Variant`](super::Variant).
+    pub(super) fn option(&self) -> usize {
+        self.facets.map_or(0, |facets| 1 + facets.shape as usize)
+    }
+
     /// Transmittance of the coat from outside, at an angle with cosine `cos` ≥ 0.
-    fn transmitted(&self, cos: f32) -> f32 {
+    #[inline(always)]
+    fn transmitted(&self, cos: R) -> R {
         if self.facets.is_none() {
             return fresnel::transmitted(cos, self.eta);
         }
-        let position = cos.clamp(0.0, 1.0) * (COSINES - 1) as f32;
-        let below = (position as usize).min(COSINES - 2);
-        let [a, b] = [self.transmitted[below], self.transmitted[below + 1]];
-        a + (b - a) * (position - below as f32)
+        interpolated::<R, &[f32]>(&self.transmitted, COSINES, cos.between(0.0, 1.0) * (COSINES - 1) as f32)
     }
 
+    #[inline(always)]
+    fn seen(&self, wo: V3<R>) -> Seen<R> {
+        let passed = self.transmitted(wo.z);
+        let (coat, base) = (passed.rest() * self.coat_share, passed * self.coat_share.rest());
+        let any = (coat + base).above(0.0);
+        let (coat, base) = (any.choose(coat / (coat + base), coat.all(1.0)), (base / (coat + base)).only(any));
+        Seen { passed, coat, base }
+    }
+
+    /// f·cos θᵢ and the density of both lobes that are not delta, of two directions in front.
+    #[inline(always)]
+    fn lobes(&self, seen: &Seen<R>, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
+        let passed = seen.passed * self.transmitted(wi.z) / (self.eta * self.eta);
+        let base = self.scattered * (passed * wi.z * FRAC_1_PI);
+        let base_pdf = seen.base * warp::lanes::square_to_cosine_hemisphere_pdf(wi);
+        let Some(facets) = self.facets else { return (base, base_pdf) };
+        let (h, found) = (wo + wi).try_normalize();
+        let (cos, density) = (wo.dot(h), facets.density(h));
+        let reflected = fresnel::dielectric(cos.at_least(0.0), self.eta).0;
+        let g = facets.shadowing(wo, h) * facets.shadowing(wi, h);
+        let coat = self.reflectance * (reflected * density * g / (wo.z * 4.0));
+        let coat_pdf = seen.coat * facets.visible_part(density, wo, h) / (cos * 4.0);
+        (base + coat.only(found), base_pdf + coat_pdf.only(found & cos.above(0.0)))
+    }
+}
+
+impl<R: Real> Scatter<R> for At<'_, R> {
     /// f·cos θᵢ of the base and of a rough coat.
-    pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
-        if wo.z <= 0.0 || wi.z <= 0.0 {
-            return Vec3::ZERO;
-        }
-        let passed = self.transmitted(wo.z) * self.transmitted(wi.z) / (self.eta * self.eta);
-        let base = self.scattered(uv) * (passed * wi.z * FRAC_1_PI);
-        base + self.facets.map_or(Vec3::ZERO, |facets| {
-            let Some(h) = (wo + wi).try_normalize() else { return Vec3::ZERO };
-            let reflected = fresnel::dielectric(wo.dot(h).max(0.0), self.eta).0;
-            let g = facets.shadowing(wo, h) * facets.shadowing(wi, h);
-            self.reflectance.eval(uv) * (reflected * facets.density(h) * g / (4.0 * wo.z))
-        })
+    #[inline(always)]
+    fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
+        self.eval_and_pdf(wo, wi).0
     }
 
-    /// Albedo of the base with all rounds inside the coat, ρ / (1 − ρ'·R).
-    fn scattered(&self, uv: Vec2) -> Vec3 {
-        let base = self.base.eval(uv);
-        base / (Vec3::ONE - if self.nonlinear { base } else { Vec3::ONE } * self.internal)
+    #[inline(always)]
+    fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
+        self.eval_and_pdf(wo, wi).1
+    }
+
+    #[inline(always)]
+    fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
+        let front = wo.z.above(0.0) & wi.z.above(0.0);
+        if !front.any() {
+            return (V3::splat(wi.z.all(0.0)), wi.z.all(0.0));
+        }
+        let (value, pdf) = self.lobes(&self.seen(wo), wo, wi);
+        (value.only(front), pdf.only(front))
+    }
+
+    /// Reflects at the coat or scatters from the base; the number that chooses is used up by the direction.
+    #[inline(always)]
+    fn sample(&self, wo: V3<R>, _: R, [choice, u]: [R; 2], _: Transport) -> Drawn<R> {
+        let seen = self.seen(wo);
+        let coated = choice.lt(seen.coat);
+        let weight = self.reflectance * (seen.passed.rest() / seen.coat);
+        let mirror = Drawn::of_delta(mirrored(wo), weight, seen.coat, wo.z.above(0.0));
+        let mut wi = mirror.wi;
+        match self.facets {
+            None if !(!coated).any() => return mirror,
+            Some(facets) if coated.any() => {
+                let h = facets.sample_visible(wo, [choice / seen.coat, u]);
+                wi = h * (wo.dot(h) * 2.0) - wo;
+            }
+            _ => {}
+        }
+        if (!coated).any() {
+            let left = ((choice - seen.coat) / seen.coat.rest()).at_most(1.0 - f32::EPSILON / 2.0);
+            wi = V3::choose(coated, wi, warp::lanes::square_to_cosine_hemisphere([left, u]));
+        }
+        let front = wo.z.above(0.0) & wi.z.above(0.0);
+        let (value, pdf) = self.lobes(&seen, wo, wi);
+        let drawn = Drawn::of_lobe(wi, value / pdf, pdf.only(front));
+        if self.facets.is_some() { drawn } else { Drawn::choose(coated, mirror, drawn) }
+    }
+
+    #[inline(always)]
+    fn delta_probability(&self, wo: V3<R>) -> R {
+        if self.facets.is_some() { wo.z.all(0.0) } else { self.seen(wo).coat.only(wo.z.above(0.0)) }
     }
 
     /// Albedo at normal incidence.
-    pub fn albedo(&self, uv: Vec2) -> Vec3 {
-        let passed = self.transmitted(1.0);
-        let inside = passed * (1.0 - self.internal);
-        (self.reflectance.eval(uv) * (1.0 - passed) + self.scattered(uv) * inside).min(Vec3::ONE)
-    }
-
-    /// Density over the lobes that are not delta, w.r.t. solid angle.
-    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        if wo.z <= 0.0 || wi.z <= 0.0 {
-            return 0.0;
-        }
-        let [coat, base] = self.probabilities(wo);
-        base * warp::square_to_cosine_hemisphere_pdf(wi)
-            + self.facets.map_or(0.0, |facets| {
-                let Some(h) = (wo + wi).try_normalize() else { return 0.0 };
-                let cos = wo.dot(h);
-                if cos > 0.0 { coat * facets.visible_density(wo, h) / (4.0 * cos) } else { 0.0 }
-            })
-    }
-
-    /// Probability with which [`Plastic::sample`] reflects at a smooth coat.
-    pub fn delta_probability(&self, wo: Vec3) -> f32 {
-        if self.facets.is_some() || wo.z <= 0.0 { 0.0 } else { self.probabilities(wo)[0] }
-    }
-
-    /// Probabilities of sampling the coat and the base.
-    fn probabilities(&self, wo: Vec3) -> [f32; 2] {
-        let passed = self.transmitted(wo.z);
-        let (coat, base) = ((1.0 - passed) * self.coat_share, passed * (1.0 - self.coat_share));
-        if coat + base > 0.0 { [coat, base].map(|part| part / (coat + base)) } else { [1.0, 0.0] }
-    }
-
-    /// Reflects at the coat or scatters from the base.
-    pub fn sample(&self, uv: Vec2, wo: Vec3, [choice, u]: [f32; 2]) -> Option<BsdfSample> {
-        if wo.z <= 0.0 {
-            return None;
-        }
-        let [coat, _] = self.probabilities(wo);
-        let wi = if choice < coat {
-            let Some(facets) = self.facets else {
-                let wi = Vec3::new(-wo.x, -wo.y, wo.z);
-                let reflected = 1.0 - self.transmitted(wo.z);
-                let weight = self.reflectance.eval(uv) * (reflected / coat);
-                return Some(BsdfSample { wi, weight, pdf: coat, delta: true });
-            };
-            let h = facets.sample_visible(wo, [choice / coat, u]);
-            h * (2.0 * wo.dot(h)) - wo
-        } else {
-            warp::square_to_cosine_hemisphere([((choice - coat) / (1.0 - coat)).min(1.0 - f32::EPSILON / 2.0), u])
-        };
-        let pdf = self.pdf(wo, wi);
-        (pdf > 0.0).then(|| BsdfSample { wi, weight: self.eval(uv, wo, wi) / pdf, pdf, delta: false })
+    #[inline(always)]
+    fn albedo(&self) -> V3<R> {
+        let passed = self.transmitted(self.eta.all(1.0));
+        let inside = passed * self.internal.rest();
+        (self.reflectance * passed.rest() + self.scattered * inside).at_most(1.0)
     }
 }
 
@@ -149,7 +211,7 @@ fn hemispheric(cos: f32, eta: f32, facets: Option<Microfacets>, reflects: bool) 
     let part = |(reflected, _): (f32, f32)| if reflects { reflected } else { 1.0 - reflected };
     let Some(facets) = facets else { return part(fresnel::dielectric(cos, eta)) };
     let cos = cos.max(1e-4);
-    let w = Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
+    let w = V3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
     let mut sum = 0.0f64;
     for i in 0..NORMALS * NORMALS {
         let u = [i % NORMALS, i / NORMALS].map(|k| (k as f32 + 0.5) / NORMALS as f32);
@@ -167,6 +229,7 @@ fn hemispheric(cos: f32, eta: f32, facets: Option<Microfacets>, reflects: bool) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
 
     /// Diffuse Fresnel reflectance: 0.0918 from outside and 0.5963 from inside at an index of 1.5 (Egan and Hilgeman 1973, table;
     /// the two follow from each other by 1 − R_in = (1 − R_out)/η²).
@@ -185,12 +248,13 @@ mod tests {
             let white = Texture::Constant(Vec3::splat(0.5));
             Plastic::new(white.clone(), white, 1.5, true, facets)
         };
+        let passed = |plastic: &Plastic, cos| plastic.at(Vec2::ZERO).transmitted(cos);
         let smooth = coat(None);
         for shape in [Shape::Beckmann, Shape::Ggx] {
             let rough = coat(Some(Microfacets { shape, alpha: 1e-3 }));
             assert!((rough.internal - smooth.internal).abs() < 0.011, "{} {}", rough.internal, smooth.internal);
             for cos in [0.2, 0.5, 1.0] {
-                assert!((rough.transmitted(cos) - smooth.transmitted(cos)).abs() < 5e-3, "{cos}");
+                assert!((passed(&rough, cos) - passed(&smooth, cos)).abs() < 5e-3, "{cos}");
             }
         }
     }

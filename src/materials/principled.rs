@@ -7,16 +7,17 @@
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
 use std::sync::Arc;
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 
+use super::dielectric::seen_from;
 use super::fresnel;
 use super::microfacet::{Microfacets, Shape};
 use super::rough_dielectric::Geometry;
 use super::texture::{Texture, luminance};
-use super::{BsdfSample, Transport};
-use crate::math::channel_mean;
-use crate::math::lanes::functions::{ln, pow, sin_cos};
-use crate::sampling::warp;
+use super::{Drawn, Scatter, Transport};
+use crate::math::lanes::functions::{exp, ln, sin_cos};
+use crate::math::lanes::{Bits, Mask, Real, V3, lanes_of};
+use crate::sampling::warp::lanes as warp;
 
 /// Parameters of a principled material. Numbers are in [0, 1] unless something else is said.
 #[derive(Debug, Clone)]
@@ -49,27 +50,39 @@ pub struct Parameters {
 #[derive(Debug, Clone)]
 pub struct Principled {
     given: Parameters,
+    coat: Option<Coat<f32>>,
     bounds: Arc<Bounds>,
 }
 
-/// The parameters at a surface point.
+/// A principled material at surface points, all of which let light through or none, and all of which have a coat or none.
 #[derive(Clone, Copy)]
-struct Point {
-    base: Vec3,
+pub struct At<'a, R: Real> {
+    base: V3<R>,
     /// The base's hue: its colour over its luminance.
-    hue: Vec3,
-    roughness: f32,
-    metallic: f32,
-    /// Weights of the diffuse base and of refraction.
-    opaque: f32,
-    clear: f32,
-    facets: Microfacets,
+    hue: V3<R>,
+    roughness: R,
+    metallic: R,
+    /// Weight of the diffuse base.
+    opaque: R,
+    /// Weight of refraction; none where the material lets no light through.
+    clear: Option<R>,
+    eta: R,
+    spec_tint: R,
+    sheen: R,
+    sheen_tint: R,
+    flatness: R,
+    coat: Option<Coat<R>>,
+    bounds: R::Each<&'a Bounds>,
 }
 
+lanes_of!(At<'a> {
+    base, hue, roughness, metallic, opaque, clear, eta, spec_tint, sheen, sheen_tint, flatness, coat, bounds
+});
+
 /// Probabilities of sampling the lobes, as seen from one direction.
-struct Lobes {
-    facets: f32,
-    coat: f32,
+struct Lobes<R> {
+    facets: R,
+    coat: R,
 }
 
 /// Burley's least α, which keeps densities finite.
@@ -80,8 +93,22 @@ const COAT_SHADOWING: f32 = 0.25;
 const COAT_REFLECTION: f32 = 0.04;
 
 /// Schlick's (1 − cos θ)⁵.
-fn schlick(cos: f32) -> f32 {
-    (1.0 - cos).clamp(0.0, 1.0).powi(5)
+#[inline(always)]
+fn schlick<R: Real>(cos: R) -> R {
+    let x = cos.rest().between(0.0, 1.0);
+    x * x.squared().squared()
+}
+
+/// Facets of a material with some roughness.
+#[inline(always)]
+fn facets_of<R: Real>(roughness: R) -> Microfacets<R> {
+    Microfacets { shape: Shape::Ggx, alpha: roughness.squared().at_least(LEAST_ALPHA) }
+}
+
+/// [`crate::math::channel_mean`] in lanes.
+#[inline(always)]
+fn channel_mean<R: Real>(c: V3<R>) -> R {
+    (c.x + c.y + c.z) * (1.0 / 3.0)
 }
 
 impl Principled {
@@ -89,29 +116,9 @@ impl Principled {
     pub fn new(given: Parameters) -> Self {
         // At 1 there would be no interface to bend light.
         let given = Parameters { eta: given.eta.max(1.001), ..given };
-        let bounds = Arc::new(Bounds::new(&given));
-        Self { given, bounds }
-    }
-
-    /// Whether it transmits light.
-    pub fn is_clear(&self) -> bool {
-        self.given.spec_trans > 0.0
-    }
-
-    fn at(&self, uv: Vec2) -> Point {
-        let base = self.given.base_color.eval(uv);
-        let roughness = self.given.roughness.value(uv).clamp(0.0, 1.0);
-        let metallic = self.given.metallic.value(uv).clamp(0.0, 1.0);
-        let luminance = luminance(base);
-        Point {
-            base,
-            hue: if luminance > 0.0 { base / luminance } else { Vec3::ONE },
-            roughness,
-            metallic,
-            opaque: (1.0 - metallic) * (1.0 - self.given.spec_trans),
-            clear: (1.0 - metallic) * self.given.spec_trans,
-            facets: Microfacets { shape: Shape::Ggx, alpha: (roughness * roughness).max(LEAST_ALPHA) },
-        }
+        let coat = (given.clearcoat > 0.0).then(|| Coat::new(given.clearcoat, given.clearcoat_gloss));
+        let bounds = Arc::new(Bounds::new(&given, coat));
+        Self { given, coat, bounds }
     }
 
     /// Refractive index behind the surface over the one in front.
@@ -119,225 +126,412 @@ impl Principled {
         self.given.eta
     }
 
-    /// Reflectance of a facet seen under `cos` from the front: metal by Schlick, dielectric by Fresnel, its tinted part by Schlick.
-    fn reflection(&self, p: &Point, cos: f32) -> Vec3 {
-        let weight = schlick(cos);
-        let approximate = |normal: Vec3| normal + (Vec3::ONE - normal) * weight;
-        let tint = self.given.spec_tint;
-        let exact = fresnel::dielectric(cos.clamp(0.0, 1.0), self.given.eta).0;
-        let mut sum = Vec3::splat((1.0 - p.metallic) * (1.0 - tint) * exact) + p.metallic * approximate(p.base);
-        if tint > 0.0 {
-            let normal = ((self.given.eta - 1.0) / (self.given.eta + 1.0)).powi(2);
-            sum += (1.0 - p.metallic) * tint * approximate(p.hue * normal);
+    /// See [`Material::prefetch`](super::Material::prefetch).
+    pub(super) fn prefetch(&self, uv: Vec2) {
+        let Parameters { base_color, roughness, metallic, .. } = &self.given;
+        [base_color, roughness, metallic].into_iter().for_each(|texture| texture.prefetch(uv));
+    }
+
+    /// The material at `uv`: all that its textures say there.
+    pub fn at(&self, uv: Vec2) -> At<'_, f32> {
+        let given = &self.given;
+        let base = given.base_color.eval(uv);
+        let roughness = given.roughness.value(uv).clamp(0.0, 1.0);
+        let metallic = given.metallic.value(uv).clamp(0.0, 1.0);
+        let luminance = luminance(base);
+        At {
+            base: base.into(),
+            hue: if luminance > 0.0 { base / luminance } else { Vec3::ONE }.into(),
+            roughness,
+            metallic,
+            opaque: (1.0 - metallic) * (1.0 - given.spec_trans),
+            clear: (given.spec_trans > 0.0).then_some((1.0 - metallic) * given.spec_trans),
+            eta: given.eta,
+            spec_tint: given.spec_tint,
+            sheen: given.sheen,
+            sheen_tint: given.sheen_tint,
+            flatness: given.flatness,
+            coat: self.coat,
+            bounds: [&self.bounds],
+        }
+    }
+}
+
+impl At<'_, f32> {
+    /// Number of the discrete options, which all lanes have in common; below 4.
+    pub(super) fn option(&self) -> usize {
+        2 * usize::from(self.clear.is_some()) + usize::from(self.coat.is_some())
+    }
+}
+
+impl<R: Real> At<'_, R> {
+    /// f·|cos θᵢ| if `VALUE`, and the density of sampling if `PDF`; 0 for what is not asked for.
+    #[inline(always)]
+    fn scattered<const VALUE: bool, const PDF: bool>(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
+        let zero = wo.z.all(0.0);
+        let behind = (wo.z * wi.z).below(0.0);
+        let seen = self.is_seen(wo) & !wi.z.is(0.0);
+        let (reflects, refracts) = (seen & !behind, seen & behind);
+        let (mut value, mut pdf) = (V3::splat(zero), zero);
+        // Not computed where no density is asked for.
+        let lobes = self.lobes(wo);
+        if reflects.any() {
+            let pair = self.reflected::<VALUE, PDF>(wo, wi, &lobes);
+            (value, pdf) = (pair.0.only(reflects), pair.1.only(reflects));
+        }
+        if self.clear.is_some() && refracts.any() {
+            let pair = self.refracted::<VALUE, PDF>(wo, wi, &lobes);
+            (value, pdf) = (V3::choose(refracts, pair.0, value), refracts.choose(pair.1, pdf));
+        }
+        if VALUE && seen.any() {
+            value = value * self.bound(wo, wi);
+        }
+        (value, pdf)
+    }
+
+    /// Where the surface scatters light towards `wo`.
+    #[inline(always)]
+    fn is_seen(&self, wo: V3<R>) -> R::Mask {
+        if self.clear.is_some() { !wo.z.is(0.0) } else { wo.z.above(0.0) }
+    }
+
+    /// A direction, turned around where it is not seen from the front. Nothing is seen from behind that does not transmit.
+    #[inline(always)]
+    fn turned(&self, w: V3<R>, front: R::Mask) -> V3<R> {
+        if self.clear.is_some() { V3::choose(front, w, -w) } else { w }
+    }
+
+    /// Refractive index on the other side over that on the side from which the surface is seen.
+    #[inline(always)]
+    fn eta_from(&self, front: R::Mask) -> R {
+        if self.clear.is_some() { front.choose(self.eta, self.eta.inverse()) } else { self.eta }
+    }
+
+    /// Reflection by all lobes, and the density.
+    #[inline(always)]
+    fn reflected<const VALUE: bool, const PDF: bool>(&self, wo: V3<R>, wi: V3<R>, lobes: &Lobes<R>) -> (V3<R>, R) {
+        let zero = wo.z.all(0.0);
+        let front = wo.z.above(0.0);
+        let (wo, wi) = (self.turned(wo, front), self.turned(wi, front));
+        let (h, found) = (wo + wi).try_normalize();
+        let (facets, cos) = (facets_of(self.roughness), wo.dot(h));
+        let density = facets.density(h);
+        let parts = self.facet(cos, front);
+        let (mut value, mut pdf) = (V3::splat(zero), zero);
+        if VALUE {
+            let sent = density * facets.shadowing(wo, h) * facets.shadowing(wi, h) / (wo.z * 4.0);
+            value = (parts[0] * sent).only(cos.above(0.0) & !sent.is(0.0));
+            // From behind only the facets are seen.
+            value = value + self.layers(wo, wi, h).only(front);
+        }
+        if PDF {
+            let base = (lobes.facets.rest() - lobes.coat).at_least(0.0);
+            pdf = lobes.facets * self.splits(parts)[0] * facets.visible_part(density, wo, h) / (cos * 4.0)
+                + base * warp::square_to_cosine_hemisphere_pdf(wi);
+            if let Some(coat) = &self.coat {
+                pdf = pdf + lobes.coat * coat.density(h) * h.z / (cos * 4.0);
+            }
+        }
+        (value.only(found), pdf.only(found & pdf.finite()))
+    }
+
+    /// The facets' refraction (Walter et al. 2007, eq. 21), and the density.
+    #[inline(always)]
+    fn refracted<const VALUE: bool, const PDF: bool>(&self, wo: V3<R>, wi: V3<R>, lobes: &Lobes<R>) -> (V3<R>, R) {
+        let zero = wo.z.all(0.0);
+        let (g, found) = Geometry::new(wo, wi, self.eta);
+        let facets = facets_of(self.roughness);
+        let density = facets.density(g.h);
+        let parts = self.facet(g.cos_o, wo.z.above(0.0));
+        let (mut value, mut pdf) = (V3::splat(zero), zero);
+        if VALUE {
+            let shadowing = facets.shadowing(g.wo, g.h) * facets.shadowing(g.wi, g.h);
+            let sent = density * shadowing / g.wo.z;
+            value = parts[1] * (sent * g.cos_o * g.jacobian() / (g.eta * g.eta));
+        }
+        if PDF {
+            pdf = lobes.facets * self.splits(parts)[1] * facets.visible_part(density, g.wo, g.h) * g.jacobian();
+        }
+        (value.only(found), pdf.only(found))
+    }
+
+    /// Reflectance of a facet seen under `cos` from the front, where Fresnel's is `exact`: metal by Schlick, dielectric by Fresnel,
+    /// its tinted part by Schlick.
+    #[inline(always)]
+    fn reflection(&self, cos: R, exact: R) -> V3<R> {
+        let (weight, tint, dielectric) = (schlick(cos), self.spec_tint, self.metallic.rest());
+        let mut sum = V3::splat(dielectric * tint.rest() * exact) + approximate(self.base, weight) * self.metallic;
+        if tint.above(0.0).any() {
+            let normal = ((self.eta - 1.0) / (self.eta + 1.0)).squared();
+            sum = sum + approximate(self.hue * normal, weight) * (dielectric * tint);
         }
         sum
     }
 
     /// Reflectance and transmittance of a facet seen under the cosine `cos`.
-    fn facet(&self, p: &Point, cos: f32, front: bool) -> [Vec3; 2] {
-        let eta = if front { self.given.eta } else { 1.0 / self.given.eta };
-        let exact = fresnel::dielectric(cos.clamp(0.0, 1.0), eta).0;
-        let through = p.base.max(Vec3::ZERO).map(f32::sqrt) * (p.clear * (1.0 - exact));
+    #[inline(always)]
+    fn facet(&self, cos: R, front: R::Mask) -> [V3<R>; 2] {
+        let exact = fresnel::dielectric(cos.between(0.0, 1.0), self.eta_from(front)).0;
+        let Some(clear) = self.clear else { return [self.reflection(cos, exact), V3::splat(cos.all(0.0))] };
+        let V3 { x, y, z } = self.base.at_least(0.0);
+        let root = V3::new(x.sqrt(), y.sqrt(), z.sqrt());
         // From behind there is neither tint nor metal.
-        [if front { self.reflection(p, cos) } else { Vec3::splat(p.clear * exact) }, through]
+        let mut reflected = V3::splat(clear * exact);
+        if front.any() {
+            reflected = V3::choose(front, self.reflection(cos, exact), reflected);
+        }
+        [reflected, root * (clear * exact.rest())]
     }
 
     /// Factor that keeps the albedo at both directions from exceeding 1. A direction behind the surface has no bound.
-    fn bound(&self, p: &Point, wo: Vec3, wi: Vec3) -> f32 {
-        let albedo = |w: Vec3| if w.z > 0.0 { self.bounds.albedo(&self.given, p, w.z) } else { 1.0 };
-        1.0 / albedo(wo).max(albedo(wi)).max(1.0)
+    #[inline(always)]
+    fn bound(&self, wo: V3<R>, wi: V3<R>) -> R {
+        self.most(wo.z).max(self.most(wi.z)).at_least(1.0).inverse()
     }
 
-    /// f·|cos θᵢ|, for radiance.
-    pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
-        if wo.z == 0.0 || wi.z == 0.0 || (wo.z < 0.0 && !self.is_clear()) {
-            return Vec3::ZERO;
+    /// Upper bound of the albedo at an angle with cosine `cos`; 1 behind the surface.
+    #[inline(always)]
+    fn most(&self, cos: R) -> R {
+        let (front, one) = (cos.above(0.0), cos.all(1.0));
+        if !front.any() {
+            return one;
         }
-        let p = self.at(uv);
-        let value = if wo.z * wi.z < 0.0 {
-            self.refracted(&p, wo, wi)
-        } else {
-            let Some(h) = (wo + wi).try_normalize() else { return Vec3::ZERO };
-            let mut sum = self.reflected(&p, wo, wi, h);
-            if wo.z > 0.0 {
-                let base =
-                    p.base * (p.opaque * wi.z * FRAC_1_PI * diffuse(p.roughness, self.given.flatness, wo, wi, h));
-                sum += base + self.sheen(&p, wi, h) + self.coat(wo, wi, h);
-            }
-            sum
-        };
-        value * self.bound(&p, wo, wi)
-    }
-
-    /// The facets' reflection. `h` is on the side of both directions.
-    fn reflected(&self, p: &Point, wo: Vec3, wi: Vec3, h: Vec3) -> Vec3 {
-        let front = if h.z < 0.0 { -h } else { h };
-        let cos = wo.dot(h);
-        let facets = p.facets.density(front) * p.facets.shadowing(wo, front) * p.facets.shadowing(wi, front)
-            / (4.0 * wo.z.abs());
-        if cos <= 0.0 || facets == 0.0 { Vec3::ZERO } else { self.facet(p, cos, wo.z > 0.0)[0] * facets }
-    }
-
-    /// The facets' refraction (Walter et al. 2007, eq. 21).
-    fn refracted(&self, p: &Point, wo: Vec3, wi: Vec3) -> Vec3 {
-        let Some(g) = Geometry::new(wo, wi, self.given.eta) else { return Vec3::ZERO };
-        let shadowing = p.facets.shadowing(g.wo, g.h) * p.facets.shadowing(g.wi, g.h);
-        let facets = p.facets.density(g.h) * shadowing / g.wo.z;
-        self.facet(p, g.cos_o, wo.z > 0.0)[1] * (facets * g.cos_o * g.jacobian() / (g.eta * g.eta))
-    }
-
-    fn sheen(&self, p: &Point, wi: Vec3, h: Vec3) -> Vec3 {
-        if self.given.sheen == 0.0 {
-            return Vec3::ZERO;
+        let [diffuse, specular, sheen, coat] = self.tabulated(cos);
+        let brightest = self.base.max_element();
+        let more_hue = (self.hue.max_element() - 1.0).at_least(0.0);
+        let dielectric = self.metallic.rest();
+        let tinted = specular * (self.spec_tint * more_hue + 1.0);
+        // A metal reflects at most everything.
+        let facets = self.metallic + dielectric * tinted.at_most(1.0);
+        let mut base = self.opaque * brightest * diffuse;
+        if let Some(clear) = self.clear {
+            base = base + clear * specular.rest() * brightest.at_least(0.0).sqrt();
         }
-        let color = Vec3::ONE.lerp(p.hue, self.given.sheen_tint);
-        color * (self.given.sheen * (1.0 - p.metallic) * schlick(wi.dot(h)) * wi.z)
-    }
-
-    fn coat(&self, wo: Vec3, wi: Vec3, h: Vec3) -> Vec3 {
-        if self.given.clearcoat == 0.0 {
-            return Vec3::ZERO;
+        let mut sum = facets + base + self.sheen * dielectric * (more_hue * self.sheen_tint + 1.0) * sheen;
+        if let Some(of) = &self.coat {
+            sum = sum + of.strength * coat;
         }
-        Vec3::splat(self.given.clearcoat * coat(self.coat_alpha(), wo, wi, h) * wi.z)
+        front.choose(sum, one)
     }
 
-    /// α of the coat (Burley 2012, §5.6).
-    fn coat_alpha(&self) -> f32 {
-        0.1 + (0.001 - 0.1) * self.given.clearcoat_gloss
+    /// Albedos of the lobes at an angle with cosine `cos`, in the order of [`Bounds`].
+    #[inline(always)]
+    fn tabulated(&self, cos: R) -> [R; 4] {
+        let (column, along) = cell(cos.sqrt(), COSINES);
+        let (row, across) = cell(self.roughness, ROUGHNESSES);
+        let first = row * COSINES as f32 + column;
+        let bounds = self.bounds;
+        R::by_lane([first, along, across], |lane, [first, along, across]| {
+            bounds.as_ref()[lane].between(first as u16, along, across)
+        })
+    }
+
+    /// Reflection in front of the surface by all but the facets.
+    #[inline(always)]
+    fn layers(&self, wo: V3<R>, wi: V3<R>, h: V3<R>) -> V3<R> {
+        let diffuse = diffuse(self.roughness, self.flatness, wo, wi, h);
+        let mut sum = self.base * (self.opaque * wi.z * FRAC_1_PI * diffuse);
+        if self.sheen.above(0.0).any() {
+            sum = sum + self.sheen(wi, h);
+        }
+        if let Some(coat) = &self.coat {
+            sum = sum + V3::splat(coat.strength * coat.of_full_strength(wo, wi, h) * wi.z);
+        }
+        sum
+    }
+
+    #[inline(always)]
+    fn sheen(&self, wi: V3<R>, h: V3<R>) -> V3<R> {
+        let color = V3::splat(self.sheen_tint.rest()) + self.hue * self.sheen_tint;
+        color * (self.sheen * self.metallic.rest() * schlick(wi.dot(h)) * wi.z)
     }
 
     /// Probabilities of the lobes, about proportional to their reflectances.
-    fn lobes(&self, p: &Point, wo: Vec3) -> Lobes {
-        if wo.z <= 0.0 {
-            return Lobes { facets: 1.0, coat: 0.0 };
-        }
-        let [reflected, through] = self.facet(p, wo.z, true).map(channel_mean);
-        let diffuse = p.opaque * channel_mean(p.base) + 0.25 * self.given.sheen * (1.0 - p.metallic);
-        let coat = self.given.clearcoat * 0.25 * (COAT_REFLECTION + schlick(wo.z));
-        let sum = reflected + through + diffuse + coat;
-        Lobes { facets: (reflected + through) / sum, coat: coat / sum }
-    }
-
-    /// Probabilities that a chosen facet reflects and that it refracts: each by itself, since either may be next to nothing.
-    fn splits(&self, p: &Point, cos: f32, front: bool) -> [f32; 2] {
-        let parts = self.facet(p, cos, front).map(channel_mean);
-        if parts[1] == 0.0 { [1.0, 0.0] } else { parts.map(|part| part / (parts[0] + parts[1])) }
-    }
-
-    /// Density of [`Principled::sample`] w.r.t. solid angle.
-    pub fn pdf(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> f32 {
-        if wo.z == 0.0 || wi.z == 0.0 || (wo.z < 0.0 && !self.is_clear()) {
-            return 0.0;
-        }
-        self.density(&self.at(uv), wo, wi)
-    }
-
-    fn density(&self, p: &Point, wo: Vec3, wi: Vec3) -> f32 {
-        let (lobes, front) = (self.lobes(p, wo), wo.z > 0.0);
-        if wo.z * wi.z < 0.0 {
-            let Some(g) = Geometry::new(wo, wi, self.given.eta) else { return 0.0 };
-            let [_, refracts] = self.splits(p, g.cos_o, front);
-            return lobes.facets * refracts * p.facets.visible_density(g.wo, g.h) * g.jacobian();
-        }
-        let Some(h) = (wo + wi).try_normalize() else { return 0.0 };
-        let cos = wo.dot(h);
-        let (wo, h) = if front { (wo, h) } else { (-wo, -h) };
-        let mut sum = lobes.facets * self.splits(p, cos, front)[0] * p.facets.visible_density(wo, h) / (4.0 * cos);
-        if front {
-            sum += (1.0 - lobes.facets - lobes.coat).max(0.0) * warp::square_to_cosine_hemisphere_pdf(wi);
-            if lobes.coat > 0.0 {
-                sum += lobes.coat * gtr1(self.coat_alpha(), h) * h.z / (4.0 * cos);
-            }
-        }
-        if sum.is_finite() { sum } else { 0.0 }
-    }
-
-    /// Chooses a lobe with `choice` and a direction of it with `u`.
-    pub fn sample(&self, uv: Vec2, wo: Vec3, u: [f32; 2], choice: f32, transport: Transport) -> Option<BsdfSample> {
-        if wo.z == 0.0 || (wo.z < 0.0 && !self.is_clear()) {
-            return None;
-        }
-        let p = self.at(uv);
-        let lobes = self.lobes(&p, wo);
-        let wi = if choice < lobes.facets {
-            self.sample_facet(&p, wo, u, choice / lobes.facets)?
-        } else if choice < lobes.facets + lobes.coat {
-            let h = sample_gtr1(self.coat_alpha(), u);
-            h * (2.0 * wo.dot(h)) - wo
-        } else {
-            warp::square_to_cosine_hemisphere(u)
+    #[inline(always)]
+    fn lobes(&self, wo: V3<R>) -> Lobes<R> {
+        let front = wo.z.above(0.0);
+        let [reflected, through] = self.facet(wo.z, front);
+        let facets = channel_mean(reflected) + channel_mean(through);
+        let diffuse = self.opaque * channel_mean(self.base) + self.sheen * 0.25 * self.metallic.rest();
+        let coat = match &self.coat {
+            Some(coat) => coat.strength * 0.25 * (schlick(wo.z) + COAT_REFLECTION),
+            None => wo.z.all(0.0),
         };
-        let refracts = wi.z * wo.z < 0.0;
-        if refracts && choice >= lobes.facets {
-            return None;
+        let sum = facets + diffuse + coat;
+        Lobes { facets: front.choose(facets / sum, wo.z.all(1.0)), coat: (coat / sum).only(front) }
+    }
+
+    /// Probabilities that a chosen facet reflects and that it refracts, by its reflectance and transmittance: each by itself, since
+    /// either may be next to nothing.
+    #[inline(always)]
+    fn splits(&self, [reflected, through]: [V3<R>; 2]) -> [R; 2] {
+        let (a, b) = (channel_mean(reflected), channel_mean(through));
+        let one = a.all(1.0);
+        if self.clear.is_none() {
+            return [one, b];
         }
-        let pdf = self.density(&p, wo, wi);
-        let eta = if wo.z > 0.0 { self.given.eta } else { 1.0 / self.given.eta };
-        // Power is not squeezed into a smaller solid angle as radiance is.
-        let scale = if refracts && transport == Transport::Importance { eta * eta } else { 1.0 };
-        let weight = self.eval(uv, wo, wi) / pdf * scale;
-        (pdf > 0.0 && weight.is_finite()).then_some(BsdfSample { wi, weight, pdf, delta: false })
+        let passes = !b.is(0.0);
+        [passes.choose(a / (a + b), one), (b / (a + b)).only(passes)]
     }
 
-    /// Reflects or refracts at a visible facet; none where another facet would block the light.
-    fn sample_facet(&self, p: &Point, wo: Vec3, u: [f32; 2], choice: f32) -> Option<Vec3> {
-        let (side, eta) = if wo.z > 0.0 { (1.0, self.given.eta) } else { (-1.0, 1.0 / self.given.eta) };
-        let wo = wo * side;
-        let h = p.facets.sample_visible(wo, u);
+    /// Reflects or refracts at a visible facet; not where another facet would block the light.
+    #[inline(always)]
+    fn sample_facet(&self, wo: V3<R>, u: [R; 2], choice: R) -> (V3<R>, R::Mask) {
+        let front = wo.z.above(0.0);
+        let (wo, eta) = (self.turned(wo, front), self.eta_from(front));
+        let h = facets_of(self.roughness).sample_visible(wo, u);
+        if self.clear.is_none() {
+            let wi = mirrored_at(wo, h);
+            return (wi.normalize(), wi.z.above(0.0));
+        }
         let cos = wo.dot(h);
-        let reflects = choice < self.splits(p, cos, side > 0.0)[0];
-        let wi = if reflects {
-            h * (2.0 * cos) - wo
-        } else {
-            h * (cos / eta - fresnel::dielectric(cos.clamp(0.0, 1.0), eta).1) - wo / eta
-        };
-        ((wi.z > 0.0) == reflects && wi.z != 0.0).then(|| wi.normalize() * side)
+        let reflects = choice.lt(self.splits(self.facet(cos, front))[0]);
+        let cos_t = fresnel::dielectric(cos.between(0.0, 1.0), eta).1;
+        let wi = V3::choose(reflects, mirrored_at(wo, h), h * (cos / eta - cos_t) - wo / eta);
+        let passes = reflects & wi.z.above(0.0) | !reflects & wi.z.below(0.0);
+        (self.turned(wi.normalize(), front), passes)
+    }
+}
+
+impl<R: Real> Scatter<R> for At<'_, R> {
+    /// For radiance.
+    #[inline(always)]
+    fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
+        self.scattered::<true, false>(wo, wi).0
     }
 
-    /// Reflectance for pictures of the albedo.
-    pub fn albedo(&self, uv: Vec2) -> Vec3 {
-        let p = self.at(uv);
-        (p.base * p.opaque + self.reflection(&p, 1.0) + Vec3::splat(p.clear)).min(Vec3::ONE)
+    #[inline(always)]
+    fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
+        self.scattered::<false, true>(wo, wi).1
     }
+
+    #[inline(always)]
+    fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
+        self.scattered::<true, true>(wo, wi)
+    }
+
+    /// Chooses a lobe with `lobe` and a direction of it with `u`.
+    #[inline(always)]
+    fn sample(&self, wo: V3<R>, lobe: R, u: [R; 2], transport: Transport) -> Drawn<R> {
+        let lobes = self.lobes(wo);
+        let seen = self.is_seen(wo);
+        let of_facets = lobe.lt(lobes.facets);
+        let of_coat = !of_facets & lobe.lt(lobes.facets + lobes.coat);
+        let (mut wi, mut found) = (wo, seen);
+        if (seen & of_facets).any() {
+            let (direction, passes) = self.sample_facet(wo, u, lobe / lobes.facets);
+            (wi, found) = (direction, seen & (passes | !of_facets));
+        }
+        if let Some(coat) = &self.coat
+            && (seen & of_coat).any()
+        {
+            let h = coat.sample(u);
+            wi = V3::choose(of_coat, mirrored_at(wo, h), wi);
+        }
+        let of_base = !(of_facets | of_coat);
+        if (seen & of_base).any() {
+            wi = V3::choose(of_base, warp::square_to_cosine_hemisphere(u), wi);
+        }
+        let refracts = (wi.z * wo.z).below(0.0);
+        let (value, pdf) = self.eval_and_pdf(wo, wi);
+        let mut weight = value / pdf;
+        if self.clear.is_some() && transport == Transport::Importance {
+            // Power is not squeezed into a smaller solid angle as radiance is.
+            let eta = self.eta_from(wo.z.above(0.0));
+            weight = weight * refracts.choose(eta * eta, eta.all(1.0));
+        }
+        let found = found & (of_facets | !refracts) & pdf.above(0.0) & weight.is_finite();
+        Drawn { wi, weight, pdf, delta: found.none(), found }
+    }
+
+    #[inline(always)]
+    fn eta(&self, wo: V3<R>) -> R {
+        seen_from(wo, self.eta)
+    }
+
+    #[inline(always)]
+    fn albedo(&self) -> V3<R> {
+        let one = self.eta.all(1.0);
+        let reflection = self.reflection(one, fresnel::dielectric(one, self.eta).0);
+        let clear = self.clear.unwrap_or(one.all(0.0));
+        (self.base * self.opaque + reflection + V3::splat(clear)).at_most(1.0)
+    }
+}
+
+/// Schlick's reflectance from the one at normal incidence, where [`schlick`] is `weight`.
+#[inline(always)]
+fn approximate<R: Real>(normal: V3<R>, weight: R) -> V3<R> {
+    normal + normal.rest() * weight
+}
+
+/// `wo` mirrored at a facet with the normal `h`.
+#[inline(always)]
+fn mirrored_at<R: Real>(wo: V3<R>, h: V3<R>) -> V3<R> {
+    h * (wo.dot(h) * 2.0) - wo
 }
 
 /// π·f of a white base: Burley 2012, §5.3 in the form of Burley 2015, eq. 4, or flattened (§2.3 there).
-fn diffuse(roughness: f32, flatness: f32, wo: Vec3, wi: Vec3, h: Vec3) -> f32 {
+#[inline(always)]
+fn diffuse<R: Real>(roughness: R, flatness: R, wo: V3<R>, wi: V3<R>, h: V3<R>) -> R {
     let (fo, fi) = (schlick(wo.z), schlick(wi.z));
     let cos_d = wi.dot(h);
-    let retro = 2.0 * roughness * cos_d * cos_d;
-    let plain = (1.0 - 0.5 * fo) * (1.0 - 0.5 * fi) + retro * (fo + fi + fo * fi * (retro - 1.0));
-    if flatness == 0.0 {
+    let retro = roughness * 2.0 * cos_d * cos_d;
+    let plain = (fo * 0.5).rest() * (fi * 0.5).rest() + retro * (fo + fi + fo * fi * (retro - 1.0));
+    let flattened = !flatness.is(0.0);
+    if !flattened.any() {
         return plain;
     }
     let at_grazing = retro / 2.0;
-    let ss = (1.0 + (at_grazing - 1.0) * fo) * (1.0 + (at_grazing - 1.0) * fi);
-    let flat = 1.25 * (ss * (1.0 / (wo.z + wi.z) - 0.5) + 0.5);
-    plain + (flat - plain) * flatness
+    let ss = ((at_grazing - 1.0) * fo + 1.0) * ((at_grazing - 1.0) * fi + 1.0);
+    let flat = (ss * ((wo.z + wi.z).inverse() - 0.5) + 0.5) * 1.25;
+    flattened.choose(plain + (flat - plain) * flatness, plain)
 }
 
-/// f of a coat of full strength (Burley 2012, §5.6): a quarter of F·D·G with the generalised Trowbridge-Reitz distribution γ = 1.
-fn coat(alpha: f32, wo: Vec3, wi: Vec3, h: Vec3) -> f32 {
-    let facets = Microfacets { shape: Shape::Ggx, alpha: COAT_SHADOWING };
-    let fresnel = COAT_REFLECTION + (1.0 - COAT_REFLECTION) * schlick(wo.dot(h));
-    0.25 * fresnel * gtr1(alpha, h) * facets.shadowing(wo, h) * facets.shadowing(wi, h)
+/// A clear coat (Burley 2012, §5.6).
+#[derive(Debug, Clone, Copy)]
+struct Coat<R> {
+    strength: R,
+    /// α², and its logarithm.
+    alpha2: R,
+    ln_alpha2: R,
 }
 
-/// Density of facet normals, sr⁻¹ (Burley 2012, eq. 4).
-fn gtr1(alpha: f32, h: Vec3) -> f32 {
-    let a2 = alpha * alpha;
-    // 1 − (1 − α²)·cos², written so that it keeps its digits near the normal.
-    let spread = (h.x * h.x + h.y * h.y) + a2 * h.z * h.z;
-    if h.z <= 0.0 { 0.0 } else { (a2 - 1.0) / (PI * ln(a2) * spread) }
+lanes_of!(Coat { strength, alpha2, ln_alpha2 });
+
+impl Coat<f32> {
+    fn new(strength: f32, gloss: f32) -> Self {
+        let alpha = 0.1 + (0.001 - 0.1) * gloss;
+        Self { strength, alpha2: alpha * alpha, ln_alpha2: ln(alpha * alpha) }
+    }
 }
 
-/// A facet normal with density D·cos θ.
-fn sample_gtr1(alpha: f32, [u, v]: [f32; 2]) -> Vec3 {
-    let a2 = alpha * alpha;
-    let cos2 = ((1.0 - pow(a2, 1.0 - u)) / (1.0 - a2)).clamp(0.0, 1.0);
-    let (sin, cos) = ((1.0 - cos2).sqrt(), cos2.sqrt());
-    let (sin_phi, cos_phi) = sin_cos(TAU * v);
-    Vec3::new(sin * cos_phi, sin * sin_phi, cos)
+impl<R: Real> Coat<R> {
+    /// f of a coat of strength 1: a quarter of F·D·G with the generalised Trowbridge-Reitz distribution γ = 1.
+    #[inline(always)]
+    fn of_full_strength(&self, wo: V3<R>, wi: V3<R>, h: V3<R>) -> R {
+        let facets = Microfacets { shape: Shape::Ggx, alpha: wo.z.all(COAT_SHADOWING) };
+        let fresnel = schlick(wo.dot(h)) * (1.0 - COAT_REFLECTION) + COAT_REFLECTION;
+        fresnel * 0.25 * self.density(h) * facets.shadowing(wo, h) * facets.shadowing(wi, h)
+    }
+
+    /// Density of facet normals, sr⁻¹ (Burley 2012, eq. 4).
+    #[inline(always)]
+    fn density(&self, h: V3<R>) -> R {
+        // 1 − (1 − α²)·cos², written so that it keeps its digits near the normal.
+        let spread = (h.x * h.x + h.y * h.y) + self.alpha2 * h.z * h.z;
+        ((self.alpha2 - 1.0) / (self.ln_alpha2 * PI * spread)).only(h.z.above(0.0))
+    }
+
+    /// A facet normal with density D·cos θ.
+    #[inline(always)]
+    fn sample(&self, [u, v]: [R; 2]) -> V3<R> {
+        // α to the power of 2·(1 − u).
+        let power = exp(u.rest() * self.ln_alpha2);
+        let cos2 = (power.rest() / self.alpha2.rest()).between(0.0, 1.0);
+        let (sin, cos) = (cos2.rest().sqrt(), cos2.sqrt());
+        let (sin_phi, cos_phi) = sin_cos(v * TAU);
+        V3::new(sin * cos_phi, sin * sin_phi, cos)
+    }
 }
 
 /// Numbers of cosines (closer to one another at grazing angles) and roughnesses at which albedos are tabulated, both from 0 to 1.
@@ -346,21 +540,13 @@ const ROUGHNESSES: usize = 8;
 /// Points along each axis of the quadratures.
 const POINTS: usize = 24;
 
-/// Albedos of the lobes by cosine, and by roughness where that matters.
+/// Albedos of a white base, of dielectric facets, of a white sheen and of a coat, all of full strength: a row of cosines for each
+/// roughness, of which the latter two know nothing. Four numbers of an entry are interpolated as fast as one.
 #[derive(Debug)]
-struct Bounds {
-    diffuse: [[f32; COSINES]; ROUGHNESSES],
-    specular: [[f32; COSINES]; ROUGHNESSES],
-    sheen: [f32; COSINES],
-    coat: [f32; COSINES],
-}
+struct Bounds([Vec4; COSINES * ROUGHNESSES]);
 
 impl Bounds {
-    fn new(given: &Parameters) -> Self {
-        let direction = |i: usize| {
-            let cos = (i as f32 / (COSINES - 1) as f32).powi(2).max(1e-3);
-            Vec3::new((1.0 - cos * cos).sqrt(), 0.0, cos)
-        };
+    fn new(given: &Parameters, coat: Option<Coat<f32>>) -> Self {
         let rough = |i: usize| i as f32 / (ROUGHNESSES - 1) as f32;
         // Where the roughness does not vary, only the rows around it are asked for.
         let asked = |i: usize| match &given.roughness {
@@ -369,66 +555,75 @@ impl Bounds {
             }
             _ => true,
         };
-        let half = |wo: Vec3, wi: Vec3| (wo + wi).normalize_or(Vec3::Z);
-        let over_cosines = |f: &dyn Fn(Vec3, Vec3) -> f32, wo: Vec3| {
-            mean(|u| {
-                let wi = warp::square_to_cosine_hemisphere(u);
-                f(wo, wi) * f32::from(u8::from(wi.z > 0.0))
-            })
-        };
-        let base = |r: usize, wo: Vec3| {
-            let white = |wo: Vec3, wi: Vec3| diffuse(rough(r), given.flatness, wo, wi, half(wo, wi));
-            over_cosines(&white, wo)
-        };
-        let specular = |r: usize, wo: Vec3| {
-            let facets = Microfacets { shape: Shape::Ggx, alpha: (rough(r) * rough(r)).max(LEAST_ALPHA) };
-            mean(|u| {
-                let h = facets.sample_visible(wo, u);
-                let wi = h * (2.0 * wo.dot(h)) - wo;
-                fresnel::dielectric(wo.dot(h).clamp(0.0, 1.0), given.eta).0
-                    * if wi.z > 0.0 { facets.shadowing(wi, h) } else { 0.0 }
-            })
-        };
-        let sheen = |wo: Vec3| over_cosines(&|wo, wi| PI * schlick(wi.dot(half(wo, wi))), wo);
-        let alpha = 0.1 + (0.001 - 0.1) * given.clearcoat_gloss;
-        let glossy = |wo: Vec3| {
-            mean(|u| {
-                let h = sample_gtr1(alpha, u);
-                let wi = h * (2.0 * wo.dot(h)) - wo;
-                let density = gtr1(alpha, h) * h.z / (4.0 * wo.dot(h));
-                if wi.z > 0.0 && density > 0.0 { coat(alpha, wo, wi, h) * wi.z / density } else { 0.0 }
-            })
-        };
-        let row = |f: &dyn Fn(Vec3) -> f32| std::array::from_fn(|i| f(direction(i)));
-        Self {
-            diffuse: std::array::from_fn(|r| row(&|wo| if asked(r) { base(r, wo) } else { 0.0 })),
-            specular: std::array::from_fn(|r| row(&|wo| if asked(r) { specular(r, wo) } else { 0.0 })),
-            sheen: row(&sheen),
-            coat: row(&glossy),
+        let mut table = [Vec4::ZERO; COSINES * ROUGHNESSES];
+        for column in 0..COSINES {
+            let cos = (column as f32 / (COSINES - 1) as f32).powi(2).max(1e-3);
+            let wo = V3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
+            let (sheen, coat) = (albedo_of_sheen(wo), coat.map_or(0.0, |coat| albedo_of_coat(coat, wo)));
+            for row in 0..ROUGHNESSES {
+                let rough = rough(row);
+                if asked(row) {
+                    let base = albedo_of_base(rough, given.flatness, wo);
+                    let facets = albedo_of_facets(rough, given.eta, wo);
+                    table[row * COSINES + column] = Vec4::new(base, facets, sheen, coat);
+                }
+            }
         }
+        Self(table)
     }
 
-    /// Upper bound of the material's albedo at an angle with cosine `cos`.
-    fn albedo(&self, given: &Parameters, p: &Point, cos: f32) -> f32 {
-        let column = |row: &[f32; COSINES]| between(cos.sqrt() * (COSINES - 1) as f32, row.len(), |i| row[i]);
-        let table = |rows: &[[f32; COSINES]; ROUGHNESSES]| {
-            between(p.roughness * (ROUGHNESSES - 1) as f32, rows.len(), |i| column(&rows[i]))
-        };
-        let brightest = p.base.max_element();
-        let specular = table(&self.specular);
-        let tinted = specular * (1.0 + given.spec_tint * (p.hue.max_element() - 1.0).max(0.0));
-        // A metal reflects at most everything.
-        let mut sum = p.metallic + (1.0 - p.metallic) * tinted.min(1.0);
-        sum += p.opaque * brightest * table(&self.diffuse) + p.clear * (1.0 - specular) * brightest.max(0.0).sqrt();
-        if given.sheen > 0.0 {
-            let hue = 1.0 + (p.hue.max_element() - 1.0).max(0.0) * given.sheen_tint;
-            sum += given.sheen * (1.0 - p.metallic) * hue * column(&self.sheen);
-        }
-        if given.clearcoat > 0.0 {
-            sum += given.clearcoat * column(&self.coat);
-        }
-        sum
+    /// Interpolates in a cell: `along` the cosines and `across` the roughnesses, from the entry `first`.
+    #[inline(always)]
+    fn between(&self, first: u16, along: f32, across: f32) -> [f32; 4] {
+        let cell = &self.0[usize::from(first)..][..COSINES + 2];
+        let [a, b] = [0, COSINES].map(|row| cell[row] + (cell[row + 1] - cell[row]) * along);
+        (a + (b - a) * across).to_array()
     }
+}
+
+/// The cell of a table with `count` entries from 0 to 1 in which `x` lies, and how far into it.
+#[inline(always)]
+fn cell<R: Real>(x: R, count: usize) -> (R, R) {
+    let position = x * (count - 1) as f32;
+    let below = position.between(0.0, (count - 2) as f32).whole().real();
+    (below, position - below)
+}
+
+fn albedo_of_base(roughness: f32, flatness: f32, wo: V3<f32>) -> f32 {
+    over_cosines(wo, |wi, h| diffuse(roughness, flatness, wo, wi, h))
+}
+
+fn albedo_of_facets(roughness: f32, eta: f32, wo: V3<f32>) -> f32 {
+    let facets = facets_of(roughness);
+    mean(|u| {
+        let h = facets.sample_visible(wo, u);
+        let wi = mirrored_at(wo, h);
+        let reflected = fresnel::dielectric(wo.dot(h).clamp(0.0, 1.0), eta).0;
+        if wi.z > 0.0 { reflected * facets.shadowing(wi, h) } else { 0.0 }
+    })
+}
+
+fn albedo_of_sheen(wo: V3<f32>) -> f32 {
+    over_cosines(wo, |wi, h| PI * schlick(wi.dot(h)))
+}
+
+fn albedo_of_coat(coat: Coat<f32>, wo: V3<f32>) -> f32 {
+    mean(|u| {
+        let h = coat.sample(u);
+        let wi = mirrored_at(wo, h);
+        let density = coat.density(h) * h.z / (4.0 * wo.dot(h));
+        if wi.z > 0.0 && density > 0.0 { coat.of_full_strength(wo, wi, h) * wi.z / density } else { 0.0 }
+    })
+}
+
+/// The mean of π·f, a function of the other direction and of the half vector, over cosine-distributed directions.
+fn over_cosines(wo: V3<f32>, f: impl Fn(V3<f32>, V3<f32>) -> f32) -> f32 {
+    mean(|u| {
+        let wi = warp::square_to_cosine_hemisphere(u);
+        let (h, found) = (wo + wi).try_normalize();
+        let h = if found { h } else { V3::new(0.0, 0.0, 1.0) };
+        if wi.z > 0.0 { f(wi, h) } else { 0.0 }
+    })
 }
 
 /// The mean over the unit square.
@@ -436,11 +631,4 @@ fn mean(f: impl Fn([f32; 2]) -> f32) -> f32 {
     let at = |k: usize| (k as f32 + 0.5) / POINTS as f32;
     let sum: f32 = (0..POINTS * POINTS).map(|i| f([at(i % POINTS), at(i / POINTS)])).sum();
     sum / (POINTS * POINTS) as f32
-}
-
-/// Linear interpolation between the `count` values of `at`.
-fn between(position: f32, count: usize, at: impl Fn(usize) -> f32) -> f32 {
-    let below = (position.max(0.0) as usize).min(count - 2);
-    let [a, b] = [at(below), at(below + 1)];
-    a + (b - a) * (position - below as f32)
 }

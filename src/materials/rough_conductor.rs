@@ -1,10 +1,11 @@
 //! Rough metal: the Torrance-Sparrow microfacet model.
 
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 
-use super::BsdfSample;
-use super::fresnel::Metal;
+use super::fresnel::{Metal, MetalAt};
 use super::microfacet::Microfacets;
+use super::{Drawn, Scatter, Transport};
+use crate::math::lanes::{Mask, Real, V3, lanes_of};
 
 /// f = F·D·G / (4 cos θₒ cos θᵢ) on the front side (Walter et al. 2007, eq. 20), with separable shadowing.
 #[derive(Debug, Clone)]
@@ -15,39 +16,85 @@ pub struct RoughConductor {
     pub facets: Microfacets,
 }
 
+/// Rough metal at surface points.
+#[derive(Debug, Clone, Copy)]
+pub struct At<R> {
+    metal: MetalAt<R>,
+    pub(super) facets: Microfacets<R>,
+}
+
+lanes_of!(At { metal, facets });
+
 impl RoughConductor {
-    /// f·cos θᵢ.
-    pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
-        if wo.z <= 0.0 || wi.z <= 0.0 {
-            return Vec3::ZERO;
-        }
-        let Some(h) = (wo + wi).try_normalize() else { return Vec3::ZERO };
-        let d = self.facets.density(h);
-        if d == 0.0 {
-            return Vec3::ZERO;
-        }
-        let g = self.facets.shadowing(wo, h) * self.facets.shadowing(wi, h);
-        self.metal.reflection(uv, wo.dot(h)) * (d * g / (4.0 * wo.z))
+    /// The metal at `uv`.
+    pub fn at(&self, uv: Vec2) -> At<f32> {
+        At { metal: self.metal.at(uv), facets: self.facets }
+    }
+}
+
+/// The facet that reflects one direction to another, both in front.
+struct Facet<R: Real> {
+    h: V3<R>,
+    /// Cosine between `h` and either.
+    cos: R,
+    density: R,
+    found: R::Mask,
+}
+
+impl<R: Real> At<R> {
+    #[inline(always)]
+    fn facet(&self, wo: V3<R>, wi: V3<R>) -> Facet<R> {
+        let (h, halved) = (wo + wi).try_normalize();
+        let found = halved & wo.z.above(0.0) & wi.z.above(0.0);
+        Facet { h, cos: wo.dot(h), density: self.facets.density(h), found }
     }
 
-    /// Density w.r.t. solid angle of the reflected direction.
-    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        if wo.z <= 0.0 || wi.z <= 0.0 {
-            return 0.0;
+    #[inline(always)]
+    fn value(&self, facet: &Facet<R>, wo: V3<R>, wi: V3<R>) -> V3<R> {
+        let Facet { h, cos, density, found } = *facet;
+        let found = found & !density.is(0.0);
+        if !found.any() {
+            return V3::splat(cos.all(0.0));
         }
-        let Some(h) = (wo + wi).try_normalize() else { return 0.0 };
-        let cos = wo.dot(h);
-        if cos <= 0.0 { 0.0 } else { self.facets.visible_density(wo, h) / (4.0 * cos) }
+        let g = self.facets.shadowing(wo, h) * self.facets.shadowing(wi, h);
+        (self.metal.reflection(cos) * (density * g / (wo.z * 4.0))).only(found)
+    }
+
+    #[inline(always)]
+    fn density(&self, facet: &Facet<R>, wo: V3<R>) -> R {
+        let Facet { h, cos, density, found } = *facet;
+        (self.facets.visible_part(density, wo, h) / (cos * 4.0)).only(found & cos.above(0.0))
+    }
+}
+
+impl<R: Real> Scatter<R> for At<R> {
+    #[inline(always)]
+    fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
+        self.value(&self.facet(wo, wi), wo, wi)
+    }
+
+    #[inline(always)]
+    fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
+        self.density(&self.facet(wo, wi), wo)
+    }
+
+    #[inline(always)]
+    fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
+        let facet = self.facet(wo, wi);
+        (self.value(&facet, wo, wi), self.density(&facet, wo))
     }
 
     /// Reflects at a visible facet.
-    pub fn sample(&self, uv: Vec2, wo: Vec3, u: [f32; 2]) -> Option<BsdfSample> {
-        if wo.z <= 0.0 {
-            return None;
-        }
+    #[inline(always)]
+    fn sample(&self, wo: V3<R>, _: R, u: [R; 2], _: Transport) -> Drawn<R> {
         let h = self.facets.sample_visible(wo, u);
-        let wi = h * (2.0 * wo.dot(h)) - wo;
-        let pdf = self.pdf(wo, wi);
-        (pdf > 0.0).then(|| BsdfSample { wi, weight: self.eval(uv, wo, wi) / pdf, pdf, delta: false })
+        let wi = h * (wo.dot(h) * 2.0) - wo;
+        let (value, pdf) = self.eval_and_pdf(wo, wi);
+        Drawn::of_lobe(wi, value / pdf, pdf)
+    }
+
+    #[inline(always)]
+    fn albedo(&self) -> V3<R> {
+        self.metal.albedo()
     }
 }

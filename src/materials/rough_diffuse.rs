@@ -2,12 +2,14 @@
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 
-use super::BsdfSample;
-use super::diffuse::Diffuse;
+use super::diffuse::cosine_pdf;
+use super::table::interpolated;
 use super::texture::Texture;
+use super::{Drawn, Scatter, Transport};
 use crate::math::lanes::functions::atan2;
+use crate::math::lanes::{Mask, Real, V3, lanes_of};
 use crate::sampling::warp;
 
 /// Number of cosines at which albedos are kept, evenly from 0 to 1.
@@ -27,29 +29,58 @@ pub struct RoughDiffuse {
     once: Option<Box<[f32; COSINES]>>,
 }
 
-/// Two directions in the angles of the model.
+/// A surface of diffuse facets at points.
 #[derive(Clone, Copy)]
-struct Angles {
-    /// The larger and the smaller angle from the normal.
-    wide: f32,
-    narrow: f32,
-    /// sin of the larger, tan of the smaller, tan of half their sum.
-    sin_wide: f32,
-    tan_narrow: f32,
-    tan_half: f32,
-    /// Cosine of the azimuth between them.
-    cos_phi: f32,
+pub struct At<'a, R: Real> {
+    reflectance: V3<R>,
+    c: [R; 4],
+    once: Option<R::Each<&'a [f32; COSINES]>>,
+    qualitative: bool,
 }
 
-impl Angles {
-    fn new(a: Vec3, b: Vec3) -> Self {
-        let (low, high) = if a.z < b.z { (a, b) } else { (b, a) };
-        let (sin_wide, sin_narrow) = (low.truncate().length(), high.truncate().length());
+lanes_of!(At<'a> { reflectance, c, once } same { qualitative });
+
+/// Two directions in the angles of the model.
+#[derive(Clone, Copy)]
+struct Angles<R> {
+    /// The larger and the smaller angle from the normal.
+    wide: R,
+    narrow: R,
+    /// sin of the larger, tan of the smaller, tan of half their sum.
+    sin_wide: R,
+    tan_narrow: R,
+    tan_half: R,
+    /// Cosine of the azimuth between them.
+    cos_phi: R,
+}
+
+impl<R: Real> Angles<R> {
+    #[inline(always)]
+    fn new(a: V3<R>, b: V3<R>) -> Self {
+        let lower = a.z.lt(b.z);
+        let (low, high) = (V3::choose(lower, a, b), V3::choose(lower, b, a));
+        let sin_wide = (low.x * low.x + low.y * low.y).sqrt();
+        let sin_narrow = (high.x * high.x + high.y * high.y).sqrt();
         let both = sin_wide * sin_narrow;
-        let cos_phi = if both > 0.0 { (a.truncate().dot(b.truncate()) / both).clamp(-1.0, 1.0) } else { 0.0 };
+        let cos_phi = ((a.x * b.x + a.y * b.y) / both).between(-1.0, 1.0).only(both.above(0.0));
         let (wide, narrow) = (atan2(sin_wide, low.z), atan2(sin_narrow, high.z));
         let tan_half = (sin_wide + sin_narrow) / (low.z + high.z);
         Self { wide, narrow, sin_wide, tan_narrow: sin_narrow / high.z, tan_half, cos_phi }
+    }
+
+    /// π·f of white facets with the constants `c`, for light scattered once and for light scattered twice.
+    #[inline(always)]
+    fn scattered(&self, c: [R; 4], qualitative: bool) -> [R; 2] {
+        let [c1, c2, c3, c4] = c;
+        let Self { wide, narrow, sin_wide, tan_narrow, tan_half, cos_phi } = *self;
+        if qualitative {
+            return [c1 + c2 * cos_phi.at_least(0.0) * sin_wide * tan_narrow, c1.all(0.0)];
+        }
+        let part = narrow * 2.0 / PI;
+        let c2 = c2 * cos_phi.above(0.0).choose(sin_wide, sin_wide - part * part.squared());
+        let c3 = c3 * (part * 2.0 * wide / PI).squared();
+        let once = c1 + cos_phi * c2 * tan_narrow + cos_phi.abs().rest() * c3 * tan_half;
+        [once, c4 * (cos_phi * part * part).rest()]
     }
 }
 
@@ -68,71 +99,81 @@ impl RoughDiffuse {
         material
     }
 
-    /// π·f of white facets, for light scattered once and for light scattered twice.
-    fn scattered(&self, angles: &Angles) -> [f32; 2] {
-        let [c1, c2, c3, c4] = self.c;
-        let Angles { wide, narrow, sin_wide, tan_narrow, tan_half, cos_phi } = *angles;
-        if self.qualitative {
-            return [c1 + c2 * cos_phi.max(0.0) * sin_wide * tan_narrow, 0.0];
-        }
-        let part = 2.0 * narrow / PI;
-        let c2 = c2 * if cos_phi > 0.0 { sin_wide } else { sin_wide - part.powi(3) };
-        let c3 = c3 * (part * 2.0 * wide / PI).powi(2);
-        let once = c1 + cos_phi * c2 * tan_narrow + (1.0 - cos_phi.abs()) * c3 * tan_half;
-        [once, c4 * (1.0 - cos_phi * part * part)]
+    /// See [`Material::prefetch`](super::Material::prefetch).
+    pub(super) fn prefetch(&self, uv: Vec2) {
+        self.reflectance.prefetch(uv);
+    }
+
+    /// The surface at `uv`.
+    pub fn at(&self, uv: Vec2) -> At<'_, f32> {
+        let reflectance = self.reflectance.eval(uv).into();
+        At { reflectance, c: self.c, once: self.once.as_deref().map(|table| [table]), qualitative: self.qualitative }
     }
 
     /// Albedo of white facets for light scattered once, at a cosine: the mean over cosine-distributed directions. Around the normal
     /// the mean of cos φ over the half where it is positive is 1/π, that of |cos φ| 2/π.
     fn albedo_once(&self, cos: f32) -> f32 {
         const STEPS: usize = 512;
-        let at = |cos: f32| Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
+        let at = |cos: f32| V3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
         let wo = at(cos.max(1e-3));
         let mean = |i: usize| {
             let angles = Angles::new(wo, at((1.0 - (i as f32 + 0.5) / STEPS as f32).sqrt()));
-            let beyond = |cos_phi| self.scattered(&Angles { cos_phi, ..angles })[0] - self.c[0];
+            let beyond = |cos_phi| Angles { cos_phi, ..angles }.scattered(self.c, self.qualitative)[0] - self.c[0];
             beyond(0.0) * (1.0 - 2.0 * FRAC_1_PI) + (beyond(1.0) + beyond(-1.0)) * FRAC_1_PI
         };
         self.c[0] + (0..STEPS).map(mean).sum::<f32>() / STEPS as f32
     }
+}
+
+impl<'a, R: Real> At<'a, R> {
+    /// Number of the discrete options, see [`Variant`](super::Variant).
+    pub(super) fn option(&self) -> usize {
+        usize::from(self.qualitative) + 2 * usize::from(self.once.is_some())
+    }
 
     /// Divisor of f for a direction with a cosine: the albedo, where that is above 1.
-    fn excess(&self, once: &[f32; COSINES], cos: f32, color: Vec3) -> Vec3 {
-        let x = cos.clamp(0.0, 1.0) * (COSINES - 1) as f32;
-        let below = (x as usize).min(COSINES - 2);
-        let once = once[below] + (once[below + 1] - once[below]) * (x - below as f32);
-        (color * once + color * color * self.c[3]).max(Vec3::ONE)
+    #[inline(always)]
+    fn excess(&self, once: &R::Each<&'a [f32; COSINES]>, cos: R) -> V3<R> {
+        let once = interpolated::<R, &[f32; COSINES]>(once, COSINES, cos.between(0.0, 1.0) * (COSINES - 1) as f32);
+        let color = self.reflectance;
+        (color * once + color * color * self.c[3]).at_least(1.0)
     }
+}
 
-    /// f·cos θᵢ.
-    pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
-        if wo.z <= 0.0 || wi.z <= 0.0 {
-            return Vec3::ZERO;
+impl<R: Real> Scatter<R> for At<'_, R> {
+    #[inline(always)]
+    fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
+        let front = wo.z.above(0.0) & wi.z.above(0.0);
+        if !front.any() {
+            return V3::splat(wi.z.all(0.0));
         }
-        let color = self.reflectance.eval(uv);
-        let [once, twice] = self.scattered(&Angles::new(wo, wi));
+        let color = self.reflectance;
+        let [once, twice] = Angles::new(wo, wi).scattered(self.c, self.qualitative);
         // The fit falls a little below 0 for the roughest, against the light.
-        let value = (color * once + color * color * twice).max(Vec3::ZERO) * (wi.z * FRAC_1_PI);
-        match &self.once {
-            Some(table) => value / (self.excess(table, wo.z, color) * self.excess(table, wi.z, color)),
+        let value = (color * once + color * color * twice).at_least(0.0) * (wi.z * FRAC_1_PI);
+        let bounded = match &self.once {
+            Some(table) => value / (self.excess(table, wo.z) * self.excess(table, wi.z)),
             None => value,
-        }
+        };
+        bounded.only(front)
     }
 
-    /// Density w.r.t. solid angle.
-    pub fn pdf(wo: Vec3, wi: Vec3) -> f32 {
-        Diffuse::pdf(wo, wi)
+    #[inline(always)]
+    fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
+        cosine_pdf(wo, wi)
     }
 
     /// Cosine-distributed direction. Weights stay below 2 but where both directions graze the surface, and have the mean albedo.
-    pub fn sample(&self, uv: Vec2, wo: Vec3, u: [f32; 2]) -> Option<BsdfSample> {
-        let wi = warp::square_to_cosine_hemisphere(u);
-        let pdf = Self::pdf(wo, wi);
-        (pdf > 0.0).then(|| BsdfSample { wi, weight: self.eval(uv, wo, wi) / pdf, pdf, delta: false })
+    #[inline(always)]
+    fn sample(&self, wo: V3<R>, _: R, u: [R; 2], _: Transport) -> Drawn<R> {
+        let wi = warp::lanes::square_to_cosine_hemisphere(u);
+        let pdf = cosine_pdf(wo, wi);
+        Drawn::of_lobe(wi, self.eval(wo, wi) / pdf, pdf)
     }
 
     /// Albedo of the facets.
-    pub fn albedo(&self, uv: Vec2) -> Vec3 {
-        self.reflectance.eval(uv)
+    #[inline(always)]
+    fn albedo(&self) -> V3<R> {
+        self.reflectance
     }
 }

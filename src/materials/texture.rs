@@ -87,6 +87,18 @@ impl Texture {
         }
     }
 
+    /// Brings near what [`Texture::eval`] reads at `uv`: of a picture the two rows around it.
+    #[inline]
+    pub fn prefetch(&self, uv: Vec2) {
+        let Self::Bitmap { image, to_uv, wrap, .. } = self else { return };
+        let corner = (position(image, to_uv.transform_point2(uv), *wrap) - 0.5).floor();
+        let [width, height] = image.size();
+        let column = wrap.index(corner.x as i64, width);
+        for step in [0, 1] {
+            image.prefetch(wrap.index((corner.y as i64).saturating_add(step), height) * width + column);
+        }
+    }
+
     /// Gradient of the luminance in texture coordinates: that of the bilinear filter. Zero for textures that have steps.
     pub fn slope(&self, uv: Vec2) -> Vec2 {
         let Self::Bitmap { image, to_uv, scale, wrap, nearest: false } = self else { return Vec2::ZERO };

@@ -5,6 +5,8 @@
 
 use glam::Vec3;
 
+use super::lanes::{Bits, Mask, Real, V3};
+
 /// Bound of the relative error of n rounded operations.
 pub const fn gamma(n: u32) -> f32 {
     let n = n as f32 * (f32::EPSILON * 0.5);
@@ -14,24 +16,31 @@ pub const fn gamma(n: u32) -> f32 {
 /// Moves `point`, known to within `error` per coordinate, along the unit normal to the side of `direction`, at least past
 /// the error box and by at least one float.
 #[inline(always)]
-pub fn offset_origin(point: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
+pub fn offset_origins<R: Real>(point: V3<R>, error: V3<R>, normal: V3<R>, direction: V3<R>) -> V3<R> {
     let distance = normal.abs().dot(error);
-    let offset = if direction.dot(normal) < 0.0 { -distance * normal } else { distance * normal };
+    let behind = direction.dot(normal).lt(distance.all(0.0));
+    let offset = normal * behind.choose(-distance, distance);
     let moved = point + offset;
-    Vec3::new(step(moved.x, offset.x), step(moved.y, offset.y), step(moved.z, offset.z))
+    V3::new(step(moved.x, offset.x), step(moved.y, offset.y), step(moved.z, offset.z))
+}
+
+/// [`offset_origins`] of one point.
+#[inline(always)]
+pub fn offset_origin(point: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
+    offset_origins::<f32>(point.into(), error.into(), normal.into(), direction.into()).into()
 }
 
 /// The next float after the finite `x` in the direction of the sign of `side`, or `x` where `side` is 0. Branch-free, since
 /// branches would be unpredictable here: floats are ordered like their bits, taken as sign and magnitude.
 #[inline(always)]
-fn step(x: f32, side: f32) -> f32 {
-    let flipped = |bits: i32| {
-        let sign = bits >> 31;
-        ((bits & i32::MAX) ^ sign) - sign
-    };
-    let next = flipped(x.to_bits() as i32) + i32::from(side > 0.0) - i32::from(side < 0.0);
-    let sign = next >> 31;
-    f32::from_bits((((next ^ sign) - sign) | (sign & i32::MIN)) as u32)
+fn step<R: Real>(x: R, side: R) -> R {
+    let bits = x.bits();
+    let (magnitude, lowest, zero, one) = (bits.all(i32::MAX), bits.all(i32::MIN), x.all(0.0), x.all(1.0));
+    let sign = bits.right::<31>();
+    let ordered = ((bits & magnitude) ^ sign) - sign;
+    let next = ordered + (side.gt(zero).choose(one, zero) - side.lt(zero).choose(one, zero)).whole();
+    let sign = next.right::<31>();
+    (((next ^ sign) - sign) | (sign & lowest)).real_bits()
 }
 
 #[cfg(test)]

@@ -2,6 +2,44 @@
 
 use glam::Vec3;
 
+use super::lanes::{Real, V3};
+
+/// A right-handed orthonormal frame in each lane; `n` is the local z axis.
+#[derive(Debug, Clone, Copy)]
+pub struct Frames<R> {
+    /// Local x.
+    pub s: V3<R>,
+    /// Local y.
+    pub t: V3<R>,
+    /// Local z.
+    pub n: V3<R>,
+}
+
+impl<R: Real> Frames<R> {
+    /// Frames around the unit vectors `n`, without branches and without a singularity (Duff et al. 2017).
+    #[inline(always)]
+    pub fn new(n: V3<R>) -> Self {
+        let one = n.z.all(1.0);
+        let sign = one.with_sign(n.z);
+        let a = -one / (sign + n.z);
+        let b = n.x * n.y * a;
+        let s = V3::new(one + sign * n.x * n.x * a, sign * b, -sign * n.x);
+        Self { s, t: V3::new(b, sign + n.y * n.y * a, -n.y), n }
+    }
+
+    /// World to local.
+    #[inline(always)]
+    pub fn to_local(&self, v: V3<R>) -> V3<R> {
+        V3::new(self.s.dot(v), self.t.dot(v), self.n.dot(v))
+    }
+
+    /// Local to world.
+    #[inline(always)]
+    pub fn to_world(&self, v: V3<R>) -> V3<R> {
+        self.s * v.x + self.t * v.y + self.n * v.z
+    }
+}
+
 /// A right-handed orthonormal frame; `n` is the local z axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
@@ -14,16 +52,11 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A frame around the unit vector `n`, without branches and without a singularity (Duff et al. 2017).
+    /// A frame around the unit vector `n`, see [`Frames::new`].
+    #[inline(always)]
     pub fn new(n: Vec3) -> Self {
-        let sign = 1.0f32.copysign(n.z);
-        let a = -1.0 / (sign + n.z);
-        let b = n.x * n.y * a;
-        Self {
-            s: Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
-            t: Vec3::new(b, sign + n.y * n.y * a, -n.y),
-            n,
-        }
+        let Frames { s, t, n } = Frames::<f32>::new(n.into());
+        Self { s: s.into(), t: t.into(), n: n.into() }
     }
 
     /// World to local.

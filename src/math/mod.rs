@@ -7,7 +7,7 @@ pub mod lanes;
 pub mod special;
 pub mod srgb;
 
-pub use frame::Frame;
+pub use frame::{Frame, Frames};
 
 /// Mean of the three channels: how a colour becomes the scalar that guiding works on.
 pub fn channel_mean(c: glam::Vec3) -> f32 {

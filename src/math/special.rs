@@ -1,16 +1,19 @@
 //! Special functions that the standard library lacks.
 
-use super::lanes::functions::{exp, ln};
+use super::lanes::functions::{exp, ln, polynomial};
+use super::lanes::{Mask, Real};
 
 /// Error function, absolute error below 1.5e-7 (Abramowitz and Stegun 1964, 7.1.26).
-pub fn erf(x: f32) -> f32 {
-    let t = 1.0 / (1.0 + 0.327_591_1 * x.abs());
-    let poly = t * (0.254_829_6 + t * (-0.284_496_72 + t * (1.421_413_8 + t * (-1.453_152_1 + t * 1.061_405_4))));
-    (1.0 - poly * exp(-x * x)).copysign(x)
+#[inline(always)]
+pub fn erf<R: Real>(x: R) -> R {
+    let t = (x.abs() * 0.327_591_1 + 1.0).inverse();
+    let poly = t * polynomial(t, [1.061_405_4, -1.453_152_1, 1.421_413_8, -0.284_496_72, 0.254_829_6]);
+    (poly * exp(-x * x)).rest().with_sign(x)
 }
 
 /// Inverse error function on (−1, 1), single precision (Giles 2012, "Approximating the erfinv function").
-pub fn erf_inv(x: f32) -> f32 {
+#[inline(always)]
+pub fn erf_inv<R: Real>(x: R) -> R {
     const CENTRAL: [f32; 9] = [
         2.810_226_4e-8,
         3.432_739_4e-7,
@@ -33,10 +36,14 @@ pub fn erf_inv(x: f32) -> f32 {
         1.001_674,
         2.832_976_8,
     ];
-    let x = x.clamp(-0.999_999_94, 0.999_999_94);
-    let w = -ln((1.0 - x) * (1.0 + x));
-    let (start, coefficients) = if w < 5.0 { (w - 2.5, &CENTRAL) } else { (w.sqrt() - 3.0, &TAIL) };
-    coefficients.iter().fold(0.0, |p: f32, &c| p * start + c) * x
+    let x = x.between(-0.999_999_94, 0.999_999_94);
+    let w = -ln(x.rest() * (x + 1.0));
+    let central = w.below(5.0);
+    let mut slope = polynomial(w - 2.5, CENTRAL);
+    if (!central).any() {
+        slope = central.choose(slope, polynomial(w.sqrt() - 3.0, TAIL));
+    }
+    slope * x
 }
 
 #[cfg(test)]

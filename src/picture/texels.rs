@@ -5,6 +5,7 @@ use std::sync::{Arc, LazyLock};
 use glam::Vec3;
 
 use super::image::Image;
+use crate::base::processor::prefetch;
 use crate::math::srgb;
 
 /// The picture of a texture or of an environment.
@@ -89,6 +90,17 @@ impl Texels {
         match self {
             Self::Float(image) => indices.map(|index| image.pixels[index]),
             Self::Bytes(image) => indices.map(|index| image.pixel(index)),
+        }
+    }
+
+    /// Brings a pixel near, which will be needed soon.
+    #[inline]
+    pub fn prefetch(&self, index: usize) {
+        match self {
+            Self::Float(image) => image.pixels.get(index).into_iter().for_each(prefetch),
+            Self::Bytes(image) => {
+                image.samples.get(if image.grey { index } else { 3 * index }).into_iter().for_each(prefetch);
+            }
         }
     }
 

@@ -29,20 +29,20 @@ pub fn fill(cdf: &[f64], table: &mut [u32]) {
 }
 
 /// Entry of a table of `entries` that [`find`] begins with.
-#[inline]
+#[inline(always)]
 fn part(entries: usize, u: f64) -> usize {
     // The number of parts is a power of two, so products and bounds are exact.
     ((u * (entries - 1) as f64) as usize).min(entries - 2)
 }
 
 /// The entry of the table that [`find`] reads first; none where there is no table.
-#[inline]
+#[inline(always)]
 pub fn entry(table: &[u32], u: f64) -> Option<&u32> {
     table.get(if table.is_empty() { 0 } else { part(table.len(), u) })
 }
 
 /// Number of entries of `cdf` that are at most `u` in [0, 1], but at most the last index. `table` comes from [`fill`].
-#[inline]
+#[inline(always)]
 pub fn find(cdf: &[f64], table: &[u32], u: f64) -> usize {
     let range = match table.len() {
         0 => 0..cdf.len(),

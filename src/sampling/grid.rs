@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::cutpoints;
 use super::discrete::{self, Discrete};
 use crate::base::processor::prefetch;
+use crate::math::lanes::Real;
 
 /// A piecewise-constant density over [0, 1)².
 #[derive(Debug, Clone)]
@@ -37,15 +38,15 @@ impl Grid {
     }
 
     /// Cumulative weights of row `y`.
-    #[inline]
+    #[inline(always)]
     fn row(&self, y: usize) -> &[f64] {
         &self.cdfs[y * self.width..][..self.width]
     }
 
     /// Table of [`cutpoints`] of row `y`.
-    #[inline]
+    #[inline(always)]
     fn table(&self, y: usize) -> &[u32] {
-        let entries = self.tables.len() / self.rows.len();
+        let entries = cutpoints::table_len(self.width);
         &self.tables[y * entries..][..entries]
     }
 
@@ -67,11 +68,31 @@ impl Grid {
         })
     }
 
-    /// Brings near what [`Grid::pdf`] reads for a point.
-    #[inline]
-    pub fn prefetch(&self, point: [f64; 2]) {
-        let [x, y] = self.cell(point);
+    /// Brings near what [`Grid::density`] reads for a cell.
+    #[inline(always)]
+    pub fn prefetch(&self, [x, y]: [usize; 2]) {
         self.row(y).get(x).into_iter().for_each(prefetch);
+    }
+
+    /// Samples cells in lanes: columns and rows, and where in the cells the points lie, from 0 to 1.
+    #[inline(always)]
+    pub fn choose<R: Real>(&self, [u, v]: [R; 2]) -> ([R; 2], [R; 2]) {
+        // In steps, so that lanes wait for memory together: for their part of the row's table, of the row, and for what is there.
+        let [y, below] = R::by_lane([u, v], |_, [u, v]| {
+            let (y, below) = self.rows.sample(v.into());
+            cutpoints::entry(self.table(y), u.into()).into_iter().for_each(prefetch);
+            [y as f32, below as f32]
+        });
+        let [] = R::by_lane([u, y], |_, [u, y]| {
+            let first = cutpoints::entry(self.table(y as usize), u.into()).map_or(0, |&first| first as usize);
+            self.row(y as usize).get(first).into_iter().for_each(prefetch);
+            []
+        });
+        let [x, right] = R::by_lane([u, y], |_, [u, y]| {
+            let (x, right) = discrete::sample(self.row(y as usize), self.table(y as usize), u.into());
+            [x as f32, right as f32]
+        });
+        ([x, y], [right, below])
     }
 
     /// Samples a point of the square; returns it with its density w.r.t. area.
@@ -80,14 +101,13 @@ impl Grid {
         let (y, v) = self.rows.sample(v);
         let (x, u) = discrete::sample(self.row(y), self.table(y), u);
         let (width, height) = (self.width as f64, self.rows.len() as f64);
-        ([(x as f64 + u) / width, (y as f64 + v) / height], self.density(x, y))
+        ([(x as f64 + u) / width, (y as f64 + v) / height], self.density([x, y]))
     }
 
     /// Density of [`Grid::sample`] at a point, w.r.t. area.
     #[inline]
     pub fn pdf(&self, point: [f64; 2]) -> f64 {
-        let [x, y] = self.cell(point);
-        self.density(x, y)
+        self.density(self.cell(point))
     }
 
     /// Column and row of the cell that holds a point.
@@ -99,7 +119,9 @@ impl Grid {
         [x, y]
     }
 
-    fn density(&self, x: usize, y: usize) -> f64 {
+    /// Density of [`Grid::sample`] in the cell of a column and a row, w.r.t. area.
+    #[inline(always)]
+    pub fn density(&self, [x, y]: [usize; 2]) -> f64 {
         self.rows.probability(y) * discrete::probability(self.row(y), x) * (self.width * self.rows.len()) as f64
     }
 }
@@ -147,7 +169,7 @@ mod tests {
                     assert_eq!(grid.cells(&[[0.5; 2], [u, v]])[1], [column, row]);
                     let expected = [(column as f64 + right) / width as f64, (row as f64 + below) / height as f64];
                     assert_eq!([x, y], expected, "{width}×{height}, kind {kind}, {u} {v}");
-                    assert_eq!(density, grid.density(column, row));
+                    assert_eq!(density, grid.density([column, row]));
                     assert!(density > 0.0, "{width}×{height}, kind {kind}, {u} {v}");
                 }
             }

@@ -1,69 +1,117 @@
-//! Maps from uniform points of the unit square to other domains.
-
-use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
+//! Maps from uniform points of the unit square to other domains. The formulas are in [`lanes`], for any number of points at once.
 
 use glam::{Vec2, Vec3};
 
-use crate::math::lanes::functions::sin_cos;
-
-/// Uniform on the unit disk (Shirley and Chiu 1997, concentric map).
-pub fn square_to_disk([u, v]: [f32; 2]) -> Vec2 {
-    let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
-    if a == 0.0 && b == 0.0 {
-        return Vec2::ZERO;
-    }
-    let (r, phi) = if a.abs() > b.abs() { (a, FRAC_PI_4 * (b / a)) } else { (b, FRAC_PI_2 - FRAC_PI_4 * (a / b)) };
-    let (sin, cos) = sin_cos(phi);
-    Vec2::new(r * cos, r * sin)
+/// Uniform on the unit disk.
+pub fn square_to_disk(u: [f32; 2]) -> Vec2 {
+    lanes::square_to_disk(u).into()
 }
 
 /// Cosine-distributed on the hemisphere around +z.
 pub fn square_to_cosine_hemisphere(u: [f32; 2]) -> Vec3 {
-    let d = square_to_disk(u);
-    Vec3::new(d.x, d.y, (1.0 - d.length_squared()).max(0.0).sqrt())
+    lanes::square_to_cosine_hemisphere(u).into()
 }
 
 /// Density of [`square_to_cosine_hemisphere`] w.r.t. solid angle.
 pub fn square_to_cosine_hemisphere_pdf(w: Vec3) -> f32 {
-    w.z.max(0.0) * (1.0 / PI)
+    lanes::square_to_cosine_hemisphere_pdf(w.into())
 }
 
 /// Uniform on the unit sphere.
-pub fn square_to_sphere([u, v]: [f32; 2]) -> Vec3 {
-    let z = 1.0 - 2.0 * u;
-    let r = (1.0 - z * z).max(0.0).sqrt();
-    let (sin, cos) = sin_cos(TAU * v);
-    Vec3::new(r * cos, r * sin, z)
+pub fn square_to_sphere(u: [f32; 2]) -> Vec3 {
+    lanes::square_to_sphere(u).into()
 }
 
 /// Density of [`square_to_sphere`] w.r.t. solid angle.
 pub fn square_to_sphere_pdf() -> f32 {
-    1.0 / (4.0 * PI)
+    1.0 / (4.0 * std::f32::consts::PI)
 }
 
 /// Uniform in the cone around +z whose half angle has one minus cosine `m` (that form keeps narrow cones exact).
-pub fn square_to_cone([u, v]: [f32; 2], m: f32) -> Vec3 {
-    let h = u * m;
-    let r = (h * (2.0 - h)).max(0.0).sqrt();
-    let (sin, cos) = sin_cos(TAU * v);
-    Vec3::new(r * cos, r * sin, 1.0 - h)
+pub fn square_to_cone(u: [f32; 2], m: f32) -> Vec3 {
+    lanes::square_to_cone(u, m).into()
 }
 
 /// Density of [`square_to_cone`] w.r.t. solid angle, inside the cone.
 pub fn square_to_cone_pdf(m: f32) -> f32 {
-    1.0 / (TAU * m)
+    lanes::square_to_cone_pdf(m)
 }
 
 /// Uniform barycentric coordinates (b₁, b₂) on a triangle.
-pub fn square_to_triangle([u, v]: [f32; 2]) -> [f32; 2] {
-    let root = u.sqrt();
-    [1.0 - root, v * root]
+pub fn square_to_triangle(u: [f32; 2]) -> [f32; 2] {
+    lanes::square_to_triangle(u)
+}
+
+/// The maps in lanes.
+pub mod lanes {
+    use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
+
+    use crate::math::lanes::functions::sin_cos;
+    use crate::math::lanes::{Mask, Real, V3};
+
+    /// Uniform on the unit disk (Shirley and Chiu 1997, concentric map).
+    #[inline(always)]
+    pub fn square_to_disk<R: Real>([u, v]: [R; 2]) -> [R; 2] {
+        let (a, b) = (u * 2.0 - 1.0, v * 2.0 - 1.0);
+        let across = a.abs().gt(b.abs());
+        let (lesser, r) = (across.choose(b, a), across.choose(a, b));
+        let turn = lesser / r * FRAC_PI_4;
+        let (sin, cos) = sin_cos(across.choose(turn, turn.all(FRAC_PI_2) - turn));
+        // The centre has no angle.
+        let off_centre = !r.is(0.0);
+        [(r * cos).only(off_centre), (r * sin).only(off_centre)]
+    }
+
+    /// Cosine-distributed on the hemisphere around +z.
+    #[inline(always)]
+    pub fn square_to_cosine_hemisphere<R: Real>(u: [R; 2]) -> V3<R> {
+        let [x, y] = square_to_disk(u);
+        V3::new(x, y, (x * x + y * y).rest().at_least(0.0).sqrt())
+    }
+
+    /// Density of [`square_to_cosine_hemisphere`] w.r.t. solid angle.
+    #[inline(always)]
+    pub fn square_to_cosine_hemisphere_pdf<R: Real>(w: V3<R>) -> R {
+        w.z.at_least(0.0) * (1.0 / PI)
+    }
+
+    /// Uniform on the unit sphere.
+    #[inline(always)]
+    pub fn square_to_sphere<R: Real>([u, v]: [R; 2]) -> V3<R> {
+        let z = (u * 2.0).rest();
+        let r = (z * z).rest().at_least(0.0).sqrt();
+        let (sin, cos) = sin_cos(v * TAU);
+        V3::new(r * cos, r * sin, z)
+    }
+
+    /// Uniform in the cone around +z whose half angle has one minus cosine `m`.
+    #[inline(always)]
+    pub fn square_to_cone<R: Real>([u, v]: [R; 2], m: R) -> V3<R> {
+        let h = u * m;
+        let r = (h * (h.all(2.0) - h)).at_least(0.0).sqrt();
+        let (sin, cos) = sin_cos(v * TAU);
+        V3::new(r * cos, r * sin, h.rest())
+    }
+
+    /// Density of [`square_to_cone`] w.r.t. solid angle, inside the cone.
+    #[inline(always)]
+    pub fn square_to_cone_pdf<R: Real>(m: R) -> R {
+        (m * TAU).inverse()
+    }
+
+    /// Uniform barycentric coordinates (b₁, b₂) on a triangle.
+    #[inline(always)]
+    pub fn square_to_triangle<R: Real>([u, v]: [R; 2]) -> [R; 2] {
+        let root = u.sqrt();
+        [root.rest(), v * root]
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::base::random::Random;
+    use std::f32::consts::TAU;
 
     /// The value that χ² exceeds with probability 0.002 (Wilson and Hilferty 1931): the five warps together raise a false alarm for
     /// 0.01 of new seeds (Šidák).

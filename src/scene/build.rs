@@ -125,6 +125,7 @@ impl Scene {
             shape_material,
             shape_light,
             shape_solid,
+            variants: materials.iter().map(Material::variant).collect(),
             materials,
         };
         scene.order_for_shadows(file.render.max_depth);

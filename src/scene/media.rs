@@ -4,20 +4,20 @@ use glam::Vec3;
 
 use super::effects::Effects;
 use super::{MOST_HOLES, Scene};
-use crate::base::random::Random;
-use crate::geometry::{Hit, Ray, Surface};
+use crate::base::random::{Dimension, Random};
+use crate::geometry::{Ray, Surface};
 use crate::materials::medium::{Flight, Medium, MediumId};
 use crate::materials::phase::HenyeyGreenstein;
 
-/// The end of a ray.
+/// The end of a segment.
 #[derive(Debug, Clone, Copy)]
-pub enum Arrival {
+pub enum End {
     /// Infinitely far away.
     Background,
     /// At a surface.
-    Surface(Surface),
+    Surface,
     /// At a point of a medium, which has no normal and no texture coordinates; it scatters by this phase function.
-    Medium(Surface, HenyeyGreenstein),
+    Medium(HenyeyGreenstein),
 }
 
 /// The media on the two sides of a shape, behind and in front of it; none is empty space.
@@ -48,23 +48,36 @@ impl Scene {
         self.light_medium[index]
     }
 
-    /// The end of a path's next segment, whose nearest hit is `hit`, which starts in `medium` and carries `carried`, and the factor on
-    /// what it carries.
-    #[inline]
+    /// Takes a path's next segment, which starts in `medium` and carries `carried`, on from the nearest surface, where it `meets` one,
+    /// to its end. `surface` becomes the surface or the point of a medium there. The second result is the factor on what the path
+    /// carries.
+    #[inline(always)]
     pub fn advance<E: Effects>(
         &self,
         ray: &Ray,
-        hit: Option<Hit>,
+        meets: bool,
+        surface: &mut Surface,
         medium: &mut Option<MediumId>,
         carried: Vec3,
-        random: &mut Random,
-    ) -> (Arrival, Vec3) {
-        if E::MEDIA {
-            return self.travel(ray, hit, medium, carried, random);
+        random: &Random,
+    ) -> (End, Vec3) {
+        let (mut end, mut weight) = (if meets { End::Surface } else { End::Background }, Vec3::ONE);
+        if E::MEDIA || E::MATERIALS && self.has_masks {
+            let (mut nearest, random) = (meets.then_some(*surface), &mut random.at(Dimension::SEGMENT));
+            let mut phase = None;
+            if E::MEDIA {
+                (phase, weight) = self.travel(ray, &mut nearest, medium, carried, random);
+            } else {
+                self.pass_holes(ray, &mut nearest, random);
+            }
+            end = match (nearest, phase) {
+                (None, _) => End::Background,
+                (Some(_), Some(phase)) => End::Medium(phase),
+                (Some(_), None) => End::Surface,
+            };
+            nearest.into_iter().for_each(|last| *surface = last);
         }
-        let surface =
-            if E::MATERIALS { self.trace_from(ray, hit, random) } else { hit.map(|hit| self.surface(ray, hit)) };
-        (surface.map_or(Arrival::Background, Arrival::Surface), Vec3::ONE)
+        (end, weight)
     }
 
     /// Whether something may lie on a shadow ray that lets light through: then [`Scene::transmittance`] is asked instead of whether
@@ -74,45 +87,45 @@ impl Scene {
         E::MEDIA || E::MATERIALS && self.has_masks
     }
 
-    /// Follows a ray that carries `carried` per channel to where it meets a surface or is scattered by a medium. Returns that end
-    /// with the factor on what it carries; `medium`, in which the ray starts, becomes the one in which it arrives.
+    /// Follows a ray that carries `carried` per channel to where it meets a surface or is scattered by a medium, which has the phase
+    /// function that is returned. `medium`, in which the ray starts, becomes the one in which it arrives.
     fn travel(
         &self,
         ray: &Ray,
-        mut hit: Option<Hit>,
+        end: &mut Option<Surface>,
         medium: &mut Option<MediumId>,
         carried: Vec3,
         random: &mut Random,
-    ) -> (Arrival, Vec3) {
+    ) -> (Option<HenyeyGreenstein>, Vec3) {
         let (mut ray, mut weight, mut behind) = (*ray, Vec3::ONE, 0.0);
         for _ in 0..MOST_HOLES {
-            let surface = hit.map(|hit| self.surface(&ray, hit));
-            if let Some(surface) = &surface {
+            if let Some(surface) = end {
                 *medium = self.medium_before(surface, ray.direction, *medium);
             }
             if let Some(id) = *medium {
-                let limit = surface.map_or(f32::INFINITY, |surface| surface.distance);
+                let limit = end.map_or(f32::INFINITY, |surface| surface.distance);
                 let [distance, channel] = random.next_2d();
                 match self.medium(id).sample(carried * weight, limit, channel, distance) {
                     Flight::Collision { distance, weight: factor } => {
-                        let point = Surface::in_medium(ray.at(distance), behind + distance, -ray.direction);
-                        return (Arrival::Medium(point, self.medium(id).phase), weight * factor);
+                        *end = Some(Surface::in_medium(ray.at(distance), behind + distance, -ray.direction));
+                        return (Some(self.medium(id).phase), weight * factor);
                     }
                     Flight::Through { weight: factor } => weight *= factor,
                 }
             }
-            let Some(surface) = surface else { return (Arrival::Background, weight) };
-            let opacity = self.opacity(&surface);
+            let Some(surface) = end else { return (None, weight) };
+            let opacity = self.opacity(surface);
             if opacity >= 1.0 || opacity > 0.0 && random.next_f32() < opacity {
-                let distance = behind + surface.distance;
-                return (Arrival::Surface(Surface { distance, ..surface }), weight);
+                surface.distance += behind;
+                return (None, weight);
             }
-            *medium = self.medium_beyond(&surface, ray.direction, *medium);
+            *medium = self.medium_beyond(surface, ray.direction, *medium);
             behind += surface.distance;
             ray = surface.leave(ray.direction);
-            hit = self.accel.intersect(&ray);
+            *end = self.intersect(&ray);
         }
-        (Arrival::Background, Vec3::ZERO)
+        *end = None;
+        (None, Vec3::ZERO)
     }
 
     /// Transmittance along the first `length` of a ray that starts in `medium`, per channel.

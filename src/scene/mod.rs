@@ -18,8 +18,7 @@ use crate::geometry::{Accel, Hit, Ray, Shape, Surface};
 use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::bump::Tangents;
 use crate::materials::medium::{Medium, MediumId};
-use crate::materials::{Kind, Material};
-use crate::math::Frame;
+use crate::materials::{Kind, Material, Variant};
 use effects::Needs;
 use media::Border;
 
@@ -44,6 +43,8 @@ pub struct Scene {
     /// Whether a shape is opaque everywhere; see [`Scene::opacity`].
     shape_solid: Vec<bool>,
     materials: Vec<Material>,
+    /// See [`Material::variant`].
+    variants: Vec<Variant>,
     /// Whether any shape has holes or is only the border of a medium.
     has_masks: bool,
     media: Vec<Medium>,
@@ -59,10 +60,6 @@ pub struct Scene {
     has_bumps: bool,
 }
 
-/// Places from a hit whose surface is made to that whose vertices are prefetched, and to that whose vertex indices are.
-const AHEAD: usize = 8;
-const FAR_AHEAD: usize = 16;
-
 /// Holes that a ray may pass through before it is taken to have hit something.
 const MOST_HOLES: usize = 1 << 12;
 
@@ -70,24 +67,27 @@ impl Scene {
     /// The nearest surface that stops a ray: a masked one does so with the probability of its opacity.
     #[inline]
     pub fn trace(&self, ray: &Ray, random: &mut Random) -> Option<Surface> {
-        self.trace_from(ray, self.accel.intersect(ray), random)
+        let mut surface = self.intersect(ray);
+        self.pass_holes(ray, &mut surface, random);
+        surface
     }
 
-    /// The same for a ray whose nearest hit is known.
+    /// Goes on from the nearest surface on a ray to the one that stops it.
     #[inline]
-    fn trace_from(&self, ray: &Ray, hit: Option<Hit>, random: &mut Random) -> Option<Surface> {
-        let mut surface = self.surface(ray, hit?);
-        if self.has_masks {
-            for _ in 0..MOST_HOLES {
-                let opacity = self.opacity(&surface);
-                if opacity >= 1.0 || random.next_f32() < opacity {
-                    break;
-                }
-                let behind = self.intersect(&surface.leave(ray.direction))?;
-                surface = Surface { distance: surface.distance + behind.distance, ..behind };
-            }
+    fn pass_holes(&self, ray: &Ray, nearest: &mut Option<Surface>, random: &mut Random) {
+        if !self.has_masks {
+            return;
         }
-        Some(surface)
+        for _ in 0..MOST_HOLES {
+            let Some(surface) = nearest else { return };
+            let opacity = self.opacity(surface);
+            if opacity >= 1.0 || random.next_f32() < opacity {
+                return;
+            }
+            let before = surface.distance;
+            *nearest = self.intersect(&surface.leave(ray.direction));
+            nearest.iter_mut().for_each(|behind| behind.distance += before);
+        }
     }
 
     /// Opacity of a surface: the probability that it stops a ray. Light is sampled on whole surfaces, so emitters have no holes.
@@ -106,17 +106,36 @@ impl Scene {
         Some(self.surface(ray, self.accel.intersect(ray)?))
     }
 
-    /// Brings near what the surfaces a few places after `place` will be made of, or the background that a ray meets there.
+    /// Makes the nearest surfaces on rays with these hits, holes or not, in their places.
     #[inline(always)]
-    pub fn prefetch(&self, rays: &[Ray], hits: &[Option<Hit>], place: usize) {
-        let shape = |hit: &Hit| &self.shapes[hit.shape as usize];
-        if let Some(Some(hit)) = hits.get(place + FAR_AHEAD) {
-            shape(hit).prefetch_indices(hit.triangle);
+    pub fn surfaces(&self, rays: &[Ray], hits: &[Option<Hit>], surfaces: &mut [Surface]) {
+        Surface::all(rays, hits, &self.shapes, surfaces);
+        if self.has_bumps {
+            for ((ray, hit), surface) in rays.iter().zip(hits).zip(surfaces) {
+                if let Some(hit) = hit {
+                    self.bend(surface, hit, -ray.direction);
+                }
+            }
         }
-        match hits.get(place + AHEAD) {
-            Some(Some(hit)) => shape(hit).prefetch_vertices(hit.triangle),
-            Some(None) => self.lights.map().into_iter().for_each(|map| map.prefetch(rays[place + AHEAD].direction)),
-            None => {}
+    }
+
+    /// Brings near the indices of the vertices that [`Scene::surfaces`] will need for these hits.
+    #[inline(always)]
+    pub fn prefetch_indices(&self, hits: &[Option<Hit>]) {
+        for hit in hits.iter().flatten() {
+            self.shapes[hit.shape as usize].prefetch_indices(hit.triangle);
+        }
+    }
+
+    /// Brings near the vertices, whose indices should be near already, and what there is to know of the background where there is no
+    /// hit.
+    #[inline(always)]
+    pub fn prefetch_vertices(&self, rays: &[Ray], hits: &[Option<Hit>]) {
+        for (ray, hit) in rays.iter().zip(hits) {
+            match hit {
+                Some(hit) => self.shapes[hit.shape as usize].prefetch_vertices(hit.triangle),
+                None => self.lights.map().into_iter().for_each(|map| map.prefetch(ray.direction)),
+            }
         }
     }
 
@@ -136,7 +155,7 @@ impl Scene {
         let Some(partials) = partials(surface, hit, &self.shapes[hit.shape as usize]) else { return };
         let (geometric, normal, uv) = (surface.normal, surface.smooth, surface.uv);
         if let Some(turned) = bump.normal(&Tangents { geometric, normal, partials, uv, out }) {
-            surface.frame = Frame::new(turned);
+            surface.shading = turned;
         }
     }
 
@@ -148,6 +167,11 @@ impl Scene {
     /// Index of a shape's material among [`Scene::materials`].
     pub fn material_of(&self, shape: u32) -> usize {
         self.shape_material[shape as usize] as usize
+    }
+
+    /// The variant of a surface's material.
+    pub fn variant(&self, surface: &Surface) -> Variant {
+        self.variants[self.shape_material[surface.shape as usize] as usize]
     }
 
     /// The light that a surface belongs to, with its index in [`Scene::lights`].

@@ -72,7 +72,7 @@ impl Scene {
             random.begin_vertex(depth);
             let Some(surface) = self.trace(&ray, &mut random.at(Dimension::SEGMENT)) else { return };
             let material = self.material(&surface);
-            let wo = surface.frame.to_local(-ray.direction);
+            let wo = surface.frame().to_local(-ray.direction);
             if !material.is_delta() {
                 rays.extend(self.shadow_of(&surface, wo, random));
             }
@@ -87,7 +87,7 @@ impl Scene {
                 }
                 throughput /= survival;
             }
-            ray = surface.leave(surface.frame.to_world(sample.wi));
+            ray = surface.leave(surface.frame().to_world(sample.wi));
         }
     }
 
@@ -95,7 +95,7 @@ impl Scene {
     fn shadow_of(&self, surface: &Surface, wo: Vec3, random: &Random) -> Option<(Ray, f32)> {
         let (choice, u) = (self.lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
         let light = self.lights.sample(surface.point, choice, u)?;
-        let value = self.material(surface).eval(surface.uv, wo, surface.frame.to_local(light.wi));
+        let value = self.material(surface).eval(surface.uv, wo, surface.frame().to_local(light.wi));
         let (ray, t_max) = surface.towards(light.wi, light.distance);
         (value != Vec3::ZERO && t_max > 0.0).then_some((ray, t_max))
     }

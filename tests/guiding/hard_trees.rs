@@ -24,7 +24,7 @@ use fanal::guiding::tree::leaves::Layout;
 use fanal::guiding::tree::quadtree::{Place, Quadtree};
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::guiding::tree::topology::{MAX_LEVEL, MAX_NODES, Topology};
-use fanal::integrators::mixture::{Mixture, Scattering};
+use fanal::integrators::mixture::Mixture;
 use fanal::materials::blend::Blend;
 use fanal::materials::conductor::Conductor;
 use fanal::materials::diffuse::Diffuse;
@@ -34,7 +34,6 @@ use fanal::materials::{Kind, Material, Transport};
 use fanal::math::{Frame, cylindrical};
 use fanal::reconstruct::neural::inputs_of;
 use fanal::reconstruct::{Neural, Reconstructor};
-use fanal::scene::effects::Everything;
 use glam::{Vec2, Vec3};
 use records::{chain, path_at, photon_at};
 
@@ -388,7 +387,7 @@ fn a14_a_guide_that_does_not_help_is_not_sampled() {
 fn wall() -> Surface {
     let n = Vec3::new(0.3, 0.5, -0.8).normalize();
     let (point, error) = (Vec3::splat(0.5), Vec3::ZERO);
-    Surface { point, error, normal: n, frame: Frame::new(n), smooth: n, uv: Vec2::ZERO, distance: 1.0, shape: 0 }
+    Surface { point, error, normal: n, shading: n, smooth: n, uv: Vec2::ZERO, distance: 1.0, shape: 0 }
 }
 
 /// One voxel around the wall with the given guide.
@@ -410,21 +409,21 @@ fn white() -> Texture {
 #[test]
 fn a11_delta_lobes_are_not_guided() {
     let surface = wall();
-    let out = surface.frame.to_world(Vec3::new(0.6, 0.0, 0.8));
+    let out = surface.frame().to_world(Vec3::new(0.6, 0.0, 0.8));
     let metal = Metal { eta: Vec3::ZERO, k: Vec3::ONE, reflectance: white() };
     let parts = [Kind::Conductor(Conductor { metal }).into(), Kind::Diffuse(Diffuse { reflectance: white() }).into()];
     let weight = Texture::Constant(Vec3::splat(0.5));
     let material: Material = Kind::Blend(Box::new(Blend { weight, parts })).into();
-    let mirrored = surface.frame.to_world(Vec3::new(-0.6, 0.0, 0.8));
+    let mirrored = surface.frame().to_world(Vec3::new(-0.6, 0.0, 0.8));
     for alpha in [0.1, 0.5, 0.9] {
         let tree = SamplingTree::new(&Distribution::from_leaf_weights(full(1), &[1.0, 3.0, 0.0, 2.0]), 0.1, usize::MAX);
         let field = field(&surface, out, Some(tree), alpha);
         let guide = field.at(surface.point, surface.normal_towards(out));
-        let mixture = Mixture::<Everything>::new(&surface, Scattering::Material(&material), out, guide);
+        let mixture = Mixture::new(&surface, material.at(surface.uv), false, out, guide);
         let n = 200_000;
         let (mut mirror, mut all) = (0.0, 0.0);
         for i in 0..n {
-            let Some(sample) = mixture.sample(&Random::new(6, 0, i), Transport::Radiance) else { continue };
+            let Some((sample, _)) = mixture.sample(&Random::new(6, 0, i), Transport::Radiance) else { continue };
             all += f64::from(sample.weight.x) / n as f64;
             if sample.delta {
                 assert!(sample.direction.distance(mirrored) < 1e-5 && sample.value == Vec3::ZERO);
@@ -441,19 +440,19 @@ fn a11_delta_lobes_are_not_guided() {
 #[test]
 fn a19_a_wrong_guide_costs_little() {
     let surface = wall();
-    let out = surface.frame.to_world(Vec3::new(0.6, 0.0, 0.8));
+    let out = surface.frame().to_world(Vec3::new(0.6, 0.0, 0.8));
     let material: Material = Kind::Diffuse(Diffuse { reflectance: white() }).into();
-    let wrong = [-surface.frame.n, surface.frame.s, surface.frame.n];
+    let wrong = [-surface.shading, surface.frame().s, surface.shading];
     for (towards, alpha) in wrong.into_iter().flat_map(|towards| [0.1f32, 0.3, 0.5].map(|alpha| (towards, alpha))) {
         let field = field(&surface, out, Some(peaked(towards, 1e-3)), alpha);
         let guide = field.at(surface.point, surface.normal_towards(out));
-        let mixture = Mixture::<Everything>::new(&surface, Scattering::Material(&material), out, guide);
+        let mixture = Mixture::new(&surface, material.at(surface.uv), false, out, guide);
         let n = 200_000;
         let (mut sum, mut squares) = (0.0, 0.0);
         for i in 0..n {
             // Light that a diffuse wall reflects best: radiance 1 everywhere, for which BSDF sampling has no variance.
             let weight =
-                mixture.sample(&Random::new(7, 0, i), Transport::Radiance).map_or(0.0, |s| f64::from(s.weight.x));
+                mixture.sample(&Random::new(7, 0, i), Transport::Radiance).map_or(0.0, |(s, _)| f64::from(s.weight.x));
             sum += weight / n as f64;
             squares += weight * weight / n as f64;
         }

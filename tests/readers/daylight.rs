@@ -293,7 +293,7 @@ fn shared_classroom() {
     );
     let loaded = load_emitter("3.0.0", "sunsky", &body).unwrap();
     let scene = Scene::build(&loaded, [1, 1]).unwrap();
-    let [Light::Envmap(sky), Light::Sun(sun)] = scene.lights.lights.as_slice() else { panic!("a sky and a sun") };
+    let [Light::Envmap(sky), sun @ Light::Sun(_)] = scene.lights.lights.as_slice() else { panic!("a sky and a sun") };
     let map = read_image(&folder.join("sunsky.exr"), false).unwrap();
     let (mut off, mut whole, mut power, mut own) = (0.0, 0.0, DVec3::ZERO, DVec3::ZERO);
     for (index, pixel) in map.pixels.iter().enumerate() {
@@ -304,7 +304,7 @@ fn shared_classroom() {
         let (ours, theirs) = (sky.radiance(wi.as_vec3()).as_dvec3(), pixel.as_dvec3());
         if wi.dot(direction) > 8f64.to_radians().cos() {
             power += (theirs - ours) * area;
-            own += sun.radiance(wi.as_vec3()).as_dvec3() * area;
+            own += sun.background(wi.as_vec3()).as_dvec3() * area;
         } else {
             off += (ours - theirs).abs().element_sum() * area;
             whole += theirs.element_sum() * area;

@@ -20,7 +20,7 @@ use fanal::guiding::tree::distribution::Distribution;
 use fanal::guiding::tree::leaves::Layout;
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::guiding::tree::topology::{MAX_LEVEL, Topology};
-use fanal::integrators::mixture::{Mixture, Scattering};
+use fanal::integrators::mixture::Mixture;
 use fanal::materials::diffuse::Diffuse;
 use fanal::materials::fresnel::Metal;
 use fanal::materials::microfacet::{Microfacets, Shape};
@@ -29,11 +29,10 @@ use fanal::materials::plastic::Plastic;
 use fanal::materials::rough_conductor::RoughConductor;
 use fanal::materials::rough_dielectric::RoughDielectric;
 use fanal::materials::texture::Texture;
-use fanal::materials::{Kind, Material, Transport};
-use fanal::math::{Frame, cylindrical};
+use fanal::materials::{Bsdf, Kind, Material, Transport};
+use fanal::math::cylindrical;
 use fanal::reconstruct::gaussian::Gaussian;
 use fanal::reconstruct::{Neural, Reconstructor};
-use fanal::scene::effects::Everything;
 use glam::{Vec2, Vec3};
 use records::{path_at, photon_at};
 use statistics::assert_chi2;
@@ -225,13 +224,13 @@ fn s01_mixture_follows_its_density() {
         point: Vec3::splat(0.5),
         error: Vec3::ZERO,
         normal: n,
-        frame: Frame::new(n),
+        shading: n,
         smooth: n,
         uv: Vec2::ZERO,
         distance: 1.0,
         shape: 0,
     };
-    let out = surface.frame.to_world(Vec3::new(0.6, 0.0, 0.8));
+    let out = surface.frame().to_world(Vec3::new(0.6, 0.0, 0.8));
     let inside = Surface::in_medium(surface.point, 1.0, out);
     let constant = |value: f32| Texture::Constant(Vec3::splat(value));
     let metal = Metal { eta: Vec3::splat(0.2), k: Vec3::splat(3.9), reflectance: constant(1.0) };
@@ -244,13 +243,13 @@ fn s01_mixture_follows_its_density() {
     ];
     // And whether it reflects or scatters everything.
     let cases = [
-        ("chalk", &surface, Scattering::Material(&chalk), true),
-        ("metal", &surface, Scattering::Material(&metal), false),
-        ("glass", &surface, Scattering::Material(&glass), false),
-        ("plastic", &surface, Scattering::Material(&plastic), false),
-        ("fog", &inside, Scattering::Phase(HenyeyGreenstein::new(0.8)), true),
+        ("chalk", &surface, chalk.at(surface.uv), true),
+        ("metal", &surface, metal.at(surface.uv), false),
+        ("glass", &surface, glass.at(surface.uv), false),
+        ("plastic", &surface, plastic.at(surface.uv), false),
+        ("fog", &inside, Bsdf::phase(HenyeyGreenstein::new(0.8)), true),
     ];
-    for (name, surface, scattering, white) in cases {
+    for (name, surface, bsdf, white) in cases {
         let mut cache = SpatialCache::new(Vec3::ZERO, 1.0);
         cache.find_or_insert(surface.point, surface.normal_towards(out));
         let directions = Some(SamplingTree::new(&random_tree(11, 5, 0.7), 0.1, usize::MAX).into());
@@ -260,7 +259,7 @@ fn s01_mixture_follows_its_density() {
         let field = GuideField::new(cache, vec![VoxelGuide { directions, parallax, bsdf_fraction: 0.3, roulette }]);
         let guide = field.at(surface.point, surface.normal_towards(out));
         assert!(guide.is_some(), "{name}: nothing guides");
-        let mixture = Mixture::<Everything>::new(surface, scattering, out, guide);
+        let mixture = Mixture::new(surface, bsdf, false, out, guide);
         let density = |wi| {
             let (value, pdf) = (mixture.eval(wi), mixture.pdf(wi).0);
             if value == Vec3::ZERO { 0.0 } else { f64::from(pdf) }
@@ -271,7 +270,7 @@ fn s01_mixture_follows_its_density() {
         let moved = AtomicU32::new(0);
         Chart::around(Vec3::Z, 1.0).check(&format!("mixture with {name}"), cells, density, |random| {
             let numbers = Random::new(random.next_u64(), 0, 0);
-            let sample = mixture.sample(&numbers, Transport::Radiance).filter(|sample| !sample.delta)?;
+            let (sample, _) = mixture.sample(&numbers, Transport::Radiance).filter(|(sample, _)| !sample.delta)?;
             let (value, pdf) = (mixture.eval(sample.direction), mixture.pdf(sample.direction).0);
             if (pdf - sample.pdf).abs() > 1e-3 * pdf {
                 moved.fetch_add(1, Ordering::Relaxed);

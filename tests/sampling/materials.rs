@@ -181,11 +181,12 @@ fn s02_microfacets_cover_the_surface() {
         let facets = Microfacets { shape, alpha };
         let power = if alpha < 0.01 { 12.0 } else { 4.0 };
         let chart = Chart::around(Vec3::Z, power);
-        let cover = chart.mass(|h| f64::from(facets.density(h) * h.z.max(0.0)));
+        let cover = chart.mass(|h| f64::from(facets.density(h.into()) * h.z.max(0.0)));
         assert!((cover - 1.0).abs() < 1e-3, "{shape:?} {alpha}: {cover}");
         for cos in COSINES {
             let w = direction(cos, 0.7);
-            let mass = chart.mass(|h| if h.z > 0.0 { f64::from(facets.visible_density(w, h)) } else { 0.0 });
+            let mass =
+                chart.mass(|h| if h.z > 0.0 { f64::from(facets.visible_density(w.into(), h.into())) } else { 0.0 });
             assert!((mass - 1.0).abs() < 1e-3, "{shape:?} {alpha} from {cos}: {mass}");
         }
     }

@@ -19,20 +19,19 @@ use fanal::guiding::tree::distribution::Distribution;
 use fanal::guiding::tree::features::{FEATURES, NodeInputs};
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::guiding::tree::topology::{MAX_LEVEL, MAX_NODES, Topology};
-use fanal::integrators::mixture::{Mixture, Scattering};
+use fanal::integrators::mixture::Mixture;
 use fanal::materials::fresnel::Metal;
 use fanal::materials::microfacet::{Microfacets, Shape};
 use fanal::materials::phase::HenyeyGreenstein;
 use fanal::materials::rough_conductor::RoughConductor;
 use fanal::materials::texture::Texture;
-use fanal::materials::{Kind, Material, Transport};
+use fanal::materials::{Bsdf, Kind, Material, Transport};
 use fanal::math::{Frame, cylindrical};
 use fanal::network::batch::{Batch, NONE};
 use fanal::network::embedded::Embedded;
 use fanal::network::growing::DecodeLevel;
 use fanal::network::weights::Model;
 use fanal::reconstruct::neural::inputs_of;
-use fanal::scene::effects::Everything;
 use glam::{DVec3, Vec2, Vec3};
 use twins::{Facets, INPUTS, Worst, henyey_greenstein, in_front};
 
@@ -196,11 +195,11 @@ fn any_point(random: &mut Random) -> Vec3 {
 }
 
 /// Half of the directions drawn from the mixture, half anywhere; none where that absorbs.
-fn drawn_or_any(mixture: &Mixture<Everything>, random: &mut Random) -> Option<Vec3> {
+fn drawn_or_any(mixture: &Mixture, random: &mut Random) -> Option<Vec3> {
     if random.below(2) == 0 {
         return Some(any_direction(random));
     }
-    mixture.sample(&Random::new(random.next_u64(), 0, 0), Transport::Radiance).map(|sample| sample.direction)
+    mixture.sample(&Random::new(random.next_u64(), 0, 0), Transport::Radiance).map(|(sample, _)| sample.direction)
 }
 
 /// Roughness is above 0.05, since a turn between world and surface moves a direction by 1e-7, which narrower lobes would show as
@@ -214,7 +213,7 @@ fn mixture_densities() {
         let point = any_point(&mut random);
         let frame = Frame::new(n);
         let (error, uv) = (Vec3::ZERO, Vec2::ZERO);
-        let surface = Surface { point, error, normal: n, frame, smooth: n, uv, distance: 1.0, shape: 0 };
+        let surface = Surface { point, error, normal: n, shading: n, smooth: n, uv, distance: 1.0, shape: 0 };
         let guided = Guided::new(seed, point, &mut random);
         let (shape, roughness) = (Shape::Ggx, random.range(0.05, 1.0));
         let metal = Metal { eta: Vec3::splat(0.2), k: Vec3::splat(3.9), reflectance: Texture::Constant(Vec3::ONE) };
@@ -224,7 +223,7 @@ fn mixture_densities() {
         let out = frame.to_world(wo);
         let field = guided.field(surface.normal_towards(out));
         let guide = field.at(point, surface.normal_towards(out));
-        let mixture = Mixture::<Everything>::new(&surface, Scattering::Material(&material), out, guide);
+        let mixture = Mixture::new(&surface, material.at(surface.uv), false, out, guide);
         let twin = Facets { shape, alpha: f64::from(roughness) };
         let axes = [frame.s, frame.t, frame.n].map(Vec3::as_dvec3);
         let local = |w: Vec3| DVec3::from_array(axes.map(|axis| axis.dot(w.as_dvec3())));
@@ -258,8 +257,8 @@ fn mixture_densities_in_media() {
         let field = guided.field(Vec3::ZERO);
         let guide = field.at(point, Vec3::ZERO);
         assert!(guide.is_some(), "nothing guides");
-        let scattering = Scattering::Phase(HenyeyGreenstein::new(g));
-        let mixture = Mixture::<Everything>::new(&surface, scattering, out, guide);
+        let phase = Bsdf::phase(HenyeyGreenstein::new(g));
+        let mixture = Mixture::new(&surface, phase, false, out, guide);
         for _ in 0..1000 {
             let Some(wi) = drawn_or_any(&mixture, &mut random) else { continue };
             let phase = henyey_greenstein(g, wi.as_dvec3().normalize(), out.as_dvec3().normalize());

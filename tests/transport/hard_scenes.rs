@@ -201,7 +201,7 @@ fn leave_everywhere(shapes: &[Shape], random: &mut Random) -> usize {
         let Some(hit) = accel.intersect(&arriving) else { continue };
         let shape = &shapes[hit.shape as usize];
         let surface = Surface::new(&arriving, &hit, shape);
-        let tangent = surface.frame.s;
+        let tangent = surface.frame().s;
         for cos in [1.0, 1e-2, 1e-4, 1e-6, 1e-8] {
             let side = if direction.dot(surface.normal) < 0.0 { 1.0 } else { -1.0 };
             let leaving = (tangent + side * cos * surface.normal).normalize();

@@ -39,9 +39,9 @@ fn sky_furnace(albedo: f32) -> Scene {
     built(b.finish())
 }
 
-/// Student's test of the mean over 12 seeds against `expected`, at the level of 3σ: 0.27 % false alarms per case. Its 136 cases
-/// (72 closed furnaces, 10 options, 36 skies, 18 white balls) together raise one in 31 % of new seeds; with these, it is decided.
-/// The standard error must resolve 1 %, or the test could not fail.
+/// Student's test of the mean over 12 seeds against `expected`, at the level of 3σ, 0.27 %; a case that fails is decided by 48 other
+/// seeds, at the same level and twice the resolution. Its 136 cases (72 closed furnaces, 10 options, 36 skies, 18 white balls) together
+/// raise a false alarm in 0.1 % of new seeds. The standard error must resolve 1 %, or the test could not fail.
 fn furnace(scene: &Scene, guide: Guide, light_sampling: bool, expected: f64) {
     furnace_with(scene, guide, expected, |settings| settings.transport.light_sampling = light_sampling);
 }
@@ -65,14 +65,21 @@ fn furnace_with(scene: &Scene, guide: Guide, expected: f64, change: impl Fn(&mut
         change(&mut settings);
         settings
     };
-    let means: Vec<f64> = (0..12).map(|seed| mean(&picture(scene, &changed(seed)))).collect();
-    let summary = Summary::new(&means);
-    let limit = student_quantile(0.0027, summary.freedom) * summary.error();
     let name = format!("{} {:?}", scene.name, changed(0));
-    assert!(summary.error() < 0.01 * expected, "{name}: standard error {}", summary.error());
-    // Constant estimates have no spread but the rounding of single precision.
-    let limit = limit.max(1e-5 * expected);
-    assert!((summary.mean - expected).abs() < limit, "{name}: {} ± {limit} instead of {expected}", summary.mean);
+    let off = |seeds: std::ops::Range<u64>| {
+        let means: Vec<f64> = seeds.map(|seed| mean(&picture(scene, &changed(seed)))).collect();
+        let summary = Summary::new(&means);
+        assert!(summary.error() < 0.01 * expected, "{name}: standard error {}", summary.error());
+        // Constant estimates have no spread but the rounding of single precision.
+        let limit = (student_quantile(0.0027, summary.freedom) * summary.error()).max(1e-5 * expected);
+        let off = (summary.mean - expected).abs() >= limit;
+        off.then(|| format!("{} ± {limit} instead of {expected}", summary.mean))
+    };
+    if let Some(first) = off(0..12) {
+        println!("{name}: {first}");
+        let second = off(12..60);
+        assert!(second.is_none(), "{name}: {first}, and again {second:?}");
+    }
 }
 
 /// L = 1 + a·L = 1/(1 − a). Catches energy lost or counted twice between light and BSDF sampling, in roulette, or by the
@@ -113,14 +120,17 @@ fn s03_options_change_no_mean() {
 #[test]
 fn work_follows_the_light() {
     let scene = committed("lamp-room", [32, 24]);
-    let rays = |roulette: Roulette| {
-        let mut settings = settings(GUIDES[5], 256, 1);
+    let rays = |roulette: Roulette, seed: u64| {
+        let mut settings = settings(GUIDES[5], 256, seed);
         settings.transport.roulette = roulette;
         let outcome = render(&scene, &settings, &Gaussian::default(), &Silent, &AtomicBool::new(false));
         let statistics = outcome.expect("the settings are sound").statistics;
         statistics.camera_rays as f64
     };
-    let (plain, judged) = (rays(Roulette::Throughput), rays(Roulette::Window));
+    // What is learned differs from seed to seed, and with it the rays of one render by a few hundredths.
+    let [plain, judged] =
+        [Roulette::Throughput, Roulette::Window].map(|roulette| (1..=8).map(|seed| rays(roulette, seed)).sum::<f64>());
+    println!("{judged} rays against {plain}: {}", judged / plain);
     assert!(judged < 0.85 * plain, "{judged} rays against {plain}");
 }
 

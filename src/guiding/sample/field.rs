@@ -82,9 +82,14 @@ impl GuideField {
         Self::new(SpatialCache::new(Vec3::ZERO, 1.0), Vec::new())
     }
 
-    /// Guide of the voxel that holds a point of a surface, on the side that `normal` points to; none where there is no voxel.
+    /// The voxel that holds a point of a surface, on the side that `normal` points to; none where there is none.
+    pub fn find(&self, point: Vec3, normal: Vec3) -> Option<u32> {
+        self.cache.find(point, normal).filter(|&voxel| (voxel as usize) < self.voxels.len())
+    }
+
+    /// Guide of that voxel.
     pub fn at(&self, point: Vec3, normal: Vec3) -> Option<&VoxelGuide> {
-        self.voxels.get(self.cache.find(point, normal)? as usize)
+        self.find(point, normal).map(|voxel| &self.voxels[voxel as usize])
     }
 
     /// The voxels.

@@ -1,19 +1,24 @@
 //! Many paths at once: at each depth first all rays, then all vertices, then all shadow rays. Rays of different paths do not wait for
 //! one another's memory, which a path alone would.
 
+use std::ops::Range;
+
 use glam::Vec3;
 
-use super::{CameraPath, Details, Direct, Emission, NO_VERTEX, PathState, PathTracer, RayCount, Vertex, record};
+use super::shade::Groups;
+use super::{
+    Arrival, CameraPath, Details, Direct, Emission, NO_VERTEX, PathState, PathTracer, RayCount, Vertex, record,
+};
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
-use crate::base::random::Dimension;
-use crate::geometry::{Hit, Ray, RayKind, Scratch};
+use crate::geometry::{Hit, Ray, RayKind, Scratch, Surface};
 use crate::guiding::record::PathRecord;
 use crate::materials::medium::MediumId;
+use crate::math::lanes::LANES;
 use crate::scene::effects::{Effects, Everything, With};
 
-/// Vertices whose light samples are prefetched together.
-const LIGHTS_AHEAD: usize = 16;
+/// Vertices that are made and then shaded: enough for lanes to be full, few enough to remain in the nearest caches.
+const CHUNK: usize = 256;
 
 /// Scratch space of a worker, reused from batch to batch.
 #[derive(Default)]
@@ -24,6 +29,9 @@ pub struct PathScratch {
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
     shadows: Shadows,
+    surfaces: Vec<Surface>,
+    arrivals: Vec<Arrival>,
+    groups: Groups,
     queries: Scratch,
     pub(super) vertices: Vertices,
 }
@@ -47,13 +55,18 @@ impl Vertices {
 
     /// Adds a vertex.
     #[inline(always)]
-    pub fn push<E: Effects, const RECORDS: bool>(&mut self, vertex: Vertex, passed: Vec3, details: Details) {
+    pub fn push<E: Effects, const RECORDS: bool>(
+        &mut self,
+        vertex: Vertex,
+        passed: Vec3,
+        details: impl FnOnce() -> Details,
+    ) {
         self.all.push(vertex);
         if E::MEDIA {
             self.passed.push(passed);
         }
         if RECORDS {
-            self.details.push(details);
+            self.details.push(details());
         }
     }
 
@@ -70,8 +83,21 @@ pub(super) struct Connection {
     pub vertex: u32,
     /// f·L.
     pub value: Vec3,
-    /// MIS weight over the density of light sampling.
-    pub factor: f32,
+    /// Density of light sampling.
+    pub pdf: f32,
+    /// The BSDF's density in the light's direction; 0 where no ray can hit the light.
+    pub bsdf_pdf: f32,
+}
+
+/// What the guide at a vertex will be asked of the direction to a light, if nothing is in the way.
+pub(super) struct Towards {
+    /// Index of its voxel; none where the BSDF samples alone, and where no ray can hit the light.
+    pub voxel: Option<u32>,
+    pub point: Vec3,
+    /// Unit direction to the light.
+    pub direction: Vec3,
+    /// Probability of a delta lobe.
+    pub deltas: f32,
 }
 
 /// The connections of one depth.
@@ -81,6 +107,8 @@ pub(super) struct Shadows {
     pub rays: Vec<(Ray, f32)>,
     /// What each brings, and to which vertex.
     pub connections: Vec<Connection>,
+    /// For the weight of each; empty without guides.
+    pub guided: Vec<Towards>,
     /// Media that the rays start in; empty where there are no media.
     pub media: Vec<Option<MediumId>>,
     occluded: Vec<bool>,
@@ -90,6 +118,7 @@ impl Shadows {
     fn clear(&mut self) {
         self.rays.clear();
         self.connections.clear();
+        self.guided.clear();
         self.media.clear();
     }
 }
@@ -177,7 +206,7 @@ impl PathTracer<'_> {
     /// Extends all paths until they end.
     #[inline(always)]
     fn extend<E: Effects, const RECORDS: bool>(&self, scratch: &mut PathScratch, count: &mut RayCount) {
-        let PathScratch { paths, alive, rays, hits, shadows, queries, vertices } = scratch;
+        let PathScratch { paths, alive, rays, hits, shadows, surfaces, arrivals, groups, queries, vertices } = scratch;
         for depth in 1..=self.settings.max_depth {
             if alive.is_empty() {
                 break;
@@ -188,16 +217,22 @@ impl PathTracer<'_> {
             let accel = &self.scene.accel;
             accel.pace.measure(RayKind::Path(depth), rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
             let mut kept = 0;
-            for (place, hit) in hits.iter().enumerate() {
-                if place % LIGHTS_AHEAD == 0 {
-                    self.prefetch_lights(paths, &alive[place..]);
+            for first in (0..hits.len()).step_by(CHUNK) {
+                let places = first..hits.len().min(first + CHUNK);
+                self.make_surfaces(rays, hits, places.clone(), surfaces);
+                arrivals.clear();
+                for (place, surface) in places.zip(&mut *surfaces) {
+                    let (path, meets) = (alive[place], hits[place].is_some());
+                    let numbers = [path, (place - first) as u32];
+                    let state = &mut paths[path as usize];
+                    arrivals.extend(self.arrive::<E, RECORDS>(numbers, state, meets, surface, vertices));
                 }
-                self.scene.prefetch(rays, hits, place);
-                let path = alive[place];
-                if self.visit::<E, RECORDS>(&mut paths[path as usize], *hit, vertices, shadows) {
-                    alive[kept] = path;
-                    kept += 1;
-                }
+                self.shade::<E>(arrivals, surfaces, paths, groups, |path, at, surface, shaded| {
+                    if self.go_on::<E, RECORDS>(path, at, surface, shaded, vertices, shadows) {
+                        alive[kept] = at.path;
+                        kept += 1;
+                    }
+                });
             }
             alive.truncate(kept);
             count.rays += (rays.len() + shadows.connections.len()) as u64;
@@ -205,18 +240,21 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Brings near what light sampling at the next vertices of the first paths of `alive` will read of an environment map.
+    /// Makes the surfaces at the hits of a chunk, sixteen at a time, while the vertices of the next sixteen and the indices of those
+    /// after them come near; what their textures hold comes near then.
     #[inline(always)]
-    fn prefetch_lights(&self, paths: &[PathState], alive: &[u32]) {
-        let Some(map) = self.scene.lights.map().filter(|_| self.settings.light_sampling) else { return };
-        let mut points = [[0.0; 2]; LIGHTS_AHEAD];
-        for (point, &path) in points.iter_mut().zip(alive) {
-            let path = &paths[path as usize];
-            let mut random = path.random.clone();
-            random.begin_vertex(path.depth + 1);
-            *point = random.at(Dimension::LIGHT_POINT).next_2d();
+    fn make_surfaces(&self, rays: &[Ray], hits: &[Option<Hit>], places: Range<usize>, surfaces: &mut Vec<Surface>) {
+        surfaces.resize(CHUNK, Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
+        let sixteen = |first: usize| first.min(hits.len())..hits.len().min(first + LANES);
+        for (first, made) in places.step_by(LANES).zip(surfaces.chunks_mut(LANES)) {
+            let (now, next, later) = (sixteen(first), sixteen(first + LANES), sixteen(first + 2 * LANES));
+            self.scene.prefetch_indices(&hits[later]);
+            self.scene.prefetch_vertices(&rays[next.clone()], &hits[next]);
+            self.scene.surfaces(&rays[now.clone()], &hits[now.clone()], made);
+            for (surface, _) in made.iter().zip(&hits[now]).filter(|(_, hit)| hit.is_some()) {
+                self.scene.material(surface).prefetch(surface.uv);
+            }
         }
-        map.prefetch_samples(&points);
     }
 
     /// Gives the vertices what their connections bring.
@@ -228,30 +266,31 @@ impl PathTracer<'_> {
         queries: &mut Scratch,
         vertices: &mut Vertices,
     ) {
-        let Shadows { rays, connections, media, occluded } = shadows;
-        let mut bring = |connection: &Connection, visible: Vec3| {
-            let (vertex, value) = (connection.vertex as usize, connection.value * visible * connection.factor);
-            let seen = visible != Vec3::ZERO;
-            if seen {
-                vertices.all[vertex].direct = value;
+        let Shadows { rays, connections, guided, media, occluded } = shadows;
+        let mut bring = |number: usize, visible: Vec3| {
+            if visible == Vec3::ZERO {
+                return;
             }
+            let connection = &connections[number];
+            let (factor, direct) = self.weigh::<E>(connection, guided.get(number));
+            let (vertex, value) = (connection.vertex as usize, connection.value * visible * factor);
+            vertices.all[vertex].direct = value;
             if RECORDS {
-                let direct = &mut vertices.details[vertex].direct;
-                *direct = if seen { Direct { value, ..*direct } } else { Direct::default() };
+                vertices.details[vertex].direct = Direct { value, ..direct };
             }
         };
         if self.scene.has_veils::<E>() {
-            for (i, (connection, (ray, length))) in connections.iter().zip(&*rays).enumerate() {
-                let medium = media.get(i).copied().flatten();
-                bring(connection, self.scene.transmittance(ray, *length, medium));
+            for (number, (ray, length)) in rays.iter().enumerate() {
+                let medium = media.get(number).copied().flatten();
+                bring(number, self.scene.transmittance(ray, *length, medium));
             }
         } else {
             occluded.resize(rays.len(), false);
             let accel = &self.scene.accel;
             let answer = |way| accel.occluded_all(rays, way, queries, occluded);
             accel.pace.measure(RayKind::Shadow(depth), rays.len(), answer);
-            for (connection, occluded) in connections.iter().zip(&*occluded) {
-                bring(connection, if *occluded { Vec3::ZERO } else { Vec3::ONE });
+            for (number, occluded) in occluded.iter().enumerate() {
+                bring(number, if *occluded { Vec3::ZERO } else { Vec3::ONE });
             }
         }
         shadows.clear();

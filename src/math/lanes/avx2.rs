@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 
-use super::{Bits, Kernel, LANES, Mask, Real, Wide};
+use super::{Bits, Kernel, LANES, Mask, Real, Wide, columns_by_four, lane_by_lane, same_number};
 use crate::base::processor::Avx2;
 
 /// Numbers.
@@ -44,6 +44,45 @@ operators!(Integers: Add add _mm256_add_epi32, Sub sub _mm256_sub_epi32);
 operators!(Integers: BitAnd bitand _mm256_and_si256, BitOr bitor _mm256_or_si256, BitXor bitxor _mm256_xor_si256);
 operators!(Answers: BitAnd bitand _mm256_and_ps, BitOr bitor _mm256_or_ps);
 
+same_number!(Numbers: Add add, Sub sub, Mul mul, Div div);
+
+impl Numbers {
+    columns_by_four!();
+
+    /// The columns of sixteen rows of four.
+    #[inline(always)]
+    fn four_columns(self, rows: &[[f32; 4]; LANES]) -> [Self; 4] {
+        let [a, b, c, d] = self.half_columns(rows, 0);
+        let [e, f, g, h] = self.half_columns(rows, LANES / 2);
+        [Self([a, e]), Self([b, f]), Self([c, g]), Self([d, h])]
+    }
+
+    /// Half of their lanes, from the `first` on. Quarters of registers are transposed by themselves, so each begins with the lane that
+    /// its quarter of the column begins with.
+    #[inline(always)]
+    fn half_columns(self, rows: &[[f32; 4]; LANES], first: usize) -> [__m256; 4] {
+        let mut quarters = [self.0[0]; 4];
+        for i in 0..4 {
+            let (low, high) = (bytemuck::cast(rows[first + i]), bytemuck::cast(rows[first + i + 4]));
+            // SAFETY: `self` proves that the processor has the instructions.
+            quarters[i] = unsafe { _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(low), high) };
+        }
+        let [a, b, c, d] = quarters;
+        // SAFETY: as above.
+        unsafe {
+            let (ab, cd) = (_mm256_castps_pd(_mm256_unpacklo_ps(a, b)), _mm256_castps_pd(_mm256_unpacklo_ps(c, d)));
+            let (ab_behind, cd_behind) =
+                (_mm256_castps_pd(_mm256_unpackhi_ps(a, b)), _mm256_castps_pd(_mm256_unpackhi_ps(c, d)));
+            [
+                _mm256_castpd_ps(_mm256_unpacklo_pd(ab, cd)),
+                _mm256_castpd_ps(_mm256_unpackhi_pd(ab, cd)),
+                _mm256_castpd_ps(_mm256_unpacklo_pd(ab_behind, cd_behind)),
+                _mm256_castpd_ps(_mm256_unpackhi_pd(ab_behind, cd_behind)),
+            ]
+        }
+    }
+}
+
 impl Neg for Numbers {
     type Output = Self;
 
@@ -68,6 +107,8 @@ impl Not for Answers {
 impl Real for Numbers {
     type Mask = Answers;
     type Bits = Integers;
+
+    lane_by_lane!();
 
     #[inline(always)]
     fn all(self, number: f32) -> Self {
@@ -211,6 +252,11 @@ impl Wide for Avx2 {
     #[inline(always)]
     fn store_bits(self, integers: Integers) -> [i32; LANES] {
         bytemuck::cast(integers.0)
+    }
+
+    #[inline(always)]
+    fn each<T: Copy>(self, values: [T; LANES]) -> [T; LANES] {
+        values
     }
 
     #[inline(always)]

@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 
-use super::{Bits, Kernel, LANES, Mask, Real, Wide};
+use super::{Bits, Kernel, LANES, Mask, Real, Wide, columns_by_four, lane_by_lane, same_number};
 use crate::base::processor::Avx512;
 
 /// Numbers.
@@ -35,6 +35,41 @@ macro_rules! operators {
 operators!(Numbers: Add add _mm512_add_ps, Sub sub _mm512_sub_ps, Mul mul _mm512_mul_ps, Div div _mm512_div_ps);
 operators!(Integers: Add add _mm512_add_epi32, Sub sub _mm512_sub_epi32);
 operators!(Integers: BitAnd bitand _mm512_and_si512, BitOr bitor _mm512_or_si512, BitXor bitxor _mm512_xor_si512);
+
+same_number!(Numbers: Add add, Sub sub, Mul mul, Div div);
+
+impl Numbers {
+    columns_by_four!();
+
+    /// The columns of sixteen rows of four. Quarters of registers are transposed by themselves, so each begins with the lane that its
+    /// quarter of the column begins with.
+    #[inline(always)]
+    fn four_columns(self, rows: &[[f32; 4]; LANES]) -> [Self; 4] {
+        let mut quarters = [self.0; 4];
+        for i in 0..4 {
+            let (first, second) = (bytemuck::cast(rows[i]), bytemuck::cast(rows[i + 4]));
+            let (third, fourth) = (bytemuck::cast(rows[i + 8]), bytemuck::cast(rows[i + 12]));
+            // SAFETY: `self` proves that the processor has the instructions.
+            quarters[i] = unsafe {
+                let half = _mm512_insertf32x4::<1>(_mm512_castps128_ps512(first), second);
+                _mm512_insertf32x4::<3>(_mm512_insertf32x4::<2>(half, third), fourth)
+            };
+        }
+        let [a, b, c, d] = quarters;
+        // SAFETY: as above.
+        unsafe {
+            let (ab, cd) = (_mm512_castps_pd(_mm512_unpacklo_ps(a, b)), _mm512_castps_pd(_mm512_unpacklo_ps(c, d)));
+            let (ab_behind, cd_behind) =
+                (_mm512_castps_pd(_mm512_unpackhi_ps(a, b)), _mm512_castps_pd(_mm512_unpackhi_ps(c, d)));
+            [
+                Self(_mm512_castpd_ps(_mm512_unpacklo_pd(ab, cd))),
+                Self(_mm512_castpd_ps(_mm512_unpackhi_pd(ab, cd))),
+                Self(_mm512_castpd_ps(_mm512_unpacklo_pd(ab_behind, cd_behind))),
+                Self(_mm512_castpd_ps(_mm512_unpackhi_pd(ab_behind, cd_behind))),
+            ]
+        }
+    }
+}
 
 impl Neg for Numbers {
     type Output = Self;
@@ -76,6 +111,8 @@ impl Not for Answers {
 impl Real for Numbers {
     type Mask = Answers;
     type Bits = Integers;
+
+    lane_by_lane!();
 
     #[inline(always)]
     fn all(self, number: f32) -> Self {
@@ -226,6 +263,11 @@ impl Wide for Avx512 {
     #[inline(always)]
     fn store_bits(self, integers: Integers) -> [i32; LANES] {
         bytemuck::cast(integers.0)
+    }
+
+    #[inline(always)]
+    fn each<T: Copy>(self, values: [T; LANES]) -> [T; LANES] {
+        values
     }
 
     #[inline(always)]

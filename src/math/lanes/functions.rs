@@ -8,7 +8,7 @@ use super::{Bits, Mask, Real};
 
 /// Polynomial with the highest coefficient first.
 #[inline(always)]
-fn polynomial<R: Real, const N: usize>(x: R, coefficients: [f32; N]) -> R {
+pub fn polynomial<R: Real, const N: usize>(x: R, coefficients: [f32; N]) -> R {
     let mut sum = x.all(coefficients[0]);
     for coefficient in &coefficients[1..] {
         sum = sum * x + x.all(*coefficient);
@@ -20,7 +20,7 @@ fn polynomial<R: Real, const N: usize>(x: R, coefficients: [f32; N]) -> R {
 #[inline(always)]
 pub fn sin_cos<R: Real>(x: R) -> (R, R) {
     // π/2 in three parts, so that their products with small whole numbers are exact.
-    const PARTS: [f32; 3] = [1.570_312_5, 4.837_512_97e-4, 7.549_79e-8];
+    const PARTS: [f32; 3] = [1.570_312_5, 4.837_513e-4, 7.549_79e-8];
     let turns = (x * x.all(FRAC_2_PI)).nearest();
     let quarter = turns.real();
     let r = ((x - quarter * x.all(PARTS[0])) - quarter * x.all(PARTS[1])) - quarter * x.all(PARTS[2]);
@@ -117,7 +117,7 @@ pub fn acos<R: Real>(x: R) -> R {
     let outer = magnitude.gt(half);
     let z = outer.choose((one - magnitude) * half, magnitude * magnitude);
     let root = outer.choose(z.sqrt(), magnitude);
-    let tail = [4.216_32e-2, 2.418_131_1e-2, 4.547_002_6e-2, 7.495_300_3e-2, 1.666_675_2e-1];
+    let tail = [4.216_32e-2, 2.418_131e-2, 4.547_002_6e-2, 7.495_300_3e-2, 1.666_675_2e-1];
     let asin = polynomial(z, tail) * z * root + root;
     let positive = outer.choose(asin + asin, x.all(FRAC_PI_2) - asin);
     let negative = outer.choose(x.all(PI) - (asin + asin), x.all(FRAC_PI_2) + asin);

@@ -1,5 +1,5 @@
-//! Sixteen numbers at once, or one: formulas are written once, over [`Real`], and run in the lanes of AVX-512 or AVX2, in arrays, or
-//! with plain `f32`, which is the scalar renderer.
+//! Sixteen numbers at once, or one: formulas are written once, over [`Real`], and run in the lanes of AVX-512 or AVX2, or with
+//! plain `f32`, which is the renderer of all other processors.
 //!
 //! All give the same bits. Sums, products, quotients and square roots are rounded as IEEE 754 says and never fused; everything else,
 //! sines and exponentials too ([`functions`]), is made of these. A branch becomes a choice between values that are both computed, so
@@ -7,7 +7,7 @@
 //!
 //! Values of wide types come from a token of [`Wide`], which proves that the processor has the instructions, or from other values.
 
-mod array;
+mod axes;
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code, reason = "intrinsics; each value proves that the processor has them")]
 mod avx2;
@@ -15,6 +15,7 @@ mod avx2;
 #[allow(unsafe_code, reason = "intrinsics; each value proves that the processor has them")]
 mod avx512;
 pub mod functions;
+mod gather;
 mod one;
 #[cfg(test)]
 mod tests;
@@ -23,7 +24,13 @@ mod vector;
 use std::fmt::Debug;
 use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 
-pub use array::Arrays;
+use crate::base::processor::Avx2;
+#[cfg(target_arch = "x86_64")]
+use crate::base::processor::Avx512;
+
+pub use axes::Axes;
+pub use gather::Gather;
+pub(crate) use gather::lanes_of;
 pub use vector::V3;
 
 /// Lanes of the wide types.
@@ -31,13 +38,30 @@ pub const LANES: usize = 16;
 
 /// Numbers in single precision, one per lane.
 pub trait Real:
-    Copy + Debug + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+    Copy
+    + Debug
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + Add<f32, Output = Self>
+    + Sub<f32, Output = Self>
+    + Mul<f32, Output = Self>
+    + Div<f32, Output = Self>
 {
     /// Answers to a comparison.
     type Mask: Mask<Real = Self>;
     /// The numbers' bits, and whole numbers.
     type Bits: Bits<Real = Self, Mask = Self::Mask>;
+    /// One value of any other type per lane.
+    type Each<T: Copy>: Copy + AsRef<[T]>;
 
+    /// What `f` makes of each lane and its numbers: for look-ups in tables, and for what takes double precision.
+    fn by_lane<const N: usize, const M: usize>(
+        numbers: [Self; N],
+        f: impl FnMut(usize, [f32; N]) -> [f32; M],
+    ) -> [Self; M];
     /// The same number in every lane.
     fn all(self, number: f32) -> Self;
     /// Square root; NaN below 0.
@@ -71,6 +95,48 @@ pub trait Real:
     #[inline(always)]
     fn ge(self, other: Self) -> Self::Mask {
         other.le(self)
+    }
+
+    /// self > number; false for NaN.
+    #[inline(always)]
+    fn above(self, number: f32) -> Self::Mask {
+        self.gt(self.all(number))
+    }
+
+    /// self < number; false for NaN.
+    #[inline(always)]
+    fn below(self, number: f32) -> Self::Mask {
+        self.lt(self.all(number))
+    }
+
+    /// self = number; false for NaN, true for zeros of either sign.
+    #[inline(always)]
+    fn is(self, number: f32) -> Self::Mask {
+        self.same(self.all(number))
+    }
+
+    /// The number where yes, zero where no.
+    #[inline(always)]
+    fn only(self, mask: Self::Mask) -> Self {
+        mask.choose(self, self.all(0.0))
+    }
+
+    /// The number, or the bound where it is less; the bound for NaN.
+    #[inline(always)]
+    fn at_least(self, low: f32) -> Self {
+        self.max(self.all(low))
+    }
+
+    /// The number, or the bound where it is greater; the bound for NaN.
+    #[inline(always)]
+    fn at_most(self, high: f32) -> Self {
+        self.min(self.all(high))
+    }
+
+    /// 1 − self.
+    #[inline(always)]
+    fn rest(self) -> Self {
+        self.all(1.0) - self
     }
 
     /// The number without its sign.
@@ -148,6 +214,18 @@ pub trait Mask: Copy + Debug + BitAnd<Output = Self> + BitOr<Output = Self> + No
 
     /// The first where yes, the second where no.
     fn choose(self, yes: Self::Real, no: Self::Real) -> Self::Real;
+    /// No in every lane.
+    #[inline(always)]
+    fn none(self) -> Self {
+        self & !self
+    }
+
+    /// Where both say the same.
+    #[inline(always)]
+    fn agrees(self, other: Self) -> Self {
+        self & other | !(self | other)
+    }
+
     /// Whether any lane says yes.
     fn any(self) -> bool;
     /// The answers, lane 0 in the lowest bit.
@@ -167,9 +245,82 @@ pub trait Wide: Copy + Send + Sync {
     fn load_bits(self, integers: &[i32; LANES]) -> <Self::Real as Real>::Bits;
     /// Integers lane by lane.
     fn store_bits(self, integers: <Self::Real as Real>::Bits) -> [i32; LANES];
+    /// Values of any other type lane by lane.
+    fn each<T: Copy>(self, values: [T; LANES]) -> <Self::Real as Real>::Each<T>;
     /// Runs a kernel, compiled for the instruction set.
     fn run<K: Kernel>(self, kernel: K) -> K::Output;
 }
+
+/// Arithmetic of wide numbers with one that is the same in every lane.
+macro_rules! same_number {
+    ($type:ident: $($trait:ident $name:ident),+) => {$(
+        impl $trait<f32> for $type {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $name(self, number: f32) -> Self {
+                $trait::$name(self, self.all(number))
+            }
+        }
+    )+};
+}
+
+/// What wide numbers do lane by lane, in plain numbers.
+macro_rules! lane_by_lane {
+    () => {
+        type Each<T: Copy> = [T; LANES];
+
+        #[inline(always)]
+        fn by_lane<const N: usize, const M: usize>(
+            numbers: [Self; N],
+            mut f: impl FnMut(usize, [f32; N]) -> [f32; M],
+        ) -> [Self; M] {
+            const { assert!(N > 0, "numbers prove that the processor has the instructions") };
+            let mut given = [[0.0; LANES]; N];
+            for i in 0..N {
+                given[i] = bytemuck::cast(numbers[i].0);
+            }
+            let mut rows = [[0.0; M]; LANES];
+            for lane in 0..LANES {
+                let mut one = [0.0; N];
+                for i in 0..N {
+                    one[i] = given[i][lane];
+                }
+                rows[lane] = f(lane, one);
+            }
+            numbers[0].columns(&rows)
+        }
+    };
+}
+
+/// The columns of sixteen rows, four at a time.
+#[cfg(target_arch = "x86_64")]
+macro_rules! columns_by_four {
+    () => {
+        #[inline(always)]
+        fn columns<const N: usize>(self, rows: &[[f32; N]; LANES]) -> [Self; N] {
+            let mut columns = [self; N];
+            for first in (0..N / 4 * 4).step_by(4) {
+                let mut parts = [[0.0; 4]; LANES];
+                for lane in 0..LANES {
+                    parts[lane].copy_from_slice(&rows[lane][first..first + 4]);
+                }
+                columns[first..first + 4].copy_from_slice(&self.four_columns(&parts));
+            }
+            for i in N / 4 * 4..N {
+                let mut column = [0.0; LANES];
+                for lane in 0..LANES {
+                    column[lane] = rows[lane][i];
+                }
+                columns[i] = Self(bytemuck::cast(column));
+            }
+            columns
+        }
+    };
+}
+#[cfg(target_arch = "x86_64")]
+use columns_by_four;
+use {lane_by_lane, same_number};
 
 /// Code for any wide type.
 pub trait Kernel {
@@ -178,4 +329,29 @@ pub trait Kernel {
     /// Its code. Marked `#[inline(always)]`, like all that it calls with wide values: what is not inlined is compiled for the oldest
     /// processor.
     fn run<W: Wide>(self, wide: W) -> Self::Output;
+}
+
+/// Whether [`run`] runs kernels here.
+#[inline]
+pub fn available() -> bool {
+    Avx2::detect().is_some()
+}
+
+/// Runs a kernel in the widest lanes that this processor has and [`LANES`](crate::base::processor::LANES) allows; where there are
+/// none, gives it back.
+///
+/// # Errors
+/// The kernel.
+#[inline]
+pub fn run<K: Kernel>(kernel: K) -> Result<K::Output, K> {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if let Some(avx512) = Avx512::detect() {
+            return Ok(avx512.run(kernel));
+        }
+        if let Some(avx2) = Avx2::detect() {
+            return Ok(avx2.run(kernel));
+        }
+    }
+    Err(kernel)
 }

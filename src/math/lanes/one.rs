@@ -5,6 +5,15 @@ use super::{Bits, Mask, Real};
 impl Real for f32 {
     type Mask = bool;
     type Bits = i32;
+    type Each<T: Copy> = [T; 1];
+
+    #[inline(always)]
+    fn by_lane<const N: usize, const M: usize>(
+        numbers: [Self; N],
+        mut f: impl FnMut(usize, [f32; N]) -> [f32; M],
+    ) -> [Self; M] {
+        f(0, numbers)
+    }
 
     #[inline(always)]
     fn all(self, number: f32) -> Self {
@@ -23,7 +32,9 @@ impl Real for f32 {
 
     #[inline(always)]
     fn nearest(self) -> i32 {
-        self.round_ties_even() as i32
+        // The last bit of doubles of this magnitude is worth 1; the processors that all have in common have no instruction for it.
+        const WHOLE: f64 = 1.5 * (1u64 << 52) as f64;
+        (f64::from(self) + WHOLE).to_bits() as i32
     }
 
     #[inline(always)]

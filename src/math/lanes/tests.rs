@@ -63,10 +63,46 @@ impl Kernel for Compare<'_> {
     }
 }
 
+/// What is made lane by lane comes to its lane and its place, however much it is.
+struct ByLane;
+
+impl Kernel for ByLane {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<W: Wide>(self, wide: W) {
+        let lanes = std::array::from_fn(|lane| lane as f32);
+        check_by_lane::<W, 1>(wide, &lanes);
+        check_by_lane::<W, 3>(wide, &lanes);
+        check_by_lane::<W, 4>(wide, &lanes);
+        check_by_lane::<W, 17>(wide, &lanes);
+        let [] = Real::by_lane([wide.load(&lanes)], |_, [_]| []);
+    }
+}
+
+#[inline(always)]
+fn check_by_lane<W: Wide, const M: usize>(wide: W, lanes: &[f32; LANES]) {
+    let made = Real::by_lane([wide.load(lanes); 2], |lane, [x, y]| {
+        assert_eq!([x, y], [lane as f32; 2]);
+        std::array::from_fn::<_, M, _>(|i| (100 * i + lane) as f32)
+    });
+    for (i, made) in made.into_iter().enumerate() {
+        assert_eq!(wide.store(made), lanes.map(|lane| 100.0 * i as f32 + lane));
+    }
+}
+
+#[test]
+fn what_is_made_lane_by_lane_comes_to_its_place() {
+    #[cfg(target_arch = "x86_64")]
+    {
+        Avx2::detect().into_iter().for_each(|avx2| avx2.run(ByLane));
+        Avx512::detect().into_iter().for_each(|avx512| avx512.run(ByLane));
+    }
+}
+
 #[test]
 fn every_kind_of_lanes_has_the_bits_of_plain_numbers() {
     let numbers = numbers(if cfg!(miri) { 200 } else { 60_000 }, 0);
-    Arrays.run(Compare(&numbers));
     #[cfg(target_arch = "x86_64")]
     {
         Avx2::detect().into_iter().for_each(|avx2| avx2.run(Compare(&numbers)));

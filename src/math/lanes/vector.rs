@@ -165,6 +165,24 @@ impl<R: Real> V3<R> {
         Self { x: self.x.abs(), y: self.y.abs(), z: self.z.abs() }
     }
 
+    /// Each coordinate, or the bound where that is less.
+    #[inline(always)]
+    pub fn at_least(self, low: f32) -> Self {
+        Self { x: self.x.at_least(low), y: self.y.at_least(low), z: self.z.at_least(low) }
+    }
+
+    /// Each coordinate, or the bound where that is greater.
+    #[inline(always)]
+    pub fn at_most(self, high: f32) -> Self {
+        Self { x: self.x.at_most(high), y: self.y.at_most(high), z: self.z.at_most(high) }
+    }
+
+    /// 1 − self.
+    #[inline(always)]
+    pub fn rest(self) -> Self {
+        Self { x: self.x.rest(), y: self.y.rest(), z: self.z.rest() }
+    }
+
     /// The greatest coordinate.
     #[inline(always)]
     pub fn max_element(self) -> R {

@@ -4,20 +4,26 @@
 //! nothing that a guide, a medium, another material, a hole or a record would ask for. Rays, points of surfaces, lights and textures
 //! are the library's.
 
+use std::ops::Range;
+
 use glam::Vec3;
 
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
-use crate::base::random::{Dimension, Random};
-use crate::geometry::{Hit, Ray, RayKind, Scratch as Queries, Surface};
+use crate::base::random::{Dimension, Draws, Random};
+use crate::geometry::{Hit, Origins, Ray, RayKind, Scratch as Queries, Surface};
 use crate::integrators::path::CameraPath;
 use crate::lights::Light;
 use crate::lights::area::AreaLight;
-use crate::materials::diffuse::Diffuse;
-use crate::materials::{BsdfSample, Kind};
-use crate::math::error_bound::gamma;
+use crate::materials::diffuse::{self, Diffuse};
+use crate::materials::{Kind, Scatter, Transport};
+use crate::math::Frames;
+use crate::math::lanes::{self, Gather, Kernel, LANES, Mask, Real, V3, Wide};
 use crate::sampling::mis;
 use crate::scene::Scene;
+
+/// Vertices that are made and then shaded, as many as in ours.
+const CHUNK: usize = 256;
 
 /// Bounces before roulette may end a path.
 const ROULETTE_START: u32 = 4;
@@ -65,6 +71,15 @@ struct Path {
 struct Connection {
     vertex: u32,
     value: Vec3,
+    pdf: f32,
+    bsdf_pdf: f32,
+}
+
+/// A path at a vertex.
+struct Arrival {
+    place: u32,
+    path: u32,
+    vertex: u32,
 }
 
 /// Scratch space, reused from batch to batch.
@@ -74,6 +89,8 @@ pub struct Scratch {
     alive: Vec<u32>,
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
+    surfaces: Vec<Surface>,
+    arrivals: Vec<Arrival>,
     queries: Queries,
     shadows: Vec<(Ray, f32)>,
     connections: Vec<Connection>,
@@ -145,7 +162,8 @@ impl<'a> Twin<'a> {
 
     #[inline(always)]
     fn extend(&self, scratch: &mut Scratch) {
-        let Scratch { paths, alive, rays, hits, queries, shadows, connections, occluded, vertices } = scratch;
+        let Scratch { paths, alive, rays, hits, surfaces, arrivals, queries, shadows, connections, occluded, vertices } =
+            scratch;
         for depth in 1..=self.max_depth {
             if alive.is_empty() {
                 break;
@@ -156,12 +174,34 @@ impl<'a> Twin<'a> {
             hits.resize(rays.len(), None);
             accel.pace.measure(RayKind::Path(depth), rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
             let mut kept = 0;
-            for (place, hit) in hits.iter().enumerate() {
-                self.scene.prefetch(rays, hits, place);
-                let path = alive[place];
-                if self.visit(&mut paths[path as usize], *hit, vertices, shadows, connections) {
-                    alive[kept] = path;
-                    kept += 1;
+            for first in (0..hits.len()).step_by(CHUNK) {
+                let places = first..hits.len().min(first + CHUNK);
+                self.make_surfaces(rays, hits, places.clone(), surfaces);
+                arrivals.clear();
+                for (place, surface) in places.zip(&*surfaces) {
+                    let path = alive[place];
+                    if self.arrive(&mut paths[path as usize], hits[place].is_some(), surface, vertices) {
+                        arrivals.push(Arrival {
+                            place: (place - first) as u32,
+                            path,
+                            vertex: vertices.len() as u32 - 1,
+                        });
+                    }
+                }
+                for sixteen in arrivals.chunks(LANES) {
+                    let lanes = self.shade(sixteen, surfaces, paths);
+                    for (lane, at) in sixteen.iter().enumerate() {
+                        let path = &mut paths[at.path as usize];
+                        let point = surfaces[at.place as usize].point;
+                        if go_on(path, point, &lanes, lane, &mut vertices[at.vertex as usize]) {
+                            alive[kept] = at.path;
+                            kept += 1;
+                        }
+                        if lanes.lit >> lane & 1 == 1 {
+                            shadows.push(lanes.shadow(lane));
+                            connections.push(lanes.connection(lane, at.vertex));
+                        }
+                    }
                 }
             }
             alive.truncate(kept);
@@ -170,7 +210,8 @@ impl<'a> Twin<'a> {
             accel.pace.measure(RayKind::Shadow(depth), shadows.len(), answer);
             for (connection, occluded) in connections.iter().zip(&*occluded) {
                 if !occluded {
-                    vertices[connection.vertex as usize].direct = connection.value;
+                    let factor = mis::balance(connection.pdf, connection.bsdf_pdf) / connection.pdf;
+                    vertices[connection.vertex as usize].direct = connection.value * factor;
                 }
             }
             shadows.clear();
@@ -178,49 +219,39 @@ impl<'a> Twin<'a> {
         }
     }
 
-    /// Takes a path to its next vertex; returns whether it goes on.
     #[inline(always)]
-    fn visit(
-        &self,
-        path: &mut Path,
-        hit: Option<Hit>,
-        vertices: &mut Vec<Vertex>,
-        shadows: &mut Vec<(Ray, f32)>,
-        connections: &mut Vec<Connection>,
-    ) -> bool {
-        path.depth += 1;
-        path.random.begin_vertex(path.depth);
-        let Some(hit) = hit else { return false };
-        let surface = Surface::new(&path.ray, &hit, &self.scene.shapes[hit.shape as usize]);
-        let emitted = self.emission(&surface, &path.ray, path.previous.as_ref());
-        let mut vertex = Vertex { emitted, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0, previous: path.last };
-        let mut goes_on = false;
-        if path.depth < self.max_depth {
-            let material = &self.materials[self.shape_material[surface.shape as usize] as usize];
-            let wo = surface.frame.to_local(-path.ray.direction);
-            if let Some((ray, value)) = self.direct(&surface, material, wo, &path.random) {
-                shadows.push(ray);
-                connections.push(Connection { vertex: vertices.len() as u32, value });
-            }
-            if let Some(sample) = material.sample(&surface, wo, &path.random) {
-                path.throughput *= sample.weight;
-                vertex.weight = sample.weight;
-                if path.depth >= ROULETTE_START {
-                    vertex.survival = path.throughput.max_element().clamp(0.05, 0.95);
-                }
-                let survives =
-                    vertex.survival >= 1.0 || path.random.at(Dimension::ROULETTE).next_f32() < vertex.survival;
-                goes_on = survives && path.throughput != Vec3::ZERO;
-                if goes_on {
-                    path.throughput /= vertex.survival;
-                    path.previous = Some(Previous { point: surface.point, pdf: sample.pdf });
-                    path.ray = surface.leave(surface.frame.to_world(sample.wi));
-                }
+    fn make_surfaces(&self, rays: &[Ray], hits: &[Option<Hit>], places: Range<usize>, surfaces: &mut Vec<Surface>) {
+        surfaces.resize(CHUNK, Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
+        let sixteen = |first: usize| first.min(hits.len())..hits.len().min(first + LANES);
+        for (first, made) in places.step_by(LANES).zip(surfaces.chunks_mut(LANES)) {
+            let (now, next, later) = (sixteen(first), sixteen(first + LANES), sixteen(first + 2 * LANES));
+            self.scene.prefetch_indices(&hits[later]);
+            self.scene.prefetch_vertices(&rays[next.clone()], &hits[next]);
+            self.scene.surfaces(&rays[now.clone()], &hits[now.clone()], made);
+            for (surface, _) in made.iter().zip(&hits[now]).filter(|(_, hit)| hit.is_some()) {
+                self.material(surface).diffuse.reflectance.prefetch(surface.uv);
             }
         }
+    }
+
+    #[inline(always)]
+    fn material(&self, surface: &Surface) -> &Plain {
+        &self.materials[self.shape_material[surface.shape as usize] as usize]
+    }
+
+    /// Takes a path to its next vertex; returns whether it scatters there.
+    #[inline(always)]
+    fn arrive(&self, path: &mut Path, meets: bool, surface: &Surface, vertices: &mut Vec<Vertex>) -> bool {
+        path.depth += 1;
+        path.random.begin_vertex(path.depth);
+        if !meets {
+            return false;
+        }
+        let emitted = self.emission(surface, &path.ray, path.previous.as_ref());
+        let (direct, weight, previous) = (Vec3::ZERO, Vec3::ZERO, path.last);
         path.last = vertices.len() as u32;
-        vertices.push(vertex);
-        goes_on
+        vertices.push(Vertex { emitted, direct, weight, survival: 1.0, previous });
+        path.depth < self.max_depth
     }
 
     /// Emission of a surface that the path ran into, weighted against light sampling at the vertex before.
@@ -234,45 +265,162 @@ impl<'a> Twin<'a> {
         radiance * mis::balance(pdf, light.pdf(point, surface) * choice)
     }
 
-    /// Light sampling: the shadow ray to one sampled light, and f·L·w / p.
     #[inline(always)]
-    fn direct(&self, surface: &Surface, material: &Plain, wo: Vec3, random: &Random) -> Option<((Ray, f32), Vec3)> {
-        let (choice, u) = (self.scene.lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
-        let (index, probability) = self.scene.lights.choose(surface.point, choice)?;
-        let light = self.lights[index].sample(surface.point, u)?;
-        let (wo, wi) = material.to_front(wo, surface.frame.to_local(light.wi));
-        let value = material.diffuse.eval(surface.uv, wo, wi);
-        if value == Vec3::ZERO {
-            return None;
+    fn shade(&self, sixteen: &[Arrival], surfaces: &[Surface], paths: &[Path]) -> Shaded {
+        let at = |lane: usize| &sixteen[if lane < sixteen.len() { lane } else { 0 }];
+        let surface = std::array::from_fn(|lane| &surfaces[at(lane).place as usize]);
+        let path = |lane: usize| &paths[at(lane).path as usize];
+        let first = self.material(surface[0]);
+        let (mut points, mut two_sided) = ([first.diffuse.at(surface[0].uv); LANES], [first.two_sided; LANES]);
+        for lane in 1..sixteen.len() {
+            let material = self.material(surface[lane]);
+            (points[lane], two_sided[lane]) = (material.diffuse.at(surface[lane].uv), material.two_sided);
         }
-        let pdf = light.pdf * probability;
-        let value = value * light.radiance * (mis::balance(pdf, Diffuse::pdf(wo, wi)) / pdf);
-        Some((shadow_ray(surface, light.wi, light.distance), value))
+        let kernel = Sixteen {
+            scene: self.scene,
+            surfaces: surface,
+            points: &points,
+            two_sided: &two_sided,
+            rays: std::array::from_fn(|lane| &path(lane).ray),
+            randoms: std::array::from_fn(|lane| &path(lane).random),
+        };
+        lanes::run(kernel).unwrap_or_else(|_| unreachable!("the bench asks for AVX2"))
     }
 }
 
-impl Plain {
-    #[inline(always)]
-    fn to_front(&self, wo: Vec3, wi: Vec3) -> (Vec3, Vec3) {
-        if self.two_sided && wo.z < 0.0 { (-wo, -wi) } else { (wo, wi) }
-    }
-
-    #[inline(always)]
-    fn sample(&self, surface: &Surface, wo: Vec3, random: &Random) -> Option<BsdfSample> {
-        let u = random.at(Dimension::DIRECTION).next_2d();
-        let flip = self.two_sided && wo.z < 0.0;
-        let sample = self.diffuse.sample(surface.uv, if flip { -wo } else { wo }, u)?;
-        Some(if flip { BsdfSample { wi: -sample.wi, ..sample } } else { sample })
-    }
-}
-
-/// The ray from `surface` to the light point at the finite `distance` in direction `wi`, and where it stops.
+/// Takes a path on from `point`; returns whether it goes on.
 #[inline(always)]
-fn shadow_ray(surface: &Surface, wi: Vec3, distance: f32) -> (Ray, f32) {
-    let ray = surface.leave(wi);
-    let target = surface.point + wi * distance;
-    let to = target - ray.origin;
-    let length = to.length();
-    let rounding = gamma(16) * (surface.point.abs() + target.abs()).max_element();
-    (Ray { origin: ray.origin, direction: to / length }, length * (1.0 - gamma(256)) - rounding)
+fn go_on(path: &mut Path, point: Vec3, lanes: &Shaded, lane: usize, vertex: &mut Vertex) -> bool {
+    if lanes.any >> lane & 1 == 0 {
+        return false;
+    }
+    vertex.weight = vector(&lanes.weight, lane);
+    path.throughput *= vertex.weight;
+    if path.depth >= ROULETTE_START {
+        vertex.survival = path.throughput.max_element().clamp(0.05, 0.95);
+    }
+    let survives = vertex.survival >= 1.0 || lanes.roulette[lane] < vertex.survival;
+    let goes_on = survives && path.throughput != Vec3::ZERO;
+    if goes_on {
+        path.throughput /= vertex.survival;
+        path.previous = Some(Previous { point, pdf: lanes.pdf[lane] });
+        path.ray = Ray { origin: vector(&lanes.origin, lane), direction: vector(&lanes.direction, lane) };
+    }
+    goes_on
+}
+
+/// Vertices that are shaded together.
+struct Sixteen<'g> {
+    scene: &'g Scene,
+    surfaces: [&'g Surface; LANES],
+    points: &'g [diffuse::At<f32>; LANES],
+    two_sided: &'g [bool; LANES],
+    rays: [&'g Ray; LANES],
+    randoms: [&'g Random; LANES],
+}
+
+type Column = [f32; LANES];
+
+/// What becomes of them, lane by lane.
+#[derive(Default)]
+struct Shaded {
+    lit: u32,
+    any: u32,
+    light: [Column; 3],
+    light_pdf: Column,
+    bsdf_pdf: Column,
+    shadow_origin: [Column; 3],
+    shadow_direction: [Column; 3],
+    shadow_length: Column,
+    direction: [Column; 3],
+    weight: [Column; 3],
+    origin: [Column; 3],
+    pdf: Column,
+    roulette: Column,
+}
+
+#[inline(always)]
+fn vector(of: &[Column; 3], lane: usize) -> Vec3 {
+    Vec3::new(of[0][lane], of[1][lane], of[2][lane])
+}
+
+impl Shaded {
+    #[inline(always)]
+    fn shadow(&self, lane: usize) -> (Ray, f32) {
+        let (origin, direction) = (vector(&self.shadow_origin, lane), vector(&self.shadow_direction, lane));
+        (Ray { origin, direction }, self.shadow_length[lane])
+    }
+
+    #[inline(always)]
+    fn connection(&self, lane: usize, vertex: u32) -> Connection {
+        let (value, pdf) = (vector(&self.light, lane), self.light_pdf[lane]);
+        Connection { vertex, value, pdf, bsdf_pdf: self.bsdf_pdf[lane] }
+    }
+}
+
+#[inline(always)]
+fn store<W: Wide>(wide: W, v: V3<W::Real>) -> [Column; 3] {
+    [wide.store(v.x), wide.store(v.y), wide.store(v.z)]
+}
+
+#[inline(always)]
+fn vectors<W: Wide>(wide: W, of: impl Fn(usize) -> Vec3) -> V3<W::Real> {
+    let (mut x, mut y, mut z) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for lane in 0..LANES {
+        [x[lane], y[lane], z[lane]] = of(lane).to_array();
+    }
+    V3::new(wide.load(&x), wide.load(&y), wide.load(&z))
+}
+
+impl Kernel for Sixteen<'_> {
+    type Output = Shaded;
+
+    #[inline(always)]
+    fn run<W: Wide>(self, wide: W) -> Shaded {
+        let surfaces = &self.surfaces;
+        let origins = Origins {
+            point: vectors(wide, |lane| surfaces[lane].point),
+            error: vectors(wide, |lane| surfaces[lane].error),
+            normal: vectors(wide, |lane| surfaces[lane].normal),
+        };
+        let frames = Frames::new(vectors(wide, |lane| surfaces[lane].shading));
+        let wo = frames.to_local(-vectors(wide, |lane| self.rays[lane].direction));
+        let (mut points, mut two_sided) = ([&self.points[0]; LANES], [&false; LANES]);
+        for lane in 0..LANES {
+            (points[lane], two_sided[lane]) = (&self.points[lane], &self.two_sided[lane]);
+        }
+        let (bsdf, two_sided) = (diffuse::At::gather(wide, points), bool::gather(wide, two_sided));
+        let turned = two_sided & wo.z.below(0.0);
+        let wo = V3::choose(turned, -wo, wo);
+        let draws = |dimension| Draws::new(&self.randoms, dimension);
+        let lights = &self.scene.lights;
+        let choices = if lights.has_choice() { draws(Dimension::LIGHT).doubles() } else { [0.0; LANES] };
+        let light = lights.sample_lanes(wide, &origins.point, &choices, &draws(Dimension::LIGHT_POINT).points());
+        let wi = frames.to_local(light.wi);
+        let (value, bsdf_pdf) = bsdf.eval_and_pdf(wo, V3::choose(turned, -wi, wi));
+        let shadow = origins.towards(light.wi, light.distance);
+        let points = draws(Dimension::DIRECTION).points();
+        let (mut u, mut v) = ([0.0; LANES], [0.0; LANES]);
+        for (lane, point) in points.iter().enumerate() {
+            [u[lane], v[lane]] = *point;
+        }
+        let u = [wide.load(&u), wide.load(&v)];
+        let drawn = bsdf.sample(wo, u[0], u, Transport::Radiance);
+        let direction = frames.to_world(V3::choose(turned, -drawn.wi, drawn.wi));
+        Shaded {
+            lit: (light.found & !value.is_zero()).answers(),
+            any: drawn.found.answers(),
+            light: store(wide, value * light.radiance),
+            light_pdf: wide.store(light.pdf),
+            bsdf_pdf: wide.store(bsdf_pdf),
+            shadow_origin: store(wide, shadow.0),
+            shadow_direction: store(wide, shadow.1),
+            shadow_length: wide.store(shadow.2),
+            direction: store(wide, direction),
+            weight: store(wide, drawn.weight),
+            origin: store(wide, origins.leave(direction)),
+            pdf: wide.store(drawn.pdf),
+            roulette: draws(Dimension::ROULETTE).numbers(),
+        }
+    }
 }

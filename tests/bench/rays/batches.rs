@@ -96,7 +96,7 @@ fn rays_of_path(scene: &Scene, mut ray: Ray, mut random: Random, rays: &mut [[Ba
         paths.push((ray, f32::INFINITY));
         let Some(surface) = scene.trace(&ray, &mut random.at(Dimension::SEGMENT)) else { return };
         let material = scene.material(&surface);
-        let wo = surface.frame.to_local(-ray.direction);
+        let wo = surface.frame().to_local(-ray.direction);
         if !material.is_delta() {
             shadows.extend(shadow(scene, &surface, wo, &random));
         }
@@ -109,7 +109,7 @@ fn rays_of_path(scene: &Scene, mut ray: Ray, mut random: Random, rays: &mut [[Ba
             return;
         }
         throughput /= survival;
-        ray = surface.leave(surface.frame.to_world(sample.wi));
+        ray = surface.leave(surface.frame().to_world(sample.wi));
     }
 }
 
@@ -117,7 +117,7 @@ fn rays_of_path(scene: &Scene, mut ray: Ray, mut random: Random, rays: &mut [[Ba
 fn shadow(scene: &Scene, surface: &Surface, wo: Vec3, random: &Random) -> Option<(Ray, f32)> {
     let (choice, u) = (scene.lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
     let light = scene.lights.sample(surface.point, choice, u)?;
-    let value = scene.material(surface).eval(surface.uv, wo, surface.frame.to_local(light.wi));
+    let value = scene.material(surface).eval(surface.uv, wo, surface.frame().to_local(light.wi));
     let (ray, t_max) = surface.towards(light.wi, light.distance);
     (value != Vec3::ZERO && t_max > 0.0).then_some((ray, t_max))
 }

@@ -1,0 +1,207 @@
+//! Points of triangles: what lies between their corners, for one hit or for sixteen at once.
+
+use glam::{Mat3, Vec2, Vec3};
+
+use super::mesh::Mesh;
+use super::shape::{Geometry, Shape};
+use super::{Hit, Surface};
+use crate::math::error_bound::gamma;
+use crate::math::lanes::{self, Kernel, LANES, Real, V3, Wide};
+
+/// Corners of a triangle in each lane.
+pub(super) struct Corners<R> {
+    /// In the world.
+    positions: [V3<R>; 3],
+    /// As the mesh has them; zero where it has none.
+    normals: [V3<R>; 3],
+    uvs: [[R; 2]; 3],
+    /// 1, or −1 where the front is the side opposite to the stored normals.
+    front: R,
+    /// See [`Geometry::Mesh`].
+    winding: R,
+    /// Takes normals to the world; none where the mesh is there.
+    to_world: Option<Mat3>,
+}
+
+/// Points of triangles.
+pub(super) struct Points<R> {
+    pub point: V3<R>,
+    /// Sums of the absolute values of the terms that its coordinates were summed from.
+    pub magnitudes: V3<R>,
+    /// Unit geometric normal on the front side.
+    pub normal: V3<R>,
+    /// Unit shading normal.
+    pub smooth: V3<R>,
+    pub uv: [R; 2],
+}
+
+impl<R: Real> Corners<R> {
+    /// The points of barycentric coordinates b₁, b₂.
+    #[inline(always)]
+    pub fn at(&self, [b1, b2]: [R; 2]) -> Points<R> {
+        let ([a, b, c], [ta, tb, tc]) = (self.positions, self.uvs);
+        let b0 = b1.all(1.0) - b1 - b2;
+        let parts = [a * b0, b * b1, c * b2];
+        let (across, there) = (b - a).cross(c - a).try_normalize();
+        let up = V3::new(b1.all(0.0), b1.all(0.0), b1.all(1.0));
+        let normal = V3::choose(there, across, up) * (self.winding * self.front);
+        Points {
+            point: parts[0] + parts[1] + parts[2],
+            magnitudes: parts[0].abs() + parts[1].abs() + parts[2].abs(),
+            normal,
+            smooth: self.smooth(normal, [b0, b1, b2]),
+            uv: [0, 1].map(|i| ta[i] * b0 + tb[i] * b1 + tc[i] * b2),
+        }
+    }
+
+    /// The shading normals: `flat` ones where there are no others.
+    #[inline(always)]
+    fn smooth(&self, flat: V3<R>, [b0, b1, b2]: [R; 3]) -> V3<R> {
+        let [a, b, c] = self.normals;
+        let mut sum = V3::splat(b0.all(0.0)) + a * b0 + b * b1 + c * b2;
+        if let Some(Mat3 { x_axis, y_axis, z_axis }) = self.to_world {
+            sum = sum.all(x_axis) * sum.x + sum.all(y_axis) * sum.y + sum.all(z_axis) * sum.z;
+        }
+        let (smooth, there) = sum.try_normalize();
+        V3::choose(there, smooth * self.front, flat)
+    }
+}
+
+/// Normals and texture coordinates of a triangle's corners, as stored.
+#[inline(always)]
+fn stored(mesh: &Mesh, triangle: u32) -> ([Vec3; 3], [Vec2; 3]) {
+    let corners = mesh.triangles[triangle as usize].map(|vertex| vertex as usize);
+    let normals = if mesh.normals.is_empty() { [Vec3::ZERO; 3] } else { corners.map(|vertex| mesh.normals[vertex]) };
+    let uvs = if mesh.uvs.is_empty() { [Vec2::ZERO, Vec2::X, Vec2::Y] } else { corners.map(|vertex| mesh.uvs[vertex]) };
+    (normals, uvs)
+}
+
+impl Corners<f32> {
+    /// Of a triangle of a mesh.
+    #[inline(always)]
+    pub fn new(shape: &Shape, triangle: u32) -> Self {
+        let Geometry::Mesh { mesh, normal_to_world, winding, rounding, .. } = &shape.geometry else {
+            unreachable!("only meshes have triangles")
+        };
+        let (normals, uvs) = stored(mesh, triangle);
+        Self {
+            positions: shape.triangle(triangle).map(V3::from),
+            normals: normals.map(V3::from),
+            uvs: uvs.map(|uv| uv.to_array()),
+            front: shape.front(),
+            winding: *winding,
+            to_world: rounding.as_ref().map(|_| *normal_to_world),
+        }
+    }
+}
+
+/// Hits of triangles of meshes in world coordinates, lane by lane.
+#[derive(Default)]
+struct Triangles {
+    positions: [[[f32; LANES]; 3]; 3],
+    normals: [[[f32; LANES]; 3]; 3],
+    uvs: [[[f32; LANES]; 2]; 3],
+    barycentric: [[f32; LANES]; 2],
+    front: [f32; LANES],
+    winding: [f32; LANES],
+}
+
+impl Triangles {
+    #[inline(always)]
+    fn set(&mut self, lane: usize, hit: &Hit, mesh: &Mesh, front: f32, winding: f32) {
+        let corners = mesh.triangles[hit.triangle as usize];
+        let (normals, uvs) = stored(mesh, hit.triangle);
+        for corner in 0..3 {
+            let position = mesh.positions[corners[corner] as usize];
+            for axis in 0..3 {
+                self.positions[corner][axis][lane] = position[axis];
+                self.normals[corner][axis][lane] = normals[corner][axis];
+            }
+            for (axis, columns) in self.uvs[corner].iter_mut().enumerate() {
+                columns[lane] = uvs[corner][axis];
+            }
+        }
+        for i in 0..2 {
+            self.barycentric[i][lane] = hit.barycentric[i];
+        }
+        (self.front[lane], self.winding[lane]) = (front, winding);
+    }
+}
+
+/// Points of [`Triangles`], lane by lane.
+struct PointLanes {
+    point: [[f32; LANES]; 3],
+    error: [[f32; LANES]; 3],
+    normal: [[f32; LANES]; 3],
+    smooth: [[f32; LANES]; 3],
+    uv: [[f32; LANES]; 2],
+}
+
+impl Kernel for &Triangles {
+    type Output = PointLanes;
+
+    #[inline(always)]
+    fn run<W: Wide>(self, wide: W) -> PointLanes {
+        let vector = |of: &[[f32; LANES]; 3]| V3::new(wide.load(&of[0]), wide.load(&of[1]), wide.load(&of[2]));
+        let [a, b, c] = &self.positions;
+        let [na, nb, nc] = &self.normals;
+        let pair = |of: &[[f32; LANES]; 2]| [wide.load(&of[0]), wide.load(&of[1])];
+        let [ta, tb, tc] = &self.uvs;
+        let corners = Corners {
+            positions: [vector(a), vector(b), vector(c)],
+            normals: [vector(na), vector(nb), vector(nc)],
+            uvs: [pair(ta), pair(tb), pair(tc)],
+            front: wide.load(&self.front),
+            winding: wide.load(&self.winding),
+            to_world: None,
+        };
+        let at = corners.at(pair(&self.barycentric));
+        let error = at.magnitudes * at.magnitudes.x.all(gamma(12));
+        let store = |v: V3<W::Real>| [wide.store(v.x), wide.store(v.y), wide.store(v.z)];
+        PointLanes {
+            point: store(at.point),
+            error: store(error),
+            normal: store(at.normal),
+            smooth: store(at.smooth),
+            uv: [wide.store(at.uv[0]), wide.store(at.uv[1])],
+        }
+    }
+}
+
+/// Fewest hits that are worth lanes.
+const FEWEST: usize = 4;
+
+/// Makes the surfaces at up to [`LANES`] hits that are on meshes in world coordinates, if they are many enough. Returns which were
+/// made, one bit each.
+#[inline(always)]
+pub(super) fn surfaces(hits: &[Option<Hit>], shapes: &[Shape], surfaces: &mut [Surface]) -> u32 {
+    let (mut triangles, mut made) = (Triangles::default(), 0u32);
+    for (lane, hit) in hits.iter().enumerate().take(LANES) {
+        let Some(hit) = hit else { continue };
+        let shape = &shapes[hit.shape as usize];
+        if let Geometry::Mesh { mesh, winding, rounding: None, .. } = &shape.geometry {
+            triangles.set(lane, hit, mesh, shape.front(), *winding);
+            made |= 1 << lane;
+        }
+    }
+    if (made.count_ones() as usize) < FEWEST {
+        return 0;
+    }
+    let Ok(points) = lanes::run(&triangles) else { return 0 };
+    for (lane, (hit, surface)) in hits.iter().zip(surfaces).enumerate() {
+        let Some(hit) = hit.filter(|_| made >> lane & 1 == 1) else { continue };
+        let vector = |of: &[[f32; LANES]; 3]| Vec3::new(of[0][lane], of[1][lane], of[2][lane]);
+        let smooth = vector(&points.smooth);
+        *surface = Surface {
+            point: vector(&points.point),
+            error: vector(&points.error),
+            normal: vector(&points.normal),
+            shading: smooth,
+            smooth,
+            uv: Vec2::new(points.uv[0][lane], points.uv[1][lane]),
+            distance: hit.distance,
+            shape: hit.shape,
+        };
+    }
+    made
+}

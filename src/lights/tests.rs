@@ -1,0 +1,173 @@
+//! Sixteen points at once have the bits of each alone, whatever the lights.
+
+use std::sync::Arc;
+
+use glam::{Affine3A, Mat3, Quat, Vec3};
+
+use super::*;
+use crate::base::processor::{Avx2, Avx512};
+use crate::base::random::Random;
+use crate::geometry::Shape;
+use crate::geometry::mesh::Mesh;
+use crate::math::lanes::{Kernel, LANES, Wide};
+use crate::picture::Image;
+
+fn vector(random: &mut Random, extent: f32) -> Vec3 {
+    Vec3::new(random.range(-extent, extent), random.range(-extent, extent), random.range(-extent, extent))
+}
+
+fn unit(random: &mut Random) -> Vec3 {
+    vector(random, 1.0).normalize_or(Vec3::Z)
+}
+
+/// Triangles in a soup, one of which has no area.
+fn mesh(random: &mut Random) -> Shape {
+    let centre = vector(random, 5.0);
+    let count = 1 + random.below(40);
+    let positions = (0..3 * count).map(|_| centre + vector(random, 0.5)).collect();
+    let triangles = (0..count).map(|i| [3 * i, 3 * i + 1, if i == 7 { 3 * i } else { 3 * i + 2 }]).collect();
+    let to_world = Affine3A::from_rotation_translation(Quat::from_rotation_y(random.next_f32()), vector(random, 1.0));
+    Shape::mesh(Arc::new(Mesh { positions, triangles, ..Mesh::default() }), to_world, random.below(2) == 0)
+}
+
+/// A picture of which much is black, or a dome that ends.
+fn map(random: &mut Random) -> Envmap {
+    let to_world = Mat3::from_quat(Quat::from_axis_angle(unit(random), random.range(0.0, 6.0)));
+    if random.below(4) == 0 {
+        return Envmap::dome([24, 9], 1.7, 0.5, to_world, |d| (d.as_vec3() + Vec3::ONE).abs());
+    }
+    let [width, height] = [1 + random.below(60) as usize, 1 + random.below(40) as usize];
+    let black = random.below(3) * 4;
+    let pixel = |_| if random.below(10) < black { Vec3::ZERO } else { vector(random, 2.0).abs() };
+    let pixels = (0..width * height).map(pixel).collect();
+    Envmap::new(Arc::new(Image { width, height, pixels }), 2.0, to_world)
+}
+
+fn light(kind: u32, random: &mut Random) -> Light {
+    let radiance = vector(random, 3.0).abs();
+    match kind {
+        0 | 1 => Light::Area(AreaLight::new(mesh(random), radiance)),
+        2 => {
+            let shape = Shape::sphere(vector(random, 5.0), random.range(0.01, 1.0), random.below(3) == 0);
+            Light::Area(AreaLight::new(shape, radiance))
+        }
+        3 => Light::Point(Point { position: vector(random, 5.0), intensity: radiance }),
+        4 => {
+            let turn = Quat::from_axis_angle(unit(random), random.range(0.0, 6.0));
+            let to_world = Affine3A::from_rotation_translation(turn, vector(random, 5.0));
+            let cutoff = random.range(0.0, std::f32::consts::PI);
+            let beam = if random.below(4) == 0 { cutoff } else { cutoff * random.next_f32() };
+            Light::Spot(Spot::new(to_world, radiance, cutoff, beam))
+        }
+        5 => Light::Directional(Directional { direction: unit(random), irradiance: radiance }),
+        6 => Light::Sun(Sun::new(unit(random), radiance, random.range(0.001, 2.0))),
+        7 => Light::Constant(Constant { radiance }),
+        _ => Light::Envmap(map(random)),
+    }
+}
+
+/// Kinds of light of scenes: each alone, then mixtures of few kinds and of all.
+const MIXTURES: [&[u32]; 16] = [
+    &[0],
+    &[2],
+    &[3],
+    &[4],
+    &[5],
+    &[6],
+    &[7],
+    &[8],
+    &[0, 2],
+    &[3, 4],
+    &[6, 8],
+    &[0, 8],
+    &[5, 6, 7, 8],
+    &[0, 2, 3, 4],
+    &[0, 1, 2, 3, 4, 5, 6, 7, 8],
+    &[],
+];
+
+fn scene(kinds: &[u32], count: u32, random: &mut Random) -> LightSet {
+    let pick = |random: &mut Random| kinds[random.below(kinds.len() as u32) as usize];
+    let lights = (0..if kinds.is_empty() { 0 } else { count }).map(|_| {
+        let kind = pick(random);
+        light(kind, random)
+    });
+    LightSet::new(lights.collect(), &BoundingSphere { center: Vec3::ZERO, radius: 10.0 })
+}
+
+/// A place near lights, far from them, or where one is.
+fn place(lights: &LightSet, random: &mut Random) -> Vec3 {
+    match random.below(8) {
+        0 => vector(random, 1e3),
+        1 => match lights.lights.first() {
+            Some(Light::Point(light)) => light.position,
+            Some(Light::Area(light)) => light.bounds().low,
+            _ => Vec3::ZERO,
+        },
+        _ => vector(random, 6.0),
+    }
+}
+
+/// Compares lanes with single points; says in how many lanes something was found and in how many nothing.
+struct Compare<'a>(&'a LightSet, u64);
+
+impl Kernel for Compare<'_> {
+    type Output = [u32; 2];
+
+    #[inline(always)]
+    fn run<W: Wide>(self, wide: W) -> [u32; 2] {
+        let Self(lights, key) = self;
+        let mut random = Random::new(91, key, 0);
+        let mut counts = [0; 2];
+        for _ in 0..if cfg!(miri) { 1 } else { 30 } {
+            let points: [Vec3; LANES] = std::array::from_fn(|_| place(lights, &mut random));
+            let choices: [f64; LANES] = std::array::from_fn(|_| random.next_f64());
+            let u: [[f32; 2]; LANES] = std::array::from_fn(|_| random.next_2d());
+            let lanes = |i: usize| wide.load(&points.map(|point| point[i]));
+            let samples = lights.sample_lanes(wide, &V3::new(lanes(0), lanes(1), lanes(2)), &choices, &u);
+            let (radiance, pdf) = lights.background_lanes(samples.wi);
+            let numbers = [samples.wi, samples.radiance, radiance].map(|v| [v.x, v.y, v.z].map(|x| wide.store(x)));
+            let others = [samples.distance, samples.pdf, pdf].map(|x| wide.store(x));
+            let masks = [samples.found, samples.delta].map(|mask| mask.answers());
+            for lane in 0..LANES {
+                let [wi, radiance, seen] = numbers.map(|v| Vec3::from_array(v.map(|x| x[lane])));
+                let [distance, pdf, seen_pdf] = others.map(|x| x[lane]);
+                let [found, delta] = masks.map(|mask| mask >> lane & 1 == 1);
+                let sample = found.then_some(LightSample { wi, distance, radiance, pdf, delta });
+                let alone = lights.sample(points[lane], choices[lane], u[lane]);
+                assert_eq!(sample.map(bits), alone.map(bits), "{alone:?} {sample:?}");
+                counts[usize::from(found)] += 1;
+                if found {
+                    let (alone, alone_pdf) = lights.background(wi);
+                    let bits = |v: Vec3, pdf: f32| (v.to_array().map(f32::to_bits), pdf.to_bits());
+                    assert_eq!(bits(seen, seen_pdf), bits(alone, alone_pdf), "{seen} {alone}");
+                }
+            }
+        }
+        counts
+    }
+}
+
+fn bits(sample: LightSample) -> ([[u32; 3]; 2], [u32; 2], bool) {
+    let LightSample { wi, distance, radiance, pdf, delta } = sample;
+    ([wi, radiance].map(|v| v.to_array().map(f32::to_bits)), [distance, pdf].map(f32::to_bits), delta)
+}
+
+#[test]
+fn every_kind_of_lanes_has_the_bits_of_single_points() {
+    let mut random = Random::new(90, 0, 0);
+    let mut counts = [0; 2];
+    for (key, kinds) in MIXTURES.iter().enumerate() {
+        for count in if cfg!(miri) { [1, 2].as_slice() } else { &[1, 2, 3, 4, 9, 25, 60] } {
+            let lights = scene(kinds, *count, &mut random);
+            let mut add = |found: [u32; 2]| (0..2).for_each(|i| counts[i] += found[i]);
+            let key = key as u64;
+            #[cfg(target_arch = "x86_64")]
+            {
+                Avx2::detect().into_iter().for_each(|avx2| add(avx2.run(Compare(&lights, key))));
+                Avx512::detect().into_iter().for_each(|avx512| add(avx512.run(Compare(&lights, key))));
+            }
+        }
+    }
+    assert!(counts.iter().all(|count| *count > 1000 || cfg!(miri)), "{counts:?}");
+}
