@@ -241,6 +241,8 @@ fn surfaces(accel: &Accel, shapes: &[Shape], rays: &[(Ray, f32)]) -> f64 {
 /// Seconds that this thread spent on the processor; where the system does not tell, seconds that passed.
 fn cpu_seconds() -> f64 {
     static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
+    // What is told is as of the last time that the system looked, some milliseconds ago: it looks now.
+    std::thread::yield_now();
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanoseconds = told.and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
     nanoseconds.map_or_else(|| START.elapsed().as_secs_f64(), |ns| ns * 1e-9)
