@@ -31,7 +31,7 @@ use fanal::materials::diffuse::Diffuse;
 use fanal::materials::fresnel::Metal;
 use fanal::materials::texture::Texture;
 use fanal::materials::{Kind, Material, Transport};
-use fanal::math::{Frame, cylindrical};
+use fanal::math::cylindrical;
 use fanal::reconstruct::neural::inputs_of;
 use fanal::reconstruct::{Neural, Reconstructor};
 use glam::{Vec2, Vec3};
