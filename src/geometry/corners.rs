@@ -6,7 +6,7 @@ use super::mesh::Mesh;
 use super::shape::{Geometry, Shape};
 use super::{Hit, Surface};
 use crate::math::error_bound::gamma;
-use crate::math::lanes::{self, Kernel, LANES, Real, V3, Wide};
+use crate::math::lanes::{self, Kernel, LANES, Real, V3, Vectors, Wide, vector};
 
 /// Corners of a triangle in each lane.
 pub(super) struct Corners<R> {
@@ -98,8 +98,8 @@ impl Corners<f32> {
 /// Hits of triangles of meshes in world coordinates, lane by lane.
 #[derive(Default)]
 struct Triangles {
-    positions: [[[f32; LANES]; 3]; 3],
-    normals: [[[f32; LANES]; 3]; 3],
+    positions: [Vectors; 3],
+    normals: [Vectors; 3],
     uvs: [[[f32; LANES]; 2]; 3],
     barycentric: [[f32; LANES]; 2],
     front: [f32; LANES],
@@ -130,10 +130,10 @@ impl Triangles {
 
 /// Points of [`Triangles`], lane by lane.
 struct PointLanes {
-    point: [[f32; LANES]; 3],
-    error: [[f32; LANES]; 3],
-    normal: [[f32; LANES]; 3],
-    smooth: [[f32; LANES]; 3],
+    point: Vectors,
+    error: Vectors,
+    normal: Vectors,
+    smooth: Vectors,
     uv: [[f32; LANES]; 2],
 }
 
@@ -142,14 +142,13 @@ impl Kernel for &Triangles {
 
     #[inline(always)]
     fn run<W: Wide>(self, wide: W) -> PointLanes {
-        let vector = |of: &[[f32; LANES]; 3]| V3::new(wide.load(&of[0]), wide.load(&of[1]), wide.load(&of[2]));
         let [a, b, c] = &self.positions;
         let [na, nb, nc] = &self.normals;
         let pair = |of: &[[f32; LANES]; 2]| [wide.load(&of[0]), wide.load(&of[1])];
         let [ta, tb, tc] = &self.uvs;
         let corners = Corners {
-            positions: [vector(a), vector(b), vector(c)],
-            normals: [vector(na), vector(nb), vector(nc)],
+            positions: [wide.load_vectors(a), wide.load_vectors(b), wide.load_vectors(c)],
+            normals: [wide.load_vectors(na), wide.load_vectors(nb), wide.load_vectors(nc)],
             uvs: [pair(ta), pair(tb), pair(tc)],
             front: wide.load(&self.front),
             winding: wide.load(&self.winding),
@@ -157,12 +156,11 @@ impl Kernel for &Triangles {
         };
         let at = corners.at(pair(&self.barycentric));
         let error = at.magnitudes * at.magnitudes.x.all(gamma(12));
-        let store = |v: V3<W::Real>| [wide.store(v.x), wide.store(v.y), wide.store(v.z)];
         PointLanes {
-            point: store(at.point),
-            error: store(error),
-            normal: store(at.normal),
-            smooth: store(at.smooth),
+            point: wide.store_vectors(at.point),
+            error: wide.store_vectors(error),
+            normal: wide.store_vectors(at.normal),
+            smooth: wide.store_vectors(at.smooth),
             uv: [wide.store(at.uv[0]), wide.store(at.uv[1])],
         }
     }
@@ -175,6 +173,9 @@ const FEWEST: usize = 4;
 /// made, one bit each.
 #[inline(always)]
 pub(super) fn surfaces(hits: &[Option<Hit>], shapes: &[Shape], surfaces: &mut [Surface]) -> u32 {
+    if !lanes::available() {
+        return 0;
+    }
     let (mut triangles, mut made) = (Triangles::default(), 0u32);
     for (lane, hit) in hits.iter().enumerate().take(LANES) {
         let Some(hit) = hit else { continue };
@@ -190,12 +191,11 @@ pub(super) fn surfaces(hits: &[Option<Hit>], shapes: &[Shape], surfaces: &mut [S
     let Ok(points) = lanes::run(&triangles) else { return 0 };
     for (lane, (hit, surface)) in hits.iter().zip(surfaces).enumerate() {
         let Some(hit) = hit.filter(|_| made >> lane & 1 == 1) else { continue };
-        let vector = |of: &[[f32; LANES]; 3]| Vec3::new(of[0][lane], of[1][lane], of[2][lane]);
-        let smooth = vector(&points.smooth);
+        let smooth = vector(&points.smooth, lane);
         *surface = Surface {
-            point: vector(&points.point),
-            error: vector(&points.error),
-            normal: vector(&points.normal),
+            point: vector(&points.point, lane),
+            error: vector(&points.error, lane),
+            normal: vector(&points.normal, lane),
             shading: smooth,
             smooth,
             uv: Vec2::new(points.uv[0][lane], points.uv[1][lane]),

@@ -4,7 +4,8 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 
-use crate::math::lanes::{Axes, Mask, Real, V3};
+use crate::math::Frames;
+use crate::math::lanes::{Mask, Real, V3};
 use crate::sampling::warp::lanes::{square_to_cone, square_to_cone_pdf, square_to_sphere};
 use crate::sampling::warp::square_to_sphere_pdf;
 
@@ -102,7 +103,7 @@ impl<R: Real> Spheres<R> {
     #[inline(always)]
     pub fn sample_direction(&self, point: V3<R>, u: [R; 2]) -> (V3<R>, R) {
         let (m, outside) = self.cone(point);
-        let to_centre = Axes::around((self.center - point).normalize());
+        let to_centre = Frames::new((self.center - point).normalize());
         let mut direction = to_centre.to_world(square_to_cone(u, m));
         if (!outside).any() {
             direction = V3::choose(outside, direction, square_to_sphere(u));

@@ -28,7 +28,7 @@ use crate::scene::Scene;
 use crate::scene::effects::Effects;
 use crate::scene::media::End;
 use batch::{Connection, Shadows, Towards, Vertices};
-use shade::Shaded;
+use shade::{Sampled, Shaded};
 
 /// Traces camera paths.
 pub struct PathTracer<'a> {
@@ -315,23 +315,29 @@ impl PathTracer<'_> {
         path: &mut PathState,
         at: &Arrival,
         surface: &Surface,
-        shaded: &Shaded,
+        (shaded, lane): (&Shaded, usize),
         vertices: &mut Vertices,
         shadows: &mut Shadows,
     ) -> bool {
-        if at.connects && shaded.lit {
-            self.connect::<E>(path, at, surface, shaded, shadows);
+        if let Some(sampled) = shaded.light(lane).filter(|_| at.connects) {
+            self.connect::<E>(path, at, surface, &sampled, shadows);
+            if E::GUIDING {
+                let voxel = at.voxel.filter(|_| !sampled.delta);
+                let (direction, deltas) = (shaded.to_light(lane), shaded.deltas(lane));
+                shadows.guided.push(Towards { voxel, point: surface.point, direction, deltas });
+            }
         }
         let vertex = at.vertex as usize;
         let guide = if E::GUIDING { self.guide(at.voxel, surface.point) } else { None };
-        let Some(sample) = MixtureSample::new(&shaded.onward, guide.as_ref(), shaded.proposal.as_ref()) else {
+        let onward = shaded.onward(lane);
+        let Some(sample) = MixtureSample::new(&onward, guide.as_ref(), shaded.proposal(lane).as_ref()) else {
             if RECORDS {
                 vertices.details[vertex].absorbed = !at.smooth;
             }
             return false;
         };
-        let survival = self.survival::<E>(path, &sample, shaded.onward.squeeze, &at.worth);
-        let survives = survival >= 1.0 || shaded.roulette < survival;
+        let survival = self.survival::<E>(path, &sample, onward.squeeze, &at.worth);
+        let survives = survival >= 1.0 || shaded.roulette(lane) < survival;
         if RECORDS {
             vertices.details[vertex].step = (survives || !sample.delta).then_some(Step { sample, survival });
         }
@@ -340,7 +346,7 @@ impl PathTracer<'_> {
         let goes_on = survives && path.throughput != Vec3::ZERO;
         if goes_on {
             self.scatter::<E>(path, at, surface, &sample, survival);
-            path.ray = Ray { origin: shaded.onward.origin.into(), direction: sample.direction };
+            path.ray = Ray { origin: onward.origin.into(), direction: sample.direction };
         }
         goes_on
     }
@@ -372,12 +378,18 @@ impl PathTracer<'_> {
     /// directions, or the throughput where that is larger. And what glass divides by η² on the way in it multiplies on the way out:
     /// inside of it paths are worth as much as outside.
     #[inline(always)]
-    fn survival<E: Effects>(&self, path: &mut PathState, sample: &MixtureSample, squeeze: f32, worth: &Worth) -> f32 {
+    fn survival<E: Effects>(
+        &self,
+        path: &mut PathState,
+        sample: &MixtureSample,
+        squeeze: Option<f32>,
+        worth: &Worth,
+    ) -> f32 {
         path.throughput *= sample.weight;
         if E::GUIDING {
             path.reflected *= sample.bsdf_weight;
         }
-        if E::MATERIALS {
+        if let Some(squeeze) = squeeze.filter(|_| E::MATERIALS) {
             path.squeezed *= squeeze;
         }
         // What a mirror shows has nothing to do with what the voxel's other directions send back.
@@ -425,25 +437,19 @@ impl PathTracer<'_> {
         path: &PathState,
         at: &Arrival,
         surface: &Surface,
-        shaded: &Shaded,
+        sampled: &Sampled,
         shadows: &mut Shadows,
     ) {
-        let (ray, _) = shaded.shadow;
-        shadows.rays.push(shaded.shadow);
+        shadows.rays.push(sampled.shadow);
         if E::MEDIA {
-            shadows.media.push(self.scene.medium_beyond(surface, ray.direction, path.medium));
+            shadows.media.push(self.scene.medium_beyond(surface, sampled.shadow.0.direction, path.medium));
         }
         shadows.connections.push(Connection {
             vertex: at.vertex,
-            value: shaded.light,
-            pdf: shaded.light_pdf * at.worth.light,
-            bsdf_pdf: if shaded.light_delta { 0.0 } else { shaded.bsdf_pdf },
+            value: sampled.light,
+            pdf: sampled.pdf * at.worth.light,
+            bsdf_pdf: if sampled.delta { 0.0 } else { sampled.bsdf_pdf },
         });
-        if E::GUIDING {
-            let voxel = at.voxel.filter(|_| !shaded.light_delta);
-            let deltas = shaded.onward.deltas;
-            shadows.guided.push(Towards { voxel, point: surface.point, direction: shaded.to_light, deltas });
-        }
     }
 
     /// How light that a connection brings is weighted: its factor, and what it tells of the densities.

@@ -147,7 +147,7 @@ impl PhotonTracer<'_> {
             accel.pace.measure(RayKind::Photon, rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
             count.rays += rays.len() as u64;
             surfaces.resize(rays.len(), Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
-            self.scene.surfaces(rays, hits, surfaces);
+            self.scene.surfaces(rays, hits, 0..rays.len(), surfaces);
             let mut ends = hits.iter().zip(&mut *surfaces);
             alive.retain_mut(|path| {
                 let Some((hit, surface)) = ends.next() else { return false };

@@ -62,8 +62,8 @@ pub struct Onward<R: Real> {
     pub delta: R::Mask,
     /// Probability of a delta lobe; 0 without guides, where it is not needed.
     pub deltas: R,
-    /// Square of the refractive index there over that on the side that light leaves to.
-    pub squeeze: R,
+    /// Square of the refractive index there over that on the side that light leaves to; none where nothing refracts.
+    pub squeeze: Option<R>,
     /// Where the ray in the direction starts.
     pub origin: V3<R>,
 }
@@ -127,15 +127,16 @@ impl<'a, R: Real> Site<'a, R> {
             pdf,
             delta,
             deltas: zero,
-            squeeze: zero,
+            squeeze: None,
             origin: direction,
         };
         let onward = match draw.guided {
             Some((guided, to)) => self.guided(drawn, guided, to, found & delta),
             None => drawn,
         };
-        let eta = self.bsdf.eta(self.wo, self.frames.to_local(onward.direction));
-        Onward { squeeze: eta * eta, origin: self.origins.leave(onward.direction), ..onward }
+        let refracts = self.bsdf.refracts();
+        let squeeze = refracts.then(|| self.bsdf.eta(self.wo, self.frames.to_local(onward.direction)).squared());
+        Onward { squeeze, origin: self.origins.leave(onward.direction), ..onward }
     }
 
     /// The direction `to` where a guide chooses and no `mirror` was drawn.

@@ -12,9 +12,9 @@ use rayon::prelude::*;
 use super::distant::{cross_section, ray_through};
 use super::{BoundingSphere, Emission, LightSample, LightSamples};
 use crate::base::processor::prefetch;
-use crate::math::channel_mean;
 use crate::math::lanes::functions::{atan2, sin_cos};
-use crate::math::lanes::{Axes, Bits, Mask, Real, V3};
+use crate::math::lanes::{Bits, Mask, Real, V3};
+use crate::math::{Frames, channel_mean};
 use crate::picture::Image;
 use crate::sampling::grid::Grid;
 
@@ -130,11 +130,6 @@ impl Envmap {
         Position { cell: [x0, y0], inside: [x - x0, below], sin, covered }
     }
 
-    /// Brings near what [`Envmap::sample`] reads for points.
-    pub fn prefetch_samples<const N: usize>(&self, points: &[[f32; 2]; N]) {
-        self.grid.cells(&points.map(|u| u.map(f64::from))).iter().for_each(|&cell| self.prefetch_texels(cell));
-    }
-
     /// Brings near what [`Envmap::radiance_and_pdf`] reads for the direction `wi`.
     pub fn prefetch(&self, wi: Vec3) {
         let cell = self.position(V3::from(wi)).cell.map(|place| place as usize);
@@ -246,8 +241,8 @@ impl Envmap {
 
 /// The columns of a rotation.
 #[inline(always)]
-fn axes<R: Real>(like: R, rotation: &Mat3) -> Axes<R> {
-    Axes::all(like, [rotation.x_axis, rotation.y_axis, rotation.z_axis])
+fn axes<R: Real>(like: R, rotation: &Mat3) -> Frames<R> {
+    Frames::all(like, [rotation.x_axis, rotation.y_axis, rotation.z_axis])
 }
 
 /// Between `a` and `b`, by the part `s` of the way.

@@ -8,8 +8,8 @@ use super::tree::{Cone, LightBounds};
 use super::{Emission, LightSamples};
 use crate::geometry::Ray;
 use crate::math::lanes::functions::atan2;
-use crate::math::lanes::{Axes, Mask, Real, V3};
-use crate::math::{Frame, channel_mean};
+use crate::math::lanes::{Mask, Real, V3};
+use crate::math::{Frame, Frames, channel_mean};
 use crate::sampling::warp;
 
 /// A point light.
@@ -100,7 +100,7 @@ pub(super) fn sample_spots<'a, R: Real>(light: impl Fn(usize) -> &'a Spot, point
         [p.x, p.y, p.z, s.x, s.y, s.z, t.x, t.y, t.z, n.x, n.y, n.z, i.x, i.y, i.z, *cutoff, *beam]
     });
     let way = Way::new(point, V3::new(x, y, z));
-    let axes = Axes { s: V3::new(sx, sy, sz), t: V3::new(tx, ty, tz), n: V3::new(nx, ny, nz) };
+    let axes = Frames { s: V3::new(sx, sy, sz), t: V3::new(tx, ty, tz), n: V3::new(nx, ny, nz) };
     way.samples(V3::new(r, g, b) * part(axes.to_local(-way.wi), cutoff, beam))
 }
 

@@ -6,8 +6,8 @@ use glam::Vec3;
 
 use super::distant::{cross_section, ray_through};
 use super::{BoundingSphere, Emission};
-use crate::math::Frame;
-use crate::math::lanes::{Axes, Real, V3};
+use crate::math::lanes::{Real, V3};
+use crate::math::{Frame, Frames};
 use crate::sampling::warp;
 
 /// A disk of the same radiance all over.
@@ -60,7 +60,7 @@ impl Sun {
     #[inline(always)]
     pub(super) fn directions<R: Real>(&self, u: [R; 2]) -> V3<R> {
         let Frame { s, t, n } = self.frame;
-        Axes::all(u[0], [s, t, n]).to_world(warp::lanes::square_to_cone(u, u[0].all(self.height)))
+        Frames::all(u[0], [s, t, n]).to_world(warp::lanes::square_to_cone(u, u[0].all(self.height)))
     }
 
     /// Samples a photon through the scene.

@@ -134,21 +134,34 @@ impl<R: Real> Node<R> {
         }
     }
 
-    /// Estimate of the greatest irradiance that the node's lights can send to a point: intensity times the cosine of the least
-    /// angle by which they are turned away, over the squared distance, which counts as no less than the node's size.
+    /// Intensity over the squared distance to a point, which counts as no less than the node's size.
+    #[inline(always)]
+    fn falloff(&self, point: V3<R>) -> R {
+        let squared = (point - self.centre).length_squared();
+        self.intensity / squared.max(self.radius.squared()).at_least(f32::MIN_POSITIVE)
+    }
+
+    /// Where some of the lights may be turned away from a point: not where they shine everywhere.
+    #[inline(always)]
+    fn turns(&self) -> R::Mask {
+        self.cos_half.above(-1.0)
+    }
+
+    /// Estimate of the greatest irradiance that the node's lights can send to a point: the fall-off times the cosine of the least
+    /// angle by which they are turned away.
     #[inline(always)]
     fn importance(&self, point: V3<R>) -> R {
         let to = point - self.centre;
         let squared = to.length_squared();
         let near = self.radius.squared();
-        let falloff = self.intensity / squared.max(near).at_least(f32::MIN_POSITIVE);
         let cos = self.axis.dot(to) / squared.sqrt();
         let sin = cos.squared().rest().at_least(0.0).sqrt();
         // Angles are subtracted by their sines and cosines: first the cone of the normals, then the box as seen from the point.
         let (sin, cos) = less((sin, cos), (self.sin_half, self.cos_half));
         let sin_box = (near / squared).sqrt();
         let (_, cos) = less((sin, cos), (sin_box, sin_box.squared().rest().at_least(0.0).sqrt()));
-        squared.le(near).choose(falloff, falloff * cos.at_least(0.0))
+        let falloff = self.falloff(point);
+        (near.lt(squared) & self.turns()).choose(falloff * cos.at_least(0.0), falloff)
     }
 }
 
@@ -156,9 +169,6 @@ impl<R: Real> Node<R> {
 #[inline(always)]
 fn less<R: Real>((sin_a, cos_a): (R, R), (sin_b, cos_b): (R, R)) -> (R, R) {
     let none = cos_a.ge(cos_b);
-    if !(!none).any() {
-        return (sin_a.all(0.0), cos_a.all(1.0));
-    }
     let (sin, cos) = (sin_a * cos_b - cos_a * sin_b, cos_a * cos_b + sin_a * sin_b);
     (none.choose(sin.all(0.0), sin), none.choose(cos.all(1.0), cos))
 }
@@ -203,7 +213,12 @@ impl Pair {
 /// Probability of choosing the first of two nodes at a point, and where there is one: not where both estimates are 0.
 #[inline(always)]
 fn turn<R: Real>([first, second]: &[Node<R>; 2], point: V3<R>) -> (R, R::Mask) {
-    let (a, b) = (first.importance(point), second.importance(point));
+    // Both with all that it takes or both without: side by side, processors compute them at once.
+    let (a, b) = if (first.turns() | second.turns()).any() {
+        (first.importance(point), second.importance(point))
+    } else {
+        (first.falloff(point), second.falloff(point))
+    };
     let sum = a + b;
     let share = a / sum;
     let share = (a.above(0.0) & b.above(0.0)).choose(share.between(LEAST, 1.0 - LEAST), share);

@@ -107,16 +107,6 @@ impl<'a, R: Real> At<'a, R> {
 
 impl<R: Real> Scatter<R> for At<'_, R> {
     #[inline(always)]
-    fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
-        self.eval_and_pdf(wo, wi).0
-    }
-
-    #[inline(always)]
-    fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
-        self.eval_and_pdf(wo, wi).1
-    }
-
-    #[inline(always)]
     fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
         let given = [self.weight, wo.x, wo.y, wo.z, wi.x, wi.y, wi.z];
         let [x, y, z, pdf] = R::by_lane(given, |lane, [weight, ox, oy, oz, ix, iy, iz]| {

@@ -67,22 +67,10 @@ pub(super) fn mirrored<R: Real>(w: V3<R>) -> V3<R> {
 /// A scattering model at points: what is asked of it there. Answers are for a `wo` that two-sided materials have turned to the front.
 /// All is marked `#[inline(always)]`, as in [`Kernel::run`](crate::math::lanes::Kernel::run).
 pub trait Scatter<R: Real> {
-    /// See [`Bsdf::eval`]. Nothing if all lobes are delta lobes.
+    /// See [`Bsdf::eval_and_pdf`]. Nothing if all lobes are delta lobes.
     #[inline(always)]
-    fn eval(&self, _: V3<R>, wi: V3<R>) -> V3<R> {
-        V3::splat(wi.z.all(0.0))
-    }
-
-    /// See [`Bsdf::pdf`].
-    #[inline(always)]
-    fn pdf(&self, _: V3<R>, wi: V3<R>) -> R {
-        wi.z.all(0.0)
-    }
-
-    /// Both, with what they have in common computed once.
-    #[inline(always)]
-    fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
-        (self.eval(wo, wi), self.pdf(wo, wi))
+    fn eval_and_pdf(&self, _: V3<R>, wi: V3<R>) -> (V3<R>, R) {
+        (V3::splat(wi.z.all(0.0)), wi.z.all(0.0))
     }
 
     /// See [`Bsdf::sample`].
@@ -181,18 +169,16 @@ impl<R: Real> Bsdf<'_, R> {
     /// f(wo, wi)·|cos θᵢ| of the lobes that are not delta, sr⁻¹, for radiance.
     #[inline(always)]
     pub fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
-        let (_, wo, wi) = self.in_front(wo, wi);
-        self.tinted(each_model!(&self.model, m => m.eval(wo, wi)), wo, wi)
+        self.eval_and_pdf(wo, wi).0
     }
 
     /// Density of [`Bsdf::sample`] over the lobes that are not delta, w.r.t. solid angle.
     #[inline(always)]
     pub fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
-        let (_, wo, wi) = self.in_front(wo, wi);
-        each_model!(&self.model, m => m.pdf(wo, wi))
+        self.eval_and_pdf(wo, wi).1
     }
 
-    /// [`Bsdf::eval`] and [`Bsdf::pdf`], for little more than one of them.
+    /// [`Bsdf::eval`] and [`Bsdf::pdf`], which have most in common.
     #[inline(always)]
     pub fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
         let (_, wo, wi) = self.in_front(wo, wi);
@@ -220,6 +206,16 @@ impl<R: Real> Bsdf<'_, R> {
     pub fn delta_probability(&self, wo: V3<R>) -> R {
         let (_, wo, _) = self.in_front(wo, wo);
         each_model!(&self.model, m => m.delta_probability(wo))
+    }
+
+    /// Whether [`Bsdf::eta`] may be other than 1.
+    #[inline(always)]
+    pub fn refracts(&self) -> bool {
+        match &self.model {
+            Model::Dielectric(_) | Model::RoughDielectric(_) | Model::Blend(_) => true,
+            Model::Principled(m) => m.transmits(),
+            _ => false,
+        }
     }
 
     /// Refractive index on the side of `wi` over that on the side of `wo`: radiance that is refracted is divided by its square

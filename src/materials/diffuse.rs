@@ -2,10 +2,10 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 
 use super::texture::Texture;
-use super::{BsdfSample, Drawn, Scatter, Transport};
+use super::{Drawn, Scatter, Transport};
 use crate::math::lanes::{Real, V3, lanes_of};
 use crate::sampling::warp;
 
@@ -36,35 +36,13 @@ impl Diffuse {
     pub fn at(&self, uv: Vec2) -> At<f32> {
         At { reflectance: self.reflectance.eval(uv).into() }
     }
-
-    /// f·cos θᵢ.
-    #[inline]
-    pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
-        self.at(uv).eval(wo.into(), wi.into()).into()
-    }
-
-    /// Density w.r.t. solid angle.
-    #[inline]
-    pub fn pdf(wo: Vec3, wi: Vec3) -> f32 {
-        cosine_pdf(wo.into(), wi.into())
-    }
-
-    /// Cosine-distributed direction.
-    #[inline]
-    pub fn sample(&self, uv: Vec2, wo: Vec3, u: [f32; 2]) -> Option<BsdfSample> {
-        self.at(uv).sample(wo.into(), 0.0, u, Transport::Radiance).into()
-    }
 }
 
 impl<R: Real> Scatter<R> for At<R> {
     #[inline(always)]
-    fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
-        (self.reflectance * (wi.z * FRAC_1_PI)).only(wo.z.above(0.0) & wi.z.above(0.0))
-    }
-
-    #[inline(always)]
-    fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
-        cosine_pdf(wo, wi)
+    fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
+        let value = (self.reflectance * (wi.z * FRAC_1_PI)).only(wo.z.above(0.0) & wi.z.above(0.0));
+        (value, cosine_pdf(wo, wi))
     }
 
     /// Cosine-distributed direction.

@@ -83,16 +83,6 @@ impl<R: Real> At<R> {
 
 impl<R: Real> Scatter<R> for At<R> {
     #[inline(always)]
-    fn eval(&self, _: V3<R>, wi: V3<R>) -> V3<R> {
-        V3::splat(self.density(wi))
-    }
-
-    #[inline(always)]
-    fn pdf(&self, _: V3<R>, wi: V3<R>) -> R {
-        self.density(wi)
-    }
-
-    #[inline(always)]
     fn eval_and_pdf(&self, _: V3<R>, wi: V3<R>) -> (V3<R>, R) {
         let density = self.density(wi);
         (V3::splat(density), density)

@@ -144,17 +144,6 @@ impl<R: Real> At<'_, R> {
 }
 
 impl<R: Real> Scatter<R> for At<'_, R> {
-    /// f·cos θᵢ of the base and of a rough coat.
-    #[inline(always)]
-    fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
-        self.eval_and_pdf(wo, wi).0
-    }
-
-    #[inline(always)]
-    fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
-        self.eval_and_pdf(wo, wi).1
-    }
-
     #[inline(always)]
     fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
         let front = wo.z.above(0.0) & wi.z.above(0.0);

@@ -165,28 +165,10 @@ impl At<'_, f32> {
 }
 
 impl<R: Real> At<'_, R> {
-    /// f·|cos θᵢ| if `VALUE`, and the density of sampling if `PDF`; 0 for what is not asked for.
+    /// Whether light passes through.
     #[inline(always)]
-    fn scattered<const VALUE: bool, const PDF: bool>(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
-        let zero = wo.z.all(0.0);
-        let behind = (wo.z * wi.z).below(0.0);
-        let seen = self.is_seen(wo) & !wi.z.is(0.0);
-        let (reflects, refracts) = (seen & !behind, seen & behind);
-        let (mut value, mut pdf) = (V3::splat(zero), zero);
-        // Not computed where no density is asked for.
-        let lobes = self.lobes(wo);
-        if reflects.any() {
-            let pair = self.reflected::<VALUE, PDF>(wo, wi, &lobes);
-            (value, pdf) = (pair.0.only(reflects), pair.1.only(reflects));
-        }
-        if self.clear.is_some() && refracts.any() {
-            let pair = self.refracted::<VALUE, PDF>(wo, wi, &lobes);
-            (value, pdf) = (V3::choose(refracts, pair.0, value), refracts.choose(pair.1, pdf));
-        }
-        if VALUE && seen.any() {
-            value = value * self.bound(wo, wi);
-        }
-        (value, pdf)
+    pub(super) fn transmits(&self) -> bool {
+        self.clear.is_some()
     }
 
     /// Where the surface scatters light towards `wo`.
@@ -209,49 +191,37 @@ impl<R: Real> At<'_, R> {
 
     /// Reflection by all lobes, and the density.
     #[inline(always)]
-    fn reflected<const VALUE: bool, const PDF: bool>(&self, wo: V3<R>, wi: V3<R>, lobes: &Lobes<R>) -> (V3<R>, R) {
-        let zero = wo.z.all(0.0);
+    fn reflected(&self, wo: V3<R>, wi: V3<R>, lobes: &Lobes<R>) -> (V3<R>, R) {
         let front = wo.z.above(0.0);
         let (wo, wi) = (self.turned(wo, front), self.turned(wi, front));
         let (h, found) = (wo + wi).try_normalize();
         let (facets, cos) = (facets_of(self.roughness), wo.dot(h));
         let density = facets.density(h);
         let parts = self.facet(cos, front);
-        let (mut value, mut pdf) = (V3::splat(zero), zero);
-        if VALUE {
-            let sent = density * facets.shadowing(wo, h) * facets.shadowing(wi, h) / (wo.z * 4.0);
-            value = (parts[0] * sent).only(cos.above(0.0) & !sent.is(0.0));
-            // From behind only the facets are seen.
-            value = value + self.layers(wo, wi, h).only(front);
-        }
-        if PDF {
-            let base = (lobes.facets.rest() - lobes.coat).at_least(0.0);
-            pdf = lobes.facets * self.splits(parts)[0] * facets.visible_part(density, wo, h) / (cos * 4.0)
-                + base * warp::square_to_cosine_hemisphere_pdf(wi);
-            if let Some(coat) = &self.coat {
-                pdf = pdf + lobes.coat * coat.density(h) * h.z / (cos * 4.0);
-            }
+        let sent = density * facets.shadowing(wo, h) * facets.shadowing(wi, h) / (wo.z * 4.0);
+        let value = (parts[0] * sent).only(cos.above(0.0) & !sent.is(0.0));
+        // From behind only the facets are seen.
+        let value = value + self.layers(wo, wi, h).only(front);
+        let base = (lobes.facets.rest() - lobes.coat).at_least(0.0);
+        let mut pdf = lobes.facets * self.splits(parts)[0] * facets.visible_part(density, wo, h) / (cos * 4.0)
+            + base * warp::square_to_cosine_hemisphere_pdf(wi);
+        if let Some(coat) = &self.coat {
+            pdf = pdf + lobes.coat * coat.density(h) * h.z / (cos * 4.0);
         }
         (value.only(found), pdf.only(found & pdf.finite()))
     }
 
     /// The facets' refraction (Walter et al. 2007, eq. 21), and the density.
     #[inline(always)]
-    fn refracted<const VALUE: bool, const PDF: bool>(&self, wo: V3<R>, wi: V3<R>, lobes: &Lobes<R>) -> (V3<R>, R) {
-        let zero = wo.z.all(0.0);
+    fn refracted(&self, wo: V3<R>, wi: V3<R>, lobes: &Lobes<R>) -> (V3<R>, R) {
         let (g, found) = Geometry::new(wo, wi, self.eta);
         let facets = facets_of(self.roughness);
         let density = facets.density(g.h);
         let parts = self.facet(g.cos_o, wo.z.above(0.0));
-        let (mut value, mut pdf) = (V3::splat(zero), zero);
-        if VALUE {
-            let shadowing = facets.shadowing(g.wo, g.h) * facets.shadowing(g.wi, g.h);
-            let sent = density * shadowing / g.wo.z;
-            value = parts[1] * (sent * g.cos_o * g.jacobian() / (g.eta * g.eta));
-        }
-        if PDF {
-            pdf = lobes.facets * self.splits(parts)[1] * facets.visible_part(density, g.wo, g.h) * g.jacobian();
-        }
+        let shadowing = facets.shadowing(g.wo, g.h) * facets.shadowing(g.wi, g.h);
+        let sent = density * shadowing / g.wo.z;
+        let value = parts[1] * (sent * g.cos_o * g.jacobian() / (g.eta * g.eta));
+        let pdf = lobes.facets * self.splits(parts)[1] * facets.visible_part(density, g.wo, g.h) * g.jacobian();
         (value.only(found), pdf.only(found))
     }
 
@@ -396,18 +366,25 @@ impl<R: Real> At<'_, R> {
 impl<R: Real> Scatter<R> for At<'_, R> {
     /// For radiance.
     #[inline(always)]
-    fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
-        self.scattered::<true, false>(wo, wi).0
-    }
-
-    #[inline(always)]
-    fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
-        self.scattered::<false, true>(wo, wi).1
-    }
-
-    #[inline(always)]
     fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
-        self.scattered::<true, true>(wo, wi)
+        let zero = wo.z.all(0.0);
+        let behind = (wo.z * wi.z).below(0.0);
+        let seen = self.is_seen(wo) & !wi.z.is(0.0);
+        let (reflects, refracts) = (seen & !behind, seen & behind);
+        let (mut value, mut pdf) = (V3::splat(zero), zero);
+        let lobes = self.lobes(wo);
+        if reflects.any() {
+            let pair = self.reflected(wo, wi, &lobes);
+            (value, pdf) = (pair.0.only(reflects), pair.1.only(reflects));
+        }
+        if self.clear.is_some() && refracts.any() {
+            let pair = self.refracted(wo, wi, &lobes);
+            (value, pdf) = (V3::choose(refracts, pair.0, value), refracts.choose(pair.1, pdf));
+        }
+        if seen.any() {
+            value = value * self.bound(wo, wi);
+        }
+        (value, pdf)
     }
 
     /// Chooses a lobe with `lobe` and a direction of it with `u`.

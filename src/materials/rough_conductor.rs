@@ -69,16 +69,6 @@ impl<R: Real> At<R> {
 
 impl<R: Real> Scatter<R> for At<R> {
     #[inline(always)]
-    fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
-        self.value(&self.facet(wo, wi), wo, wi)
-    }
-
-    #[inline(always)]
-    fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
-        self.density(&self.facet(wo, wi), wo)
-    }
-
-    #[inline(always)]
     fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
         let facet = self.facet(wo, wi);
         (self.value(&facet, wo, wi), self.density(&facet, wo))

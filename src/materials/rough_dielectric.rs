@@ -115,18 +115,6 @@ impl<R: Real> RoughDielectric<R> {
 
 impl<R: Real> Scatter<R> for RoughDielectric<R> {
     #[inline(always)]
-    fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
-        let (g, found) = Geometry::new(wo, wi, self.eta);
-        V3::splat(self.value(&g, g.fresnel(), self.facets.density(g.h)).only(found))
-    }
-
-    #[inline(always)]
-    fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
-        let (g, found) = Geometry::new(wo, wi, self.eta);
-        self.density(&g, g.fresnel(), self.facets.density(g.h)).only(found)
-    }
-
-    #[inline(always)]
     fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
         let (g, found) = Geometry::new(wo, wi, self.eta);
         let (fresnel, density) = (g.fresnel(), self.facets.density(g.h));

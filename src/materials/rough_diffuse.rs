@@ -138,11 +138,10 @@ impl<'a, R: Real> At<'a, R> {
         let color = self.reflectance;
         (color * once + color * color * self.c[3]).at_least(1.0)
     }
-}
 
-impl<R: Real> Scatter<R> for At<'_, R> {
+    /// f·cos θᵢ.
     #[inline(always)]
-    fn eval(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
+    fn value(&self, wo: V3<R>, wi: V3<R>) -> V3<R> {
         let front = wo.z.above(0.0) & wi.z.above(0.0);
         if !front.any() {
             return V3::splat(wi.z.all(0.0));
@@ -157,10 +156,12 @@ impl<R: Real> Scatter<R> for At<'_, R> {
         };
         bounded.only(front)
     }
+}
 
+impl<R: Real> Scatter<R> for At<'_, R> {
     #[inline(always)]
-    fn pdf(&self, wo: V3<R>, wi: V3<R>) -> R {
-        cosine_pdf(wo, wi)
+    fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
+        (self.value(wo, wi), cosine_pdf(wo, wi))
     }
 
     /// Cosine-distributed direction. Weights stay below 2 but where both directions graze the surface, and have the mean albedo.
@@ -168,7 +169,7 @@ impl<R: Real> Scatter<R> for At<'_, R> {
     fn sample(&self, wo: V3<R>, _: R, u: [R; 2], _: Transport) -> Drawn<R> {
         let wi = warp::lanes::square_to_cosine_hemisphere(u);
         let pdf = cosine_pdf(wo, wi);
-        Drawn::of_lobe(wi, self.eval(wo, wi) / pdf, pdf)
+        Drawn::of_lobe(wi, self.value(wo, wi) / pdf, pdf)
     }
 
     /// Albedo of the facets.

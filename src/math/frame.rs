@@ -27,6 +27,13 @@ impl<R: Real> Frames<R> {
         Self { s, t: V3::new(b, sign + n.y * n.y * a, -n.y), n }
     }
 
+    /// The same frame in every lane of what is `like` that.
+    #[inline(always)]
+    pub fn all(like: R, [s, t, n]: [Vec3; 3]) -> Self {
+        let like = V3::splat(like);
+        Self { s: like.all(s), t: like.all(t), n: like.all(n) }
+    }
+
     /// World to local.
     #[inline(always)]
     pub fn to_local(&self, v: V3<R>) -> V3<R> {

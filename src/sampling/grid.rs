@@ -50,24 +50,6 @@ impl Grid {
         &self.tables[y * entries..][..entries]
     }
 
-    /// Cells that [`Grid::sample`] would choose for points, columns and rows. What it reads on the way is brought near for all of them
-    /// at once, so they wait for memory together and not one after the other.
-    pub fn cells<const N: usize>(&self, points: &[[f64; 2]; N]) -> [[usize; 2]; N] {
-        let rows = points.map(|[u, v]| {
-            let y = self.rows.sample(v).0;
-            cutpoints::entry(self.table(y), u).into_iter().for_each(prefetch);
-            y
-        });
-        for (&y, &[u, _]) in rows.iter().zip(points) {
-            let first = cutpoints::entry(self.table(y), u).map_or(0, |&first| first as usize);
-            self.row(y).get(first).into_iter().for_each(prefetch);
-        }
-        std::array::from_fn(|i| {
-            let (y, [u, _]) = (rows[i], points[i]);
-            [cutpoints::find(self.row(y), self.table(y), u), y]
-        })
-    }
-
     /// Brings near what [`Grid::density`] reads for a cell.
     #[inline(always)]
     pub fn prefetch(&self, [x, y]: [usize; 2]) {
@@ -166,7 +148,11 @@ mod tests {
                     let ([x, y], density) = grid.sample([u, v]);
                     let (row, below) = halved(&sums, v);
                     let (column, right) = halved(rows[row], u);
-                    assert_eq!(grid.cells(&[[0.5; 2], [u, v]])[1], [column, row]);
+                    let single = [u, v].map(|x| x as f32);
+                    let [below_u, below_v] = single.map(f64::from);
+                    let chosen_row = halved(&sums, below_v).0;
+                    let chosen = [halved(rows[chosen_row], below_u).0, chosen_row];
+                    assert_eq!(grid.choose(single).0.map(|place| place as usize), chosen);
                     let expected = [(column as f64 + right) / width as f64, (row as f64 + below) / height as f64];
                     assert_eq!([x, y], expected, "{width}×{height}, kind {kind}, {u} {v}");
                     assert_eq!(density, grid.density([column, row]));

@@ -9,6 +9,8 @@ pub mod plan;
 pub mod readers;
 mod shadows;
 
+use std::ops::Range;
+
 use glam::Vec3;
 
 use crate::base::random::Random;
@@ -19,6 +21,7 @@ use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::bump::Tangents;
 use crate::materials::medium::{Medium, MediumId};
 use crate::materials::{Kind, Material, Variant};
+use crate::math::lanes::LANES;
 use effects::Needs;
 use media::Border;
 
@@ -106,32 +109,34 @@ impl Scene {
         Some(self.surface(ray, self.accel.intersect(ray)?))
     }
 
-    /// Makes the nearest surfaces on rays with these hits, holes or not, in their places.
+    /// Makes the nearest surfaces on rays with these hits, holes or not: those at `places`, one after the other, while the vertices and
+    /// the vertex indices of later ones come near, and then what their textures hold.
     #[inline(always)]
-    pub fn surfaces(&self, rays: &[Ray], hits: &[Option<Hit>], surfaces: &mut [Surface]) {
-        Surface::all(rays, hits, &self.shapes, surfaces);
-        if self.has_bumps {
-            for ((ray, hit), surface) in rays.iter().zip(hits).zip(surfaces) {
-                if let Some(hit) = hit {
+    pub fn surfaces(&self, rays: &[Ray], hits: &[Option<Hit>], places: Range<usize>, surfaces: &mut [Surface]) {
+        let sixteen = |first: usize| first.min(hits.len())..hits.len().min(first + LANES);
+        for (first, made) in places.step_by(LANES).zip(surfaces.chunks_mut(LANES)) {
+            let (now, next, later) = (sixteen(first), sixteen(first + LANES), sixteen(first + 2 * LANES));
+            self.prefetch(rays, hits, next, later);
+            let (rays, hits) = (&rays[now.clone()], &hits[now]);
+            Surface::all(rays, hits, &self.shapes, made);
+            for ((ray, hit), surface) in rays.iter().zip(hits).zip(made) {
+                let Some(hit) = hit else { continue };
+                if self.has_bumps {
                     self.bend(surface, hit, -ray.direction);
                 }
+                self.material(surface).prefetch(surface.uv);
             }
         }
     }
 
-    /// Brings near the indices of the vertices that [`Scene::surfaces`] will need for these hits.
+    /// Brings near the vertices of the `next` hits, and the vertex indices of `later` ones; where there is no hit, what there is to know
+    /// of the background.
     #[inline(always)]
-    pub fn prefetch_indices(&self, hits: &[Option<Hit>]) {
-        for hit in hits.iter().flatten() {
+    fn prefetch(&self, rays: &[Ray], hits: &[Option<Hit>], next: Range<usize>, later: Range<usize>) {
+        for hit in hits[later].iter().flatten() {
             self.shapes[hit.shape as usize].prefetch_indices(hit.triangle);
         }
-    }
-
-    /// Brings near the vertices, whose indices should be near already, and what there is to know of the background where there is no
-    /// hit.
-    #[inline(always)]
-    pub fn prefetch_vertices(&self, rays: &[Ray], hits: &[Option<Hit>]) {
-        for (ray, hit) in rays.iter().zip(hits) {
+        for (ray, hit) in rays[next.clone()].iter().zip(&hits[next]) {
             match hit {
                 Some(hit) => self.shapes[hit.shape as usize].prefetch_vertices(hit.triangle),
                 None => self.lights.map().into_iter().for_each(|map| map.prefetch(ray.direction)),

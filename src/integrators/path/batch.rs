@@ -1,8 +1,6 @@
 //! Many paths at once: at each depth first all rays, then all vertices, then all shadow rays. Rays of different paths do not wait for
 //! one another's memory, which a path alone would.
 
-use std::ops::Range;
-
 use glam::Vec3;
 
 use super::shade::Groups;
@@ -14,7 +12,6 @@ use crate::base::processor::Avx2;
 use crate::geometry::{Hit, Ray, RayKind, Scratch, Surface};
 use crate::guiding::record::PathRecord;
 use crate::materials::medium::MediumId;
-use crate::math::lanes::LANES;
 use crate::scene::effects::{Effects, Everything, With};
 
 /// Vertices that are made and then shaded: enough for lanes to be full, few enough to remain in the nearest caches.
@@ -207,6 +204,7 @@ impl PathTracer<'_> {
     #[inline(always)]
     fn extend<E: Effects, const RECORDS: bool>(&self, scratch: &mut PathScratch, count: &mut RayCount) {
         let PathScratch { paths, alive, rays, hits, shadows, surfaces, arrivals, groups, queries, vertices } = scratch;
+        surfaces.resize(CHUNK, Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
         for depth in 1..=self.settings.max_depth {
             if alive.is_empty() {
                 break;
@@ -219,7 +217,7 @@ impl PathTracer<'_> {
             let mut kept = 0;
             for first in (0..hits.len()).step_by(CHUNK) {
                 let places = first..hits.len().min(first + CHUNK);
-                self.make_surfaces(rays, hits, places.clone(), surfaces);
+                self.scene.surfaces(rays, hits, places.clone(), surfaces);
                 arrivals.clear();
                 for (place, surface) in places.zip(&mut *surfaces) {
                     let (path, meets) = (alive[place], hits[place].is_some());
@@ -227,8 +225,8 @@ impl PathTracer<'_> {
                     let state = &mut paths[path as usize];
                     arrivals.extend(self.arrive::<E, RECORDS>(numbers, state, meets, surface, vertices));
                 }
-                self.shade::<E>(arrivals, surfaces, paths, groups, |path, at, surface, shaded| {
-                    if self.go_on::<E, RECORDS>(path, at, surface, shaded, vertices, shadows) {
+                self.shade::<E>(arrivals, surfaces, paths, groups, |path, at, surface, shaded, lane| {
+                    if self.go_on::<E, RECORDS>(path, at, surface, (shaded, lane), vertices, shadows) {
                         alive[kept] = at.path;
                         kept += 1;
                     }
@@ -237,23 +235,6 @@ impl PathTracer<'_> {
             alive.truncate(kept);
             count.rays += (rays.len() + shadows.connections.len()) as u64;
             self.resolve::<E, RECORDS>(depth, shadows, queries, vertices);
-        }
-    }
-
-    /// Makes the surfaces at the hits of a chunk, sixteen at a time, while the vertices of the next sixteen and the indices of those
-    /// after them come near; what their textures hold comes near then.
-    #[inline(always)]
-    fn make_surfaces(&self, rays: &[Ray], hits: &[Option<Hit>], places: Range<usize>, surfaces: &mut Vec<Surface>) {
-        surfaces.resize(CHUNK, Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
-        let sixteen = |first: usize| first.min(hits.len())..hits.len().min(first + LANES);
-        for (first, made) in places.step_by(LANES).zip(surfaces.chunks_mut(LANES)) {
-            let (now, next, later) = (sixteen(first), sixteen(first + LANES), sixteen(first + 2 * LANES));
-            self.scene.prefetch_indices(&hits[later]);
-            self.scene.prefetch_vertices(&rays[next.clone()], &hits[next]);
-            self.scene.surfaces(&rays[now.clone()], &hits[now.clone()], made);
-            for (surface, _) in made.iter().zip(&hits[now]).filter(|(_, hit)| hit.is_some()) {
-                self.scene.material(surface).prefetch(surface.uv);
-            }
         }
     }
 

@@ -10,35 +10,204 @@ use crate::integrators::mixture::{Proposal, one_draw};
 use crate::integrators::site::{Draw, Lit, Onward, Site};
 use crate::lights::{LightSamples, LightSet};
 use crate::materials::{Bsdf, Transport, Variant};
-use crate::math::lanes::{self, Kernel, LANES, Mask, Real, V3, Wide};
+use crate::math::lanes::{self, Kernel, LANES, Mask, Real, V3, Vectors, Wide, vector};
 use crate::scene::effects::Effects;
 
-/// What a path does at a vertex, but for the densities of guides and for roulette.
+/// A number in each lane.
+type Column = [f32; LANES];
+
+/// What paths do at up to sixteen vertices, lane by lane, but for the densities of guides and for roulette.
+#[derive(Default)]
 pub(super) struct Shaded {
-    /// Whether a light was sampled from which something comes back, unless something is in the way; the next six say nothing elsewhere.
-    pub lit: bool,
+    /// Where a light was sampled from which something comes back, unless something is in the way, one bit each. What else is said of
+    /// lights counts only there.
+    lit: u32,
+    /// Where no ray can hit the light.
+    light_delta: u32,
+    /// f·|cos θ|·L.
+    light: Vectors,
+    /// Density of light sampling w.r.t. solid angle.
+    light_pdf: Column,
+    /// The BSDF's density in the direction of the light.
+    bsdf_pdf: Column,
+    /// Unit direction to the light; not kept where there are no guides.
+    to_light: Vectors,
+    shadow_origin: Vectors,
+    shadow_direction: Vectors,
+    shadow_length: Column,
+    /// See [`Onward`].
+    any: u32,
+    delta: u32,
+    direction: Vectors,
+    /// Not kept where there are no guides.
+    value: Vectors,
+    weight: Vectors,
+    pdf: Column,
+    /// Not kept where there are no guides.
+    deltas: Column,
+    /// Not kept where nothing refracts.
+    squeeze: Column,
+    origin: Vectors,
+    /// Whether there are guides, and whether anything refracts.
+    guided: bool,
+    refracts: bool,
+    /// Random numbers of roulette.
+    roulette: Column,
+    /// The guides' proposals that were to be taken.
+    proposals: Proposals,
+}
+
+/// Proposals of guides that are to be taken.
+type Proposals = [Option<Proposal>; LANES];
+
+/// Where numbers are kept, in all lanes or in the first alone.
+trait Keep: Copy {
+    type Real: Real;
+
+    fn keep(self, numbers: Self::Real, column: &mut Column);
+
+    #[inline(always)]
+    fn keep_vectors(self, v: V3<Self::Real>, [x, y, z]: &mut Vectors) {
+        self.keep(v.x, x);
+        self.keep(v.y, y);
+        self.keep(v.z, z);
+    }
+}
+
+#[derive(Clone, Copy)]
+struct All<W>(W);
+
+impl<W: Wide> Keep for All<W> {
+    type Real = W::Real;
+
+    #[inline(always)]
+    fn keep(self, numbers: W::Real, column: &mut Column) {
+        *column = self.0.store(numbers);
+    }
+}
+
+#[derive(Clone, Copy)]
+struct First;
+
+impl Keep for First {
+    type Real = f32;
+
+    #[inline(always)]
+    fn keep(self, number: f32, column: &mut Column) {
+        column[0] = number;
+    }
+}
+
+impl Shaded {
+    #[inline(always)]
+    fn keep_light<K: Keep>(&mut self, to: K, light: &LightSamples<K::Real>, lit: &Lit<K::Real>) {
+        self.lit = lit.any.answers();
+        self.light_delta = light.delta.answers();
+        to.keep_vectors(lit.radiance, &mut self.light);
+        to.keep(light.pdf, &mut self.light_pdf);
+        to.keep(lit.pdf, &mut self.bsdf_pdf);
+        if self.guided {
+            to.keep_vectors(light.wi, &mut self.to_light);
+        }
+        to.keep_vectors(lit.ray.0, &mut self.shadow_origin);
+        to.keep_vectors(lit.ray.1, &mut self.shadow_direction);
+        to.keep(lit.ray.2, &mut self.shadow_length);
+    }
+
+    #[inline(always)]
+    fn keep_onward<K: Keep>(&mut self, to: K, onward: &Onward<K::Real>) {
+        self.any = onward.any.answers();
+        self.delta = onward.delta.answers();
+        to.keep_vectors(onward.direction, &mut self.direction);
+        to.keep_vectors(onward.weight, &mut self.weight);
+        to.keep(onward.pdf, &mut self.pdf);
+        to.keep_vectors(onward.origin, &mut self.origin);
+        if self.guided {
+            to.keep_vectors(onward.value, &mut self.value);
+            to.keep(onward.deltas, &mut self.deltas);
+        }
+        self.refracts = onward.squeeze.is_some();
+        if let Some(squeeze) = onward.squeeze {
+            to.keep(squeeze, &mut self.squeeze);
+        }
+    }
+
+    /// The light that was sampled at the vertex in a lane.
+    #[inline(always)]
+    pub fn light(&self, lane: usize) -> Option<Sampled> {
+        (self.lit >> lane & 1 == 1).then(|| Sampled {
+            light: vector(&self.light, lane),
+            pdf: self.light_pdf[lane],
+            bsdf_pdf: self.bsdf_pdf[lane],
+            delta: self.light_delta >> lane & 1 == 1,
+            shadow: (
+                Ray { origin: vector(&self.shadow_origin, lane), direction: vector(&self.shadow_direction, lane) },
+                self.shadow_length[lane],
+            ),
+        })
+    }
+
+    /// Unit direction to the light, where there are guides.
+    #[inline(always)]
+    pub fn to_light(&self, lane: usize) -> Vec3 {
+        vector(&self.to_light, lane)
+    }
+
+    /// Probability of a delta lobe; 0 without guides, where it is not needed.
+    #[inline(always)]
+    pub fn deltas(&self, lane: usize) -> f32 {
+        if self.guided { self.deltas[lane] } else { 0.0 }
+    }
+
+    /// How the path in a lane goes on.
+    #[inline(always)]
+    pub fn onward(&self, lane: usize) -> Onward<f32> {
+        let delta = self.delta >> lane & 1 == 1;
+        let (weight, pdf) = (vector(&self.weight, lane), self.pdf[lane]);
+        let value = match self.guided {
+            true => vector(&self.value, lane),
+            false if delta => Vec3::ZERO,
+            false => weight * pdf,
+        };
+        Onward {
+            any: self.any >> lane & 1 == 1,
+            direction: vector(&self.direction, lane).into(),
+            value: value.into(),
+            weight: weight.into(),
+            pdf,
+            delta,
+            deltas: self.deltas(lane),
+            squeeze: self.refracts.then(|| self.squeeze[lane]),
+            origin: vector(&self.origin, lane).into(),
+        }
+    }
+
+    /// The guide's proposal, if the path in a lane goes on in its direction.
+    #[inline(always)]
+    pub fn proposal(&self, lane: usize) -> Option<Proposal> {
+        if self.guided && self.delta >> lane & 1 == 0 { self.proposals[lane] } else { None }
+    }
+
+    /// Random number of roulette.
+    #[inline(always)]
+    pub fn roulette(&self, lane: usize) -> f32 {
+        self.roulette[lane]
+    }
+}
+
+/// A light that was sampled at a vertex, from which something comes back unless something is in the way.
+pub(super) struct Sampled {
     /// f·|cos θ|·L.
     pub light: Vec3,
     /// Density of light sampling w.r.t. solid angle.
-    pub light_pdf: f32,
-    /// Whether no ray can hit the light.
-    pub light_delta: bool,
-    /// The BSDF's density in the direction of the light.
+    pub pdf: f32,
+    /// The BSDF's density in its direction.
     pub bsdf_pdf: f32,
-    /// Unit direction to the light.
-    pub to_light: Vec3,
+    /// Whether no ray can hit it.
+    pub delta: bool,
     /// The shadow ray with its length.
     pub shadow: (Ray, f32),
-    /// How the path goes on.
-    pub onward: Onward<f32>,
-    /// Random number of roulette.
-    pub roulette: f32,
-    /// The guide's proposal, if the path goes on in its direction.
-    pub proposal: Option<Proposal>,
 }
-
-/// Proposals that are to be taken.
-type Proposals = [Option<Proposal>; LANES];
 
 /// Vertices that are shaded together: of one variant of BSDF, all with bumps or none.
 struct Group<'g> {
@@ -49,55 +218,7 @@ struct Group<'g> {
     rays: [&'g Ray; LANES],
     randoms: [&'g Random; LANES],
     lights: &'g LightSet,
-    /// Proposals of guides that are to be taken; none where no vertex has a guide.
-    proposals: Option<&'g Proposals>,
-}
-
-/// Sixteen vertices after shading, lane by lane.
-#[derive(Default)]
-struct ShadedLanes {
-    lit: u32,
-    light_delta: u32,
-    any: u32,
-    delta: u32,
-    light: [[f32; LANES]; 3],
-    light_pdf: [f32; LANES],
-    bsdf_pdf: [f32; LANES],
-    to_light: [[f32; LANES]; 3],
-    shadow_origin: [[f32; LANES]; 3],
-    shadow_direction: [[f32; LANES]; 3],
-    shadow_length: [f32; LANES],
-    direction: [[f32; LANES]; 3],
-    value: [[f32; LANES]; 3],
-    weight: [[f32; LANES]; 3],
-    origin: [[f32; LANES]; 3],
-    pdf: [f32; LANES],
-    deltas: [f32; LANES],
-    squeeze: [f32; LANES],
-    roulette: [f32; LANES],
-}
-
-#[inline(always)]
-fn store<W: Wide>(wide: W, v: V3<W::Real>) -> [[f32; LANES]; 3] {
-    [wide.store(v.x), wide.store(v.y), wide.store(v.z)]
-}
-
-#[inline(always)]
-fn vectors<W: Wide>(wide: W, of: impl Fn(usize) -> Vec3) -> V3<W::Real> {
-    let (mut x, mut y, mut z) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for lane in 0..LANES {
-        [x[lane], y[lane], z[lane]] = of(lane).to_array();
-    }
-    V3::new(wide.load(&x), wide.load(&y), wide.load(&z))
-}
-
-#[inline(always)]
-fn pairs<W: Wide>(wide: W, points: &[[f32; 2]; LANES]) -> [W::Real; 2] {
-    let mut lanes = [[0.0; LANES]; 2];
-    for (lane, point) in points.iter().enumerate() {
-        [lanes[0][lane], lanes[1][lane]] = *point;
-    }
-    [wide.load(&lanes[0]), wide.load(&lanes[1])]
+    shaded: &'g mut Shaded,
 }
 
 impl Group<'_> {
@@ -116,119 +237,57 @@ impl Group<'_> {
     fn draw<W: Wide>(&self, wide: W) -> Draw<W::Real> {
         let chooses = self.bsdfs[0].chooses_lobe();
         let lobes = if chooses { self.draws(Dimension::LOBE).numbers() } else { [0.0; LANES] };
-        let guided = self.proposals.map(|proposals| {
-            let mut taken = [0.0; LANES];
+        let guided = self.shaded.guided.then(|| {
+            let (proposals, mut taken) = (&self.shaded.proposals, [0.0; LANES]);
             for (taken, proposal) in taken.iter_mut().zip(proposals) {
                 *taken = f32::from(proposal.is_some());
             }
-            (wide.load(&taken).above(0.0), vectors(wide, |lane| proposals[lane].map_or(Vec3::ZERO, |of| of.direction)))
+            let directions = wide.vectors(|lane| proposals[lane].map_or(Vec3::ZERO, |of| of.direction));
+            (wide.load(&taken).above(0.0), directions)
         });
-        let u = pairs(wide, &self.draws(Dimension::DIRECTION).points());
+        let u = wide.points(&self.draws(Dimension::DIRECTION).points());
         Draw { lobe: wide.load(&lobes), u, guided, transport: Transport::Radiance }
     }
 }
 
 impl Kernel for Group<'_> {
-    type Output = ShadedLanes;
+    type Output = ();
 
     #[inline(always)]
-    fn run<W: Wide>(self, wide: W) -> ShadedLanes {
+    fn run<W: Wide>(self, wide: W) {
         let (vertices, surfaces) = (&self.vertices, &self.surfaces);
         let origins = Origins {
-            point: vectors(wide, |lane| surfaces[lane].point),
-            error: vectors(wide, |lane| surfaces[lane].error),
-            normal: vectors(wide, |lane| surfaces[lane].normal),
+            point: wide.vectors(|lane| surfaces[lane].point),
+            error: wide.vectors(|lane| surfaces[lane].error),
+            normal: wide.vectors(|lane| surfaces[lane].normal),
         };
-        let normal = vectors(wide, |lane| surfaces[lane].shading);
+        let normal = wide.vectors(|lane| surfaces[lane].shading);
         let (bumped, mut smooth) = (vertices[0].bumped, normal);
         if bumped {
-            smooth = vectors(wide, |lane| surfaces[lane].smooth);
+            smooth = wide.vectors(|lane| surfaces[lane].smooth);
         }
-        let out = -vectors(wide, |lane| self.rays[lane].direction);
+        let out = -wide.vectors(|lane| self.rays[lane].direction);
         let mut points = [&self.bsdfs[0]; LANES];
         for (point, bsdf) in points.iter_mut().zip(self.bsdfs) {
             *point = bsdf;
         }
         let site = Site::new(origins, normal, smooth, out, Bsdf::gather(wide, points), bumped);
-        let mut lanes = ShadedLanes::default();
         if vertices.iter().any(|vertex| vertex.connects) {
             let light = self.lights(wide, &origins.point);
-            lanes.light(wide, &light, &site.light(&light));
+            self.shaded.keep_light(All(wide), &light, &site.light(&light));
         }
-        lanes.onward(wide, &site.draw(&self.draw(wide)));
-        lanes.roulette = self.draws(Dimension::ROULETTE).numbers();
-        lanes
+        let draw = self.draw(wide);
+        self.shaded.roulette = self.draws(Dimension::ROULETTE).numbers();
+        self.shaded.keep_onward(All(wide), &site.draw(&draw));
     }
 }
 
-impl ShadedLanes {
-    #[inline(always)]
-    fn light<W: Wide>(&mut self, wide: W, light: &LightSamples<W::Real>, lit: &Lit<W::Real>) {
-        self.lit = lit.any.answers();
-        self.light_delta = light.delta.answers();
-        self.light = store(wide, lit.radiance);
-        self.light_pdf = wide.store(light.pdf);
-        self.bsdf_pdf = wide.store(lit.pdf);
-        self.to_light = store(wide, light.wi);
-        self.shadow_origin = store(wide, lit.ray.0);
-        self.shadow_direction = store(wide, lit.ray.1);
-        self.shadow_length = wide.store(lit.ray.2);
-    }
-
-    #[inline(always)]
-    fn onward<W: Wide>(&mut self, wide: W, onward: &Onward<W::Real>) {
-        self.any = onward.any.answers();
-        self.delta = onward.delta.answers();
-        self.direction = store(wide, onward.direction);
-        self.value = store(wide, onward.value);
-        self.weight = store(wide, onward.weight);
-        self.origin = store(wide, onward.origin);
-        self.pdf = wide.store(onward.pdf);
-        self.deltas = wide.store(onward.deltas);
-        self.squeeze = wide.store(onward.squeeze);
-    }
-
-    /// One lane, for which a guide proposed `proposal`.
-    #[inline(always)]
-    fn at(&self, lane: usize, proposal: Option<Proposal>) -> Shaded {
-        let is = |answers: u32| answers >> lane & 1 == 1;
-        let v = |of: &[[f32; LANES]; 3]| Vec3::new(of[0][lane], of[1][lane], of[2][lane]);
-        let delta = is(self.delta);
-        Shaded {
-            lit: is(self.lit),
-            light: v(&self.light),
-            light_pdf: self.light_pdf[lane],
-            light_delta: is(self.light_delta),
-            bsdf_pdf: self.bsdf_pdf[lane],
-            to_light: v(&self.to_light),
-            shadow: (
-                Ray { origin: v(&self.shadow_origin), direction: v(&self.shadow_direction) },
-                self.shadow_length[lane],
-            ),
-            onward: Onward {
-                any: is(self.any),
-                direction: v(&self.direction).into(),
-                value: v(&self.value).into(),
-                weight: v(&self.weight).into(),
-                pdf: self.pdf[lane],
-                delta,
-                deltas: self.deltas[lane],
-                squeeze: self.squeeze[lane],
-                origin: v(&self.origin).into(),
-            },
-            roulette: self.roulette[lane],
-            proposal: proposal.filter(|_| !delta),
-        }
-    }
-}
-
-/// Vertices by what may be shaded together, reused from chunk to chunk.
+/// Vertices by what may be shaded together, and room for what becomes of them, reused from chunk to chunk.
 #[derive(Default)]
 pub(super) struct Groups {
     /// Indices of vertices, for each variant with and without bumps.
     alike: Vec<Vec<u32>>,
-    /// Those that are shaded one by one.
-    single: Vec<u32>,
+    shaded: Shaded,
 }
 
 impl Groups {
@@ -236,7 +295,6 @@ impl Groups {
     fn sort(&mut self, vertices: &[Arrival]) {
         self.alike.resize_with(2 * Variant::COUNT, Vec::new);
         self.alike.iter_mut().for_each(Vec::clear);
-        self.single.clear();
         for (index, vertex) in (0..).zip(vertices) {
             self.alike[2 * vertex.variant.index() + usize::from(vertex.bumped)].push(index);
         }
@@ -264,121 +322,96 @@ impl PathTracer<'_> {
         surfaces: &[Surface],
         paths: &mut [PathState],
         groups: &mut Groups,
-        mut take: impl FnMut(&mut PathState, &Arrival, &Surface, &Shaded),
+        mut take: impl FnMut(&mut PathState, &Arrival, &Surface, &Shaded, usize),
     ) {
         groups.sort(vertices);
-        let Groups { alike, single } = groups;
         let fewest = if lanes::available() { FEWEST } else { usize::MAX };
+        let Groups { alike, shaded } = groups;
         for indices in alike.iter().flat_map(|alike| alike.chunks(LANES)) {
-            if indices.len() < fewest {
-                single.extend(indices);
-                continue;
+            let together = if indices.len() < fewest { 1 } else { LANES };
+            for indices in indices.chunks(together) {
+                // Lanes behind the last vertex repeat the first, and are not looked at.
+                let mut group = [&vertices[indices[0] as usize]; LANES];
+                for (lane, index) in group.iter_mut().zip(indices) {
+                    *lane = &vertices[*index as usize];
+                }
+                self.propose::<E>(&group[..indices.len()], surfaces, paths, shaded);
+                if together == 1 {
+                    self.shade_one(group[0], surfaces, paths, shaded);
+                } else {
+                    self.shade_lanes(group, indices.len(), surfaces, paths, shaded);
+                }
+                for (lane, at) in group.into_iter().enumerate().take(indices.len()) {
+                    take(&mut paths[at.path as usize], at, &surfaces[at.place as usize], shaded, lane);
+                }
             }
-            // Lanes behind the last vertex repeat the first, and are not looked at.
-            let mut group = [&vertices[indices[0] as usize]; LANES];
-            for (lane, index) in group.iter_mut().zip(indices) {
-                *lane = &vertices[*index as usize];
-            }
-            let group_surfaces = group.map(|at| &surfaces[at.place as usize]);
-            let Some((lanes, proposals)) = self.shade_lanes::<E>(group, group_surfaces, indices.len(), paths) else {
-                single.extend(indices);
-                continue;
-            };
-            for lane in 0..indices.len() {
-                let (at, surface) = (group[lane], group_surfaces[lane]);
-                let shaded = lanes.at(lane, proposals.as_ref().and_then(|proposals| proposals[lane]));
-                take(&mut paths[at.path as usize], at, surface, &shaded);
-            }
-        }
-        for index in &*single {
-            let at = &vertices[*index as usize];
-            let (path, surface) = (&mut paths[at.path as usize], &surfaces[at.place as usize]);
-            let shaded = self.shade_one::<E>(at, surface, path);
-            take(path, at, surface, &shaded);
         }
     }
 
-    /// Shades vertices together, of which the first `count` are looked at; none where the processor has no lanes.
+    /// Lets the guides at vertices propose directions.
     #[inline(always)]
-    fn shade_lanes<E: Effects>(
+    fn propose<E: Effects>(
+        &self,
+        vertices: &[&Arrival],
+        surfaces: &[Surface],
+        paths: &[PathState],
+        shaded: &mut Shaded,
+    ) {
+        shaded.lit = 0;
+        shaded.guided = E::GUIDING && vertices.iter().any(|at| at.voxel.is_some());
+        if shaded.guided {
+            shaded.proposals = [None; LANES];
+            for (proposal, at) in shaded.proposals.iter_mut().zip(vertices) {
+                let guide = self.guide(at.voxel, surfaces[at.place as usize].point);
+                *proposal = guide.and_then(|guide| Proposal::new(&guide, &paths[at.path as usize].random));
+            }
+        }
+    }
+
+    /// Shades vertices together, of which the first `count` are looked at.
+    #[inline(always)]
+    fn shade_lanes(
         &self,
         vertices: [&Arrival; LANES],
-        surfaces: [&Surface; LANES],
         count: usize,
+        surfaces: &[Surface],
         paths: &[PathState],
-    ) -> Option<(ShadedLanes, Option<Proposals>)> {
+        shaded: &mut Shaded,
+    ) {
+        let surfaces = vertices.map(|at| &surfaces[at.place as usize]);
         let mut bsdfs = [self.bsdf(vertices[0], surfaces[0]); LANES];
         for lane in 1..count {
             bsdfs[lane] = self.bsdf(vertices[lane], surfaces[lane]);
         }
-        let path = |lane: usize| &paths[vertices[lane].path as usize];
-        let proposals = self.proposals::<E>(vertices, surfaces, count, paths);
         let group = Group {
             vertices,
             surfaces,
             bsdfs: &bsdfs,
-            rays: std::array::from_fn(|lane| &path(lane).ray),
-            randoms: std::array::from_fn(|lane| &path(lane).random),
+            rays: vertices.map(|at| &paths[at.path as usize].ray),
+            randoms: vertices.map(|at| &paths[at.path as usize].random),
             lights: &self.scene.lights,
-            proposals: proposals.as_ref(),
+            shaded,
         };
-        let shaded = lanes::run(group).ok()?;
-        Some((shaded, proposals))
+        // There are lanes, or these would have been shaded one by one.
+        let _ = lanes::run(group);
     }
 
-    /// Proposals of the guides at the first `count` vertices; none where there are no guides.
-    #[inline(always)]
-    fn proposals<E: Effects>(
-        &self,
-        vertices: [&Arrival; LANES],
-        surfaces: [&Surface; LANES],
-        count: usize,
-        paths: &[PathState],
-    ) -> Option<Proposals> {
-        if !E::GUIDING || vertices.iter().all(|vertex| vertex.voxel.is_none()) {
-            return None;
-        }
-        let mut proposals = [None; LANES];
-        for lane in 0..count {
-            let random = &paths[vertices[lane].path as usize].random;
-            proposals[lane] = self.proposal(vertices[lane], surfaces[lane], random);
-        }
-        Some(proposals)
-    }
-
-    /// What the guide at a vertex proposes; none without a guide, or where the BSDF is chosen.
-    #[inline(always)]
-    fn proposal(&self, at: &Arrival, surface: &Surface, random: &Random) -> Option<Proposal> {
-        Proposal::new(&self.guide(at.voxel, surface.point)?, random)
-    }
-
-    /// Shades a vertex alone: the same in one lane.
-    fn shade_one<E: Effects>(&self, at: &Arrival, surface: &Surface, path: &PathState) -> Shaded {
+    /// Shades a vertex alone, in the first lane.
+    fn shade_one(&self, at: &Arrival, surfaces: &[Surface], paths: &[PathState], shaded: &mut Shaded) {
+        let (path, surface) = (&paths[at.path as usize], &surfaces[at.place as usize]);
         let (lights, random, bsdf) = (&self.scene.lights, &path.random, self.bsdf(at, surface));
         let (normal, smooth, out) = (surface.shading.into(), surface.smooth.into(), -path.ray.direction);
         let site = Site::<f32>::new(surface.origin(), normal, smooth, out.into(), bsdf, at.bumped);
-        let sampled =
-            || lights.sample(surface.point, lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
-        let light = if at.connects { sampled() } else { None };
-        let lit = light.map(|light| site.light(&light.into()));
-        let proposal = if E::GUIDING { self.proposal(at, surface, random) } else { None };
-        // The probability of a delta lobe is needed wherever there is a guide, whoever chooses.
-        let guided = at.voxel.filter(|_| E::GUIDING).map(|_| proposal);
-        let onward = site.draw(&one_draw(random, bsdf.chooses_lobe(), guided, Transport::Radiance));
-        let zero = V3::from(Vec3::ZERO);
-        let Lit { any, radiance, pdf, ray: (origin, direction, length) } =
-            lit.unwrap_or(Lit { any: false, radiance: zero, pdf: 0.0, ray: (zero, zero, 0.0) });
-        Shaded {
-            lit: any,
-            light: radiance.into(),
-            light_pdf: light.map_or(0.0, |light| light.pdf),
-            light_delta: light.is_some_and(|light| light.delta),
-            bsdf_pdf: pdf,
-            to_light: light.map_or(Vec3::ZERO, |light| light.wi),
-            shadow: (Ray { origin: origin.into(), direction: direction.into() }, length),
-            proposal: proposal.filter(|_| !onward.delta),
-            onward,
-            roulette: random.at(Dimension::ROULETTE).next_f32(),
+        if at.connects {
+            let u = random.at(Dimension::LIGHT_POINT).next_2d();
+            if let Some(light) = lights.sample(surface.point, lights.choice(random), u) {
+                let light = light.into();
+                shaded.keep_light(First, &light, &site.light(&light));
+            }
         }
+        let guided = shaded.guided.then_some(shaded.proposals[0]);
+        let draw = one_draw(random, bsdf.chooses_lobe(), guided, Transport::Radiance);
+        shaded.roulette[0] = random.at(Dimension::ROULETTE).next_f32();
+        shaded.keep_onward(First, &site.draw(&draw));
     }
 }

@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 
-use super::{Bits, Kernel, LANES, Mask, Real, Wide, columns_by_four, lane_by_lane, same_number};
+use super::{Bits, Kernel, LANES, Mask, Real, Wide, as_bytes, columns_by_four, lane_by_lane, same_number};
 use crate::base::processor::Avx512;
 
 /// Numbers.
@@ -243,32 +243,7 @@ impl Mask for Answers {
 }
 
 impl Wide for Avx512 {
-    type Real = Numbers;
-
-    #[inline(always)]
-    fn load(self, numbers: &[f32; LANES]) -> Numbers {
-        Numbers(bytemuck::cast(*numbers))
-    }
-
-    #[inline(always)]
-    fn store(self, numbers: Numbers) -> [f32; LANES] {
-        bytemuck::cast(numbers.0)
-    }
-
-    #[inline(always)]
-    fn load_bits(self, integers: &[i32; LANES]) -> Integers {
-        Integers(bytemuck::cast(*integers))
-    }
-
-    #[inline(always)]
-    fn store_bits(self, integers: Integers) -> [i32; LANES] {
-        bytemuck::cast(integers.0)
-    }
-
-    #[inline(always)]
-    fn each<T: Copy>(self, values: [T; LANES]) -> [T; LANES] {
-        values
-    }
+    as_bytes!();
 
     #[inline(always)]
     fn run<K: Kernel>(self, kernel: K) -> K::Output {

@@ -7,7 +7,6 @@
 //!
 //! Values of wide types come from a token of [`Wide`], which proves that the processor has the instructions, or from other values.
 
-mod axes;
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code, reason = "intrinsics; each value proves that the processor has them")]
 mod avx2;
@@ -24,17 +23,27 @@ mod vector;
 use std::fmt::Debug;
 use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 
+use glam::Vec3;
+
 use crate::base::processor::Avx2;
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx512;
 
-pub use axes::Axes;
 pub use gather::Gather;
 pub(crate) use gather::lanes_of;
 pub use vector::V3;
 
 /// Lanes of the wide types.
 pub const LANES: usize = 16;
+
+/// A vector in each lane as plain numbers, coordinate by coordinate.
+pub type Vectors = [[f32; LANES]; 3];
+
+/// The vector of a lane.
+#[inline(always)]
+pub fn vector(of: &Vectors, lane: usize) -> Vec3 {
+    Vec3::new(of[0][lane], of[1][lane], of[2][lane])
+}
 
 /// Numbers in single precision, one per lane.
 pub trait Real:
@@ -241,6 +250,40 @@ pub trait Wide: Copy + Send + Sync {
     fn load(self, numbers: &[f32; LANES]) -> Self::Real;
     /// Lane by lane.
     fn store(self, numbers: Self::Real) -> [f32; LANES];
+    /// Vectors lane by lane, coordinate by coordinate.
+    #[inline(always)]
+    fn load_vectors(self, [x, y, z]: &Vectors) -> V3<Self::Real> {
+        V3::new(self.load(x), self.load(y), self.load(z))
+    }
+
+    /// Vectors lane by lane, coordinate by coordinate.
+    #[inline(always)]
+    fn store_vectors(self, v: V3<Self::Real>) -> Vectors {
+        [self.store(v.x), self.store(v.y), self.store(v.z)]
+    }
+
+    /// The vector that `of` tells for each lane.
+    #[inline(always)]
+    fn vectors(self, of: impl Fn(usize) -> Vec3) -> V3<Self::Real> {
+        let mut columns = [[0.0; LANES]; 3];
+        let [x, y, z] = &mut columns;
+        for lane in 0..LANES {
+            [x[lane], y[lane], z[lane]] = of(lane).to_array();
+        }
+        self.load_vectors(&columns)
+    }
+
+    /// Both coordinates of the point of each lane.
+    #[inline(always)]
+    fn points(self, of: &[[f32; 2]; LANES]) -> [Self::Real; 2] {
+        let mut columns = [[0.0; LANES]; 2];
+        let [x, y] = &mut columns;
+        for (lane, point) in of.iter().enumerate() {
+            [x[lane], y[lane]] = *point;
+        }
+        [self.load(&columns[0]), self.load(&columns[1])]
+    }
+
     /// Integers lane by lane.
     fn load_bits(self, integers: &[i32; LANES]) -> <Self::Real as Real>::Bits;
     /// Integers lane by lane.
@@ -252,6 +295,7 @@ pub trait Wide: Copy + Send + Sync {
 }
 
 /// Arithmetic of wide numbers with one that is the same in every lane.
+#[cfg(target_arch = "x86_64")]
 macro_rules! same_number {
     ($type:ident: $($trait:ident $name:ident),+) => {$(
         impl $trait<f32> for $type {
@@ -266,6 +310,7 @@ macro_rules! same_number {
 }
 
 /// What wide numbers do lane by lane, in plain numbers.
+#[cfg(target_arch = "x86_64")]
 macro_rules! lane_by_lane {
     () => {
         type Each<T: Copy> = [T; LANES];
@@ -289,6 +334,39 @@ macro_rules! lane_by_lane {
                 rows[lane] = f(lane, one);
             }
             numbers[0].columns(&rows)
+        }
+    };
+}
+
+/// How values of wide types come from memory and go there: as the same bytes.
+#[cfg(target_arch = "x86_64")]
+macro_rules! as_bytes {
+    () => {
+        type Real = Numbers;
+
+        #[inline(always)]
+        fn load(self, numbers: &[f32; LANES]) -> Numbers {
+            Numbers(bytemuck::cast(*numbers))
+        }
+
+        #[inline(always)]
+        fn store(self, numbers: Numbers) -> [f32; LANES] {
+            bytemuck::cast(numbers.0)
+        }
+
+        #[inline(always)]
+        fn load_bits(self, integers: &[i32; LANES]) -> Integers {
+            Integers(bytemuck::cast(*integers))
+        }
+
+        #[inline(always)]
+        fn store_bits(self, integers: Integers) -> [i32; LANES] {
+            bytemuck::cast(integers.0)
+        }
+
+        #[inline(always)]
+        fn each<T: Copy>(self, values: [T; LANES]) -> [T; LANES] {
+            values
         }
     };
 }
@@ -319,8 +397,7 @@ macro_rules! columns_by_four {
     };
 }
 #[cfg(target_arch = "x86_64")]
-use columns_by_four;
-use {lane_by_lane, same_number};
+use {as_bytes, columns_by_four, lane_by_lane, same_number};
 
 /// Code for any wide type.
 pub trait Kernel {

@@ -4,8 +4,6 @@
 //! nothing that a guide, a medium, another material, a hole or a record would ask for. Rays, points of surfaces, lights and textures
 //! are the library's.
 
-use std::ops::Range;
-
 use glam::Vec3;
 
 #[cfg(target_arch = "x86_64")]
@@ -18,7 +16,7 @@ use crate::lights::area::AreaLight;
 use crate::materials::diffuse::{self, Diffuse};
 use crate::materials::{Kind, Scatter, Transport};
 use crate::math::Frames;
-use crate::math::lanes::{self, Gather, Kernel, LANES, Mask, Real, V3, Wide};
+use crate::math::lanes::{self, Gather, Kernel, LANES, Mask, Real, V3, Vectors, Wide, vector};
 use crate::sampling::mis;
 use crate::scene::Scene;
 
@@ -164,6 +162,7 @@ impl<'a> Twin<'a> {
     fn extend(&self, scratch: &mut Scratch) {
         let Scratch { paths, alive, rays, hits, surfaces, arrivals, queries, shadows, connections, occluded, vertices } =
             scratch;
+        surfaces.resize(CHUNK, Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
         for depth in 1..=self.max_depth {
             if alive.is_empty() {
                 break;
@@ -176,7 +175,7 @@ impl<'a> Twin<'a> {
             let mut kept = 0;
             for first in (0..hits.len()).step_by(CHUNK) {
                 let places = first..hits.len().min(first + CHUNK);
-                self.make_surfaces(rays, hits, places.clone(), surfaces);
+                self.scene.surfaces(rays, hits, places.clone(), surfaces);
                 arrivals.clear();
                 for (place, surface) in places.zip(&*surfaces) {
                     let path = alive[place];
@@ -216,21 +215,6 @@ impl<'a> Twin<'a> {
             }
             shadows.clear();
             connections.clear();
-        }
-    }
-
-    #[inline(always)]
-    fn make_surfaces(&self, rays: &[Ray], hits: &[Option<Hit>], places: Range<usize>, surfaces: &mut Vec<Surface>) {
-        surfaces.resize(CHUNK, Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
-        let sixteen = |first: usize| first.min(hits.len())..hits.len().min(first + LANES);
-        for (first, made) in places.step_by(LANES).zip(surfaces.chunks_mut(LANES)) {
-            let (now, next, later) = (sixteen(first), sixteen(first + LANES), sixteen(first + 2 * LANES));
-            self.scene.prefetch_indices(&hits[later]);
-            self.scene.prefetch_vertices(&rays[next.clone()], &hits[next]);
-            self.scene.surfaces(&rays[now.clone()], &hits[now.clone()], made);
-            for (surface, _) in made.iter().zip(&hits[now]).filter(|(_, hit)| hit.is_some()) {
-                self.material(surface).diffuse.reflectance.prefetch(surface.uv);
-            }
         }
     }
 
@@ -326,22 +310,17 @@ type Column = [f32; LANES];
 struct Shaded {
     lit: u32,
     any: u32,
-    light: [Column; 3],
+    light: Vectors,
     light_pdf: Column,
     bsdf_pdf: Column,
-    shadow_origin: [Column; 3],
-    shadow_direction: [Column; 3],
+    shadow_origin: Vectors,
+    shadow_direction: Vectors,
     shadow_length: Column,
-    direction: [Column; 3],
-    weight: [Column; 3],
-    origin: [Column; 3],
+    direction: Vectors,
+    weight: Vectors,
+    origin: Vectors,
     pdf: Column,
     roulette: Column,
-}
-
-#[inline(always)]
-fn vector(of: &[Column; 3], lane: usize) -> Vec3 {
-    Vec3::new(of[0][lane], of[1][lane], of[2][lane])
 }
 
 impl Shaded {
@@ -358,20 +337,6 @@ impl Shaded {
     }
 }
 
-#[inline(always)]
-fn store<W: Wide>(wide: W, v: V3<W::Real>) -> [Column; 3] {
-    [wide.store(v.x), wide.store(v.y), wide.store(v.z)]
-}
-
-#[inline(always)]
-fn vectors<W: Wide>(wide: W, of: impl Fn(usize) -> Vec3) -> V3<W::Real> {
-    let (mut x, mut y, mut z) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for lane in 0..LANES {
-        [x[lane], y[lane], z[lane]] = of(lane).to_array();
-    }
-    V3::new(wide.load(&x), wide.load(&y), wide.load(&z))
-}
-
 impl Kernel for Sixteen<'_> {
     type Output = Shaded;
 
@@ -379,12 +344,12 @@ impl Kernel for Sixteen<'_> {
     fn run<W: Wide>(self, wide: W) -> Shaded {
         let surfaces = &self.surfaces;
         let origins = Origins {
-            point: vectors(wide, |lane| surfaces[lane].point),
-            error: vectors(wide, |lane| surfaces[lane].error),
-            normal: vectors(wide, |lane| surfaces[lane].normal),
+            point: wide.vectors(|lane| surfaces[lane].point),
+            error: wide.vectors(|lane| surfaces[lane].error),
+            normal: wide.vectors(|lane| surfaces[lane].normal),
         };
-        let frames = Frames::new(vectors(wide, |lane| surfaces[lane].shading));
-        let wo = frames.to_local(-vectors(wide, |lane| self.rays[lane].direction));
+        let frames = Frames::new(wide.vectors(|lane| surfaces[lane].shading));
+        let wo = frames.to_local(-wide.vectors(|lane| self.rays[lane].direction));
         let (mut points, mut two_sided) = ([&self.points[0]; LANES], [&false; LANES]);
         for lane in 0..LANES {
             (points[lane], two_sided[lane]) = (&self.points[lane], &self.two_sided[lane]);
@@ -399,26 +364,21 @@ impl Kernel for Sixteen<'_> {
         let wi = frames.to_local(light.wi);
         let (value, bsdf_pdf) = bsdf.eval_and_pdf(wo, V3::choose(turned, -wi, wi));
         let shadow = origins.towards(light.wi, light.distance);
-        let points = draws(Dimension::DIRECTION).points();
-        let (mut u, mut v) = ([0.0; LANES], [0.0; LANES]);
-        for (lane, point) in points.iter().enumerate() {
-            [u[lane], v[lane]] = *point;
-        }
-        let u = [wide.load(&u), wide.load(&v)];
+        let u = wide.points(&draws(Dimension::DIRECTION).points());
         let drawn = bsdf.sample(wo, u[0], u, Transport::Radiance);
         let direction = frames.to_world(V3::choose(turned, -drawn.wi, drawn.wi));
         Shaded {
             lit: (light.found & !value.is_zero()).answers(),
             any: drawn.found.answers(),
-            light: store(wide, value * light.radiance),
+            light: wide.store_vectors(value * light.radiance),
             light_pdf: wide.store(light.pdf),
             bsdf_pdf: wide.store(bsdf_pdf),
-            shadow_origin: store(wide, shadow.0),
-            shadow_direction: store(wide, shadow.1),
+            shadow_origin: wide.store_vectors(shadow.0),
+            shadow_direction: wide.store_vectors(shadow.1),
             shadow_length: wide.store(shadow.2),
-            direction: store(wide, direction),
-            weight: store(wide, drawn.weight),
-            origin: store(wide, origins.leave(direction)),
+            direction: wide.store_vectors(direction),
+            weight: wide.store_vectors(drawn.weight),
+            origin: wide.store_vectors(origins.leave(direction)),
             pdf: wide.store(drawn.pdf),
             roulette: draws(Dimension::ROULETTE).numbers(),
         }
