@@ -169,11 +169,7 @@ impl LightSet {
         choices: &[f64; LANES],
         u: &[[f32; 2]; LANES],
     ) -> LightSamples<W::Real> {
-        let mut columns = [[0.0; LANES]; 2];
-        for lane in 0..LANES {
-            [columns[0][lane], columns[1][lane]] = u[lane];
-        }
-        let u = [wide.load(&columns[0]), wide.load(&columns[1])];
+        let u = wide.points(u);
         let (indices, probability) = self.choose_lanes(wide, points, choices);
         let chosen = Chosen::new(wide, &self.lights, indices);
         let mut samples = LightSamples::none(points.x);

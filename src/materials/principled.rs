@@ -105,12 +105,6 @@ fn facets_of<R: Real>(roughness: R) -> Microfacets<R> {
     Microfacets { shape: Shape::Ggx, alpha: roughness.squared().at_least(LEAST_ALPHA) }
 }
 
-/// [`crate::math::channel_mean`] in lanes.
-#[inline(always)]
-fn channel_mean<R: Real>(c: V3<R>) -> R {
-    (c.x + c.y + c.z) * (1.0 / 3.0)
-}
-
 impl Principled {
     /// The material with its bounds tabulated.
     pub fn new(given: Parameters) -> Self {
@@ -321,8 +315,8 @@ impl<R: Real> At<'_, R> {
     fn lobes(&self, wo: V3<R>) -> Lobes<R> {
         let front = wo.z.above(0.0);
         let [reflected, through] = self.facet(wo.z, front);
-        let facets = channel_mean(reflected) + channel_mean(through);
-        let diffuse = self.opaque * channel_mean(self.base) + self.sheen * 0.25 * self.metallic.rest();
+        let facets = reflected.mean() + through.mean();
+        let diffuse = self.opaque * self.base.mean() + self.sheen * 0.25 * self.metallic.rest();
         let coat = match &self.coat {
             Some(coat) => coat.strength * 0.25 * (schlick(wo.z) + COAT_REFLECTION),
             None => wo.z.all(0.0),
@@ -335,7 +329,7 @@ impl<R: Real> At<'_, R> {
     /// either may be next to nothing.
     #[inline(always)]
     fn splits(&self, [reflected, through]: [V3<R>; 2]) -> [R; 2] {
-        let (a, b) = (channel_mean(reflected), channel_mean(through));
+        let (a, b) = (reflected.mean(), through.mean());
         let one = a.all(1.0);
         if self.clear.is_none() {
             return [one, b];

@@ -11,7 +11,7 @@ pub use frame::{Frame, Frames};
 
 /// Mean of the three channels: how a colour becomes the scalar that guiding works on.
 pub fn channel_mean(c: glam::Vec3) -> f32 {
-    (c.x + c.y + c.z) * (1.0 / 3.0)
+    lanes::V3::from(c).mean()
 }
 
 /// Mean of the values without the `outliers` largest; none where no value is left. Reorders `values`.

@@ -42,13 +42,7 @@ impl<W: Wide> Gather<W> for V3<f32> {
 
     #[inline(always)]
     fn gather(wide: W, each: [&Self; LANES]) -> Self::Lanes {
-        let mut numbers = [[0.0; LANES]; 3];
-        for lane in 0..LANES {
-            numbers[0][lane] = each[lane].x;
-            numbers[1][lane] = each[lane].y;
-            numbers[2][lane] = each[lane].z;
-        }
-        V3::new(wide.load(&numbers[0]), wide.load(&numbers[1]), wide.load(&numbers[2]))
+        wide.vectors(|lane| (*each[lane]).into())
     }
 }
 

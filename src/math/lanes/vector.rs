@@ -121,6 +121,12 @@ impl<R: Real> V3<R> {
         }
     }
 
+    /// Mean of the coordinates.
+    #[inline(always)]
+    pub fn mean(self) -> R {
+        (self.x + self.y + self.z) * (1.0 / 3.0)
+    }
+
     /// Squared length.
     #[inline(always)]
     pub fn length_squared(self) -> R {
