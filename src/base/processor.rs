@@ -62,15 +62,21 @@ impl Avx2 {
 
 /// Asks the processor to bring the first cache line of `value` near, since it will be needed soon.
 #[inline(always)]
-#[allow(unsafe_code, reason = "the instruction is an intrinsic that asks for a feature")]
 pub fn prefetch<T>(value: &T) {
+    prefetch_line(value);
+}
+
+/// Asks the processor to bring the cache line at `address` near; one that nothing lies at does no harm.
+#[inline(always)]
+#[allow(unsafe_code, reason = "the instruction is an intrinsic that asks for a feature")]
+pub fn prefetch_line<T>(address: *const T) {
     #[cfg(target_arch = "x86_64")]
     // SAFETY: every x86-64 processor has SSE, and a prefetch changes and faults at nothing.
     unsafe {
-        std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(std::ptr::from_ref(value).cast());
+        std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(address.cast());
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = value;
+    let _ = address;
 }
 
 /// Proof that the processor has, besides those of [`Avx2`], the parts F, VL, BW and DQ of AVX-512: only [`Avx512::detect`] makes one.

@@ -5,10 +5,10 @@ use super::super::node::{Child, Kind, LANES, WIDTH};
 use super::super::query::Query;
 use super::super::traverse::{Hierarchy, Others};
 use super::flight::{Flight, SLOTS, fetch};
-use super::lanes::{Bounds, Lanes, RAYS, farthest, reaching};
-use super::triangles::{self, Found, GROUP};
-use super::wide::Goal;
-use crate::base::processor::Avx512;
+use super::lanes::{farthest, reaching};
+use super::sixteen::{Bounds, Lanes, RAYS};
+use super::triangles::{Found, GROUP};
+use super::wide::{Goal, Job, Wide};
 use crate::geometry::Ray;
 
 /// Rays that leave the bundle rather than visit a node together.
@@ -40,8 +40,8 @@ impl Default for Bundle {
 }
 
 /// What a bundle walks through, and what for.
-pub struct Walk<'a, G, O> {
-    pub tests: Avx512,
+pub struct Walk<'a, T, G, O> {
+    pub tests: T,
     pub goal: G,
     pub tree: &'a Hierarchy,
     pub others: &'a O,
@@ -65,17 +65,17 @@ impl Bundle {
 
     /// Walks the rays through the hierarchy, and calls `answer` with the number and best hit of each that did not leave. The bundle
     /// is empty then.
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512bw,avx512dq")]
-    pub fn walk<G: Goal, O: Others>(
+    #[inline(always)]
+    pub fn walk<T: Wide, G: Goal, O: Others>(
         &mut self,
-        walk: &Walk<G, O>,
+        walk: &Walk<T, G, O>,
         flight: &mut Flight,
         answer: &mut impl FnMut(u32, &Hit),
     ) {
-        let bounds = self.lanes.prepare(self.count, &self.query(0));
+        let bounds = self.lanes.prepare(walk.tests, self.count, &self.query(0));
         let mut staying = ((1u32 << self.count) - 1) as u16;
         self.count = 0;
-        let mut t_max = farthest(&self.lanes);
+        let mut t_max = farthest(walk.tests, &self.lanes);
         let mut current = Entry { child: walk.tree.root, mask: staying, distance: 0.0 };
         self.stack.clear();
         loop {
@@ -87,16 +87,16 @@ impl Bundle {
                 Kind::Node(index) => self.node(walk, index, &bounds, current.mask, t_max),
                 Kind::Packet(index) => {
                     if self.packet(walk, index, current.mask) {
-                        t_max = farthest(&self.lanes);
+                        t_max = farthest(walk.tests, &self.lanes);
                     }
                 }
                 Kind::Other(index) => {
                     if self.other(walk, index, current.mask) {
-                        t_max = farthest(&self.lanes);
+                        t_max = farthest(walk.tests, &self.lanes);
                     }
                 }
             }
-            let Some(next) = self.pop() else { break };
+            let Some(next) = self.pop(walk.tests) else { break };
             current = next;
         }
         for lane in lanes_of(staying) {
@@ -105,12 +105,11 @@ impl Bundle {
     }
 
     /// The next entry that a ray still has to visit.
-    #[inline]
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512bw,avx512dq")]
-    fn pop(&mut self) -> Option<Entry> {
+    #[inline(always)]
+    fn pop(&mut self, tests: impl Wide) -> Option<Entry> {
         loop {
             let entry = self.stack.pop()?;
-            let mask = entry.mask & reaching(&self.lanes, entry.distance);
+            let mask = entry.mask & reaching(tests, &self.lanes, entry.distance);
             if mask != 0 {
                 return Some(Entry { mask, ..entry });
             }
@@ -118,13 +117,19 @@ impl Bundle {
     }
 
     /// Stacks the children of a node that rays of `mask` meet, the one to visit first last.
-    #[inline]
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512bw,avx512dq")]
-    fn node<G: Goal, O>(&mut self, walk: &Walk<G, O>, index: usize, bounds: &Bounds, mask: u16, t_max: f32) {
+    #[inline(always)]
+    fn node<T: Wide, G: Goal, O>(
+        &mut self,
+        walk: &Walk<T, G, O>,
+        index: usize,
+        bounds: &Bounds,
+        mask: u16,
+        t_max: f32,
+    ) {
         let node = &walk.tree.nodes[index];
         let (mut distances, mut met) = ([0.0; WIDTH], [0; WIDTH]);
-        let mut children = bounds.boxes(node, t_max, &mut distances);
-        bounds.rays(&self.lanes, node, children, &mut met);
+        let mut children = bounds.boxes(walk.tests, node, t_max, &mut distances);
+        bounds.rays(walk.tests, &self.lanes, node, children, &mut met);
         let begin = self.stack.len();
         while children != 0 {
             let lane = children.trailing_zeros() as usize % WIDTH;
@@ -133,7 +138,7 @@ impl Bundle {
             if entry.mask == 0 {
                 continue;
             }
-            fetch(walk.tests, walk.tree, entry.child);
+            fetch(walk.tree, entry.child);
             let mut at = self.stack.len();
             self.stack.push(entry);
             while G::NEAREST && at > begin && self.stack[at - 1].distance < entry.distance {
@@ -145,9 +150,8 @@ impl Bundle {
     }
 
     /// Tests the triangles of a packet against the rays of `mask`. Returns whether one looks less far now.
-    #[inline]
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512bw,avx512dq")]
-    fn packet<G: Goal, O>(&mut self, walk: &Walk<G, O>, index: usize, mut mask: u16) -> bool {
+    #[inline(always)]
+    fn packet<T: Wide, G: Goal, O>(&mut self, walk: &Walk<T, G, O>, index: usize, mut mask: u16) -> bool {
         let packet = &walk.tree.packets[index];
         let mut found = Found::NOTHING;
         let mut shorter = false;
@@ -159,9 +163,9 @@ impl Bundle {
                 mask &= mask - 1;
             }
             if G::NEAREST {
-                triangles::bundle::<true>(packet, &self.lanes, group, &mut found);
+                walk.tests.bundle::<true>(packet, &self.lanes, group, &mut found);
             } else {
-                triangles::bundle::<false>(packet, &self.lanes, group, &mut found);
+                walk.tests.bundle::<false>(packet, &self.lanes, group, &mut found);
             }
             let mut met = (found.mask | found.on_edge) & ((1 << (LANES * number)) - 1);
             while met != 0 {
@@ -180,7 +184,7 @@ impl Bundle {
     }
 
     #[cold]
-    fn other<G: Goal, O: Others>(&mut self, walk: &Walk<G, O>, index: usize, mask: u16) -> bool {
+    fn other<T: Wide, G: Goal, O: Others>(&mut self, walk: &Walk<T, G, O>, index: usize, mask: u16) -> bool {
         let mut shorter = false;
         for lane in lanes_of(mask) {
             let query = self.query(lane);
@@ -193,10 +197,10 @@ impl Bundle {
     }
 
     /// Lets the rays of an entry fly alone, with all that each still has to visit.
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512bw,avx512dq")]
-    fn leave<G: Goal, O: Others>(
+    #[inline(always)]
+    fn leave<T: Wide, G: Goal, O: Others>(
         &mut self,
-        walk: &Walk<G, O>,
+        walk: &Walk<T, G, O>,
         current: Entry,
         flight: &mut Flight,
         answer: &mut impl FnMut(u32, &Hit),
@@ -205,23 +209,40 @@ impl Bundle {
             land(walk, flight, SLOTS - 1, answer);
             let waiting = self.stack.iter().chain([&current]).filter(|entry| entry.mask >> lane & 1 == 1);
             let entries = waiting.map(|entry| u64::from(entry.distance.to_bits()) << 32 | u64::from(entry.child.0));
-            flight.adopt(walk.tests, walk.tree, self.rays[lane], &self.query(lane), self.best[lane], entries);
+            flight.adopt(walk.tree, self.rays[lane], &self.query(lane), self.best[lane], entries);
             self.lanes.t_max[lane] = -1.0;
         }
     }
 }
 
 /// Goes on with the rays in flight until at most `most` are left.
-#[inline(never)]
-#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512bw,avx512dq")]
-pub fn land<G: Goal, O: Others>(
-    walk: &Walk<G, O>,
+#[inline(always)]
+fn land<T: Wide, G: Goal, O: Others>(
+    walk: &Walk<T, G, O>,
     flight: &mut Flight,
     most: usize,
     answer: &mut impl FnMut(u32, &Hit),
 ) {
-    while flight.len() > most {
-        flight.round(walk.tests, walk.goal, walk.tree, walk.others, answer);
+    if flight.len() > most {
+        walk.tests.apart(Land { walk, flight, most, answer });
+    }
+}
+
+/// See [`land`].
+struct Land<'a, T, G, O, A> {
+    walk: &'a Walk<'a, T, G, O>,
+    flight: &'a mut Flight,
+    most: usize,
+    answer: &'a mut A,
+}
+
+impl<T: Wide, G: Goal, O: Others, A: FnMut(u32, &Hit)> Job for Land<'_, T, G, O, A> {
+    #[inline(always)]
+    fn run(self) {
+        let Walk { tests, goal, tree, others } = *self.walk;
+        while self.flight.len() > self.most {
+            self.flight.round(tests, goal, tree, others, self.answer);
+        }
     }
 }
 

@@ -6,9 +6,10 @@ use glam::Vec3;
 use super::super::Hit;
 use super::super::node::{Child, Kind, LANES, Node, Packet, WIDTH};
 use super::super::query::Query;
-use super::super::traverse::{Hierarchy, Others, Tests};
+use super::super::traverse::{Hierarchy, Others};
 use super::triangles::{Found, GROUP, RayBlock};
 use super::wide::{Goal, Wide};
+use crate::base::processor::prefetch_line;
 
 /// Rays in flight.
 pub const SLOTS: usize = 32;
@@ -102,21 +103,13 @@ impl Flight {
 
     /// Lets a ray start at the root, with what it knows of its best hit. There is a free slot.
     #[inline(always)]
-    pub fn start<T: Wide>(&mut self, tests: T, tree: &Hierarchy, ray: u32, query: &Query, best: Hit) {
-        self.adopt(tests, tree, ray, query, best, [u64::from(tree.root.0)].into_iter());
+    pub fn start(&mut self, tree: &Hierarchy, ray: u32, query: &Query, best: Hit) {
+        self.adopt(tree, ray, query, best, [u64::from(tree.root.0)].into_iter());
     }
 
     /// Lets a ray go on with stack entries, the last first. There is a free slot.
     #[inline(always)]
-    pub fn adopt<T: Wide>(
-        &mut self,
-        tests: T,
-        tree: &Hierarchy,
-        ray: u32,
-        query: &Query,
-        best: Hit,
-        entries: impl Iterator<Item = u64>,
-    ) {
+    pub fn adopt(&mut self, tree: &Hierarchy, ray: u32, query: &Query, best: Hit, entries: impl Iterator<Item = u64>) {
         let Some(slot) = self.free.pop() else { return };
         let at = usize::from(slot) % SLOTS;
         let begin = self.slots[at].begin;
@@ -127,13 +120,13 @@ impl Flight {
         }
         let (block, current) = (RayBlock::new(&query.shear, best.distance), Child(self.stacks[end] as u32));
         self.slots[at] = Slot { block, query: *query, best, current, begin, end: end as u32, ray };
-        self.proceed(tests, tree, slot, current);
+        self.proceed(tree, slot, current);
     }
 
     /// Queues a slot for `child`, which is fetched.
     #[inline(always)]
-    fn proceed<T: Wide>(&mut self, tests: T, tree: &Hierarchy, slot: u8, child: Child) {
-        fetch(tests, tree, child);
+    fn proceed(&mut self, tree: &Hierarchy, slot: u8, child: Child) {
+        fetch(tree, child);
         self.queues.push(slot, child);
     }
 
@@ -180,7 +173,7 @@ impl Flight {
         let child = Child(window[count] as u32);
         state.current = child;
         state.end = (top + count) as u32;
-        self.proceed(tests, tree, slot, child);
+        self.proceed(tree, slot, child);
     }
 
     /// Tests the packets of the queue in groups; what is left waits for the next round, unless no ray is at a node.
@@ -226,9 +219,9 @@ impl Flight {
         let packets = at.map(|at| &tree.packets[packet_of(self.slots[at].current)]);
         let rays = at.map(|at| &self.slots[at].block);
         if G::NEAREST {
-            tests.group::<true>(packets, rays, found);
+            tests.test_each::<true>(packets, rays, found);
         } else {
-            tests.group::<false>(packets, rays, found);
+            tests.test_each::<false>(packets, rays, found);
         }
         let mut met = (found.mask | found.on_edge) & ((1 << (LANES * number)) - 1);
         while met != 0 {
@@ -276,7 +269,7 @@ impl Flight {
         state.end -= 1;
         let child = Child(self.stacks[state.end as usize] as u32);
         state.current = child;
-        self.proceed(tests, tree, slot, child);
+        self.proceed(tree, slot, child);
     }
 }
 
@@ -288,7 +281,7 @@ fn packet_of(child: Child) -> usize {
 
 /// Fetches what `child` refers to into the cache; an address that nothing lies at does no harm.
 #[inline(always)]
-pub fn fetch<T: Wide>(tests: T, tree: &Hierarchy, child: Child) {
+pub fn fetch(tree: &Hierarchy, child: Child) {
     let index = (child.0 << 2 >> 2) as usize;
     let (base, size) = match child.kind() {
         Kind::Node(_) => (tree.nodes.as_ptr().cast::<u8>(), size_of::<Node>()),
@@ -296,6 +289,6 @@ pub fn fetch<T: Wide>(tests: T, tree: &Hierarchy, child: Child) {
     };
     let start = base.wrapping_add(index * size);
     for offset in [0, 64, 128, size - 1] {
-        tests.single().prefetch(start.wrapping_add(offset));
+        prefetch_line(start.wrapping_add(offset));
     }
 }

@@ -10,8 +10,9 @@ mod flight;
 mod lanes;
 mod pace;
 #[cfg(target_arch = "x86_64")]
-#[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 mod run;
+#[cfg(target_arch = "x86_64")]
+mod sixteen;
 #[cfg(test)]
 mod tests;
 #[cfg(target_arch = "x86_64")]
@@ -37,7 +38,7 @@ pub use pace::{Pace, RayKind};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Way {
     /// Bundles of sixteen rays of the same octant and main axis, which go from node to node together as long as enough of them do. For
-    /// rays that lie close together, like those of a camera. Needs AVX-512, and is as the next without it.
+    /// rays that lie close together, like those of a camera. Needs AVX2, and is as the last without it.
     Bundles,
     /// Many rays at a time, each of which takes a step in turn. Needs AVX2, and is as the next without it.
     InFlight,

@@ -1,151 +1,116 @@
 //! Batches with the vector instructions of this processor.
 
 use super::super::query::Query;
-use super::super::traverse::{Hierarchy, Kernel, Others};
+use super::super::traverse::{Kernel, Others};
 use super::super::{Accel, Hit};
-use super::bundle::{Walk, land};
+use super::bundle::Walk;
 use super::flight::{Flight, SLOTS};
-use super::lanes::RAYS;
-use super::wide::{Any, Goal, Nearest, Wide};
+use super::sixteen::RAYS;
+use super::wide::{Any, Goal, Job, Nearest, Wide};
 use super::{Scratch, Way};
-use crate::base::processor::{Avx2, Avx512};
 use crate::geometry::Ray;
 
 impl Accel {
     pub(super) fn intersect_wide(&self, rays: &[Ray], way: Way, scratch: &mut Scratch, hits: &mut [Option<Hit>]) {
-        let batch = Batch { tree: &self.hierarchy, others: &self.others, goal: Nearest };
         let asked = |i: usize| (rays[i], f32::MAX);
-        batch.run(rays.len(), asked, way, scratch, |i, hit| hits[i] = hit.found());
+        self.run_wide(Nearest, rays.len(), asked, way, scratch, |i, hit| hits[i] = hit.found());
     }
 
     pub(super) fn occluded_wide(&self, rays: &[(Ray, f32)], way: Way, scratch: &mut Scratch, occluded: &mut [bool]) {
-        let batch = Batch { tree: &self.hierarchy, others: &self.others, goal: Any };
-        batch.run(rays.len(), |i| rays[i], way, scratch, |i, hit| occluded[i] = hit.found().is_some());
+        self.run_wide(Any, rays.len(), |i| rays[i], way, scratch, |i, hit| occluded[i] = hit.found().is_some());
     }
-}
 
-/// A batch of queries with one goal.
-#[derive(Clone, Copy)]
-struct Batch<'a, G, O> {
-    tree: &'a Hierarchy,
-    others: &'a O,
-    goal: G,
-}
-
-impl<G: Goal, O: Others> Batch<'_, G, O> {
     /// Asks for `count` rays with their maximum distances and tells each one's best hit.
-    fn run(
+    fn run_wide(
         &self,
+        goal: impl Goal,
         count: usize,
         asked: impl Fn(usize) -> (Ray, f32),
         way: Way,
         scratch: &mut Scratch,
-        answer: impl FnMut(usize, &Hit),
+        mut answer: impl FnMut(usize, &Hit),
     ) {
-        match self.tree.kernel {
+        let Self { hierarchy: tree, others, .. } = self;
+        let answer = |ray: u32, hit: &Hit| answer(ray as usize, hit);
+        match tree.kernel {
             Kernel::Portable => unreachable!("plain Rust has no batches"),
-            // SAFETY: an `Avx2` exists only where the processor has the features.
-            Kernel::Avx2(tests) => unsafe { self.fly_avx2(tests, count, asked, &mut scratch.flight, answer) },
-            // SAFETY: an `Avx512` exists only where the processor has the features.
-            Kernel::Avx512(tests) if way == Way::Bundles => unsafe {
-                self.walk(tests, count, asked, scratch, answer);
-            },
-            // SAFETY: as above.
-            Kernel::Avx512(tests) => unsafe { self.fly_avx512(tests, count, asked, &mut scratch.flight, answer) },
+            Kernel::Avx2(tests) => {
+                tests.apart(Batch { walk: Walk { tests, goal, tree, others }, count, asked, way, scratch, answer });
+            }
+            Kernel::Avx512(tests) => {
+                tests.apart(Batch { walk: Walk { tests, goal, tree, others }, count, asked, way, scratch, answer });
+            }
         }
     }
+}
 
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    fn fly_avx2(
-        &self,
-        tests: Avx2,
-        count: usize,
-        asked: impl Fn(usize) -> (Ray, f32),
-        flight: &mut Flight,
-        answer: impl FnMut(usize, &Hit),
-    ) {
-        self.fly(tests, count, asked, flight, answer);
-    }
+/// A batch of queries. It owns all that it can: what lies behind references would be read again after each answer.
+struct Batch<'a, T, G, O, Q, A> {
+    walk: Walk<'a, T, G, O>,
+    count: usize,
+    asked: Q,
+    way: Way,
+    scratch: &'a mut Scratch,
+    answer: A,
+}
 
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512bw,avx512dq")]
-    fn fly_avx512(
-        &self,
-        tests: Avx512,
-        count: usize,
-        asked: impl Fn(usize) -> (Ray, f32),
-        flight: &mut Flight,
-        answer: impl FnMut(usize, &Hit),
-    ) {
-        self.fly(tests, count, asked, flight, answer);
-    }
-
-    /// All rays as single ones in flight.
+impl<T, G, O, Q, A> Job for Batch<'_, T, G, O, Q, A>
+where
+    T: Wide,
+    G: Goal,
+    O: Others,
+    Q: Fn(usize) -> (Ray, f32),
+    A: FnMut(u32, &Hit),
+{
     #[inline(always)]
-    fn fly<T: Wide>(
-        &self,
-        tests: T,
-        count: usize,
-        asked: impl Fn(usize) -> (Ray, f32),
-        flight: &mut Flight,
-        mut answer: impl FnMut(usize, &Hit),
-    ) {
-        let Self { tree, others, goal } = *self;
-        flight.prepare(tree);
-        let mut answer = |ray: u32, hit: &Hit| answer(ray as usize, hit);
-        let mut next = 0;
-        loop {
-            while next < count && flight.len() < SLOTS {
-                let (ray, t_max) = asked(next);
-                let unknown = Hit { distance: t_max, ..Hit::NONE };
-                let start = |query: &Query| flight.start(tests, tree, next as u32, query, unknown);
-                if Query::with(&ray, start).is_none() {
-                    answer(next as u32, &unknown);
-                }
-                next += 1;
-            }
-            if flight.len() == 0 {
-                return;
-            }
-            flight.round(tests, goal, tree, others, &mut answer);
-        }
-    }
-
-    /// Rays in bundles of one class, and those that are left over as single ones.
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512bw,avx512dq")]
-    fn walk(
-        &self,
-        tests: Avx512,
-        count: usize,
-        asked: impl Fn(usize) -> (Ray, f32),
-        scratch: &mut Scratch,
-        mut answer: impl FnMut(usize, &Hit),
-    ) {
-        let Self { tree, others, goal } = *self;
-        let walk = Walk { tests, goal, tree, others };
+    fn run(self) {
+        let Self { walk, count, asked, way, scratch, mut answer } = self;
         let Scratch { flight, bundle, classes, sorted } = scratch;
-        let mut answer = |ray: u32, hit: &Hit| answer(ray as usize, hit);
-        flight.prepare(tree);
-        let ends = sort(count, |i| asked(i).0, classes, sorted);
-        let mut from = 0;
-        for end in ends {
-            for group in sorted[from..end].chunks(RAYS) {
-                for &number in group {
-                    let (ray, t_max) = asked(number as usize);
-                    bundle.add(number, &ray, t_max);
+        flight.prepare(walk.tree);
+        sorted.clear();
+        let mut next = 0;
+        if way == Way::Bundles {
+            for end in sort(count, |i| asked(i).0, classes, sorted) {
+                for group in sorted[next..end].chunks(RAYS) {
+                    for &number in group {
+                        let (ray, t_max) = asked(number as usize);
+                        bundle.add(number, &ray, t_max);
+                    }
+                    bundle.walk(&walk, flight, &mut answer);
                 }
-                bundle.walk(&walk, flight, &mut answer);
+                next = end;
             }
-            from = end;
         }
-        for &number in &sorted[from..] {
+        // All rays where none are sorted, and those of no class where all are.
+        let number = |i: usize| sorted.get(i).map_or(i as u32, |number| *number);
+        fly(&walk, (next..count).map(number), asked, flight, answer);
+    }
+}
+
+/// Answers rays of a batch as single ones in flight, and those that are in flight already.
+#[inline(always)]
+fn fly<T: Wide, G: Goal, O: Others>(
+    walk: &Walk<T, G, O>,
+    mut numbers: impl Iterator<Item = u32>,
+    asked: impl Fn(usize) -> (Ray, f32),
+    flight: &mut Flight,
+    mut answer: impl FnMut(u32, &Hit),
+) {
+    let Walk { tests, goal, tree, others } = *walk;
+    loop {
+        while flight.len() < SLOTS
+            && let Some(number) = numbers.next()
+        {
             let (ray, t_max) = asked(number as usize);
             let unknown = Hit { distance: t_max, ..Hit::NONE };
-            land(&walk, flight, SLOTS - 1, &mut answer);
-            if Query::with(&ray, |query| flight.start(tests, tree, number, query, unknown)).is_none() {
+            if Query::with(&ray, |query| flight.start(tree, number, query, unknown)).is_none() {
                 answer(number, &unknown);
             }
         }
-        land(&walk, flight, 0, &mut answer);
+        if flight.len() == 0 {
+            return;
+        }
+        flight.round(tests, goal, tree, others, &mut answer);
     }
 }
 

@@ -5,7 +5,14 @@ use std::sync::Arc;
 use glam::{Affine3A, Quat, Vec3};
 
 use super::super::tests::{closed_sphere, kernels, point, random_ray, soup};
+#[cfg(target_arch = "x86_64")]
+use super::super::traverse::Kernel;
 use super::super::{Accel, Hit};
+#[cfg(target_arch = "x86_64")]
+use super::lanes::farthest;
+use super::sixteen::{Lanes, RAYS};
+#[cfg(target_arch = "x86_64")]
+use super::wide::Wide;
 use super::{Scratch, Way};
 use crate::base::random::Random;
 use crate::geometry::mesh::Mesh;
@@ -182,5 +189,30 @@ fn rays_from_nowhere_spoil_no_others() {
             }
         }
         assert!(hits > 1000, "{hits}");
+    }
+}
+
+/// The least and the largest number are found in whatever lanes they are, and a ray that looks as far as no number looks nowhere.
+#[cfg(target_arch = "x86_64")]
+#[test]
+fn ranges_are_of_all_lanes() {
+    fn check(tests: impl Wide) {
+        let mut lanes = Lanes::EMPTY;
+        assert!(farthest(tests, &lanes) < 0.0);
+        for lane in 0..RAYS {
+            let mut values = [1.0; RAYS];
+            (values[lane], values[(lane + 5) % RAYS]) = (3.0, -2.0);
+            assert_eq!(tests.range(&values), [-2.0, 3.0]);
+            values[(lane + 9) % RAYS] = f32::NAN;
+            lanes.t_max = values;
+            assert_eq!(farthest(tests, &lanes), 3.0);
+        }
+    }
+    for kernel in kernels() {
+        match kernel {
+            Kernel::Portable => {}
+            Kernel::Avx2(tests) => check(tests),
+            Kernel::Avx512(tests) => check(tests),
+        }
     }
 }

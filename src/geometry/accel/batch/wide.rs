@@ -4,89 +4,133 @@ use super::super::node::{LANES, Node, Packet, WIDTH};
 use super::super::query::{Query, Slabs};
 use super::super::traverse::{Others, Tests};
 use super::super::{Hit, avx2};
-use super::triangles::{self, Found, GROUP, RayBlock};
+use super::sixteen::{Bounds, Lane, Lanes};
+use super::triangles::{Found, GROUP, RayBlock};
 use super::vectors;
 use crate::base::processor::{Avx2, Avx512};
 use crate::geometry::triangle::Shear;
+use crate::math::lanes;
 
-/// The steps of many rays in flight; see [`vectors`].
-pub trait Wide: Copy {
-    /// The tests of single rays.
-    type Single: Tests;
-    fn single(self) -> Self::Single;
+/// Numbers in sixteen lanes, and what takes other instructions on other processors; see [`vectors`].
+pub trait Wide: lanes::Wide {
+    /// Runs `job` as a function of its own that is compiled for the instruction set.
+    fn apart(self, job: impl Job);
     fn nearest_last(self, node: &Node, slabs: &Slabs, t_max: f32, room: &mut [u64; WIDTH]) -> usize;
     fn in_order(self, node: &Node, slabs: &Slabs, t_max: f32, room: &mut [u64; WIDTH]) -> usize;
     fn keep(self, stack: &mut [u64], count: usize, limit: f32) -> usize;
-    /// Whether packets are tested in groups.
+    fn boxes(self, bounds: &Bounds, node: &Node, t_max: f32, distances: &mut [f32; WIDTH]) -> u32;
+    fn range(self, values: &Lane) -> [f32; 2];
+    fn bundle<const INCLUSIVE: bool>(self, packet: &Packet, lanes: &Lanes, group: [usize; GROUP], found: &mut Found);
+    /// The tests of single rays.
+    fn single(self) -> Avx2;
+    /// Whether single rays in flight test their packets in groups, with [`Wide::each`]. With AVX2 a group is gathered as slowly as it
+    /// is tested.
     const GROUPS: bool;
     /// Tests each packet against its ray; `INCLUSIVE` counts hits at the maximum distance as well.
-    fn group<const INCLUSIVE: bool>(self, packets: [&Packet; GROUP], rays: [&RayBlock; GROUP], found: &mut Found);
+    fn test_each<const INCLUSIVE: bool>(self, packets: [&Packet; GROUP], rays: [&RayBlock; GROUP], found: &mut Found);
 }
 
-impl Wide for Avx2 {
-    type Single = Self;
+/// Work that [`Wide::apart`] runs.
+pub trait Job {
+    /// The work. Marked `#[inline(always)]`, like all that it calls for a [`Wide`]: what is not inlined is compiled for the oldest
+    /// processor.
+    fn run(self);
+}
+
+macro_rules! wide {
+    ($set:ident, $module:ident, $features:literal, $($items:item)*) => {
+        impl Wide for $set {
+            #[inline(always)]
+            fn apart(self, job: impl Job) {
+                #[inline(never)]
+                #[target_feature(enable = $features)]
+                fn compiled(job: impl Job) {
+                    job.run();
+                }
+                // SAFETY: `self` proves that the processor has the features.
+                unsafe { compiled(job) }
+            }
+
+            #[inline(always)]
+            fn nearest_last(self, node: &Node, slabs: &Slabs, t_max: f32, room: &mut [u64; WIDTH]) -> usize {
+                // SAFETY: `self` proves that the processor has the features.
+                unsafe { vectors::$module::nearest_last(node, slabs, t_max, room) }
+            }
+
+            #[inline(always)]
+            fn in_order(self, node: &Node, slabs: &Slabs, t_max: f32, room: &mut [u64; WIDTH]) -> usize {
+                // SAFETY: `self` proves that the processor has the features.
+                unsafe { vectors::$module::in_order(node, slabs, t_max, room) }
+            }
+
+            #[inline(always)]
+            fn keep(self, stack: &mut [u64], count: usize, limit: f32) -> usize {
+                // SAFETY: `self` proves that the processor has the features.
+                unsafe { vectors::$module::keep(stack, count, limit) }
+            }
+
+            #[inline(always)]
+            fn boxes(self, bounds: &Bounds, node: &Node, t_max: f32, distances: &mut [f32; WIDTH]) -> u32 {
+                // SAFETY: `self` proves that the processor has the features.
+                unsafe { vectors::boxes(bounds, node, t_max, distances) }
+            }
+
+            #[inline(always)]
+            fn range(self, values: &Lane) -> [f32; 2] {
+                // SAFETY: `self` proves that the processor has the features.
+                unsafe { vectors::range(values) }
+            }
+
+            #[inline(always)]
+            fn bundle<const INCLUSIVE: bool>(
+                self,
+                packet: &Packet,
+                lanes: &Lanes,
+                group: [usize; GROUP],
+                found: &mut Found,
+            ) {
+                // SAFETY: `self` proves that the processor has the features.
+                unsafe { vectors::$module::bundle::<INCLUSIVE>(self, packet, lanes, group, found) }
+            }
+
+            $($items)*
+        }
+    };
+}
+
+wide! {
+    Avx2, avx2, "avx2,fma,bmi1,bmi2,lzcnt,popcnt",
 
     #[inline(always)]
-    fn single(self) -> Self {
+    fn single(self) -> Avx2 {
         self
-    }
-
-    #[inline(always)]
-    fn nearest_last(self, node: &Node, slabs: &Slabs, t_max: f32, room: &mut [u64; WIDTH]) -> usize {
-        // SAFETY: `self` proves that the processor has the features.
-        unsafe { vectors::nearest_last_avx2(node, slabs, t_max, room) }
-    }
-
-    #[inline(always)]
-    fn in_order(self, node: &Node, slabs: &Slabs, t_max: f32, room: &mut [u64; WIDTH]) -> usize {
-        // SAFETY: `self` proves that the processor has the features.
-        unsafe { vectors::in_order_avx2(node, slabs, t_max, room) }
-    }
-
-    #[inline(always)]
-    fn keep(self, stack: &mut [u64], count: usize, limit: f32) -> usize {
-        // SAFETY: `self` proves that the processor has the features.
-        unsafe { vectors::keep_avx2(stack, count, limit) }
     }
 
     const GROUPS: bool = false;
 
     #[inline(always)]
-    fn group<const INCLUSIVE: bool>(self, _: [&Packet; GROUP], _: [&RayBlock; GROUP], _: &mut Found) {}
+    fn test_each<const INCLUSIVE: bool>(self, _: [&Packet; GROUP], _: [&RayBlock; GROUP], _: &mut Found) {}
 }
 
-impl Wide for Avx512 {
-    type Single = Avx2;
+wide! {
+    Avx512, avx512, "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512bw,avx512dq",
 
     #[inline(always)]
     fn single(self) -> Avx2 {
         self.avx2()
     }
 
-    #[inline(always)]
-    fn nearest_last(self, node: &Node, slabs: &Slabs, t_max: f32, room: &mut [u64; WIDTH]) -> usize {
-        // SAFETY: `self` proves that the processor has the features.
-        unsafe { vectors::nearest_last_avx512(node, slabs, t_max, room) }
-    }
-
-    #[inline(always)]
-    fn in_order(self, node: &Node, slabs: &Slabs, t_max: f32, room: &mut [u64; WIDTH]) -> usize {
-        // SAFETY: `self` proves that the processor has the features.
-        unsafe { vectors::in_order_avx512(node, slabs, t_max, room) }
-    }
-
-    #[inline(always)]
-    fn keep(self, stack: &mut [u64], count: usize, limit: f32) -> usize {
-        // SAFETY: `self` proves that the processor has the features.
-        unsafe { vectors::keep_avx512(stack, count, limit) }
-    }
-
     const GROUPS: bool = true;
 
     #[inline(always)]
-    fn group<const INCLUSIVE: bool>(self, packets: [&Packet; GROUP], rays: [&RayBlock; GROUP], found: &mut Found) {
+    fn test_each<const INCLUSIVE: bool>(
+        self,
+        packets: [&Packet; GROUP],
+        rays: [&RayBlock; GROUP],
+        found: &mut Found,
+    ) {
         // SAFETY: `self` proves that the processor has the features.
-        unsafe { triangles::each::<INCLUSIVE>(packets, rays, found) }
+        unsafe { vectors::avx512::each::<INCLUSIVE>(self, packets, rays, found) }
     }
 }
 

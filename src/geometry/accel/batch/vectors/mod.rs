@@ -8,54 +8,21 @@ use std::arch::x86_64::*;
 
 use super::super::node::{Node, WIDTH};
 use super::super::query::Slabs;
+use super::sixteen::{Bounds, Lane};
 
 /// Room for the entries of a node's children.
 pub type Room = [u64; WIDTH];
 
-/// For each mask of lanes, the lanes that are in it, in order; then zeros.
-static LANES_OF: [[u8; WIDTH]; 256] = {
-    let mut table = [[0; WIDTH]; 256];
-    let mut mask = 0;
-    while mask < 256 {
-        let (mut lane, mut count) = (0, 0);
-        while lane < WIDTH {
-            if mask >> lane & 1 == 1 {
-                table[mask][count] = lane as u8;
-                count += 1;
-            }
-            lane += 1;
-        }
-        mask += 1;
-    }
-    table
-};
-
-/// Moves the lanes of `mask` to the front, and zeros behind them.
-#[inline]
-#[target_feature(enable = "avx2,fma,popcnt")]
-fn compress_avx2(mask: u32, values: __m256i) -> __m256i {
-    let order = i64::from_le_bytes(LANES_OF[mask as usize % 256]);
-    let moved = _mm256_permutevar8x32_epi32(values, _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(order)));
-    let count = _mm256_set1_epi32(mask.count_ones() as i32);
-    _mm256_and_si256(moved, _mm256_cmpgt_epi32(count, _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)))
-}
-
-#[inline]
-#[target_feature(enable = "avx2,fma,popcnt,avx512f,avx512vl,avx512bw,avx512dq")]
-fn compress_avx512(mask: u32, values: __m256i) -> __m256i {
-    _mm256_maskz_compress_epi32(mask as u8, values)
-}
-
 /// Defines the steps of a ray for one instruction set. All of it is one function, since a call costs as much as the step.
 macro_rules! steps {
-    ($features:literal, $compress:ident, $nearest_last:ident, $in_order:ident) => {
+    ($set:ident, $features:literal) => {
         /// Writes the entries of the children that the ray meets to `room`, the nearest last, and returns their number. Entries
         /// have rounded distances, which are never too large, so that no child is ruled out wrongly.
         #[inline]
         #[target_feature(enable = $features)]
-        pub fn $nearest_last(node: &Node, slabs: &Slabs, t_max: f32, room: &mut Room) -> usize {
+        pub fn nearest_last(node: &Node, slabs: &Slabs, t_max: f32, room: &mut Room) -> usize {
             let (near, mask) = meet(node, slabs, t_max);
-            let keys = $compress(mask, keys(near));
+            let keys = compress(mask, keys(near));
             if mask.count_ones() > 4 {
                 write_many(keys, node, room);
                 return mask.count_ones() as usize;
@@ -79,25 +46,48 @@ macro_rules! steps {
         /// returns their number.
         #[inline]
         #[target_feature(enable = $features)]
-        pub fn $in_order(node: &Node, slabs: &Slabs, t_max: f32, room: &mut Room) -> usize {
+        pub fn in_order(node: &Node, slabs: &Slabs, t_max: f32, room: &mut Room) -> usize {
             let (_, mask) = meet(node, slabs, t_max);
-            let children = $compress(mask, children(node));
+            let children = compress(mask, children(node));
             let low: [u64; 4] = bytemuck::cast(_mm256_cvtepu32_epi64(_mm256_castsi256_si128(children)));
             let high: [u64; 4] = bytemuck::cast(_mm256_cvtepu32_epi64(_mm256_extracti128_si256::<1>(children)));
             room[..4].copy_from_slice(&low);
             room[4..].copy_from_slice(&high);
             mask.count_ones() as usize
         }
+
+        /// Tests the triangles of a packet against four rays of a bundle, which are in the lanes `group`.
+        #[inline]
+        #[target_feature(enable = $features)]
+        pub fn bundle<const INCLUSIVE: bool>(
+            tests: $set,
+            packet: &Packet,
+            lanes: &Lanes,
+            group: [usize; GROUP],
+            found: &mut Found,
+        ) {
+            let [kx, ky, kz] = lanes.axes;
+            let row = |v: usize, axis: usize| tests.load(&side_by_side([&packet.vertices[v][axis]; GROUP]));
+            let of = |values: &Lane| tests.load(&pick(values, group));
+            let vertex = |v: usize| [row(v, kx), row(v, ky), row(v, kz)];
+            let operands = Operands {
+                vertices: [vertex(0), vertex(1), vertex(2)],
+                origin: [of(&lanes.origin[kx]), of(&lanes.origin[ky]), of(&lanes.origin[kz])],
+                shear: [of(&lanes.shear[0]), of(&lanes.shear[1]), of(&lanes.shear[2])],
+                t_max: of(&lanes.t_max),
+            };
+            triangles::test::<_, INCLUSIVE, true>(tests, operands, found);
+        }
     };
 }
 
-steps!("avx2,fma,popcnt", compress_avx2, nearest_last_avx2, in_order_avx2);
-steps!("avx2,fma,popcnt,avx512f,avx512vl,avx512bw,avx512dq", compress_avx512, nearest_last_avx512, in_order_avx512);
+pub mod avx2;
+pub mod avx512;
 
 /// See [`super::super::avx2::meet`], whose arithmetic it has. Planes are chosen by a blend instead of an address, which is known
 /// late where each step is for another ray.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[target_feature(enable = "avx2")]
 fn meet(node: &Node, slabs: &Slabs, t_max: f32) -> (__m256, u32) {
     let [mut near, mut far] = [_mm256_setzero_ps(), _mm256_set1_ps(t_max)];
     for axis in 0..3 {
@@ -112,6 +102,42 @@ fn meet(node: &Node, slabs: &Slabs, t_max: f32) -> (__m256, u32) {
         far = _mm256_min_ps(_mm256_mul_ps(farther, to_farther), far);
     }
     (near, _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as u32)
+}
+
+/// See [`Bounds::boxes`].
+#[inline]
+#[target_feature(enable = "avx2")]
+pub fn boxes(bounds: &Bounds, node: &Node, t_max: f32, distances: &mut [f32; WIDTH]) -> u32 {
+    let [mut near, mut far] = [_mm256_setzero_ps(), _mm256_set1_ps(t_max)];
+    for axis in 0..3 {
+        let [low, high] = bounds.nearer[axis].map(|v| _mm256_set1_ps(v));
+        let plane: __m256 = bytemuck::cast(node.planes[bounds.nearer_plane[axis]]);
+        let nearer = _mm256_sub_ps(_mm256_set1_ps(bounds.near_origin[axis]), plane);
+        let distance = _mm256_min_ps(_mm256_mul_ps(nearer, low), _mm256_mul_ps(nearer, high));
+        near = _mm256_max_ps(distance, near);
+        let [low, high] = bounds.farther[axis].map(|v| _mm256_set1_ps(v));
+        let plane: __m256 = bytemuck::cast(node.planes[bounds.farther_plane[axis]]);
+        let farther = _mm256_sub_ps(_mm256_set1_ps(bounds.far_origin[axis]), plane);
+        let distance = _mm256_max_ps(_mm256_mul_ps(farther, low), _mm256_mul_ps(farther, high));
+        far = _mm256_min_ps(distance, far);
+    }
+    *distances = bytemuck::cast(near);
+    _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as u32
+}
+
+/// The least and the largest of a bundle's numbers.
+#[inline]
+#[target_feature(enable = "avx2")]
+pub fn range(values: &Lane) -> [f32; 2] {
+    let [low, high]: [__m256; 2] = bytemuck::cast(*values);
+    let halves = |v: __m256| [_mm256_castps256_ps128(v), _mm256_extractf128_ps::<1>(v)];
+    let ([a, b], [c, d]) = (halves(_mm256_min_ps(low, high)), halves(_mm256_max_ps(low, high)));
+    let (least, largest) = (_mm_min_ps(a, b), _mm_max_ps(c, d));
+    let least = _mm_min_ps(least, _mm_movehl_ps(least, least));
+    let largest = _mm_max_ps(largest, _mm_movehl_ps(largest, largest));
+    let least = _mm_min_ss(least, _mm_movehdup_ps(least));
+    let largest = _mm_max_ss(largest, _mm_movehdup_ps(largest));
+    [_mm_cvtss_f32(least), _mm_cvtss_f32(largest)]
 }
 
 #[inline]
@@ -131,7 +157,7 @@ fn keys(near: __m256) -> __m256i {
 /// Sorts up to eight keys to fall and writes their entries. Few nodes have more than four children that a ray meets.
 #[cold]
 #[inline(never)]
-#[target_feature(enable = "avx2,fma")]
+#[target_feature(enable = "avx2")]
 fn write_many(keys: __m256i, node: &Node, room: &mut Room) {
     let keys = sort_step8::<0xB1, 0b1010_1010>(keys);
     let keys = sort_step8::<0x1B, 0b1100_1100>(keys);
@@ -162,51 +188,6 @@ fn sort_step4<const SHUFFLE: i32, const LEAST: i32>(keys: __m128i) -> __m128i {
 fn sort_step8<const SHUFFLE: i32, const LEAST: i32>(keys: __m256i) -> __m256i {
     let other = _mm256_shuffle_epi32::<SHUFFLE>(keys);
     _mm256_blend_epi32::<LEAST>(_mm256_max_epu32(keys, other), _mm256_min_epu32(keys, other))
-}
-
-/// Keeps those of the first `count` entries whose distance is at most `limit`, and returns their number. The stack has room for a
-/// whole block behind them.
-#[inline]
-#[target_feature(enable = "avx2,fma,popcnt")]
-pub fn keep_avx2(stack: &mut [u64], count: usize, limit: f32) -> usize {
-    const BLOCK: usize = 4;
-    let limit = _mm256_set1_epi64x(above(limit) as i64);
-    let (mut from, mut kept) = (0, 0);
-    while from < count {
-        let Some(block) = stack[from..].first_chunk::<BLOCK>() else { break };
-        let entries: __m256i = bytemuck::cast(*block);
-        let below = _mm256_castsi256_pd(_mm256_cmpgt_epi64(limit, entries));
-        let mask = _mm256_movemask_pd(below) as u32 & ((1 << (count - from).min(BLOCK)) - 1);
-        // Each entry is two lanes.
-        let doubled = (0..BLOCK).fold(0, |doubled, lane| doubled | ((mask >> lane & 1) * 3) << (2 * lane));
-        let moved: [u64; BLOCK] = bytemuck::cast(compress_avx2(doubled, entries));
-        let Some(room) = stack[kept..].first_chunk_mut() else { break };
-        *room = moved;
-        kept += mask.count_ones() as usize;
-        from += BLOCK;
-    }
-    kept
-}
-
-/// See [`keep_avx2`].
-#[inline]
-#[target_feature(enable = "avx2,fma,popcnt,avx512f,avx512vl,avx512bw,avx512dq")]
-pub fn keep_avx512(stack: &mut [u64], count: usize, limit: f32) -> usize {
-    const BLOCK: usize = 8;
-    let limit = _mm512_set1_epi64(above(limit) as i64);
-    let (mut from, mut kept) = (0, 0);
-    while from < count {
-        let Some(block) = stack[from..].first_chunk::<BLOCK>() else { break };
-        let entries: __m512i = bytemuck::cast(*block);
-        let used = ((1u32 << (count - from).min(BLOCK)) - 1) as u8;
-        let mask = _mm512_mask_cmplt_epu64_mask(used, entries, limit);
-        let moved: [u64; BLOCK] = bytemuck::cast(_mm512_maskz_compress_epi64(mask, entries));
-        let Some(room) = stack[kept..].first_chunk_mut() else { break };
-        *room = moved;
-        kept += mask.count_ones() as usize;
-        from += BLOCK;
-    }
-    kept
 }
 
 /// The least entry that a finite `limit`, not negative, rules out.
