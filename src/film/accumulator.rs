@@ -129,7 +129,7 @@ impl Pass {
             let around = (y.saturating_sub(1)..(y + 2).min(height))
                 .flat_map(|row| columns.clone().map(move |column| row * self.width + column));
             let (mut mean, mut count) = ([0.0; 3], 0.0);
-            for neighbour in around {
+            for neighbour in around.filter(|&neighbour| pixels[neighbour].count > 0) {
                 mean.iter_mut().zip(pixels[neighbour].mean).for_each(|(m, x)| *m += x);
                 count += 1.0;
             }

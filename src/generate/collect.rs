@@ -26,7 +26,7 @@ use crate::guiding::tree::{CountedTree, Trees};
 use crate::network::config::Mode;
 use crate::picture::Window;
 use crate::reconstruct::gaussian::Gaussian;
-use crate::render::{CHUNK, GuideMode, Learning, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
+use crate::render::{GuideMode, Learning, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
 use crate::scene::{Scene, readers};
 
 /// ρ of the targets: finer than that of the inputs, since they have the samples for it.
@@ -189,17 +189,13 @@ impl Run<'_> {
     fn pass(&mut self, spp: u32) -> Statistics {
         let field = self.learning.learner.field(Use::Learning);
         let picture = combine(&self.passes).ok().and_then(|picture| expected_values(&picture));
+        let filter = PixelFilter::default();
         let tracer = PassTracer {
-            scene: self.scene,
-            settings: &self.settings,
-            window: Window::whole(self.scene.size),
-            filter: &PixelFilter::default(),
             field: Some(&field),
             picture: picture.as_deref(),
             first_sample: self.first_sample,
-            sequences_from: None,
             spp,
-            chunk: CHUNK,
+            ..PassTracer::new(self.scene, &self.settings, Window::whole(self.scene.size), &filter)
         };
         let mut film = Pass::new(self.scene.size[0] as usize, self.scene.size[1] as usize);
         let mut statistics = Statistics::default();
@@ -215,7 +211,7 @@ impl Run<'_> {
 
     fn end_iteration(&mut self) -> Result<()> {
         let gaussian = Gaussian::default();
-        self.learning.end_iteration(1, 0, f64::INFINITY, &gaussian, &mut Default::default()).map(drop)
+        self.learning.end_iteration(1, f64::INFINITY, &gaussian, &mut Default::default()).map(drop)
     }
 
     /// Refines the trees with a quarter of `spp` samples per pixel, freezes their shapes, and fills them with two independent

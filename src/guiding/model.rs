@@ -10,11 +10,12 @@ use super::jensen::{Histogram, Histograms, histogram_arrays, read_histograms};
 use super::samples::{Around, Told};
 use super::target::Target;
 use super::tree::arrays::{read_trees, tree_arrays};
-use super::tree::sampler::SamplingTree;
+use super::tree::sampler::{self, SamplingTree};
 use super::tree::{CountedTree, Propose, TreeSettings, Trees};
 use crate::base::Result;
 use crate::base::tensors::{Tensor, Tensors};
 use crate::math::cylindrical;
+use crate::math::lanes::LANES;
 
 /// Kind of the model of directions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,6 +66,47 @@ impl Directions {
         }
     }
 
+    /// [`Directions::sample`] of several, which wait for memory together.
+    #[inline(always)]
+    pub fn sample_lanes(draws: &[Option<(&Self, [f64; 2])>; LANES]) -> [Option<(Vec3, f32)>; LANES] {
+        let mut ways = [None; LANES];
+        for (way, draw) in ways.iter_mut().zip(draws) {
+            *way = draw.and_then(|(directions, u)| Some(directions.tree()?.draw(u)));
+        }
+        sampler::walk(&mut ways);
+        let mut drawn = [None; LANES];
+        for ((drawn, draw), way) in drawn.iter_mut().zip(draws).zip(&ways) {
+            *drawn = draw.map(|(directions, u)| match (directions, way) {
+                (Self::Tree(tree), Some(way)) => tree.direction(way),
+                _ => directions.sample(u),
+            });
+        }
+        drawn
+    }
+
+    /// [`Directions::pdf`] of several, which wait for memory together; 0 where there are none.
+    #[inline(always)]
+    pub fn pdf_lanes(asked: &[Option<(&Self, Vec3)>; LANES]) -> [f32; LANES] {
+        let mut ways = [None; LANES];
+        for (way, asked) in ways.iter_mut().zip(asked) {
+            *way = asked.and_then(|(directions, towards)| Some(directions.tree()?.look_up(towards)));
+        }
+        sampler::walk(&mut ways);
+        let mut densities = [0.0; LANES];
+        for ((density, asked), way) in densities.iter_mut().zip(asked).zip(&ways) {
+            *density = asked.map_or(0.0, |(directions, towards)| match (directions, way) {
+                (Self::Tree(tree), Some(way)) => tree.density(way),
+                _ => directions.pdf(towards),
+            });
+        }
+        densities
+    }
+
+    #[inline(always)]
+    fn tree(&self) -> Option<&SamplingTree> {
+        if let Self::Tree(tree) = self { Some(tree) } else { None }
+    }
+
     /// Densities relative to the uniform one at the centres of `side`² cells of equal solid angle, rows of constant φ.
     pub fn map(&self, side: usize) -> Vec<f64> {
         let centre = |i: usize| (i as f64 + 0.5) / side as f64;
@@ -91,7 +133,7 @@ impl Directions {
     /// Arrays of a file that hold the distribution of each voxel, or none. `kind` begins their names, which
     /// [`file`](super::sample::file) lists.
     pub(super) fn arrays<'a>(kind: &str, all: &[Option<&Self>]) -> Vec<Tensor<'a>> {
-        let trees = all.iter().map(|of| if let Some(Self::Tree(tree)) = of { Some(tree) } else { None });
+        let trees = all.iter().map(|of| of.and_then(Self::tree));
         let histograms = all.iter().map(|of| if let Some(Self::Histogram(of)) = of { Some(&**of) } else { None });
         let histograms: Vec<_> = histograms.collect();
         let mut arrays = tree_arrays(kind, &trees.collect::<Vec<_>>()).to_vec();

@@ -124,4 +124,6 @@ pub struct PhotonRecord {
     pub distance: f32,
     /// Shading normal at the point, on the side that the photon arrived at.
     pub normal: Vec3,
+    /// Whether a delta lobe sent it there: light that camera paths find by chance or not at all.
+    pub caustic: bool,
 }

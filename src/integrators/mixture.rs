@@ -44,9 +44,18 @@ impl<'a, 'g> Mixture<'a, 'g> {
 
     /// Draws a direction by the numbers of this vertex, and where a ray in it starts; none where the surface absorbs.
     pub fn sample(&self, random: &Random, transport: Transport) -> Option<(MixtureSample, Vec3)> {
-        let proposal = self.guide.as_ref().and_then(|guide| Proposal::new(guide, random));
+        let proposal = self.guide.and_then(|guide| {
+            let u = guided_point(guide.bsdf_fraction, random)?;
+            Some(Proposal::from(guide.sample(u)))
+        });
         let onward = self.site.draw(&one_draw(random, self.chooses_lobe, self.guide.map(|_| proposal), transport));
-        let sample = MixtureSample::new(&onward, self.guide.as_ref(), proposal.as_ref())?;
+        let density = |proposal: Option<Proposal>, guide: DirectionGuide| match proposal {
+            Some(proposal) => proposal.pdf,
+            None if onward.any => guide.pdf(onward.direction.into()),
+            None => 0.0,
+        };
+        let guide = self.guide.filter(|_| !onward.delta).map(|guide| (guide.bsdf_fraction, density(proposal, guide)));
+        let sample = MixtureSample::new(&onward, guide)?;
         Some((sample, onward.origin.into()))
     }
 }
@@ -75,18 +84,20 @@ pub struct Proposal {
     pub pdf: f32,
 }
 
-impl Proposal {
-    /// What `guide` proposes by the numbers of this vertex; none where the BSDF is chosen.
+impl From<(Vec3, f32)> for Proposal {
     #[inline(always)]
-    pub fn new(guide: &DirectionGuide, random: &Random) -> Option<Self> {
-        // One point of the plane chooses the strategy and the guide's direction, so that directions are spread evenly.
-        let (alpha, [u, v]) = (f64::from(guide.bsdf_fraction), random.at(Dimension::GUIDE).next_2d_f64());
-        if u < alpha {
-            return None;
-        }
-        let (direction, pdf) = guide.sample([(u - alpha) / (1.0 - alpha), v]);
-        Some(Self { direction, pdf })
+    fn from((direction, pdf): (Vec3, f32)) -> Self {
+        Self { direction, pdf }
     }
+}
+
+/// The point of the unit square by which a guide is to propose a direction at a vertex with these random numbers, where the BSDF is
+/// chosen with probability `bsdf_fraction`; none where it is.
+#[inline(always)]
+pub(super) fn guided_point(bsdf_fraction: f32, random: &Random) -> Option<[f64; 2]> {
+    // One point of the plane chooses the strategy and the guide's direction, so that directions are spread evenly.
+    let (alpha, [u, v]) = (f64::from(bsdf_fraction), random.at(Dimension::GUIDE).next_2d_f64());
+    (u >= alpha).then(|| [(u - alpha) / (1.0 - alpha), v])
 }
 
 /// The density of BSDF and guide together, for one direction.
@@ -131,19 +142,19 @@ pub struct MixtureSample {
 
 impl MixtureSample {
     /// The direction that was drawn, with the density of all that could have drawn it; none where nothing comes back from it.
-    /// `proposal` is the guide's, where that was taken.
+    /// `guide` is the probability α of sampling the BSDF and the guide's density in that direction; it is none where there is no
+    /// guide, or a delta lobe was drawn.
     #[inline(always)]
-    pub fn new(onward: &Onward<f32>, guide: Option<&DirectionGuide>, proposal: Option<&Proposal>) -> Option<Self> {
+    pub fn new(onward: &Onward<f32>, guide: Option<(f32, f32)>) -> Option<Self> {
         if !onward.any {
             return None;
         }
         let (direction, value): (Vec3, Vec3) = (onward.direction.into(), onward.value.into());
-        let Some(guide) = guide.filter(|_| !onward.delta) else {
+        let Some((bsdf_fraction, guide_pdf)) = guide else {
             let (weight, pdf, delta) = (onward.weight.into(), onward.pdf, onward.delta);
             return Some(Self { direction, weight, bsdf_weight: weight, value, pdf, bsdf_share: 1.0, delta });
         };
-        let guide_pdf = proposal.map_or_else(|| guide.pdf(direction), |proposal| proposal.pdf);
-        let mixture = MixtureDensity { bsdf_fraction: guide.bsdf_fraction, deltas: onward.deltas, guide_pdf };
+        let mixture = MixtureDensity { bsdf_fraction, deltas: onward.deltas, guide_pdf };
         let (pdf, bsdf_share) = mixture.pdf(onward.pdf);
         if value == Vec3::ZERO || pdf <= 0.0 {
             return None;

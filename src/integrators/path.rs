@@ -328,9 +328,9 @@ impl PathTracer<'_> {
             }
         }
         let vertex = at.vertex as usize;
-        let guide = if E::GUIDING { self.guide(at.voxel, surface.point) } else { None };
         let onward = shaded.onward(lane);
-        let Some(sample) = MixtureSample::new(&onward, guide.as_ref(), shaded.proposal(lane).as_ref()) else {
+        let guide = if E::GUIDING { shaded.guide(lane) } else { None };
+        let Some(sample) = MixtureSample::new(&onward, guide) else {
             if RECORDS {
                 vertices.details[vertex].absorbed = !at.smooth;
             }
@@ -452,14 +452,13 @@ impl PathTracer<'_> {
         });
     }
 
-    /// How light that a connection brings is weighted: its factor, and what it tells of the densities.
+    /// How light that a connection brings is weighted: its factor, and what it tells of the densities. `guide` is the probability of
+    /// sampling the BSDF and the guide's density in the light's direction; none without a guide.
     #[inline(always)]
-    fn weigh<E: Effects>(&self, connection: &Connection, guided: Option<&Towards>) -> (f32, Direct) {
-        let guide = guided.filter(|_| E::GUIDING).and_then(|at| Some((at, self.guide(at.voxel, at.point)?)));
+    fn weigh(connection: &Connection, deltas: f32, guide: Option<(f32, f32)>) -> (f32, Direct) {
         let (onward, bsdf_share) = match guide {
-            Some((at, guide)) => {
-                let (bsdf_fraction, guide_pdf) = (guide.bsdf_fraction, guide.pdf(at.direction));
-                MixtureDensity { bsdf_fraction, deltas: at.deltas, guide_pdf }.pdf(connection.bsdf_pdf)
+            Some((bsdf_fraction, guide_pdf)) => {
+                MixtureDensity { bsdf_fraction, deltas, guide_pdf }.pdf(connection.bsdf_pdf)
             }
             None => (connection.bsdf_pdf, 1.0),
         };

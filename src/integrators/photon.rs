@@ -252,6 +252,7 @@ impl PhotonTracer<'_> {
             power,
             distance: if photon.at_infinity { f32::INFINITY } else { surface.distance },
             normal: side(surface, on_surface, direction),
+            caustic: photon.delta_chain > 0,
         });
     }
 }

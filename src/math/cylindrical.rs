@@ -13,6 +13,7 @@ pub const CELLS: u32 = 1 << 20;
 const BELOW_ONE: f64 = 1.0 - f64::EPSILON / 2.0;
 
 /// Maps a unit vector to the square [0, 1)².
+#[inline]
 pub fn to_square(direction: Vec3) -> [f64; 2] {
     let x = (f64::from(direction.z) + 1.0) * 0.5;
     let turn = f64::from(direction.y).atan2(f64::from(direction.x)) / TAU;
@@ -21,6 +22,7 @@ pub fn to_square(direction: Vec3) -> [f64; 2] {
 }
 
 /// Maps a point of the square to a unit vector. Inverse of [`to_square`] up to the rounding of the result.
+#[inline]
 pub fn to_direction([x, y]: [f64; 2]) -> Vec3 {
     let z = 2.0 * x - 1.0;
     // At the poles rounding can push 1 - z² below zero.
@@ -40,11 +42,13 @@ pub fn cell_centre(level: usize, cell: [u32; 2]) -> [f32; 3] {
 }
 
 /// Integer cell of a direction at level 20; shifting right by 20−n gives its cell at level n.
+#[inline]
 pub fn to_cell(direction: Vec3) -> [u32; 2] {
     cell_of(to_square(direction))
 }
 
 /// Integer cell at level 20 of a point of the square [0, 1)².
+#[inline]
 pub fn cell_of(square: [f64; 2]) -> [u32; 2] {
     // Multiplying by a power of two is exact, so no value below 1 reaches CELLS.
     square.map(|c| (c * f64::from(CELLS)) as u32)

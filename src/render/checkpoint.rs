@@ -34,9 +34,9 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 5: a learner and its model
-/// apart.
-pub const VERSION: u32 = 5;
+/// The version of checkpoints that this program reads and writes. 6: what a guided
+/// sample costs.
+pub const VERSION: u32 = 6;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;
@@ -139,7 +139,7 @@ impl Moment<'_> {
 
     fn state_numbers(&self) -> [f64; STATE] {
         let State { passes, early, gave_up, spent, rendered, sequences_from, trend, position, halves } = self.state;
-        let Trend { seconds, camera_part, verdict, relative, .. } = *trend;
+        let Trend { seconds, camera_part, verdict, relative, guided_cost, caustics, .. } = *trend;
         let flag = |flag: bool| f64::from(u8::from(flag));
         let phase = Phase::ALL.iter().position(|phase| *phase == position.phase).unwrap_or(0);
         let done = |i: usize| flag(halves.get(i).is_some_and(|half| half.done.is_some()));
@@ -170,12 +170,14 @@ impl Moment<'_> {
             f64::from(self.spp),
             self.start as f64,
             self.elapsed,
+            guided_cost,
+            flag(caustics),
         ]
     }
 }
 
 /// Length of the array `state`.
-const STATE: usize = 25;
+const STATE: usize = 27;
 
 /// A number as a count. Conversion saturates, and NaN is 0.
 fn count(number: f64) -> u32 {
@@ -202,8 +204,14 @@ impl Resumed {
         check_same(path, &text(&file, "made_for")?, made_for)?;
         let size = size.map(|n| n as usize);
         let numbers = file.read("state", Dtype::F64, Some(STATE), 1, f64::from_le_bytes)?;
-        let state = read_state(&file, &numbers, size)?;
-        let [.., kind, spp, start, elapsed] = numbers[..] else { return file.fail("state", "numbers are missing") };
+        let mut state = read_state(&file, &numbers, size)?;
+        let [.., kind, spp, start, elapsed, guided_cost, caustics] = numbers[..] else {
+            return file.fail("state", "numbers are missing");
+        };
+        if !(guided_cost > 0.0 && guided_cost.is_finite()) {
+            return file.fail("state", format!("a guided sample that costs {guided_cost} times another"));
+        }
+        (state.trend.guided_cost, state.trend.caustics) = (guided_cost, caustics == 1.0);
         let part = Part { pass: Pass::from_arrays(size, &file, "now")?, spp: count(spp), start: start as u64 };
         let most = match settings.stop {
             StopRule::Spp(spp) => spp,
@@ -302,6 +310,7 @@ fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State
         camera_part,
         verdict: Verdict::from_number(verdict),
         relative,
+        ..Trend::default()
     };
     let rendered = count(rendered);
     Ok(State {

@@ -115,7 +115,7 @@ impl Run<'_> {
         if rendered == 0 && (self.state.passes.is_empty() || left > 0.0) {
             return 1;
         }
-        let per_sample = traced / f64::from(self.state.rendered);
+        let per_sample = traced * self.pixels() as f64 / self.statistics.samples.max(1) as f64;
         let batch = if left <= 0.0 { 0 } else { ((left / per_sample.max(1e-9) * 0.1) as u32).clamp(1, 1 << 16) };
         // No more samples than a checkpoint can hold: pictures of a few pixels get there within an hour.
         batch.min(MOST_SAMPLES.saturating_sub(self.state.rendered))

@@ -1,7 +1,7 @@
 //! Learning while rendering: iterations, and when they end.
 
 use super::budget::{Outlook, Verdict, judged, learns_on};
-use super::learning::Learning;
+use super::learning::{Learning, MUCH};
 use super::run::Run;
 use super::settings::StopRule;
 use super::state::{Part, Phase, Position, Trend};
@@ -15,8 +15,11 @@ use crate::reconstruct::Reconstructor;
 
 /// Iterations after which a verdict should be known even where light is hard to find.
 const LATEST_VERDICT: usize = 4;
+/// Gain below which a guide is worth learning more of, whatever the variances of the first iterations.
+const STRONG: f64 = 0.5;
+
 impl Run<'_> {
-    /// Iterations of 2^t samples per pixel while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
+    /// Iterations, each with twice the paths of the one before, while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
     pub(super) fn learn(&mut self, reconstructor: &dyn Reconstructor) -> Result<GuideField> {
         let emitted = &self.scene.lights.emission;
         let learned = self.resumed.as_mut().and_then(|resumed| resumed.learning.take());
@@ -56,10 +59,12 @@ impl Run<'_> {
 
     /// Whether iteration `t` is to be rendered and learned from.
     fn goes_on_learning(&self, t: u32, photon_share: f64) -> bool {
-        let earlier = self.statistics.iterations.iter().rev().nth(1).and_then(|iteration| iteration.gain);
-        let hopeless = t >= self.patience() && !self.pays()
-            || !self.is_always_guided() && self.state.trend.verdict.is_hopeless(earlier);
-        !hopeless && !self.watcher.stopped_between() && self.learns_on(1 << t, photon_share)
+        !self.is_hopeless(t) && !self.watcher.stopped_between() && self.learns_on(t, photon_share)
+    }
+
+    /// Whether the iterations before `next` have shown that guiding will not pay.
+    fn is_hopeless(&self, next: u32) -> bool {
+        next >= self.patience() && !self.pays()
     }
 
     fn begin_iteration(&mut self, t: u32, learning: &Learning) -> Part {
@@ -71,7 +76,7 @@ impl Run<'_> {
             traced: self.statistics.seconds.trace,
             ..Position::default()
         };
-        self.begin_pass(1 << t)
+        self.begin_pass(self.iteration_size(t).1)
     }
 
     /// Makes the pass of an iteration and learns from it. Returns the pass and whether all of its samples were made; none where
@@ -95,13 +100,32 @@ impl Run<'_> {
             self.state.passes.push(finished);
             return Ok(None);
         }
-        let worst = outliers(self.pixels() as usize);
-        let rays = self.reconstruction_rays();
-        let iteration = learning.end_iteration(part.spp, worst, rays, reconstructor, &mut self.statistics.seconds)?;
-        let seconds = self.watcher.elapsed() - began;
+        self.state.trend.caustics = learning.caustics().map_or_else(|| self.has_delta_lobes(), |part| part > MUCH);
+        learning.judge(outliers(finished.samples().min(self.pixels()) as usize));
         let variance = part.pass.variance_relative_to(picture.as_deref());
+        let judged = |v| judged(v, &learning.moments, finished.samples() as f64);
+        self.state.trend.verdict = variance.map_or(Verdict::Unknown, judged);
+        if let StopRule::Time(budget) = self.settings.stop
+            && t > 0
+            && !self.is_always_guided()
+        {
+            // With each iteration more voxels are guided, and so samples cost more.
+            let field = learning.learner.field_of(voxels, Use::Rendering);
+            self.state.trend.guided_cost = self.guided_cost(&field, picture.as_deref(), budget);
+        }
+        // Of a guide that does not pay no better one is made: that takes longer than all else that was learned.
+        let iteration = if self.is_hopeless(t + 1) {
+            Iteration {
+                voxels: learning.learner.voxels(),
+                nodes: learning.learner.model().nodes(),
+                ..Iteration::default()
+            }
+        } else {
+            let rays = self.reconstruction_rays();
+            learning.end_iteration(part.spp, rays, reconstructor, &mut self.statistics.seconds)?
+        };
+        let seconds = self.watcher.elapsed() - began;
         let trend = &mut self.state.trend;
-        trend.verdict = variance.map_or(Verdict::Unknown, |v| judged(v, &learning.moments, finished.samples() as f64));
         trend.variances.extend(finished.sample_variance());
         trend.camera_part = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
         trend.seconds = seconds;
@@ -123,8 +147,11 @@ impl Run<'_> {
     /// Iterations before guiding is given up. Learning costs several times what rendering does, so an easy scene should be known
     /// as one at once; but light that comes through glass or from mirrors is found late, and then it is most of the noise.
     fn patience(&self) -> u32 {
-        let specular = self.scene.materials().iter().any(Material::is_delta);
-        if specular { 4 } else { 2 }
+        if self.state.trend.caustics { 4 } else { 2 }
+    }
+
+    fn has_delta_lobes(&self) -> bool {
+        self.scene.materials().iter().any(Material::is_delta)
     }
 
     /// Whether guiding is never given up, whatever it costs.
@@ -134,7 +161,7 @@ impl Run<'_> {
 
     /// Whether the guide at hand is worth its cost, or its cost does not matter.
     fn pays(&self) -> bool {
-        self.is_always_guided() || self.state.trend.verdict.pays()
+        self.is_always_guided() || self.state.trend.verdict.pays(self.state.trend.guided_cost)
     }
 
     /// Rays that reconstruction may have cost after this iteration: a share of those of the whole render as far as that can be
@@ -149,11 +176,15 @@ impl Run<'_> {
         self.settings.reconstruction_share * (rays / done.clamp(1.0 / 3.0, 1.0))
     }
 
-    /// Whether another iteration of `camera` paths per pixel is worth its cost.
-    fn learns_on(&self, camera: u32, photon_share: f64) -> bool {
+    /// Whether iteration `t` is worth its cost.
+    fn learns_on(&self, t: u32, photon_share: f64) -> bool {
         let trend = &self.state.trend;
         let kinds = 1.0 + photon_share;
-        let (cost, spent) = (f64::from(camera) * kinds, self.state.spent);
+        let paths = |t: u32| {
+            let (places, spp) = self.iteration_size(t);
+            f64::from(spp) * (places as f64 / self.pixels() as f64)
+        };
+        let (cost, spent) = (paths(t) * kinds, self.state.spent);
         let limit = self.settings.learning_share;
         let outlook = match self.settings.stop {
             StopRule::Spp(spp) => {
@@ -162,7 +193,8 @@ impl Run<'_> {
             }
             StopRule::Time(budget) => {
                 let left = budget - self.watcher.elapsed();
-                Outlook { budget, left, cost: 2.0 * trend.seconds, camera_part: trend.camera_part, limit }
+                let growth = paths(t) / paths(t.saturating_sub(1));
+                Outlook { budget, left, cost: growth * trend.seconds, camera_part: trend.camera_part, limit }
             }
             // Iterations do not enter a picture that ends by its own samples; the first of them find out how many samples that
             // will take.
@@ -178,6 +210,8 @@ impl Run<'_> {
             let iterations = trend.variances.len();
             let verdict = match trend.verdict {
                 Verdict::Gain(_) if iterations < self.patience() as usize => Verdict::Unseen,
+                // One firefly in a small iteration says nothing against a guide that gains much.
+                Verdict::Gain(gain) if gain < STRONG && iterations + 1 < LATEST_VERDICT => Verdict::Unseen,
                 Verdict::Unknown if iterations < LATEST_VERDICT || self.is_always_guided() => Verdict::Unseen,
                 verdict => verdict,
             };

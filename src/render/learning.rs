@@ -40,12 +40,18 @@ pub struct Learning {
     pub moments: PictureMoments,
     /// Cost of reconstruction so far, in rays traced.
     reconstruction_rays: f64,
+    /// Power of the photons of this iteration in voxels, and that of caustics among it.
+    arrived: [f64; 2],
 }
 
 /// Iterations in which photons are never given up: path samples that have not found the light cannot judge them.
 const PATIENCE: u32 = 4;
 /// Fewest light paths for each camera path in these iterations.
 const LEAST_PHOTONS: f64 = 0.25;
+/// The same where caustics are much of the light.
+const LEAST_CAUSTICS: f64 = 0.75;
+/// Part of the light on what the camera sees above which caustics are much of it.
+pub(super) const MUCH: f64 = 0.05;
 
 /// Light paths for each camera path, given the second moment of guided samples with photons over that without: lowered by a
 /// third or more it is worth as many as camera paths, by a twentieth or less none. In eighths, so that it does not flicker.
@@ -63,13 +69,15 @@ impl Learning {
             iterations: 0,
             moments: PictureMoments::default(),
             reconstruction_rays: 0.0,
+            arrived: [0.0; 2],
             photon_share: if settings.samples.photons() { 1.0 } else { 0.0 },
         }
     }
 
     /// State for checkpoints apart from the learner's and the photons' own. Moments are measured anew by each iteration.
-    pub(super) fn numbers(&self) -> [f64; 3] {
-        [self.photon_share, f64::from(self.iterations), self.reconstruction_rays]
+    pub(super) fn numbers(&self) -> [f64; 5] {
+        let [arrived, caustic] = self.arrived;
+        [self.photon_share, f64::from(self.iterations), self.reconstruction_rays, arrived, caustic]
     }
 
     /// Reads from a checkpoint what was learned of a scene whose lights have the powers `emitted`.
@@ -77,15 +85,27 @@ impl Learning {
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
     pub(super) fn from_arrays(settings: &RenderSettings, emitted: &Discrete, file: &Tensors) -> Result<Self> {
-        let numbers = file.read("learning", Dtype::F64, Some(3), 1, f64::from_le_bytes)?;
-        let [photon_share, iterations, reconstruction_rays] = [numbers[0], numbers[1], numbers[2]];
+        let numbers = file.read("learning", Dtype::F64, Some(5), 1, f64::from_le_bytes)?;
+        let [photon_share, iterations, reconstruction_rays, arrived, caustic] = numbers[..] else {
+            return file.fail("learning", format!("{} numbers", numbers.len()));
+        };
         if !(0.0..=1.0).contains(&photon_share) {
             return file.fail("learning", format!("{photon_share} light paths for each camera path"));
         }
         let learner = Learner::from_arrays(settings.learner.clone(), file)?;
         let (emission, emission_learner) = emission::from_arrays(emitted, file)?;
         let (iterations, moments) = (iterations as u32, PictureMoments::default());
-        Ok(Self { learner, emission, emission_learner, photon_share, iterations, moments, reconstruction_rays })
+        let arrived = [arrived, caustic];
+        Ok(Self {
+            learner,
+            emission,
+            emission_learner,
+            photon_share,
+            iterations,
+            moments,
+            reconstruction_rays,
+            arrived,
+        })
     }
 
     /// Deposits the records of one chunk.
@@ -95,6 +115,8 @@ impl Learning {
         let mut power = vec![0.0f64; records.starts.len()];
         for (photon, _) in records.photons.iter().zip(voxels).filter(|(_, voxel)| *voxel != VoxelId::MAX) {
             power[photon.path as usize] += f64::from(photon.power);
+            self.arrived[0] += f64::from(photon.power);
+            self.arrived[1] += if photon.caustic { f64::from(photon.power) } else { 0.0 };
         }
         let useful = records.starts.iter().zip(power).filter(|(_, power)| *power > 0.0);
         let useful: Vec<(Start, f64)> = useful.filter_map(|(start, power)| Some(((*start)?, power))).collect();
@@ -102,16 +124,25 @@ impl Learning {
         seconds.splat += begun.elapsed().as_secs_f64();
     }
 
+    /// Part of the light on what the camera sees that delta lobes sent there, by photons, beside direct light; none without photons.
+    pub fn caustics(&self) -> Option<f64> {
+        let [all, caustic] = self.arrived;
+        (all > 0.0).then(|| caustic / all)
+    }
+
+    /// Measures by the pass that has ended whether its guides paid. The `worst` samples are left out.
+    pub fn judge(&mut self, worst: usize) {
+        self.moments = self.learner.picture_moments(worst);
+    }
+
     /// Reconstructs the trees of a pass with `spp` camera paths per pixel, publishes the results, refines the voxels. All
-    /// reconstruction of the render so far, this one included, may cost as much as tracing `rays` rays. The `worst` samples are
-    /// left out of the moments that tell whether guiding pays.
+    /// reconstruction of the render so far, this one included, may cost as much as tracing `rays` rays.
     ///
     /// # Errors
     /// Those of the reconstructor.
     pub fn end_iteration(
         &mut self,
         spp: u32,
-        worst: usize,
         rays: f64,
         reconstructor: &dyn Reconstructor,
         seconds: &mut Seconds,
@@ -125,16 +156,20 @@ impl Learning {
             Ok(proposals)
         })?;
         self.reconstruction_rays += spent;
-        self.moments = self.learner.picture_moments(worst);
         let reconstruct_seconds = begun.elapsed().as_secs_f64();
         seconds.reconstruct += reconstruct_seconds;
         let nodes = self.learner.model().nodes();
         if self.photon_share > 0.0 {
-            let least = if self.iterations < PATIENCE { LEAST_PHOTONS } else { 0.0 };
+            let least = match self.caustics() {
+                _ if self.iterations >= PATIENCE => 0.0,
+                Some(part) if part > MUCH => LEAST_CAUSTICS,
+                _ => LEAST_PHOTONS,
+            };
             let unknown = if self.learner.has_photons() { self.photon_share } else { 0.0 };
             self.photon_share = self.learner.photon_gain().map_or(unknown, photon_share).max(least);
         }
         self.iterations += 1;
+        self.arrived = [0.0; 2];
         let begun = Instant::now();
         self.emission = self.emission_learner.publish();
         self.learner.refine(spp);

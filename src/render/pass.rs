@@ -54,6 +54,8 @@ pub struct PassTracer<'a> {
     pub sequences_from: Option<u32>,
     /// Camera paths per pixel.
     pub spp: u32,
+    /// Pixels that are visited, the first so many in the order of rows: all, or fewer that are spread evenly.
+    pub places: u64,
     /// Paths per chunk, at most [`CHUNK`]. What is learned depends on it, the samples do not.
     pub chunk: u64,
 }
@@ -79,6 +81,25 @@ fn row_order(height: u32) -> Vec<u32> {
     rows
 }
 
+impl<'a> PassTracer<'a> {
+    /// A tracer of one independent sample in each pixel of `window`, without a guide.
+    pub fn new(scene: &'a Scene, settings: &'a RenderSettings, window: Window, filter: &'a PixelFilter) -> Self {
+        Self {
+            scene,
+            settings,
+            window,
+            filter,
+            field: None,
+            picture: None,
+            first_sample: 0,
+            sequences_from: None,
+            spp: 1,
+            places: window.pixels(),
+            chunk: CHUNK,
+        }
+    }
+}
+
 impl PassTracer<'_> {
     fn pixels(&self) -> u64 {
         self.window.pixels()
@@ -95,7 +116,7 @@ impl PassTracer<'_> {
         statistics: &mut Statistics,
         go_on: &mut dyn FnMut(&Chunk) -> bool,
     ) -> bool {
-        let total = self.pixels() * u64::from(self.spp);
+        let total = self.places * u64::from(self.spp);
         let rows = row_order(self.window.height);
         while start < total {
             let end = (start + self.chunk.clamp(1, CHUNK)).min(total);
@@ -196,7 +217,7 @@ impl PassTracer<'_> {
 
     /// Pixel and sample of a linear index.
     fn place(&self, index: u64, rows: &[u32]) -> (u64, u64) {
-        let (place, sample) = (index % self.pixels(), index / self.pixels());
+        let (place, sample) = (index % self.places, index / self.places);
         let width = u64::from(self.window.width);
         (u64::from(rows[(place / width) as usize]) * width + place % width, sample)
     }

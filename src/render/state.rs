@@ -1,6 +1,6 @@
 //! State of a render between two chunks, apart from what is learned: a checkpoint holds both.
 
-use super::budget::Verdict;
+use super::budget::{GUIDED_COST, Verdict};
 use crate::film::{FinishedPass, Pass};
 
 /// State of a render from which the rest of it follows.
@@ -24,7 +24,6 @@ pub(super) struct State {
 }
 
 /// Measurements of the iterations so far, by which the next one is decided on.
-#[derive(Default)]
 pub(super) struct Trend {
     /// Variance of one sample in each iteration.
     pub variances: Vec<f64>,
@@ -35,6 +34,24 @@ pub(super) struct Trend {
     pub verdict: Verdict,
     /// Estimated relMSE of a picture with one sample per pixel, by the last iteration; only kept for a target error.
     pub relative: f64,
+    /// Cost of a sample with the guide over that without.
+    pub guided_cost: f64,
+    /// Whether much of the light comes through glass or from mirrors, as far as is known.
+    pub caustics: bool,
+}
+
+impl Default for Trend {
+    fn default() -> Self {
+        Self {
+            variances: Vec::new(),
+            seconds: 0.0,
+            camera_part: 0.0,
+            verdict: Verdict::default(),
+            relative: 0.0,
+            guided_cost: GUIDED_COST,
+            caustics: false,
+        }
+    }
 }
 
 /// The kinds of passes.

@@ -39,7 +39,7 @@ pub struct Seconds {
 pub struct Iteration {
     /// Index of the iteration.
     pub t: u32,
-    /// Camera paths per pixel.
+    /// Camera paths in each pixel that it visits; the first iterations visit a part of them.
     pub spp: u32,
     /// Wall time.
     pub seconds: f64,

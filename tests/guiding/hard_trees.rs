@@ -15,7 +15,7 @@ use fanal::guiding::cache::parallax::Parallax;
 use fanal::guiding::learn::adam::Adam;
 use fanal::guiding::learn::learner::{Learner, LearnerSettings, Use};
 use fanal::guiding::record::PathRecord;
-use fanal::guiding::sample::field::{GuideField, VoxelGuide};
+use fanal::guiding::sample::field::{DirectionGuide, GuideField, VoxelGuide};
 use fanal::guiding::sample::roulette::AdjointRoulette;
 use fanal::guiding::target::{DirectLight, Target};
 use fanal::guiding::tree::TreeSettings;
@@ -32,6 +32,7 @@ use fanal::materials::fresnel::Metal;
 use fanal::materials::texture::Texture;
 use fanal::materials::{Kind, Material, Transport};
 use fanal::math::cylindrical;
+use fanal::math::lanes::LANES;
 use fanal::reconstruct::neural::inputs_of;
 use fanal::reconstruct::{Neural, Reconstructor};
 use glam::{Vec2, Vec3};
@@ -91,6 +92,36 @@ fn peaked(towards: Vec3, uniform: f32) -> SamplingTree {
     let topology = chain(towards);
     let weights: Vec<f64> = (0..topology.leaves().count()).map(|leaf| 3f64.powi(leaf as i32 / 3)).collect();
     SamplingTree::new(&Distribution::from_leaf_weights(topology, &weights), uniform, usize::MAX)
+}
+
+/// Guides of different depths, some of them absent, draw and judge directions together as each does alone.
+#[test]
+fn guides_in_lanes_have_the_bits_of_guides_alone() {
+    let mut random = Random::new(31, 0, 0);
+    let voxel = |random: &mut Random, k: usize| VoxelGuide {
+        directions: (k % 5 != 4).then(|| match k % 3 {
+            0 => peaked(direction(random), 0.2).into(),
+            1 => SamplingTree::new(&Distribution::uniform(), 1.0, usize::MAX).into(),
+            _ => {
+                let weights: Vec<f64> = (0..64).map(|_| random.next_f64().powi(4)).collect();
+                SamplingTree::new(&Distribution::from_leaf_weights(full(3), &weights), 0.01, usize::MAX).into()
+            }
+        }),
+        parallax: Parallax { centre: Vec3::ZERO, curvature: [0.0, 0.7][k % 2] },
+        bsdf_fraction: 0.5,
+        roulette: AdjointRoulette::UNKNOWN,
+    };
+    let voxels: [VoxelGuide; LANES] = std::array::from_fn(|k| voxel(&mut random, k));
+    for _ in 0..500 {
+        let point = 0.9 * random.next_f32() * direction(&mut random);
+        let guides = voxels.each_ref().map(|voxel| voxel.at(point));
+        let draws = guides.map(|guide| guide.map(|guide| (guide, random.next_2d_f64())));
+        let drawn = DirectionGuide::sample_lanes(&draws);
+        assert_eq!(drawn, draws.map(|draw| draw.map(|(guide, u)| guide.sample(u))));
+        let asked = guides.map(|guide| guide.map(|guide| (guide, direction(&mut random))));
+        let alone = asked.map(|asked| asked.map_or(0.0, |(guide, towards)| guide.pdf(towards)));
+        assert_eq!(DirectionGuide::pdf_lanes(&asked), alone);
+    }
 }
 
 /// The same at level 20, at the poles, where φ begins anew, at the equator and elsewhere. There a cell is 2⁻²⁰ wide. A

@@ -85,6 +85,7 @@ fn photon(random: &mut Random) -> PhotonRecord {
                 power: 1.0,
                 distance: 1.0,
                 normal: Vec3::Y,
+                caustic: false,
             };
         }
     }

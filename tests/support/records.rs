@@ -26,7 +26,7 @@ pub fn path_at(point: Vec3, direction: Vec3, value: f32) -> PathRecord {
 
 /// A photon there.
 pub fn photon_at(point: Vec3, direction: Vec3, power: f32) -> PhotonRecord {
-    PhotonRecord { path: 0, point, direction, power, distance: 1.0, normal: Vec3::Y }
+    PhotonRecord { path: 0, point, direction, power, distance: 1.0, normal: Vec3::Y, caustic: false }
 }
 
 /// A chain of splits down to level 20, around the cell that contains `towards`.

@@ -58,12 +58,14 @@ impl Parallax {
     }
 
     /// Offset of `point` from the centre in radii; none where there is nothing to correct, or the point lies outside.
+    #[inline(always)]
     fn offset(&self, point: Vec3) -> Option<Vec3> {
         let offset = (point - self.centre) * self.curvature;
         (self.curvature > 0.0 && offset.length_squared() < 0.9).then_some(offset)
     }
 
     /// The direction `away` at `point`, as seen from the centre.
+    #[inline(always)]
     pub fn to_centre(&self, point: Vec3, away: Vec3) -> Carried {
         let Some(offset) = self.offset(point) else { return Carried { direction: away, density: 1.0 } };
         // Along the ray to the unit sphere, from its inside: the only positive solution.
@@ -74,6 +76,7 @@ impl Parallax {
     }
 
     /// The direction `direction` at the centre, as seen from `point`.
+    #[inline(always)]
     pub fn from_centre(&self, point: Vec3, direction: Vec3) -> Carried {
         let Some(offset) = self.offset(point) else { return Carried { direction, density: 1.0 } };
         let to = direction - offset;
@@ -84,6 +87,7 @@ impl Parallax {
 }
 
 /// dω/dω' with lengths in radii.
+#[inline(always)]
 fn density(direction: Vec3, away: Vec3, distance: f32) -> f32 {
     distance * distance / direction.dot(away).max(1e-3)
 }

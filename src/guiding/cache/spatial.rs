@@ -174,6 +174,7 @@ impl SpatialCache {
         self.bounds[voxel as usize]
     }
 
+    #[inline(always)]
     fn key(&self, point: Vec3, normal: Vec3) -> ([i32; 3], Facing) {
         // Casting saturates, so a point at infinity has a key like any other.
         let cell = ((point - self.origin) / self.cell).floor().to_array().map(|x| x as i32);
@@ -202,6 +203,7 @@ impl SpatialCache {
     }
 
     /// The voxel that holds `point` of a surface with this normal, on the side that the normal points to.
+    #[inline(always)]
     pub fn find(&self, point: Vec3, normal: Vec3) -> Option<VoxelId> {
         let mut node = *self.cells.get(&self.key(point, normal))?;
         loop {

@@ -15,7 +15,7 @@ use crate::base::Result;
 use crate::base::random::Random;
 use crate::guiding::cache::{Ancestry, CELL_BYTES, SpatialCache, VoxelId};
 use crate::guiding::model::{Directions, Model, ModelKind};
-use crate::guiding::moments::{FRACTIONS, Moments, PictureMoments};
+use crate::guiding::moments::{Moments, PictureMoments};
 use crate::guiding::record::{PathRecord, PhotonRecord};
 use crate::guiding::sample::field::{Evidence, GuideField, VoxelGuide};
 use crate::guiding::sample::roulette::AdjointRoulette;
@@ -252,9 +252,10 @@ impl Learner {
         (weight > 0.0).then(|| sum / weight)
     }
 
-    /// Second moments of the picture with and without guiding, the `worst` samples left out. To be asked between [`Learner::fit`]
-    /// and [`Learner::refine`].
+    /// Second moments of the picture with and without the guides that were sampled, the `worst` samples left out. To be asked before
+    /// [`Learner::fit`] makes others. Voxels have the fractions of BSDF samples from then on that were best with these guides.
     pub fn picture_moments(&mut self, worst: usize) -> PictureMoments {
+        self.choose_fractions();
         let mut sum = PictureMoments::default();
         let (mut squares, mut photons) = (Moments::<1>::default(), 0.0);
         let mut outliers = self.outliers.by_voxel(worst).peekable();
@@ -303,12 +304,33 @@ impl Learner {
         Ok(())
     }
 
-    /// Gives voxels their guides, and chooses for each the fraction of BSDF samples.
-    fn publish(&mut self, guides: Vec<Option<Directions>>) {
-        let (ancestry, keeps) = (&self.ancestry, self.model.keeps_guides());
+    /// Chooses for each voxel the fraction of BSDF samples by what this iteration has measured of the guides that it sampled; a voxel of
+    /// which too little is known keeps the fraction that it has.
+    fn choose_fractions(&mut self) {
+        let Some(cache) = &self.cache else { return };
+        self.ancestry = cache.ancestry();
+        let ancestry = &self.ancestry;
         let fractions = ancestry.pooled(&self.voxels, |sum: &mut Moments<_>, v| sum.merge(&v.fractions));
-        let adjoint = pooled_adjoint(&self.voxels, ancestry);
         let LearnerSettings { fraction: rule, keeps_evidence, .. } = self.settings;
+        self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
+            let mut measured = voxel.fractions;
+            measured.add_prior(&fractions[ancestry.block(v)], PRIOR_SAMPLES);
+            voxel.best = measured.best();
+            let chosen = voxel.chosen_fraction(rule);
+            voxel.bsdf_fraction = chosen.unwrap_or(voxel.bsdf_fraction);
+            if keeps_evidence {
+                let [_, chosen, bsdf] = measured.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
+                voxel.gain = (chosen / bsdf) as f32;
+            }
+        });
+    }
+
+    /// Gives voxels their guides, with the fractions that were best with those before.
+    fn publish(&mut self, guides: Vec<Option<Directions>>) {
+        self.choose_fractions();
+        let (ancestry, keeps) = (&self.ancestry, self.model.keeps_guides());
+        let adjoint = pooled_adjoint(&self.voxels, ancestry);
+        let rule = self.settings.fraction;
         self.voxels.par_iter_mut().zip(guides).enumerate().for_each(|(v, (voxel, guide))| {
             let block = ancestry.block(v);
             voxel.known_adjoint = voxel.adjoint;
@@ -318,18 +340,8 @@ impl Learner {
             }
             voxel.spheres.guide = voxel.spheres.learned;
             voxel.guide = guide;
-            let mut measured = voxel.fractions;
-            measured.add_prior(&fractions[block], PRIOR_SAMPLES);
-            voxel.told = measured.best().is_some() || voxel.lit;
-            voxel.bsdf_fraction = match rule {
-                FractionRule::Half => LEARNING_FRACTION,
-                FractionRule::Moments => measured.best().map_or(LEARNING_FRACTION, |best| FRACTIONS[best]),
-                FractionRule::Adam => voxel.adam.fraction(),
-            } as f32;
-            if keeps_evidence {
-                let [_, chosen, bsdf] = measured.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
-                voxel.gain = (chosen / bsdf) as f32;
-            }
+            voxel.told = voxel.best.is_some() || voxel.lit;
+            voxel.bsdf_fraction = voxel.chosen_fraction(rule).unwrap_or(LEARNING_FRACTION as f32);
         });
     }
 

@@ -29,6 +29,8 @@ pub(super) struct Voxel {
     /// Fraction of BSDF samples once learning is over, and whether path samples or photons have shown enough to judge the guide.
     pub bsdf_fraction: f32,
     pub told: bool,
+    /// Index of the fraction that this iteration has shown to be best, its surroundings included; none where that is not known.
+    pub best: Option<usize>,
     /// Sum of the samples' contributions to the picture, their squares, and the sum of the squares with light sampling.
     pub contribution: f64,
     pub squares: Moments<1>,
@@ -54,6 +56,7 @@ impl Default for Voxel {
             guide: None,
             bsdf_fraction: LEARNING_FRACTION as f32,
             told: false,
+            best: None,
             contribution: 0.0,
             squares: Moments::default(),
             all_squares: 0.0,
@@ -123,6 +126,16 @@ impl Voxel {
         let paths = paths.map(|r| start(0, learned.value(r), (r.point, r.direction, r.distance)));
         let photons = photons.map(|r| start(1, r.power, (r.point, r.direction, r.distance)));
         Parallax::fit(bounds, paths.chain(photons))
+    }
+
+    /// The fraction of BSDF samples by `rule` and what was measured; none where that is too little.
+    pub fn chosen_fraction(&self, rule: FractionRule) -> Option<f32> {
+        let chosen = match rule {
+            FractionRule::Half => Some(LEARNING_FRACTION),
+            FractionRule::Moments => self.best.map(|best| FRACTIONS[best]),
+            FractionRule::Adam => Some(self.adam.fraction()),
+        };
+        chosen.map(|fraction| fraction as f32)
     }
 
     /// Copy for one half of the voxel along `axis`, the lower (0) or the upper (1), with the path samples of that half.

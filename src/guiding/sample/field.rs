@@ -6,6 +6,7 @@ use super::roulette::AdjointRoulette;
 use crate::guiding::cache::SpatialCache;
 use crate::guiding::cache::parallax::Parallax;
 use crate::guiding::model::Directions;
+use crate::math::lanes::LANES;
 
 /// Guide of one voxel.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,6 +41,34 @@ impl VoxelGuide {
 }
 
 impl DirectionGuide<'_> {
+    /// [`DirectionGuide::sample`] of several guides, which wait for memory together.
+    #[inline(always)]
+    pub fn sample_lanes(draws: &[Option<(Self, [f64; 2])>; LANES]) -> [Option<(Vec3, f32)>; LANES] {
+        let mut drawn = Directions::sample_lanes(&draws.map(|draw| draw.map(|(guide, u)| (guide.directions, u))));
+        for (drawn, draw) in drawn.iter_mut().zip(draws) {
+            if let (Some((direction, pdf)), Some((guide, _))) = (drawn, draw) {
+                let seen = guide.parallax.from_centre(guide.point, *direction);
+                (*direction, *pdf) = (seen.direction, *pdf * seen.density);
+            }
+        }
+        drawn
+    }
+
+    /// [`DirectionGuide::pdf`] of several guides, which wait for memory together; 0 where there are none.
+    #[inline(always)]
+    pub fn pdf_lanes(asked: &[Option<(Self, Vec3)>; LANES]) -> [f32; LANES] {
+        let (mut towards, mut factors) = ([None; LANES], [0.0; LANES]);
+        for (lane, asked) in asked.iter().enumerate() {
+            if let Some((guide, direction)) = asked {
+                let seen = guide.parallax.to_centre(guide.point, *direction);
+                (towards[lane], factors[lane]) = (Some((guide.directions, seen.direction)), seen.density);
+            }
+        }
+        let mut densities = Directions::pdf_lanes(&towards);
+        densities.iter_mut().zip(factors).for_each(|(density, factor)| *density *= factor);
+        densities
+    }
+
     /// Direction that a point of the unit square maps to, and its density w.r.t. solid angle.
     pub fn sample(&self, u: [f64; 2]) -> (Vec3, f32) {
         let (direction, pdf) = self.directions.sample(u);
@@ -83,6 +112,7 @@ impl GuideField {
     }
 
     /// The voxel that holds a point of a surface, on the side that `normal` points to; none where there is none.
+    #[inline(always)]
     pub fn find(&self, point: Vec3, normal: Vec3) -> Option<u32> {
         self.cache.find(point, normal).filter(|&voxel| (voxel as usize) < self.voxels.len())
     }

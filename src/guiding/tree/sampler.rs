@@ -11,6 +11,7 @@ use glam::Vec3;
 
 use super::distribution::Distribution;
 use super::topology::{MAX_LEVEL, MAX_NODES, NO_CHILD};
+use crate::base::processor::prefetch_line;
 use crate::math::cylindrical;
 
 /// Sum of the shares of a node's children. Sixteen bits are enough: directions are drawn and densities computed with the same
@@ -32,32 +33,37 @@ pub(in crate::guiding) struct Node {
 }
 
 impl Node {
-    /// The node of child `k`; none where that is a leaf.
-    fn child(self, k: usize) -> Option<usize> {
-        let before = (self.inner & ((1 << k) - 1)).count_ones();
-        (self.inner >> k & 1 == 1).then_some((self.first + before) as usize)
+    /// The index of child `k`'s node, 0 where that is a leaf, and whether it is none.
+    #[inline(always)]
+    fn child(self, k: u32) -> (usize, bool) {
+        let (inner, before) = (u32::from(self.inner >> k & 1), (self.inner & ((1 << k) - 1)).count_ones());
+        (((self.first + before) * inner) as usize, inner == 1)
     }
 
-    /// The child that a point of the unit square selects, and the point's place in it (Clarberg 2005, *Wavelet Importance
-    /// Sampling*, §4): a row by the second coordinate, then a column by the first. Points that are spread evenly stay so.
-    fn choose(self, [u, v]: [f64; 2]) -> (usize, [f64; 2]) {
-        let [a, b, c] = self.begin.map(f64::from);
+    /// Cumulative shares at which child `k` begins and child `last` ends. Bits are shifted and nothing is chosen, as a processor that
+    /// guesses the way of a random number is wrong half of the time.
+    #[inline(always)]
+    fn span(self, k: u32, last: u32) -> [f64; 2] {
+        let [a, b, c] = self.begin.map(u64::from);
+        let shares = a | b << 16 | c << 32;
+        let begin = (shares << 16 >> (16 * k)) as u32 & 0xFFFF;
+        let end = (shares >> (16 * last)) as u32 & 0xFFFF | (last + 1) >> 2 << 16;
+        [begin, end].map(f64::from)
+    }
+
+    /// The child that a point of the unit square selects, the point's place in it, and the child's share (Clarberg 2005, *Wavelet
+    /// Importance Sampling*, §4): a row by the second coordinate, then a column by the first. Points that are spread evenly stay so.
+    #[inline(always)]
+    fn choose(self, [u, v]: [f64; 2]) -> (u32, [f64; 2], f64) {
         let row = v * WHOLE;
-        let lower = row >= b;
-        let (begin, middle, end) = if lower { (b, c, WHOLE) } else { (0.0, a, b) };
-        let v = if lower { (row - b) / (WHOLE - b) } else { row / b };
+        let lower = 2 * u32::from(row >= f64::from(self.begin[1]));
+        let [begin, end] = self.span(lower, lower + 1);
+        let v = (row - begin) / (end - begin);
         let column = begin + u * (end - begin);
-        let right = column >= middle;
-        let (begin, end) = if right { (middle, end) } else { (begin, middle) };
+        let k = lower + u32::from(column >= self.span(lower, lower)[1]);
+        let [begin, end] = self.span(k, k);
         let u = (column - begin) / (end - begin);
-        (usize::from(right) + 2 * usize::from(lower), [u, v].map(|x| x.min(BELOW_ONE)))
-    }
-
-    /// Density of child `k` relative to that of the node.
-    fn relative(self, k: usize) -> f64 {
-        let [a, b, c] = self.begin.map(i32::from);
-        let share = [a, b - a, c - b, 65536 - c][k];
-        f64::from(share) * (4.0 / WHOLE)
+        (k, [u, v].map(|x| x.min(BELOW_ONE)), end - begin)
     }
 }
 
@@ -145,41 +151,50 @@ impl SamplingTree {
 
     /// Direction that a point of the unit square maps to, and its density w.r.t. solid angle.
     pub fn sample(&self, u: [f64; 2]) -> (Vec3, f32) {
-        let (place, relative) = self.sample_square(u);
-        // Rounding to three f32 may carry the direction over the edge of its cell; it was drawn with this cell's density.
-        (cylindrical::to_direction(place), (relative / (4.0 * PI)) as f32)
+        let mut draw = self.draw(u);
+        while draw.step() {}
+        self.direction(&draw)
     }
 
     /// Maps an evenly distributed point of the unit square to one of this distribution; also returns its density over the uniform
     /// one.
-    pub fn sample_square(&self, [u, v]: [f64; 2]) -> ([f64; 2], f64) {
+    pub fn sample_square(&self, u: [f64; 2]) -> ([f64; 2], f64) {
+        let mut descent = self.draw(u);
+        while descent.step() {}
+        self.drawn(&descent)
+    }
+
+    /// Begins to draw the direction that a point of the unit square maps to.
+    #[inline(always)]
+    pub fn draw(&self, [u, v]: [f64; 2]) -> Draw<'_> {
         let uniform = f64::from(self.uniform);
         if u < uniform || self.nodes.is_empty() {
             let place = [if self.nodes.is_empty() { u } else { u / uniform }, v];
-            return (place, self.relative_at(cylindrical::cell_of(place)));
+            return Draw::Uniform(place, self.look_up_cell(cylindrical::cell_of(place)));
         }
-        let mut within = [((u - uniform) / (1.0 - uniform)).min(BELOW_ONE), v.min(BELOW_ONE)];
-        let (mut x, mut y, mut level) = (0u32, 0u32, 0u32);
-        let mut relative = 1.0;
-        let mut node = self.nodes[0];
-        loop {
-            let k;
-            (k, within) = node.choose(within);
-            relative *= node.relative(k);
-            (x, y, level) = (2 * x + (k as u32 & 1), 2 * y + (k as u32 >> 1), level + 1);
-            let Some(child) = node.child(k) else { break };
-            node = self.nodes[child];
+        let within = [((u - uniform) / (1.0 - uniform)).min(BELOW_ONE), v.min(BELOW_ONE)];
+        fetch(&self.nodes, 0);
+        Draw::Tree(Descent { nodes: &self.nodes, node: 0, within, cell: [0; 2], level: 0, relative: 1.0 })
+    }
+
+    /// The direction that was drawn, and its density w.r.t. solid angle.
+    #[inline(always)]
+    pub fn direction(&self, draw: &Draw) -> (Vec3, f32) {
+        let (place, relative) = self.drawn(draw);
+        // Rounding to three f32 may carry the direction over the edge of its cell; it was drawn with this cell's density.
+        (cylindrical::to_direction(place), (relative / (4.0 * PI)) as f32)
+    }
+
+    #[inline(always)]
+    fn drawn(&self, draw: &Draw) -> ([f64; 2], f64) {
+        match draw {
+            Draw::Uniform(place, found) => (*place, self.mixed(found.relative)),
+            Draw::Tree(descent) => (descent.place(), self.mixed(descent.relative)),
         }
-        let side = 1.0 / f64::from(1u32 << level);
-        let place = [(f64::from(x) + within[0]) * side, (f64::from(y) + within[1]) * side];
-        (place, self.mixed(relative))
     }
 
     /// Density of [`SamplingTree::sample`], w.r.t. solid angle. Never zero.
     pub fn pdf(&self, direction: Vec3) -> f32 {
-        if self.nodes.is_empty() {
-            return (1.0 / (4.0 * PI)) as f32;
-        }
         self.pdf_at(cylindrical::to_cell(direction))
     }
 
@@ -191,28 +206,156 @@ impl SamplingTree {
 
     /// Density in a cell (x, y) of level 20.
     pub fn pdf_at(&self, cell: [u32; 2]) -> f32 {
-        (self.relative_at(cell) / (4.0 * PI)) as f32
+        let mut found = self.look_up_cell(cell);
+        while found.step() {}
+        self.density(&found)
     }
 
-    /// Density relative to the uniform one in a cell (x, y) of level 20.
-    fn relative_at(&self, [x, y]: [u32; 2]) -> f64 {
-        let mut relative = 1.0f64;
-        if !self.nodes.is_empty() {
-            let mut node = self.nodes[0];
-            for bit in (0..MAX_LEVEL).rev() {
-                let k = (((x >> bit) & 1) | (((y >> bit) & 1) << 1)) as usize;
-                relative *= node.relative(k);
-                let Some(child) = node.child(k) else { break };
-                node = self.nodes[child];
-            }
-        }
-        self.mixed(relative)
+    /// Begins to look up the density in a direction.
+    #[inline(always)]
+    pub fn look_up(&self, direction: Vec3) -> LookUp<'_> {
+        self.look_up_cell(cylindrical::to_cell(direction))
+    }
+
+    #[inline(always)]
+    fn look_up_cell(&self, cell: [u32; 2]) -> LookUp<'_> {
+        fetch(&self.nodes, 0);
+        LookUp { nodes: &self.nodes, node: 0, cell, level: MAX_LEVEL, relative: 1.0 }
+    }
+
+    /// The density that was looked up, w.r.t. solid angle. Never zero.
+    #[inline(always)]
+    pub fn density(&self, found: &LookUp) -> f32 {
+        (self.mixed(found.relative) / (4.0 * PI)) as f32
     }
 
     /// The tree's density with the uniform part.
     fn mixed(&self, relative: f64) -> f64 {
         let uniform = f64::from(self.uniform);
         (1.0 - uniform) * relative + uniform
+    }
+}
+
+/// A direction that is being drawn: by the uniform part or by the tree.
+#[derive(Debug, Clone, Copy)]
+pub enum Draw<'t> {
+    /// The point of the square that was drawn, where the density is being looked up.
+    Uniform([f64; 2], LookUp<'t>),
+    /// On its way down.
+    Tree(Descent<'t>),
+}
+
+/// A point of the unit square on its way to a leaf that it selects.
+#[derive(Debug, Clone, Copy)]
+pub struct Descent<'t> {
+    nodes: &'t [Node],
+    /// Index of the node that it has reached.
+    node: usize,
+    /// Where the point lies within the node.
+    within: [f64; 2],
+    cell: [u32; 2],
+    level: u32,
+    /// Density of the node relative to the uniform one.
+    relative: f64,
+}
+
+/// A cell of level 20 on its way to the leaf that holds it.
+#[derive(Debug, Clone, Copy)]
+pub struct LookUp<'t> {
+    nodes: &'t [Node],
+    /// Index of the node that it has reached.
+    node: usize,
+    cell: [u32; 2],
+    /// Level that the node's children are above.
+    level: usize,
+    /// Density of the node relative to the uniform one.
+    relative: f64,
+}
+
+/// A way down a tree, step by step. A step has no branches and fetches the node of the next one, so that the steps of several ways
+/// do not wait for each other's nodes.
+pub trait Way {
+    /// Goes down one level; returns whether there is another below.
+    fn step(&mut self) -> bool;
+}
+
+impl Way for Draw<'_> {
+    #[inline(always)]
+    fn step(&mut self) -> bool {
+        match self {
+            Self::Uniform(_, look_up) => look_up.step(),
+            Self::Tree(descent) => descent.step(),
+        }
+    }
+}
+
+impl Way for Descent<'_> {
+    #[inline(always)]
+    fn step(&mut self) -> bool {
+        let node = self.nodes[self.node];
+        let (k, within, share) = node.choose(self.within);
+        self.within = within;
+        self.relative *= share * (4.0 / WHOLE);
+        self.cell = [2 * self.cell[0] + (k & 1), 2 * self.cell[1] + (k >> 1)];
+        self.level += 1;
+        let (child, is_inner) = node.child(k);
+        self.node = child;
+        fetch(self.nodes, child);
+        is_inner
+    }
+}
+
+impl Descent<'_> {
+    /// The point of the square that was drawn.
+    #[inline(always)]
+    fn place(&self) -> [f64; 2] {
+        let side = 1.0 / f64::from(1u32 << self.level);
+        [0, 1].map(|axis| (f64::from(self.cell[axis]) + self.within[axis]) * side)
+    }
+}
+
+impl Way for LookUp<'_> {
+    #[inline(always)]
+    fn step(&mut self) -> bool {
+        if self.nodes.is_empty() {
+            return false;
+        }
+        self.level -= 1;
+        let [x, y] = self.cell.map(|cell| cell >> self.level & 1);
+        let k = x | y << 1;
+        let node = self.nodes[self.node];
+        let [begin, end] = node.span(k, k);
+        self.relative *= (end - begin) * (4.0 / WHOLE);
+        let (child, is_inner) = node.child(k);
+        self.node = child;
+        fetch(self.nodes, child);
+        is_inner && self.level > 0
+    }
+}
+
+/// Brings a node near.
+#[inline(always)]
+fn fetch(nodes: &[Node], index: usize) {
+    prefetch_line(nodes.as_ptr().wrapping_add(index));
+}
+
+/// Takes several ways to their ends, all of them a level before any goes down the next.
+#[inline(always)]
+pub fn walk<const N: usize>(ways: &mut [Option<impl Way>; N]) {
+    let (mut going, mut count) = ([0; N], 0);
+    for (number, way) in ways.iter().enumerate() {
+        going[count] = number;
+        count += usize::from(way.is_some());
+    }
+    while count > 0 {
+        let mut kept = 0;
+        for place in 0..count {
+            let number = going[place];
+            let goes_on = ways[number].as_mut().is_some_and(Way::step);
+            going[kept] = number;
+            kept += usize::from(goes_on);
+        }
+        count = kept;
     }
 }
 

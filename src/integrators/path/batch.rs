@@ -11,7 +11,9 @@ use super::{
 use crate::base::processor::Avx2;
 use crate::geometry::{Hit, Ray, RayKind, Scratch, Surface};
 use crate::guiding::record::PathRecord;
+use crate::guiding::sample::field::DirectionGuide;
 use crate::materials::medium::MediumId;
+use crate::math::lanes::LANES;
 use crate::scene::effects::{Effects, Everything, With};
 
 /// Vertices that are made and then shaded: enough for lanes to be full, few enough to remain in the nearest caches.
@@ -109,6 +111,8 @@ pub(super) struct Shadows {
     /// Media that the rays start in; empty where there are no media.
     pub media: Vec<Option<MediumId>>,
     occluded: Vec<bool>,
+    /// What the rays let through.
+    visible: Vec<Vec3>,
 }
 
 impl Shadows {
@@ -195,7 +199,7 @@ impl PathTracer<'_> {
     /// The same compiled for newer processors. Nothing is rounded otherwise: products and sums are not fused unless code asks for it.
     #[cfg(target_arch = "x86_64")]
     #[inline(never)]
-    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     fn walk_avx2<E: Effects, const RECORDS: bool>(&self, scratch: &mut PathScratch, count: &mut RayCount) {
         self.extend::<E, RECORDS>(scratch, count);
     }
@@ -247,34 +251,50 @@ impl PathTracer<'_> {
         queries: &mut Scratch,
         vertices: &mut Vertices,
     ) {
-        let Shadows { rays, connections, guided, media, occluded } = shadows;
-        let mut bring = |number: usize, visible: Vec3| {
-            if visible == Vec3::ZERO {
-                return;
-            }
-            let connection = &connections[number];
-            let (factor, direct) = self.weigh::<E>(connection, guided.get(number));
-            let (vertex, value) = (connection.vertex as usize, connection.value * visible * factor);
-            vertices.all[vertex].direct = value;
-            if RECORDS {
-                vertices.details[vertex].direct = Direct { value, ..direct };
-            }
-        };
+        let Shadows { rays, media, occluded, visible, .. } = shadows;
+        visible.clear();
         if self.scene.has_veils::<E>() {
-            for (number, (ray, length)) in rays.iter().enumerate() {
+            visible.extend(rays.iter().enumerate().map(|(number, (ray, length))| {
                 let medium = media.get(number).copied().flatten();
-                bring(number, self.scene.transmittance(ray, *length, medium));
-            }
+                self.scene.transmittance(ray, *length, medium)
+            }));
         } else {
             occluded.resize(rays.len(), false);
             let accel = &self.scene.accel;
             let answer = |way| accel.occluded_all(rays, way, queries, occluded);
             accel.pace.measure(RayKind::Shadow(depth), rays.len(), answer);
-            for (number, occluded) in occluded.iter().enumerate() {
-                bring(number, if *occluded { Vec3::ZERO } else { Vec3::ONE });
-            }
+            visible.extend(occluded.iter().map(|occluded| if *occluded { Vec3::ZERO } else { Vec3::ONE }));
+        }
+        for first in (0..shadows.visible.len()).step_by(LANES) {
+            self.bring::<E, RECORDS>(first, shadows, vertices);
         }
         shadows.clear();
+    }
+
+    /// Gives vertices what connections bring, sixteen of them from number `first` on.
+    #[inline(always)]
+    fn bring<E: Effects, const RECORDS: bool>(&self, first: usize, shadows: &Shadows, vertices: &mut Vertices) {
+        let Shadows { connections, guided, visible, .. } = shadows;
+        let numbers = first..visible.len().min(first + LANES);
+        let mut asked = [None; LANES];
+        if E::GUIDING {
+            for (asked, number) in asked.iter_mut().zip(numbers.clone()).filter(|(_, n)| visible[*n] != Vec3::ZERO) {
+                let at = &guided[number];
+                *asked = self.guide(at.voxel, at.point).map(|guide| (guide, at.direction));
+            }
+        }
+        let densities = if E::GUIDING { DirectionGuide::pdf_lanes(&asked) } else { [0.0; LANES] };
+        for (lane, number) in numbers.enumerate().filter(|(_, number)| visible[*number] != Vec3::ZERO) {
+            let connection = &connections[number];
+            let guide = asked[lane].map(|(guide, _)| (guide.bsdf_fraction, densities[lane]));
+            let deltas = if E::GUIDING { guided[number].deltas } else { 0.0 };
+            let (factor, direct) = Self::weigh(connection, deltas, guide);
+            let (vertex, value) = (connection.vertex as usize, connection.value * visible[number] * factor);
+            vertices.all[vertex].direct = value;
+            if RECORDS {
+                vertices.details[vertex].direct = Direct { value, ..direct };
+            }
+        }
     }
 
     /// Radiance of path `index` of those traced last, W·m⁻²·sr⁻¹. Where `records` is given, one record per vertex that is not a delta

@@ -6,7 +6,8 @@ use glam::Vec3;
 use super::{Arrival, PathState, PathTracer};
 use crate::base::random::{Dimension, Draws, Random};
 use crate::geometry::{Origins, Ray, Surface};
-use crate::integrators::mixture::{Proposal, one_draw};
+use crate::guiding::sample::field::DirectionGuide;
+use crate::integrators::mixture::{Proposal, guided_point, one_draw};
 use crate::integrators::site::{Draw, Lit, Onward, Site};
 use crate::lights::{LightSamples, LightSet};
 use crate::materials::{Bsdf, Transport, Variant};
@@ -55,10 +56,15 @@ pub(super) struct Shaded {
     roulette: Column,
     /// The guides' proposals that were to be taken.
     proposals: Proposals,
+    /// See [`Shaded::guide`].
+    guides: [Option<(f32, f32)>; LANES],
 }
 
 /// Proposals of guides that are to be taken.
 type Proposals = [Option<Proposal>; LANES];
+
+/// The guides of vertices that have one.
+type Guides<'g> = [Option<DirectionGuide<'g>>; LANES];
 
 /// Where numbers are kept, in all lanes or in the first alone.
 trait Keep: Copy {
@@ -182,10 +188,33 @@ impl Shaded {
         }
     }
 
-    /// The guide's proposal, if the path in a lane goes on in its direction.
+    /// Asks guides for their densities in the directions that the BSDFs have drawn.
     #[inline(always)]
-    pub fn proposal(&self, lane: usize) -> Option<Proposal> {
-        if self.guided && self.delta >> lane & 1 == 0 { self.proposals[lane] } else { None }
+    fn ask(&mut self, guides: &Guides) {
+        if !self.guided {
+            return;
+        }
+        let chooses = |lane: usize| guides[lane].filter(|_| self.delta >> lane & 1 == 0);
+        let mut asked = [None; LANES];
+        for (lane, asked) in asked.iter_mut().enumerate() {
+            if self.any >> lane & 1 == 1 && self.proposals[lane].is_none() {
+                *asked = chooses(lane).map(|guide| (guide, vector(&self.direction, lane)));
+            }
+        }
+        let densities = DirectionGuide::pdf_lanes(&asked);
+        let density = |lane: usize| self.proposals[lane].map_or(densities[lane], |proposal| proposal.pdf);
+        let mut all = [None; LANES];
+        for (lane, of) in all.iter_mut().enumerate() {
+            *of = chooses(lane).map(|guide| (guide.bsdf_fraction, density(lane)));
+        }
+        self.guides = all;
+    }
+
+    /// Of the guide in a lane, unless a delta lobe was drawn: the probability of sampling the BSDF instead, and its density in the
+    /// direction in which the path goes on.
+    #[inline(always)]
+    pub fn guide(&self, lane: usize) -> Option<(f32, f32)> {
+        if self.guided { self.guides[lane] } else { None }
     }
 
     /// Random number of roulette.
@@ -335,11 +364,14 @@ impl PathTracer<'_> {
                 for (lane, index) in group.iter_mut().zip(indices) {
                     *lane = &vertices[*index as usize];
                 }
-                self.propose::<E>(&group[..indices.len()], surfaces, paths, shaded);
+                let guides = self.propose::<E>(&group[..indices.len()], surfaces, paths, shaded);
                 if together == 1 {
                     self.shade_one(group[0], surfaces, paths, shaded);
                 } else {
                     self.shade_lanes(group, indices.len(), surfaces, paths, shaded);
+                }
+                if E::GUIDING {
+                    shaded.ask(&guides);
                 }
                 for (lane, at) in group.into_iter().enumerate().take(indices.len()) {
                     take(&mut paths[at.path as usize], at, &surfaces[at.place as usize], shaded, lane);
@@ -348,7 +380,7 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Lets the guides at vertices propose directions.
+    /// Lets the guides at vertices propose directions, and returns them.
     #[inline(always)]
     fn propose<E: Effects>(
         &self,
@@ -356,16 +388,23 @@ impl PathTracer<'_> {
         surfaces: &[Surface],
         paths: &[PathState],
         shaded: &mut Shaded,
-    ) {
+    ) -> Guides<'_> {
+        let mut guides = [None; LANES];
         shaded.lit = 0;
         shaded.guided = E::GUIDING && vertices.iter().any(|at| at.voxel.is_some());
         if shaded.guided {
-            shaded.proposals = [None; LANES];
-            for (proposal, at) in shaded.proposals.iter_mut().zip(vertices) {
-                let guide = self.guide(at.voxel, surfaces[at.place as usize].point);
-                *proposal = guide.and_then(|guide| Proposal::new(&guide, &paths[at.path as usize].random));
+            let mut draws = [None; LANES];
+            for (lane, at) in vertices.iter().enumerate() {
+                guides[lane] = self.guide(at.voxel, surfaces[at.place as usize].point);
+                let random = &paths[at.path as usize].random;
+                draws[lane] = guides[lane].and_then(|guide| Some((guide, guided_point(guide.bsdf_fraction, random)?)));
+            }
+            let drawn = DirectionGuide::sample_lanes(&draws);
+            for (proposal, drawn) in shaded.proposals.iter_mut().zip(drawn) {
+                *proposal = drawn.map(Proposal::from);
             }
         }
+        guides
     }
 
     /// Shades vertices together, of which the first `count` are looked at.
