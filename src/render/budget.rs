@@ -131,6 +131,26 @@ pub fn judged(variance: f64, moments: &PictureMoments, paths: f64) -> Verdict {
     Verdict::Gain((with / without).max(0.0).powf(SHARED))
 }
 
+/// Camera paths of the first iteration, unless so many are less than one in [`EVERY_PIXEL`] pixels.
+const FIRST_PATHS: u64 = 1 << 14;
+/// The first iteration visits at least one in so many pixels, so that the rows that it leaves out have neighbours.
+const EVERY_PIXEL: u64 = 8;
+
+/// Pixels that iteration `t` of a picture of `pixels` visits, and its samples in each of them. Each iteration has twice the paths of the
+/// one before, the third four times: two small ones find out whether guiding pays at all. Where `caustics` are much of the light, the
+/// second has eight times as many as the first. After the first they have two samples per pixel or more, which their variance is
+/// measured by. Of small pictures iteration t has 2^t samples per pixel.
+pub fn iteration_size(t: u32, pixels: u64, caustics: bool) -> (u64, u32) {
+    let growth = match t {
+        0 => 0,
+        _ if caustics => t + 2,
+        _ => t + u32::from(t > 1),
+    };
+    let paths = FIRST_PATHS.max(pixels / EVERY_PIXEL).saturating_mul(1 << growth.min(32));
+    let spp = (paths / pixels.max(1)).clamp(if t == 0 { 1 } else { 2 }, 1 << t.min(30));
+    ((paths / spp).min(pixels), spp as u32)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -182,5 +202,21 @@ mod tests {
         assert!(!learns_on(&outlook(60.0, 20.0, 0.5), &[1.0, 9.0], Verdict::Unseen), "no more than the limit");
         assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &halving, Verdict::Unknown), "fireflies");
         assert!(learns_on(&outlook(94.0, 6.0, 0.5), &flat, Verdict::Unknown), "the first iterations are free");
+    }
+
+    #[test]
+    fn iterations_double_and_leave_no_wide_gaps() {
+        for pixels in [1, 48, 1024, 57_600, 921_600, 1 << 26] {
+            let sizes: Vec<(u64, u32)> = (0..31).map(|t| iteration_size(t, pixels, pixels == 57_600)).collect();
+            for (t, &(places, spp)) in sizes.iter().enumerate() {
+                assert!(places <= pixels && places >= pixels / 8 && places > 0, "{pixels} {t}: {places}");
+                assert!(spp <= 1 << t && (t == 0 || spp >= 2), "{pixels} {t}: {spp}");
+            }
+            for pair in sizes[3..].windows(2) {
+                let [before, after] = [pair[0], pair[1]].map(|(places, spp)| places as f64 * f64::from(spp));
+                assert!((1.3..3.0).contains(&(after / before)), "{pixels}: {before} {after}");
+            }
+            assert_eq!(sizes[30].0, pixels, "all of the picture in the end");
+        }
     }
 }

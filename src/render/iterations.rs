@@ -1,11 +1,14 @@
 //! Learning while rendering: iterations, and when they end.
 
+use std::time::Instant;
+
 use super::budget::{Outlook, Verdict, judged, learns_on};
 use super::learning::{Learning, MUCH};
+use super::pass::{CHUNK, PassTracer};
 use super::run::Run;
 use super::settings::StopRule;
 use super::state::{Part, Phase, Position, Trend};
-use super::statistics::Iteration;
+use super::statistics::{Iteration, Statistics};
 use crate::base::Result;
 use crate::film::{FinishedPass, outliers};
 use crate::guiding::learn::learner::Use;
@@ -17,6 +20,10 @@ use crate::reconstruct::Reconstructor;
 const LATEST_VERDICT: usize = 4;
 /// Gain below which a guide is worth learning more of, whatever the variances of the first iterations.
 const STRONG: f64 = 0.5;
+
+/// Part of the time for a render in which is measured what a guided sample costs, and how often in turns with others.
+const TRIAL_SHARE: f64 = 0.005;
+const TRIALS: usize = 2;
 
 impl Run<'_> {
     /// Iterations, each with twice the paths of the one before, while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
@@ -38,8 +45,8 @@ impl Run<'_> {
                 return Ok(GuideField::empty());
             };
             let (finished, complete) = finished;
-            // The first two passes are not worth their noise, but they are all there is of a render stopped early.
-            if t >= 2 || !complete {
+            // Passes of a guide that knows little are not worth their noise, but they are all there is of a render stopped early.
+            if self.learned_before(t) > 1.0 || !complete {
                 self.state.passes.push(finished);
             } else {
                 self.state.early.push(finished);
@@ -60,6 +67,17 @@ impl Run<'_> {
     /// Whether iteration `t` is to be rendered and learned from.
     fn goes_on_learning(&self, t: u32, photon_share: f64) -> bool {
         !self.is_hopeless(t) && !self.watcher.stopped_between() && self.learns_on(t, photon_share)
+    }
+
+    /// Camera paths per pixel that the guide of iteration `t` was learned from.
+    fn learned_before(&self, t: u32) -> f64 {
+        (0..t).map(|t| self.paths_of(t)).sum()
+    }
+
+    /// Camera paths of iteration `t`, per pixel of the picture.
+    fn paths_of(&self, t: u32) -> f64 {
+        let (places, spp) = self.iteration_size(t);
+        f64::from(spp) * (places as f64 / self.pixels() as f64)
     }
 
     /// Whether the iterations before `next` have shown that guiding will not pay.
@@ -101,9 +119,10 @@ impl Run<'_> {
             return Ok(None);
         }
         self.state.trend.caustics = learning.caustics().map_or_else(|| self.has_delta_lobes(), |part| part > MUCH);
-        learning.judge(outliers(finished.samples().min(self.pixels()) as usize));
+        let worst = outliers(finished.samples().min(self.pixels()) as usize);
+        let moments = learning.learner.picture_moments(worst);
         let variance = part.pass.variance_relative_to(picture.as_deref());
-        let judged = |v| judged(v, &learning.moments, finished.samples() as f64);
+        let judged = |v| judged(v, &moments, finished.samples() as f64);
         self.state.trend.verdict = variance.map_or(Verdict::Unknown, judged);
         if let StopRule::Time(budget) = self.settings.stop
             && t > 0
@@ -150,6 +169,7 @@ impl Run<'_> {
         if self.state.trend.caustics { 4 } else { 2 }
     }
 
+    /// Whether there can be caustics, for guides that no photon tells of them.
     fn has_delta_lobes(&self) -> bool {
         self.scene.materials().iter().any(Material::is_delta)
     }
@@ -157,6 +177,28 @@ impl Run<'_> {
     /// Whether guiding is never given up, whatever it costs.
     fn is_always_guided(&self) -> bool {
         self.learn_only || !self.settings.gives_up
+    }
+
+    /// Cost of a sample with a guide over that without it, by the clock: both trace the same samples in turns, which are in no picture,
+    /// for about a two-hundredth of the time for the whole render.
+    fn guided_cost(&self, field: &GuideField, picture: Option<&[f32]>, budget: f64) -> f64 {
+        let rate = self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-6);
+        let samples = (TRIAL_SHARE / (2 * TRIALS) as f64 * budget * rate) as u64;
+        let mut seconds = [0.0; 2];
+        for trial in 0..2 * TRIALS {
+            let guided = trial % 2;
+            let tracer = PassTracer {
+                field: (guided == 1).then_some(field),
+                picture,
+                first_sample: self.state.rendered,
+                chunk: samples.clamp(1 << 12, CHUNK),
+                ..PassTracer::new(self.scene, self.settings, self.window, &self.filter)
+            };
+            let begun = Instant::now();
+            tracer.run(&mut self.empty_pass(), 0, None, &mut Statistics::default(), &mut |_| false);
+            seconds[guided] += begun.elapsed().as_secs_f64();
+        }
+        seconds[1] / seconds[0].max(1e-9)
     }
 
     /// Whether the guide at hand is worth its cost, or its cost does not matter.
@@ -180,11 +222,7 @@ impl Run<'_> {
     fn learns_on(&self, t: u32, photon_share: f64) -> bool {
         let trend = &self.state.trend;
         let kinds = 1.0 + photon_share;
-        let paths = |t: u32| {
-            let (places, spp) = self.iteration_size(t);
-            f64::from(spp) * (places as f64 / self.pixels() as f64)
-        };
-        let (cost, spent) = (paths(t) * kinds, self.state.spent);
+        let (cost, spent) = (self.paths_of(t) * kinds, self.state.spent);
         let limit = self.settings.learning_share;
         let outlook = match self.settings.stop {
             StopRule::Spp(spp) => {
@@ -193,7 +231,7 @@ impl Run<'_> {
             }
             StopRule::Time(budget) => {
                 let left = budget - self.watcher.elapsed();
-                let growth = paths(t) / paths(t.saturating_sub(1));
+                let growth = self.paths_of(t) / self.paths_of(t.saturating_sub(1));
                 Outlook { budget, left, cost: growth * trend.seconds, camera_part: trend.camera_part, limit }
             }
             // Iterations do not enter a picture that ends by its own samples; the first of them find out how many samples that

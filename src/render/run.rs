@@ -1,7 +1,6 @@
 //! A running render: its passes, the state that one leaves for the next, and its checkpoints.
 
-use std::time::Instant;
-
+use super::budget::iteration_size;
 use super::checkpoint::{Checkpointing, Moment, Resumed};
 use super::control::{Control, Watcher};
 use super::learning::Learning;
@@ -22,26 +21,6 @@ pub(super) type Rendered = (Image, Option<PixelSpread>);
 const LEAST_CHUNK: u64 = 1 << 14;
 /// A chunk has at least a sample for one in so many pixels, so that one chunk alone leaves only narrow gaps.
 const EVERY_ROW: u64 = 12;
-
-/// Camera paths of the first iteration, unless so many are less than one in [`EVERY_PIXEL`] pixels.
-const FIRST_PATHS: u64 = 1 << 14;
-/// The first iteration visits at least one in so many pixels, so that the rows that it leaves out have neighbours.
-const EVERY_PIXEL: u64 = 8;
-
-/// Part of the time for a render in which is measured what a guided sample costs, and how often in turns with others.
-const TRIAL_SHARE: f64 = 0.005;
-const TRIALS: usize = 2;
-
-/// Pixels that iteration `t` of a picture of `pixels` visits, and its samples in each of them. Each iteration has twice the paths of the
-/// one before, the third eight times as many as the first, sixteen times where light is rarely found: two small ones find out whether
-/// guiding pays at all. After the first they have two samples per pixel or more, which their variance is measured by. Of small pictures
-/// iteration t has 2^t samples per pixel.
-fn iteration_size(t: u32, pixels: u64, caustics: bool) -> (u64, u32) {
-    let growth = if t < 2 { t } else { t + 1 + u32::from(caustics) };
-    let paths = FIRST_PATHS.max(pixels / EVERY_PIXEL).saturating_mul(1 << growth.min(32));
-    let spp = (paths / pixels.max(1)).clamp(if t == 0 { 1 } else { 2 }, 1 << t.min(30));
-    ((paths / spp).min(pixels), spp as u32)
-}
 
 /// A running render.
 pub(super) struct Run<'a> {
@@ -189,28 +168,6 @@ impl<'a> Run<'a> {
         if phase == Phase::Learning { self.iteration_size(iteration).0 } else { self.pixels() }
     }
 
-    /// Cost of a sample with a guide over that without it, by the clock: both trace the same samples in turns, which are in no picture,
-    /// for about a two-hundredth of the time for the whole render.
-    pub fn guided_cost(&self, field: &GuideField, picture: Option<&[f32]>, budget: f64) -> f64 {
-        let rate = self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-6);
-        let samples = (TRIAL_SHARE / (2 * TRIALS) as f64 * budget * rate) as u64;
-        let mut seconds = [0.0; 2];
-        for trial in 0..2 * TRIALS {
-            let guided = trial % 2;
-            let tracer = PassTracer {
-                field: (guided == 1).then_some(field),
-                picture,
-                first_sample: self.state.rendered,
-                chunk: samples.clamp(1 << 12, CHUNK),
-                ..PassTracer::new(self.scene, self.settings, self.window, &self.filter)
-            };
-            let begun = Instant::now();
-            tracer.run(&mut self.empty_pass(), 0, None, &mut Statistics::default(), &mut |_| false);
-            seconds[guided] += begun.elapsed().as_secs_f64();
-        }
-        seconds[1] / seconds[0].max(1e-9)
-    }
-
     /// Estimated value (channel mean) of each pixel, by the passes so far; none while no light was found.
     pub fn pixel_values(&self) -> Option<Vec<f32>> {
         let State { passes, early, .. } = &self.state;
@@ -225,26 +182,5 @@ impl<'a> Run<'a> {
     /// Sample counts and variances of the pixels of the combined picture, where they are wanted.
     pub fn spread(&self, passes: &[FinishedPass], weights: Option<&[f64]>) -> Result<Option<PixelSpread>> {
         self.settings.keeps_spread.then(|| pixel_spread(passes, weights)).transpose()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn iterations_double_and_leave_no_wide_gaps() {
-        for pixels in [1, 48, 1024, 57_600, 921_600, 1 << 26] {
-            let sizes: Vec<(u64, u32)> = (0..31).map(|t| iteration_size(t, pixels, pixels == 57_600)).collect();
-            for (t, &(places, spp)) in sizes.iter().enumerate() {
-                assert!(places <= pixels && places >= pixels / 8 && places > 0, "{pixels} {t}: {places}");
-                assert!(spp <= 1 << t && (t == 0 || spp >= 2), "{pixels} {t}: {spp}");
-            }
-            for pair in sizes[3..].windows(2) {
-                let [before, after] = [pair[0], pair[1]].map(|(places, spp)| places as f64 * f64::from(spp));
-                assert!((1.3..3.0).contains(&(after / before)), "{pixels}: {before} {after}");
-            }
-            assert_eq!(sizes[30].0, pixels, "all of the picture in the end");
-        }
     }
 }

@@ -7,7 +7,7 @@ use crate::film::{FinishedPass, Pass};
 #[derive(Default)]
 pub(super) struct State {
     pub passes: Vec<FinishedPass>,
-    /// Finished passes left out of the picture, such as the first two iterations; pixel values are estimated from them too.
+    /// Finished passes left out of the picture, such as the first iterations; pixel values are estimated from them too.
     pub early: Vec<FinishedPass>,
     /// Whether guiding was given up because it does not pay.
     pub gave_up: bool,

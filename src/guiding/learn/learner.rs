@@ -101,6 +101,8 @@ pub struct Learner {
     /// Whether the spheres that directions refer to are never fitted anew.
     pub(super) keeps_spheres: bool,
     pub(super) outliers: Outliers,
+    /// Whether the fractions of BSDF samples go by all samples of this iteration.
+    chosen: bool,
 }
 
 /// Largest number of samples that the moments of a voxel's surroundings count as.
@@ -119,6 +121,7 @@ impl Learner {
             chunks: 0,
             keeps_spheres: false,
             outliers: Outliers::default(),
+            chosen: false,
         };
         learner.model.clear(learner.target());
         learner
@@ -197,6 +200,7 @@ impl Learner {
         }
         let samples = Samples::new((paths, &path_voxels), (photons, &photon_voxels), self.voxels.len());
         self.outliers.absorb(paths, &path_voxels);
+        self.chosen = false;
         let (cache, model) = (&*cache, &self.model);
         let fits = self.settings.parallax && !self.keeps_spheres;
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
@@ -287,10 +291,10 @@ impl Learner {
     /// # Errors
     /// Those of `propose`.
     pub fn fit(&mut self, propose: &mut Propose) -> Result<()> {
+        self.choose_fractions();
         let spheres = self.spheres();
         let contributions: Vec<f64> = self.voxels.iter().map(|voxel| voxel.contribution).collect();
         let Some(cache) = &self.cache else { return Ok(()) };
-        self.ancestry = cache.ancestry();
         let around = Around {
             cache,
             ancestry: &self.ancestry,
@@ -307,7 +311,8 @@ impl Learner {
     /// Chooses for each voxel the fraction of BSDF samples by what this iteration has measured of the guides that it sampled; a voxel of
     /// which too little is known keeps the fraction that it has.
     fn choose_fractions(&mut self) {
-        let Some(cache) = &self.cache else { return };
+        let Some(cache) = self.cache.as_ref().filter(|_| !self.chosen) else { return };
+        self.chosen = true;
         self.ancestry = cache.ancestry();
         let ancestry = &self.ancestry;
         let fractions = ancestry.pooled(&self.voxels, |sum: &mut Moments<_>, v| sum.merge(&v.fractions));
@@ -327,7 +332,6 @@ impl Learner {
 
     /// Gives voxels their guides, with the fractions that were best with those before.
     fn publish(&mut self, guides: Vec<Option<Directions>>) {
-        self.choose_fractions();
         let (ancestry, keeps) = (&self.ancestry, self.model.keeps_guides());
         let adjoint = pooled_adjoint(&self.voxels, ancestry);
         let rule = self.settings.fraction;
@@ -390,7 +394,7 @@ impl Learner {
 
     /// Forgets the samples of this iteration, keeps voxels, guides and the distributions of earlier iterations.
     pub fn clear(&mut self) {
-        self.outliers = Outliers::default();
+        (self.outliers, self.chosen) = (Outliers::default(), false);
         self.model.clear(self.target());
         self.voxels.par_iter_mut().for_each(Voxel::clear);
     }

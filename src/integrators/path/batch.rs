@@ -111,8 +111,6 @@ pub(super) struct Shadows {
     /// Media that the rays start in; empty where there are no media.
     pub media: Vec<Option<MediumId>>,
     occluded: Vec<bool>,
-    /// What the rays let through.
-    visible: Vec<Vec3>,
 }
 
 impl Shadows {
@@ -251,45 +249,56 @@ impl PathTracer<'_> {
         queries: &mut Scratch,
         vertices: &mut Vertices,
     ) {
-        let Shadows { rays, media, occluded, visible, .. } = shadows;
-        visible.clear();
-        if self.scene.has_veils::<E>() {
-            visible.extend(rays.iter().enumerate().map(|(number, (ray, length))| {
-                let medium = media.get(number).copied().flatten();
-                self.scene.transmittance(ray, *length, medium)
-            }));
-        } else {
-            occluded.resize(rays.len(), false);
+        let Shadows { rays, occluded, .. } = shadows;
+        let (count, veiled) = (rays.len(), self.scene.has_veils::<E>());
+        if !veiled {
+            occluded.resize(count, false);
             let accel = &self.scene.accel;
             let answer = |way| accel.occluded_all(rays, way, queries, occluded);
-            accel.pace.measure(RayKind::Shadow(depth), rays.len(), answer);
-            visible.extend(occluded.iter().map(|occluded| if *occluded { Vec3::ZERO } else { Vec3::ONE }));
+            accel.pace.measure(RayKind::Shadow(depth), count, answer);
         }
-        for first in (0..shadows.visible.len()).step_by(LANES) {
-            self.bring::<E, RECORDS>(first, shadows, vertices);
+        let Shadows { rays, media, occluded, .. } = &*shadows;
+        for first in (0..count).step_by(LANES) {
+            self.bring::<E, RECORDS>(first, shadows, vertices, |number| {
+                if veiled {
+                    let ((ray, length), medium) = (&rays[number], media.get(number).copied().flatten());
+                    self.scene.transmittance(ray, *length, medium)
+                } else if occluded[number] {
+                    Vec3::ZERO
+                } else {
+                    Vec3::ONE
+                }
+            });
         }
         shadows.clear();
     }
 
-    /// Gives vertices what connections bring, sixteen of them from number `first` on.
+    /// Gives vertices what connections bring, sixteen of them from number `first` on, of which rays let through what `visible` says.
     #[inline(always)]
-    fn bring<E: Effects, const RECORDS: bool>(&self, first: usize, shadows: &Shadows, vertices: &mut Vertices) {
-        let Shadows { connections, guided, visible, .. } = shadows;
-        let numbers = first..visible.len().min(first + LANES);
-        let mut asked = [None; LANES];
-        if E::GUIDING {
-            for (asked, number) in asked.iter_mut().zip(numbers.clone()).filter(|(_, n)| visible[*n] != Vec3::ZERO) {
+    fn bring<E: Effects, const RECORDS: bool>(
+        &self,
+        first: usize,
+        shadows: &Shadows,
+        vertices: &mut Vertices,
+        visible: impl Fn(usize) -> Vec3,
+    ) {
+        let Shadows { connections, guided, .. } = shadows;
+        let numbers = first..connections.len().min(first + LANES);
+        let (mut passed, mut asked) = ([Vec3::ZERO; LANES], [None; LANES]);
+        for (lane, number) in numbers.clone().enumerate() {
+            passed[lane] = visible(number);
+            if E::GUIDING && passed[lane] != Vec3::ZERO {
                 let at = &guided[number];
-                *asked = self.guide(at.voxel, at.point).map(|guide| (guide, at.direction));
+                asked[lane] = self.guide(at.voxel, at.point).map(|guide| (guide, at.direction));
             }
         }
         let densities = if E::GUIDING { DirectionGuide::pdf_lanes(&asked) } else { [0.0; LANES] };
-        for (lane, number) in numbers.enumerate().filter(|(_, number)| visible[*number] != Vec3::ZERO) {
+        for (lane, number) in numbers.enumerate().filter(|(lane, _)| passed[*lane] != Vec3::ZERO) {
             let connection = &connections[number];
             let guide = asked[lane].map(|(guide, _)| (guide.bsdf_fraction, densities[lane]));
             let deltas = if E::GUIDING { guided[number].deltas } else { 0.0 };
             let (factor, direct) = Self::weigh(connection, deltas, guide);
-            let (vertex, value) = (connection.vertex as usize, connection.value * visible[number] * factor);
+            let (vertex, value) = (connection.vertex as usize, connection.value * passed[lane] * factor);
             vertices.all[vertex].direct = value;
             if RECORDS {
                 vertices.details[vertex].direct = Direct { value, ..direct };
