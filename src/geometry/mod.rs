@@ -8,7 +8,7 @@ pub mod sphere;
 pub mod surface;
 pub mod triangle;
 
-pub use accel::{Accel, Hit, Pace, RayKind, Scratch, Way};
+pub use accel::{Accel, Hit, Met, Pace, RayKind, Scratch, Way};
 pub use shape::{Geometry, Shape};
 pub use surface::{Origins, Surface};
 

@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::effects::Effects;
 use super::{MOST_HOLES, Scene};
 use crate::base::random::{Dimension, Random};
-use crate::geometry::{Ray, Surface};
+use crate::geometry::{Met, Ray, Scratch, Surface, Way};
 use crate::materials::medium::{Flight, Medium, MediumId};
 use crate::materials::phase::HenyeyGreenstein;
 
@@ -130,21 +130,23 @@ impl Scene {
 
     /// Transmittance along the first `length` of a ray that starts in `medium`, per channel.
     pub fn transmittance(&self, ray: &Ray, length: f32, medium: Option<MediumId>) -> Vec3 {
-        if length <= 0.0 {
-            return Vec3::ONE;
-        }
-        // Most rays meet an opaque surface or nothing, which is found sooner than the first surface.
-        let mut meets_others = false;
-        let wall = self.accel.occluded_by(ray, length, |shape| {
-            let solid = self.shape_solid[shape as usize];
-            meets_others |= !solid;
-            solid
-        });
-        match (wall, meets_others, medium) {
-            (true, ..) => Vec3::ZERO,
-            (false, true, _) => self.transmittance_of_surfaces(ray, length, medium),
-            (false, false, Some(id)) => self.medium(id).transmittance(length),
-            (false, false, None) => Vec3::ONE,
+        self.transmittance_past(self.accel.meets(ray, length, &self.shape_solid), ray, length, medium)
+    }
+
+    /// Sets `met` to what each shadow ray meets before its length.
+    pub fn meets_all(&self, rays: &[(Ray, f32)], way: Way, queries: &mut Scratch, met: &mut [Met]) {
+        self.accel.meets_all(rays, &self.shape_solid, way, queries, met);
+    }
+
+    /// As [`Scene::transmittance`], once it is known what the ray meets: most meet a wall or nothing, which is found sooner than the first
+    /// surface.
+    pub fn transmittance_past(&self, met: Met, ray: &Ray, length: f32, medium: Option<MediumId>) -> Vec3 {
+        match (met, medium) {
+            _ if length <= 0.0 => Vec3::ONE,
+            (Met::Wall, _) => Vec3::ZERO,
+            (Met::Veils, _) => self.transmittance_of_surfaces(ray, length, medium),
+            (Met::Nothing, Some(id)) => self.medium(id).transmittance(length),
+            (Met::Nothing, None) => Vec3::ONE,
         }
     }
 

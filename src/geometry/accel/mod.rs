@@ -165,11 +165,34 @@ impl Accel {
         Query::with(ray, |query| self.hierarchy.occluded(query, t_max, &self.others, &mut Anything)).unwrap_or(false)
     }
 
-    /// Whether a shape for which `stops` is true, by its index, lies on the ray before distance `t_max`. All that lie there are
-    /// asked about, in any order and maybe more than once, until one is.
-    pub fn occluded_by(&self, ray: &Ray, t_max: f32, stops: impl FnMut(u32) -> bool) -> bool {
-        let mut stop = Shapes(stops);
-        Query::with(ray, |query| self.hierarchy.occluded(query, t_max, &self.others, &mut stop)).unwrap_or(false)
+    /// What lies on the ray before distance `t_max`, where the shapes that are `solid`, by their index, are walls.
+    pub fn meets(&self, ray: &Ray, t_max: f32, solid: &[bool]) -> Met {
+        let mut met = Met::Nothing;
+        let mut stop = Shapes(|shape| {
+            met = Met::by(solid, shape).max(met);
+            met == Met::Wall
+        });
+        Query::with(ray, |query| self.hierarchy.occluded(query, t_max, &self.others, &mut stop));
+        met
+    }
+}
+
+/// What a shadow ray meets, from the least to the most.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum Met {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// Shapes of which none is a wall.
+    Veils,
+    /// A wall, whatever else lies there.
+    Wall,
+}
+
+impl Met {
+    #[inline(always)]
+    fn by(solid: &[bool], shape: u32) -> Self {
+        if solid[shape as usize] { Self::Wall } else { Self::Veils }
     }
 }
 

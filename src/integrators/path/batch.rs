@@ -9,7 +9,7 @@ use super::{
 };
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
-use crate::geometry::{Hit, Ray, RayKind, Scratch, Surface};
+use crate::geometry::{Hit, Met, Ray, RayKind, Scratch, Surface};
 use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::DirectionGuide;
 use crate::materials::medium::MediumId;
@@ -110,6 +110,8 @@ pub(super) struct Shadows {
     pub guided: Vec<Towards>,
     /// Media that the rays start in; empty where there are no media.
     pub media: Vec<Option<MediumId>>,
+    /// What each ray meets.
+    met: Vec<Met>,
     occluded: Vec<bool>,
 }
 
@@ -162,7 +164,8 @@ impl PathTracer<'_> {
         scratch.alive.extend(0..scratch.paths.len() as u32);
         let needs = self.scene.needs();
         match (needs.media, needs.materials, self.field.is_some()) {
-            (true, ..) => self.walk::<Everything>(wants_records, scratch, count),
+            (true, _, true) => self.walk::<Everything>(wants_records, scratch, count),
+            (true, _, false) => self.walk::<With<false, true, true>>(wants_records, scratch, count),
             (_, true, true) => self.walk::<With<true, true, false>>(wants_records, scratch, count),
             (_, true, false) => self.walk::<With<false, true, false>>(wants_records, scratch, count),
             (_, _, true) => self.walk::<With<true, false, false>>(wants_records, scratch, count),
@@ -249,20 +252,23 @@ impl PathTracer<'_> {
         queries: &mut Scratch,
         vertices: &mut Vertices,
     ) {
-        let Shadows { rays, occluded, .. } = shadows;
-        let (count, veiled) = (rays.len(), self.scene.has_veils::<E>());
-        if !veiled {
-            occluded.resize(count, false);
-            let accel = &self.scene.accel;
-            let answer = |way| accel.occluded_all(rays, way, queries, occluded);
-            accel.pace.measure(RayKind::Shadow(depth), count, answer);
-        }
-        let Shadows { rays, media, occluded, .. } = &*shadows;
+        let Shadows { rays, occluded, met, .. } = shadows;
+        let (count, veiled, accel) = (rays.len(), self.scene.has_veils::<E>(), &self.scene.accel);
+        accel.pace.measure(RayKind::Shadow(depth), count, |way| {
+            if veiled {
+                met.resize(count, Met::Nothing);
+                self.scene.meets_all(rays, way, queries, met);
+            } else {
+                occluded.resize(count, false);
+                accel.occluded_all(rays, way, queries, occluded);
+            }
+        });
+        let Shadows { rays, media, occluded, met, .. } = &*shadows;
         for first in (0..count).step_by(LANES) {
             self.bring::<E, RECORDS>(first, shadows, vertices, |number| {
                 if veiled {
                     let ((ray, length), medium) = (&rays[number], media.get(number).copied().flatten());
-                    self.scene.transmittance(ray, *length, medium)
+                    self.scene.transmittance_past(met[number], ray, *length, medium)
                 } else if occluded[number] {
                     Vec3::ZERO
                 } else {

@@ -20,12 +20,14 @@ mod triangles;
 #[cfg(target_arch = "x86_64")]
 mod vectors;
 #[cfg(target_arch = "x86_64")]
+mod walls;
+#[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 mod wide;
 
 #[cfg(target_arch = "x86_64")]
 use super::traverse::Kernel;
-use super::{Accel, Hit};
+use super::{Accel, Hit, Met};
 use crate::geometry::Ray;
 #[cfg(target_arch = "x86_64")]
 use bundle::Bundle;
@@ -97,6 +99,23 @@ impl Accel {
         let _ = (way, scratch);
         for ((ray, t_max), occluded) in rays.iter().zip(occluded) {
             *occluded = self.occluded(ray, *t_max);
+        }
+    }
+
+    /// Sets `met` to what each ray meets before its maximum distance, as [`Accel::meets`] finds it.
+    ///
+    /// # Panics
+    /// Panics where there are not as many answers as rays.
+    pub fn meets_all(&self, rays: &[(Ray, f32)], solid: &[bool], way: Way, scratch: &mut Scratch, met: &mut [Met]) {
+        assert_eq!(rays.len(), met.len());
+        #[cfg(target_arch = "x86_64")]
+        if way != Way::Single && !matches!(self.hierarchy.kernel, Kernel::Portable) {
+            return self.meets_wide(rays, solid, way, scratch, met);
+        }
+        // Of these two plain Rust needs neither.
+        let _ = (way, scratch);
+        for ((ray, t_max), met) in rays.iter().zip(met) {
+            *met = self.meets(ray, *t_max, solid);
         }
     }
 }

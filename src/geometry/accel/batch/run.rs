@@ -2,10 +2,11 @@
 
 use super::super::query::Query;
 use super::super::traverse::{Kernel, Others};
-use super::super::{Accel, Hit};
+use super::super::{Accel, Hit, Met};
 use super::bundle::Walk;
 use super::flight::{Flight, SLOTS};
 use super::sixteen::RAYS;
+use super::walls::Walls;
 use super::wide::{Any, Goal, Job, Nearest, Wide};
 use super::{Scratch, Way};
 use crate::geometry::Ray;
@@ -18,6 +19,18 @@ impl Accel {
 
     pub(super) fn occluded_wide(&self, rays: &[(Ray, f32)], way: Way, scratch: &mut Scratch, occluded: &mut [bool]) {
         self.run_wide(Any, rays.len(), |i| rays[i], way, scratch, |i, hit| occluded[i] = hit.found().is_some());
+    }
+
+    pub(super) fn meets_wide(
+        &self,
+        rays: &[(Ray, f32)],
+        solid: &[bool],
+        way: Way,
+        scratch: &mut Scratch,
+        met: &mut [Met],
+    ) {
+        let walls = Walls { solid };
+        self.run_wide(walls, rays.len(), |i| rays[i], way, scratch, |i, hit| met[i] = Walls::met(hit));
     }
 
     /// Asks for `count` rays with their maximum distances and tells each one's best hit.

@@ -16,7 +16,7 @@ use super::wide::Wide;
 use super::{Scratch, Way};
 use crate::base::random::Random;
 use crate::geometry::mesh::Mesh;
-use crate::geometry::{Ray, Shape};
+use crate::geometry::{Met, Ray, Shape};
 
 /// Sizes of batches, around and far from those of groups of rays.
 const SIZES: [usize; 9] = [0, 1, 15, 16, 17, 31, 33, 1000, 5000];
@@ -78,6 +78,9 @@ fn rays(mesh: &Mesh, count: usize, seed: u64) -> Vec<(Ray, f32)> {
     (0..count).map(ray).collect()
 }
 
+/// More shapes than any scene here has.
+const SHAPES: usize = 64;
+
 fn bits(hit: &Hit) -> [u32; 5] {
     let [b1, b2] = hit.barycentric.map(f32::to_bits);
     [hit.distance.to_bits(), hit.shape, hit.triangle, b1, b2]
@@ -88,16 +91,21 @@ fn compare(accel: &Accel, rays: &[(Ray, f32)], scratch: &mut Scratch) -> [usize;
     let alone: Vec<Ray> = rays.iter().map(|(ray, _)| *ray).collect();
     let single: Vec<Option<Hit>> = alone.iter().map(|ray| accel.intersect(ray)).collect();
     let hidden: Vec<bool> = rays.iter().map(|(ray, t_max)| accel.occluded(ray, *t_max)).collect();
+    let solid: Vec<bool> = (0..SHAPES).map(|shape| shape % 3 == 1).collect();
+    let met: Vec<Met> = rays.iter().map(|(ray, t_max)| accel.meets(ray, *t_max, &solid)).collect();
     for way in Way::ALL {
         // Values that no query answers.
         let mut hits = vec![Some(Hit { shape: 1 << 20, ..Hit::NONE }); rays.len()];
         accel.intersect_all(&alone, way, scratch, &mut hits);
         let mut occluded: Vec<bool> = hidden.iter().map(|hidden| !hidden).collect();
         accel.occluded_all(rays, way, scratch, &mut occluded);
+        let mut all_met = vec![Met::Veils; rays.len()];
+        accel.meets_all(rays, &solid, way, scratch, &mut all_met);
         for (i, ray) in rays.iter().enumerate() {
             let context = format!("ray {i} of {}: {ray:?}, {way:?}, {:?}", rays.len(), accel.hierarchy.kernel);
             assert_eq!(hits[i].as_ref().map(bits), single[i].as_ref().map(bits), "{context}");
             assert_eq!(occluded[i], hidden[i], "{context}");
+            assert_eq!(all_met[i], met[i], "{context}");
         }
     }
     [single.iter().flatten().count(), hidden.iter().filter(|hidden| **hidden).count()]
