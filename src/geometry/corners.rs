@@ -95,36 +95,26 @@ impl Corners<f32> {
     }
 }
 
-/// Hits of triangles of meshes in world coordinates, lane by lane.
-#[derive(Default)]
-struct Triangles {
-    positions: [Vectors; 3],
-    normals: [Vectors; 3],
-    uvs: [[[f32; LANES]; 2]; 3],
-    barycentric: [[f32; LANES]; 2],
-    front: [f32; LANES],
-    winding: [f32; LANES],
-}
+/// Numbers of a hit: three positions, three normals, three texture coordinates, two barycentric ones, front and winding.
+const NUMBERS: usize = 28;
+
+/// Hits of triangles of meshes in world coordinates, one in each row.
+struct Triangles([[f32; NUMBERS]; LANES]);
 
 impl Triangles {
     #[inline(always)]
     fn set(&mut self, lane: usize, hit: &Hit, mesh: &Mesh, front: f32, winding: f32) {
-        let corners = mesh.triangles[hit.triangle as usize];
-        let (normals, uvs) = stored(mesh, hit.triangle);
-        for corner in 0..3 {
-            let position = mesh.positions[corners[corner] as usize];
-            for axis in 0..3 {
-                self.positions[corner][axis][lane] = position[axis];
-                self.normals[corner][axis][lane] = normals[corner][axis];
-            }
-            for (axis, columns) in self.uvs[corner].iter_mut().enumerate() {
-                columns[lane] = uvs[corner][axis];
-            }
+        let positions = mesh.triangles[hit.triangle as usize].map(|vertex| mesh.positions[vertex as usize]);
+        let ([a, b, c], ([na, nb, nc], [ta, tb, tc])) = (positions, stored(mesh, hit.triangle));
+        let [b1, b2] = hit.barycentric;
+        let row = &mut self.0[lane];
+        for (place, vector) in [a, b, c, na, nb, nc].into_iter().enumerate() {
+            row[3 * place..3 * place + 3].copy_from_slice(&vector.to_array());
         }
-        for i in 0..2 {
-            self.barycentric[i][lane] = hit.barycentric[i];
+        for (place, uv) in [ta, tb, tc].into_iter().enumerate() {
+            row[18 + 2 * place..20 + 2 * place].copy_from_slice(&uv.to_array());
         }
-        (self.front[lane], self.winding[lane]) = (front, winding);
+        row[24..].copy_from_slice(&[b1, b2, front, winding]);
     }
 }
 
@@ -142,19 +132,18 @@ impl Kernel for &Triangles {
 
     #[inline(always)]
     fn run<W: Wide>(self, wide: W) -> PointLanes {
-        let [a, b, c] = &self.positions;
-        let [na, nb, nc] = &self.normals;
-        let pair = |of: &[[f32; LANES]; 2]| [wide.load(&of[0]), wide.load(&of[1])];
-        let [ta, tb, tc] = &self.uvs;
+        let numbers = wide.columns(&self.0);
+        let vector = |at: usize| V3::new(numbers[at], numbers[at + 1], numbers[at + 2]);
+        let pair = |at: usize| [numbers[at], numbers[at + 1]];
         let corners = Corners {
-            positions: [wide.load_vectors(a), wide.load_vectors(b), wide.load_vectors(c)],
-            normals: [wide.load_vectors(na), wide.load_vectors(nb), wide.load_vectors(nc)],
-            uvs: [pair(ta), pair(tb), pair(tc)],
-            front: wide.load(&self.front),
-            winding: wide.load(&self.winding),
+            positions: [vector(0), vector(3), vector(6)],
+            normals: [vector(9), vector(12), vector(15)],
+            uvs: [pair(18), pair(20), pair(22)],
+            front: numbers[26],
+            winding: numbers[27],
             to_world: None,
         };
-        let at = corners.at(pair(&self.barycentric));
+        let at = corners.at(pair(24));
         let error = at.magnitudes * at.magnitudes.x.all(gamma(12));
         PointLanes {
             point: wide.store_vectors(at.point),
@@ -176,7 +165,7 @@ pub(super) fn surfaces(hits: &[Option<Hit>], shapes: &[Shape], surfaces: &mut [S
     if !lanes::available() {
         return 0;
     }
-    let (mut triangles, mut made) = (Triangles::default(), 0u32);
+    let (mut triangles, mut made) = (Triangles([[0.0; NUMBERS]; LANES]), 0u32);
     for (lane, hit) in hits.iter().enumerate().take(LANES) {
         let Some(hit) = hit else { continue };
         let shape = &shapes[hit.shape as usize];

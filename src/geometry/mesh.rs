@@ -14,3 +14,11 @@ pub struct Mesh {
     /// Vertex indices of each triangle, counter-clockwise seen from the front. All are below `positions.len()`.
     pub triangles: Vec<[u32; 3]>,
 }
+
+impl Mesh {
+    /// Size in memory, bytes.
+    pub fn bytes(&self) -> usize {
+        let Self { positions, normals, uvs, triangles } = self;
+        size_of_val(&positions[..]) + size_of_val(&normals[..]) + size_of_val(&uvs[..]) + size_of_val(&triangles[..])
+    }
+}

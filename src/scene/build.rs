@@ -39,6 +39,9 @@ use crate::materials::rough_diffuse::RoughDiffuse;
 use crate::materials::texture::Texture;
 use crate::materials::{Kind, Material, Tint};
 
+/// Bytes of meshes that stay in the caches by themselves.
+const CACHED: usize = 1 << 18;
+
 impl Scene {
     /// Builds the scene for a picture of `size` (columns, rows).
     ///
@@ -97,6 +100,7 @@ impl Scene {
             !matches!(material.kind, Kind::Null) && (material.opacity.is_none() || light.is_some())
         };
         let shape_solid = shape_material.iter().zip(&shape_light).map(is_solid).collect();
+        let meshes: usize = loaded.meshes.values().map(|mesh| mesh.bytes()).sum();
         let has_bumps = used().any(|material| material.bump.is_some());
         let needs = Needs {
             materials: loaded.needs.materials
@@ -110,6 +114,8 @@ impl Scene {
         let mut scene = Self {
             has_masks,
             has_bumps,
+            is_large: meshes > CACHED,
+            has_pictures: !loaded.images.is_empty(),
             needs,
             media: file.media.values().map(self::medium).collect(),
             shape_border,

@@ -61,6 +61,10 @@ pub struct Scene {
     needs: Needs,
     /// Whether any shape has a bump or normal map.
     has_bumps: bool,
+    /// Whether meshes are too large to stay in the caches, so that their vertices have to be brought near in time.
+    is_large: bool,
+    /// Whether anything reads pictures.
+    has_pictures: bool,
 }
 
 /// Holes that a ray may pass through before it is taken to have hit something.
@@ -124,7 +128,9 @@ impl Scene {
                 if self.has_bumps {
                     self.bend(surface, hit, -ray.direction);
                 }
-                self.material(surface).prefetch(surface.uv);
+                if self.has_pictures {
+                    self.material(surface).prefetch(surface.uv);
+                }
             }
         }
     }
@@ -133,6 +139,9 @@ impl Scene {
     /// of the background.
     #[inline(always)]
     fn prefetch(&self, rays: &[Ray], hits: &[Option<Hit>], next: Range<usize>, later: Range<usize>) {
+        if !self.is_large && self.lights.map().is_none() {
+            return;
+        }
         for hit in hits[later].iter().flatten() {
             self.shapes[hit.shape as usize].prefetch_indices(hit.triangle);
         }

@@ -2,6 +2,7 @@
 //! vertices of like materials at once, or for one.
 
 use glam::Vec3;
+use smallvec::SmallVec;
 
 use super::{Arrival, PathState, PathTracer};
 use crate::base::random::{Dimension, Draws, Random};
@@ -239,10 +240,11 @@ pub(super) struct Sampled {
 }
 
 /// Vertices that are shaded together: of one variant of BSDF, all with bumps or none.
-struct Group<'g> {
+struct Group<'g, 'b> {
     vertices: [&'g Arrival; LANES],
     surfaces: [&'g Surface; LANES],
-    bsdfs: &'g [Bsdf<'g, f32>; LANES],
+    /// Of the vertices that are looked at, at least one.
+    bsdfs: &'b [Bsdf<'g, f32>],
     /// The rays on which the paths arrived.
     rays: [&'g Ray; LANES],
     randoms: [&'g Random; LANES],
@@ -250,7 +252,7 @@ struct Group<'g> {
     shaded: &'g mut Shaded,
 }
 
-impl Group<'_> {
+impl Group<'_, '_> {
     #[inline(always)]
     fn draws(&self, dimension: Dimension) -> Draws<LANES> {
         Draws::new(&self.randoms, dimension)
@@ -279,7 +281,7 @@ impl Group<'_> {
     }
 }
 
-impl Kernel for Group<'_> {
+impl Kernel for Group<'_, '_> {
     type Output = ();
 
     #[inline(always)]
@@ -418,9 +420,10 @@ impl PathTracer<'_> {
         shaded: &mut Shaded,
     ) {
         let surfaces = vertices.map(|at| &surfaces[at.place as usize]);
-        let mut bsdfs = [self.bsdf(vertices[0], surfaces[0]); LANES];
-        for lane in 1..count {
-            bsdfs[lane] = self.bsdf(vertices[lane], surfaces[lane]);
+        // Not an array: they are large, and would be written twice.
+        let mut bsdfs: SmallVec<[Bsdf<f32>; LANES]> = SmallVec::new();
+        for lane in 0..count {
+            bsdfs.push(self.bsdf(vertices[lane], surfaces[lane]));
         }
         let group = Group {
             vertices,

@@ -284,6 +284,8 @@ pub trait Wide: Copy + Send + Sync {
         [self.load(&columns[0]), self.load(&columns[1])]
     }
 
+    /// The columns of rows of which each lane has one.
+    fn columns<const N: usize>(self, rows: &[[f32; N]; LANES]) -> [Self::Real; N];
     /// Integers lane by lane.
     fn load_bits(self, integers: &[i32; LANES]) -> <Self::Real as Real>::Bits;
     /// Integers lane by lane.
@@ -352,6 +354,11 @@ macro_rules! as_bytes {
         #[inline(always)]
         fn store(self, numbers: Numbers) -> [f32; LANES] {
             bytemuck::cast(numbers.0)
+        }
+
+        #[inline(always)]
+        fn columns<const N: usize>(self, rows: &[[f32; N]; LANES]) -> [Numbers; N] {
+            self.load(&[0.0; LANES]).columns(rows)
         }
 
         #[inline(always)]

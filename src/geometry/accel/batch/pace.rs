@@ -49,7 +49,7 @@ struct Times {
 }
 
 /// Every so many batches all ways are tried again.
-const PERIOD: u32 = 64;
+const PERIOD: u32 = 256;
 /// Smallest batch that tells of a way's time.
 const TELLING: usize = 64;
 /// Part of a new time in the mean.
