@@ -284,6 +284,9 @@ pub struct RenderArgs {
     /// Render until the estimated relMSE is so small
     #[arg(long, value_name = "RELMSE", group = "stop", allow_negative_numbers = true, value_parser = error_target)]
     pub target_error: Option<f64>,
+    /// Whether noisy pixels get more samples than others, once a fifth of all has told where they are [default: on with --time]
+    #[arg(long, value_enum)]
+    pub adaptive: Option<Switch>,
     /// Effects to switch on (+) or off (-) against `fanal plan`, whose names they have
     #[arg(long, value_name = "+NAME,-NAME,…", value_delimiter = ',', allow_hyphen_values = true)]
     pub effects: Vec<Override>,

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::args::{Backend, Layer, LearningArgs, PixelFilter, RenderArgs};
+use super::args::{Backend, Layer, LearningArgs, PixelFilter, RenderArgs, Switch};
 use crate::base::{Error, Result};
 use crate::film::check_size;
 use crate::guiding::learn::learner::LearnerSettings;
@@ -125,6 +125,7 @@ fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<Render
         learner,
         filter: args.pixel_filter.map_or(scene.film.filter, PixelFilter::file),
         crop: args.crop,
+        adaptive: adaptive(args, &defaults)?,
         keeps_spread: aovs.iter().any(|aov| aov.is_of_film()),
         seed: args.seed,
         samples: samples.unwrap_or(defaults.samples),
@@ -150,6 +151,18 @@ fn stop(args: &RenderArgs, scene: &SceneFile) -> Result<StopRule> {
         (None, None, Some(error)) => Ok(StopRule::TargetError(error)),
         _ => Err(Error::Options("give one of --spp, --time and --target-error; only one can end the render".into())),
     }
+}
+
+/// Whether samples are divided among pixels by noise.
+fn adaptive(args: &RenderArgs, defaults: &RenderSettings) -> Result<bool> {
+    let adaptive = args.adaptive.map_or(defaults.adaptive, Switch::is_on);
+    if adaptive && matches!(defaults.stop, StopRule::TargetError(_)) {
+        return Err(Error::Options(
+            "--adaptive on: --target-error judges pictures that are sampled evenly; leave it out, or give --time"
+                .into(),
+        ));
+    }
+    Ok(adaptive)
 }
 
 /// Refuses options that the chosen guiding method does not have.

@@ -110,8 +110,24 @@ impl Pass {
         self.halves[(sample % 2) as usize][pixel].add(value);
     }
 
-    fn pixels(&self) -> impl Iterator<Item = Pixel> + '_ {
-        self.halves[0].iter().zip(&self.halves[1]).map(|(a, b)| a.merged(b))
+    /// Columns.
+    pub(super) fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Samples of all pixels together.
+    pub(super) fn samples(&self) -> u64 {
+        self.halves.iter().flatten().map(|pixel| u64::from(pixel.count)).sum()
+    }
+
+    /// Both halves of each pixel.
+    pub(super) fn both(&self) -> impl Iterator<Item = [&Pixel; 2]> + '_ {
+        self.halves[0].iter().zip(&self.halves[1]).map(|(a, b)| [a, b])
+    }
+
+    /// The pixels with the samples of both halves.
+    pub(super) fn pixels(&self) -> impl Iterator<Item = Pixel> + '_ {
+        self.both().map(|[a, b]| a.merged(b))
     }
 
     /// Estimated relMSE (against the truth) of a picture with one sample per pixel: mean over pixels and channels of the sample
@@ -226,7 +242,8 @@ fn tiles(pixels: &[Pixel], width: usize) -> Vec<Spread> {
     (0..alone.len()).map(around).collect()
 }
 
-fn average(channels: [f64; 3]) -> f64 {
+/// Mean of the channels.
+pub(super) fn average(channels: [f64; 3]) -> f64 {
     channels.iter().sum::<f64>() / 3.0
 }
 
@@ -277,23 +294,22 @@ impl FinishedPass {
     }
 }
 
-/// The weights of one half of each pass in each tile: samples per pixel over the variance of a sample, which is the precision of
-/// the mean.
+/// The weights of a sample in one half of each pass, in each tile: over the variance of a sample. With a pixel's number of samples they
+/// are the precision of its mean.
 ///
 /// Later passes are guided by more than earlier ones, so none is believed to be worse: where fewer samples have missed rare light,
 /// their variance looks far too small. At worst all samples count alike. So they do where the last passes are without variance.
 pub(super) fn weights(passes: &[FinishedPass], half: usize) -> Vec<Vec<f64>> {
     let tiles = passes.first().map_or(0, |pass| pass.halves[half].tiles.len());
-    let samples: Vec<f64> = passes.iter().map(|pass| pass.samples() as f64).collect();
     let tile = |tile: usize| {
         let mut variance = 0.0f64;
-        let mut weights = samples.clone();
+        let mut weights = vec![1.0; passes.len()];
         for (weight, half) in weights.iter_mut().zip(passes.iter().map(|pass| &pass.halves[half])).rev() {
             variance = variance.max(half.tiles[tile].variance().unwrap_or(0.0));
             *weight /= variance;
         }
         if weights.iter().any(|w| !w.is_finite()) {
-            weights.clone_from(&samples);
+            weights.fill(1.0);
         }
         weights
     };
@@ -314,8 +330,8 @@ pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
         // Then no pixel depends on its tile, so that a window of a picture is what it is in the whole.
         return combine_weighted(passes, &[1.0]);
     }
-    let [first, second] = [1, 0].map(|other| weights(passes, other));
-    mixed(passes, |half, tile| if half == 0 { &first[tile] } else { &second[tile] })
+    let by_other = [1, 0].map(|other| weights(passes, other));
+    mixed(passes, |half, tile, pass, samples| by_other[half][tile][pass] * f64::from(samples))
 }
 
 /// [`combine`] with given weights, for passes whose sample counts were decided by the samples of others.
@@ -323,7 +339,7 @@ pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
 /// # Errors
 /// As [`combine`].
 pub fn combine_weighted(passes: &[FinishedPass], weights: &[f64]) -> Result<Image> {
-    mixed(passes, |_, _| weights)
+    mixed(passes, |_, _, pass, _| weights[pass])
 }
 
 /// Number of columns and of pixels, which must be the same for all passes.
@@ -341,19 +357,21 @@ pub(super) fn tile_of(pixel: usize, width: usize) -> usize {
     pixel / width / TILE * width.div_ceil(TILE) + pixel % width / TILE
 }
 
-/// Combines passes half by half, with `weights` of half and tile for the passes; halves count by their samples.
-fn mixed<'a>(passes: &[FinishedPass], weights: impl Fn(usize, usize) -> &'a [f64] + Sync) -> Result<Image> {
+/// Combines passes half by half, with the `weight` of half, tile, pass and number of the pixel's samples there; halves count by their
+/// samples.
+fn mixed(passes: &[FinishedPass], weight: impl Fn(usize, usize, usize, u32) -> f64 + Sync) -> Result<Image> {
     let [width, pixels] = check_alike(passes)?;
     let pixel = |i: usize| {
         let (mut sum, mut samples) = (DVec3::ZERO, 0.0);
         let tile = tile_of(i, width);
         for half in 0..2 {
             let (mut mean, mut total, mut count) = (DVec3::ZERO, 0.0, 0.0);
-            let weights = weights(half, tile);
-            for (pass, weight) in passes.iter().map(|p| &p.halves[half]).zip(weights).filter(|(p, _)| p.counts[i] > 0) {
+            let sampled = passes.iter().map(|pass| &pass.halves[half]).enumerate().filter(|(_, p)| p.counts[i] > 0);
+            for (number, pass) in sampled {
+                let weight = weight(half, tile, number, pass.counts[i]);
                 total += weight;
                 count += f64::from(pass.counts[i]);
-                mean += pass.means[i].as_dvec3() * *weight;
+                mean += pass.means[i].as_dvec3() * weight;
             }
             if total > 0.0 {
                 sum += mean * (count / total);
@@ -403,11 +421,13 @@ mod tests {
         move |_| 1.0 + width * (random.next_f32() - 0.5)
     }
 
-    /// Weights of a picture's first tile, as parts of 1.
+    /// Weights of the samples of each pass in a picture's first tile, as parts of 1.
     fn shares(passes: &[FinishedPass], half: usize) -> Vec<f64> {
-        let first = weights(passes, half)[0].clone();
-        let total: f64 = first.iter().sum();
-        first.iter().map(|w| w / total).collect()
+        let samples = passes.iter().map(|pass| pass.samples() as f64);
+        let all: Vec<f64> =
+            weights(passes, half)[0].iter().zip(samples).map(|(weight, samples)| weight * samples).collect();
+        let total: f64 = all.iter().sum();
+        all.iter().map(|w| w / total).collect()
     }
 
     #[test]

@@ -1,12 +1,14 @@
 //! Film: samples become passes and pictures; errors of a picture against a reference.
 
 pub mod accumulator;
+pub mod adaptive;
 pub mod error;
 pub mod expected;
 pub mod filter;
 pub mod spread;
 
 pub use accumulator::{FinishedPass, Pass, Pixel, check_size, combine, combine_weighted};
+pub use adaptive::densities;
 pub use error::{Measures, mean_and_variance, measure, measure_noisy, outliers, pixel_error, relative_variance};
 pub use expected::expected_values;
 pub use filter::PixelFilter;

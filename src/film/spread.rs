@@ -38,7 +38,16 @@ pub fn pixel_spread(passes: &[FinishedPass], fixed: Option<&[f64]>) -> Result<Pi
         let (mut sum, mut samples) = (DVec3::ZERO, 0u32);
         for (half, own) in own.iter().enumerate() {
             let weights = fixed.unwrap_or_else(|| &own[tile_of(i, width)]);
-            let sampled = || passes.iter().zip(&evenness).zip(weights).filter(|((pass, _), _)| pass.count(half, i) > 0);
+            // A sample's weight, or one of the pass.
+            let weight = |pass: &FinishedPass, weight: f64| match fixed {
+                Some(_) => weight,
+                None => weight * f64::from(pass.count(half, i)),
+            };
+            let sampled = || {
+                let sampled =
+                    passes.iter().zip(&evenness).zip(weights).filter(|((pass, _), _)| pass.count(half, i) > 0);
+                sampled.map(|((pass, evenness), of)| ((pass, evenness), weight(pass, *of)))
+            };
             let total: f64 = sampled().map(|(_, weight)| weight).sum();
             let count: u32 = sampled().map(|((pass, _), _)| pass.count(half, i)).sum();
             if total > 0.0 {

@@ -13,6 +13,7 @@
 //! | `totals` | f64 | of the statistics, in the order of [`Statistics::numbers`] |
 //! | `iterations`, `errors`, `dropped` | f64 | rows of the statistics |
 //! | `decisions` | u8 | JSON |
+//! | `densities` | f32 | [P] or [0]: how the rest of the final pass is divided among the pixels |
 //! | `learning` | f64 | see [`Learning::numbers`] |
 //!
 //! All numbers are stored in double precision, which holds each of them exactly.
@@ -23,10 +24,10 @@ use std::time::Duration;
 use super::budget::Verdict;
 use super::learning::Learning;
 use super::settings::{RenderSettings, StopRule};
-use super::state::{Half, Part, Phase, Position, State, Trend};
+use super::state::{Division, Half, Part, Phase, Position, State, Trend};
 use super::statistics::{Dropped, ErrorPoint, Iteration, Statistics};
 use crate::base::files::read_bytes;
-use crate::base::tensors::{self, Dtype, Tensor, Tensors, doubles, vector};
+use crate::base::tensors::{self, Dtype, Tensor, Tensors, borrowed, doubles, vector};
 use crate::base::{Error, Place, Result};
 use crate::film::{FinishedPass, Pass};
 use crate::guiding::learn::emission;
@@ -34,15 +35,16 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 6: what a guided
-/// sample costs.
-pub const VERSION: u32 = 6;
+/// The version of checkpoints that this program reads and writes. 7: how samples are divided among pixels.
+pub const VERSION: u32 = 7;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;
 const PIXEL_LIMIT: u64 = 1 << 12;
 /// Most samples of a pixel.
 pub(super) const MOST_SAMPLES: u32 = 1 << 26;
+/// Most samples of a pixel over the mean of all; more than any division gives one.
+const MOST_DENSITY: f32 = 1e3;
 /// Most passes that a render can have made.
 const MOST_PASSES: usize = 64;
 
@@ -115,6 +117,8 @@ impl Moment<'_> {
             doubles("errors", self.errors.iter().map(ErrorPoint::numbers)),
             doubles("dropped", self.statistics.dropped.first.iter().map(Dropped::numbers)),
         ];
+        let densities = state.division.as_ref().map_or(&[][..], |division| &division.densities);
+        all.push(borrowed::<_, 4>("densities", (Dtype::F32, 1), densities));
         all.extend(self.pass.arrays("now"));
         let finished = |kind: &'static str, passes: &'b [FinishedPass]| {
             passes.iter().enumerate().flat_map(move |(i, pass)| pass.arrays(&format!("{kind}{i}")))
@@ -138,7 +142,8 @@ impl Moment<'_> {
     }
 
     fn state_numbers(&self) -> [f64; STATE] {
-        let State { passes, early, gave_up, spent, rendered, sequences_from, trend, position, halves } = self.state;
+        let State { passes, early, gave_up, spent, rendered, sequences_from, trend, position, halves, division } =
+            self.state;
         let Trend { seconds, camera_part, verdict, relative, guided_cost, caustics, .. } = *trend;
         let flag = |flag: bool| f64::from(u8::from(flag));
         let phase = Phase::ALL.iter().position(|phase| *phase == position.phase).unwrap_or(0);
@@ -172,12 +177,13 @@ impl Moment<'_> {
             self.elapsed,
             guided_cost,
             flag(caustics),
+            division.as_ref().map_or(0.0, |division| f64::from(division.even)),
         ]
     }
 }
 
 /// Length of the array `state`.
-const STATE: usize = 27;
+const STATE: usize = 28;
 
 /// A number as a count. Conversion saturates, and NaN is 0.
 fn count(number: f64) -> u32 {
@@ -205,13 +211,14 @@ impl Resumed {
         let size = size.map(|n| n as usize);
         let numbers = file.read("state", Dtype::F64, Some(STATE), 1, f64::from_le_bytes)?;
         let mut state = read_state(&file, &numbers, size)?;
-        let [.., kind, spp, start, elapsed, guided_cost, caustics] = numbers[..] else {
+        let [.., kind, spp, start, elapsed, guided_cost, caustics, even] = numbers[..] else {
             return file.fail("state", "numbers are missing");
         };
         if !(guided_cost > 0.0 && guided_cost.is_finite()) {
             return file.fail("state", format!("a guided sample that costs {guided_cost} times another"));
         }
         (state.trend.guided_cost, state.trend.caustics) = (guided_cost, caustics == 1.0);
+        state.division = read_division(&file, even, &state.position, size)?;
         let part = Part { pass: Pass::from_arrays(size, &file, "now")?, spp: count(spp), start: start as u64 };
         let most = match settings.stop {
             StopRule::Spp(spp) => spp,
@@ -219,7 +226,9 @@ impl Resumed {
         };
         let before = state.rendered.checked_sub(part.spp).filter(|_| state.rendered <= most);
         let follows = before.is_some_and(|before| state.sequences_from.is_none_or(|from| from <= before));
-        if !follows || part.start == 0 || part.start > pixels * u64::from(part.spp) {
+        // Uneven samples are as many on the whole.
+        let at_most = part.spp + u32::from(state.division.is_some());
+        if !follows || part.start == 0 || part.start > pixels * u64::from(at_most) {
             return file.fail("state", format!("sample {} of {} per pixel", part.start, part.spp));
         }
         let learns = state.position.phase == Phase::Learning;
@@ -322,8 +331,29 @@ fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State
         sequences_from: (sequences >= 0.0).then(|| count(sequences).min(rendered)),
         trend,
         position,
+        division: None,
         halves: if both { vec![read_half(0)?, read_half(1)?] } else { Vec::new() },
     })
+}
+
+/// The division of samples among pixels after `even` samples per pixel; none where it is even.
+fn read_division(
+    file: &Tensors,
+    even: f64,
+    position: &Position,
+    [width, height]: [usize; 2],
+) -> Result<Option<Division>> {
+    let densities = file.read("densities", Dtype::F32, None, 1, f32::from_le_bytes)?;
+    if densities.is_empty() {
+        return Ok(None);
+    }
+    let even = count(even);
+    let known =
+        densities.len() == width * height && densities.iter().all(|density| (0.0..=MOST_DENSITY).contains(density));
+    if !known || position.phase != Phase::Final || even == 0 || even >= position.batches {
+        return file.fail("densities", "a division of samples that no render has");
+    }
+    Ok(Some(Division { densities, even }))
 }
 
 fn read_statistics(file: &Tensors) -> Result<Statistics> {

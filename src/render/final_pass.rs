@@ -4,14 +4,20 @@ use super::Outcome;
 use super::checkpoint::MOST_SAMPLES;
 use super::run::{Rendered, Run};
 use super::settings::StopRule;
-use super::state::{Part, Phase, Position};
+use super::state::{Division, Part, Phase, Position};
 use super::statistics::GuideStatistics;
 use crate::base::{Error, Result};
-use crate::film::combine;
+use crate::film::{Pass, combine, densities};
 use crate::guiding::sample::field::GuideField;
 
 /// Samples per pixel of the first pass with a given field: enough to estimate pixel values.
 const LOOK: u32 = 4;
+/// Part of the final pass that is sampled evenly, to find out where noise is. What it costs is made up for by the rest: more than a
+/// quarter of the samples would go to most pixels anyway.
+const EVEN: f64 = 0.2;
+/// Fewest samples per pixel that tell where noise is.
+const TELLING: u32 = 4;
+
 impl Run<'_> {
     /// Renders the picture with the field as it is, and ends the render.
     pub(super) fn finish(mut self, field: Option<GuideField>) -> Result<Outcome> {
@@ -63,15 +69,20 @@ impl Run<'_> {
     /// Spends the rest of the budget on one pass.
     fn final_pass(&mut self, field: Option<&GuideField>) -> Result<Rendered> {
         let mut resumed = self.resume(Phase::Final);
-        let batches = if resumed.is_some() { self.state.position.batches } else { 0 };
-        self.state.position = Position { phase: Phase::Final, batches, ..Position::default() };
+        if resumed.is_none() {
+            let began = self.watcher.elapsed();
+            self.state.position = Position { phase: Phase::Final, began, ..Position::default() };
+        }
         let mut goes_on = resumed.is_some();
         let mut part = resumed.take().unwrap_or_else(|| self.begin_pass(0));
         let picture = field.and_then(|_| self.pixel_values());
         loop {
             if !goes_on {
+                if self.settings.adaptive && self.state.division.is_none() {
+                    self.state.division = self.divide(&part.pass);
+                }
                 part.spp = match self.settings.stop {
-                    StopRule::Spp(spp) => (f64::from(spp) - self.state.spent).max(0.0) as u32,
+                    StopRule::Spp(spp) => self.rest(spp),
                     _ => self.batch(self.state.position.batches),
                 };
                 if part.spp == 0 {
@@ -105,6 +116,29 @@ impl Run<'_> {
             Error::Interrupted("no sample was rendered: the render was stopped before its first pass".into())
         })?;
         Ok((image, self.spread(&self.state.passes, None)?))
+    }
+
+    /// How the rest of the final pass, which has taken `pass` so far, is divided among the pixels; none while it is to be even.
+    fn divide(&self, pass: &Pass) -> Option<Division> {
+        let even = self.state.position.batches;
+        let taken = match self.settings.stop {
+            StopRule::Spp(spp) => f64::from(even) / (f64::from(even) + f64::from(spp) - self.state.spent).max(1.0),
+            StopRule::Time(seconds) => {
+                let began = self.state.position.began;
+                (self.watcher.elapsed() - began) / (seconds - began).max(1e-9)
+            }
+            StopRule::TargetError(_) => 0.0,
+        };
+        let tells = even >= TELLING && taken >= EVEN;
+        densities(pass, taken).filter(|_| tells && taken < 1.0).map(|densities| Division { densities, even })
+    }
+
+    /// Samples per pixel of the next batch under a budget of `spp`: all that are left, or what has to be sampled evenly.
+    fn rest(&self, spp: u32) -> u32 {
+        let left = (f64::from(spp) - self.state.spent).max(0.0) as u32;
+        let even = ((f64::from(left) * EVEN).ceil() as u32).max(TELLING);
+        let begins = self.settings.adaptive && self.state.position.batches == 0;
+        if begins && even <= left / 2 { even } else { left }
     }
 
     /// Samples per pixel of the next batch under a time budget: about a tenth of those for the rest of it, at the speed so far.

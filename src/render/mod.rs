@@ -7,6 +7,7 @@ mod control;
 mod final_pass;
 mod iterations;
 mod learning;
+mod order;
 mod pass;
 mod replay;
 mod run;

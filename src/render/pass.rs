@@ -11,6 +11,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::learning::{Learning, Records};
+use super::order::{Order, Places, Uneven};
 use super::settings::RenderSettings;
 use super::statistics::{Dropped, Statistics};
 use crate::base::random::{Dimension, Random};
@@ -54,6 +55,9 @@ pub struct PassTracer<'a> {
     pub sequences_from: Option<u32>,
     /// Camera paths per pixel.
     pub spp: u32,
+    /// How they are divided among the pixels; none where all get as many. Otherwise `first_sample` is the beginning of the pass, of which
+    /// this is a later part.
+    pub uneven: Option<Uneven<'a>>,
     /// Pixels that are visited, the first so many in the order of rows: all, or fewer that are spread evenly.
     pub places: u64,
     /// Paths per chunk, at most [`CHUNK`]. What is learned depends on it, the samples do not.
@@ -74,13 +78,6 @@ pub struct Chunk<'a> {
     pub statistics: &'a Statistics,
 }
 
-/// The order in which the rows of a picture are visited: any beginning of it is spread evenly.
-fn row_order(height: u32) -> Vec<u32> {
-    let mut rows: Vec<u32> = (0..height).collect();
-    rows.sort_by_key(|y| (y % 16).reverse_bits());
-    rows
-}
-
 impl<'a> PassTracer<'a> {
     /// A tracer of one independent sample in each pixel of `window`, without a guide.
     pub fn new(scene: &'a Scene, settings: &'a RenderSettings, window: Window, filter: &'a PixelFilter) -> Self {
@@ -94,6 +91,7 @@ impl<'a> PassTracer<'a> {
             first_sample: 0,
             sequences_from: None,
             spp: 1,
+            uneven: None,
             places: window.pixels(),
             chunk: CHUNK,
         }
@@ -116,15 +114,16 @@ impl PassTracer<'_> {
         statistics: &mut Statistics,
         go_on: &mut dyn FnMut(&Chunk) -> bool,
     ) -> bool {
-        let total = self.places * u64::from(self.spp);
-        let rows = row_order(self.window.height);
+        let order = Order::new(self.window, self.places, self.spp, self.uneven);
+        let total = order.total();
         while start < total {
             let end = (start + self.chunk.clamp(1, CHUNK)).min(total);
             let mut samples = end - start;
             let mut records = Records::default();
             let kinds = self.settings.samples;
             let wants_paths = learning.is_some();
-            self.camera_chunk(start..end, &rows, pass, wants_paths.then_some(&mut records.paths), statistics);
+            let places = order.places(start..end);
+            self.camera_chunk(start..end, &places, pass, wants_paths.then_some(&mut records.paths), statistics);
             if let Some(learning) = learning.as_deref_mut() {
                 let photons = |index: u64| (index as f64 * learning.photon_share) as u64;
                 let range = photons(start)..photons(end);
@@ -146,7 +145,7 @@ impl PassTracer<'_> {
     fn camera_chunk(
         &self,
         range: Range<u64>,
-        rows: &[u32],
+        places: &Places,
         pass: &mut Pass,
         records: Option<&mut Vec<PathRecord>>,
         statistics: &mut Statistics,
@@ -155,7 +154,7 @@ impl PassTracer<'_> {
         let start = range.start;
         let tracer = PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field };
         let begin = |index| {
-            let (pixel, sample) = self.camera_sample(index, rows);
+            let (pixel, sample) = self.camera_sample(index, places);
             let (ray, random) = camera_ray(self.scene, self.settings, self.filter, sample);
             CameraPath { ray, random, pixel: self.picture.map(|picture| picture[pixel as usize]) }
         };
@@ -170,12 +169,12 @@ impl PassTracer<'_> {
             statistics.camera_rays += block.rays.rays;
             for &radiance in &block.radiance {
                 if radiance.is_finite() {
-                    let (pixel, sample) = self.place(index, rows);
+                    let (pixel, sample) = places.at(index);
                     pass.add(pixel as usize, behind + sample, radiance);
                 } else {
                     statistics.dropped_samples += 1;
                     let (_, CameraSample { place: pixel, number: sample, sequences_from: pass_from }) =
-                        self.camera_sample(index, rows);
+                        self.camera_sample(index, places);
                     let cause = lost.next_if(|(number, _)| *number == index).map(|(_, cause)| *cause);
                     let dropped = cause.map(|cause| Dropped { pixel, sample, pass_from, cause });
                     dropped.into_iter().for_each(|sample| statistics.dropped.add(sample));
@@ -215,16 +214,9 @@ impl PassTracer<'_> {
         statistics.seconds.photons += begun.elapsed().as_secs_f64();
     }
 
-    /// Pixel and sample of a linear index.
-    fn place(&self, index: u64, rows: &[u32]) -> (u64, u64) {
-        let (place, sample) = (index % self.places, index / self.places);
-        let width = u64::from(self.window.width);
-        (u64::from(rows[(place / width) as usize]) * width + place % width, sample)
-    }
-
     /// The pixel of a linear index, and its camera sample.
-    fn camera_sample(&self, index: u64, rows: &[u32]) -> (u64, CameraSample) {
-        let (pixel, sample) = self.place(index, rows);
+    fn camera_sample(&self, index: u64, places: &Places) -> (u64, CameraSample) {
+        let (pixel, sample) = places.at(index);
         let number = u64::from(self.first_sample) + sample;
         (pixel, CameraSample { place: self.window.place(pixel), number, sequences_from: self.sequences_from })
     }
@@ -276,21 +268,4 @@ pub(super) fn camera_ray(
     let [dx, dy] = filter.sample(random.at(Dimension::FILM).next_2d());
     let film = [column as f32 + dx, row as f32 + dy];
     (scene.camera.ray(film, scene.camera.lens(&random)), random)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rows_are_visited_once_and_evenly() {
-        for height in [1, 7, 16, 100] {
-            let mut rows = row_order(height);
-            let beginning = rows[..height.div_ceil(4) as usize].to_vec();
-            let near = |y: u32| beginning.iter().any(|&row| row.abs_diff(y) <= 4);
-            assert!((0..height).all(near), "{height}");
-            rows.sort_unstable();
-            assert!(rows.into_iter().eq(0..height));
-        }
-    }
 }

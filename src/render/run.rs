@@ -4,6 +4,7 @@ use super::budget::iteration_size;
 use super::checkpoint::{Checkpointing, Moment, Resumed};
 use super::control::{Control, Watcher};
 use super::learning::Learning;
+use super::order::Uneven;
 use super::pass::{CHUNK, Chunk, PassTracer};
 use super::settings::{RenderSettings, StopRule};
 use super::state::{Part, Phase, Position, State};
@@ -126,11 +127,18 @@ impl<'a> Run<'a> {
             let paths = f64::from(*spp) * (places as f64 / pixels as f64);
             self.state.spent += paths * (1.0 + learning.as_ref().map_or(0.0, |l| l.photon_share));
         }
+        let uneven = self.state.division.as_ref().map(|division| Uneven {
+            densities: &division.densities,
+            even: division.even,
+            before: self.state.position.batches - *spp - division.even,
+        });
+        let begun = self.state.sequences_from.filter(|_| uneven.is_some());
         let tracer = PassTracer {
             // One without voxels, of a guide that was given up or not begun, would only be looked up in vain.
             field: field.filter(|field| !field.voxels().is_empty()),
             picture,
-            first_sample: self.state.rendered - *spp,
+            first_sample: begun.unwrap_or(self.state.rendered - *spp),
+            uneven,
             sequences_from: self.state.sequences_from,
             spp: *spp,
             places,

@@ -177,6 +177,8 @@ pub struct RenderSettings {
     pub crop: Option<Window>,
     /// Whether the outcome has the sample count and variance of each pixel.
     pub keeps_spread: bool,
+    /// Whether noisy pixels get more samples than others in the final pass; not for a target error.
+    pub adaptive: bool,
     /// Rule by which the render ends.
     pub stop: StopRule,
     /// Seed of all random numbers.
@@ -225,6 +227,8 @@ impl RenderSettings {
             filter: FilterFile::default(),
             crop: None,
             keeps_spread: false,
+            // Samples that are asked for by their number are those of each pixel.
+            adaptive: matches!(stop, StopRule::Time(_)),
             stop,
             seed: 0,
         };
@@ -244,7 +248,8 @@ impl RenderSettings {
         let defaults = Self::new(guide, self.stop);
         let learner = LearnerSettings { memory: self.learner.memory, ..defaults.learner };
         let transport = TransportSettings { roulette: defaults.transport.roulette, ..self.transport };
-        Self { transport, seed: self.seed, filter: self.filter, crop: self.crop, learner, ..defaults }
+        let Self { seed, filter, crop, adaptive, .. } = *self;
+        Self { transport, seed, filter, crop, adaptive, learner, ..defaults }
     }
 
     /// Window that is rendered of a picture of `size` (columns, rows).

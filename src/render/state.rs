@@ -19,8 +19,18 @@ pub(super) struct State {
     pub sequences_from: Option<u32>,
     pub trend: Trend,
     pub position: Position,
+    /// How the rest of the final pass is divided among pixels; none while all get as many samples.
+    pub division: Option<Division>,
     /// The halves of a render to a target error, otherwise empty. The half that is being traced has an empty pass here.
     pub halves: Vec<Half>,
+}
+
+/// An uneven division of samples among pixels.
+pub(super) struct Division {
+    /// See [`densities`](crate::film::densities).
+    pub densities: Vec<f32>,
+    /// Samples per pixel of the final pass before.
+    pub even: u32,
 }
 
 /// Measurements of the iterations so far, by which the next one is decided on.
@@ -79,7 +89,7 @@ pub(super) struct Position {
     /// Learning: index of the iteration, and number of voxels when it began.
     pub iteration: u32,
     pub voxels: usize,
-    /// Seconds of the render when it began, and seconds spent on camera paths until then.
+    /// Seconds of the render when the iteration or the final pass began, and seconds spent on camera paths until then.
     pub began: f64,
     pub traced: f64,
     /// Final pass: samples per pixel in the batches that have begun.

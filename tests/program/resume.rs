@@ -109,6 +109,16 @@ fn f01_passes_of_several_chunks() {
     assert!(interrupted(&scene, &settings, None, 2) >= 3);
 }
 
+/// A final pass whose samples go where noise is, before and after it has found out where.
+#[test]
+fn f01_samples_that_follow_noise() {
+    let scene = committed("cornell", [160, 120]);
+    for guide in [GUIDES[0], GUIDES[5]] {
+        let settings = RenderSettings { adaptive: true, gives_up: true, keeps_spread: true, ..settings(guide, 96, 1) };
+        assert!(interrupted(&scene, &settings, None, 1) >= 3, "{guide:?}");
+    }
+}
+
 #[test]
 fn f01_windows_target_errors_and_loaded_guides() {
     let scene = committed("door-ajar", [64, 48]);

@@ -17,8 +17,12 @@ use scenes::{GUIDES, Guide, committed, reconstructor, settings};
 
 /// The bits of a picture rendered by `threads` threads.
 fn bits(scene: &Scene, guide: Guide, seed: u64, threads: usize) -> Vec<[u32; 3]> {
+    bits_with(scene, settings(guide, 32, seed), threads)
+}
+
+fn bits_with(scene: &Scene, settings: RenderSettings, threads: usize) -> Vec<[u32; 3]> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a few threads can be had");
-    let (settings, reconstructor) = (settings(guide, 32, seed), reconstructor(guide.0));
+    let reconstructor = reconstructor(settings.guide);
     let outcome = pool.install(|| render(scene, &settings, reconstructor.as_ref(), &Silent, &AtomicBool::new(false)));
     let image = outcome.expect("the settings are sound").image;
     image.pixels.iter().map(|p| p.to_array().map(f32::to_bits)).collect()
@@ -39,6 +43,18 @@ fn threads_change_nothing_and_seeds_all() {
         let (equal, all) = lit.fold((0, 0), |(equal, all), (a, b)| (equal + usize::from(a == b), all + 1));
         // Many pixels of this dark room are black by chance; of the others hardly one has the same bits twice.
         assert!(all > 50 && equal * 10 < all, "{guide:?}: {equal} of {all} pixels are equal under another seed");
+    }
+}
+
+/// Nor does what a pixel deserves depend on who traced its neighbours.
+#[test]
+fn threads_change_nothing_where_samples_follow_noise() {
+    let scene = committed("glass-caustic", [32, 24]);
+    for guide in [GUIDES[0], GUIDES[5]] {
+        let adaptive = RenderSettings { adaptive: true, ..settings(guide, 32, 1) };
+        let [one, two] = [1, 2].map(|threads| bits_with(&scene, adaptive.clone(), threads));
+        assert!(one == two, "{guide:?}");
+        assert!(one != bits(&scene, guide, 1, 1), "{guide:?}: nothing was divided");
     }
 }
 

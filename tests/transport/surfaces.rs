@@ -287,6 +287,31 @@ fn s05_guided_pictures_agree_with_none() {
     assert_eq!(compared, ((GUIDES.len() - 1) * COMPARED.len() - 5) * BLOCKS);
 }
 
+/// Samples that go where noise is must leave every block's mean where it is, also where light is rare and a pixel that found some looks
+/// noisy: block means over 16 seeds against even sampling, as above, all together at 0.001 (Šidák).
+#[test]
+fn s05_adaptive_pictures_agree_with_even_ones() {
+    let scenes = ["glass-caustic", "lamp-room"];
+    let level = sidak(0.001, 2 * scenes.len() * BLOCKS);
+    for name in scenes {
+        let scene = committed(name, [32, 24]);
+        for guide in [GUIDES[0], GUIDES[5]] {
+            let runs = |adaptive: bool| -> Vec<Vec<f64>> {
+                let with = |seed: u64| RenderSettings { adaptive, ..settings(guide, 40, 300 + seed) };
+                (0..16).map(|seed| blocks(&picture(&scene, &with(seed)))).collect()
+            };
+            let (even, adaptive) = (runs(false), runs(true));
+            assert_ne!(even, adaptive, "{name} {guide:?}: nothing was divided");
+            for block in 0..BLOCKS {
+                let summary = |runs: &[Vec<f64>]| Summary::new(&runs.iter().map(|r| r[block]).collect::<Vec<_>>());
+                let (a, b) = (summary(&even), summary(&adaptive));
+                let ratio = a.welch(&b, level);
+                assert!(ratio < 1.0, "{name}, {guide:?}, block {block}: {} and {}, {ratio:.2}", a.mean, b.mean);
+            }
+        }
+    }
+}
+
 /// A guide is given up by what its passes contain, so they must stay in the picture whether it is or not: to keep them only where the
 /// verdict was good would be to keep those that found something by chance. All camera samples count but the three of the first two
 /// passes, which are left out of every picture.

@@ -1,0 +1,170 @@
+//! The order in which a pass takes its samples, by linear index.
+
+use std::ops::Range;
+
+use crate::picture::Window;
+
+/// An uneven division of samples among pixels, for a pass that began evenly; see [`densities`](crate::film::densities).
+#[derive(Debug, Clone, Copy)]
+pub struct Uneven<'a> {
+    /// Samples of each pixel over those of the mean pixel.
+    pub densities: &'a [f32],
+    /// Samples per pixel with which the pass began evenly.
+    pub even: u32,
+    /// Samples per pixel that were divided unevenly before.
+    pub before: u32,
+}
+
+impl Uneven<'_> {
+    /// Samples of a pixel when `spp` samples per pixel were divided unevenly. What is rounded differs from pixel to pixel, so that together
+    /// they have about as many samples as the picture was to get.
+    fn samples(&self, pixel: u64, spp: u32) -> u64 {
+        // Golden multiples are spread evenly.
+        let rounding = (pixel as f64 * 0.618_033_988_749_895).fract();
+        let divided = f64::from(self.densities[pixel as usize]) * f64::from(spp) + rounding;
+        u64::from(self.even) + divided as u64
+    }
+
+    /// Numbers of a pixel's samples in a batch of `spp` samples per pixel, counted from the beginning of the pass.
+    fn batch(&self, pixel: u64, spp: u32) -> Range<u64> {
+        self.samples(pixel, self.before)..self.samples(pixel, self.before + spp)
+    }
+}
+
+/// Which sample of which pixel every linear index of a pass stands for.
+pub(super) struct Order<'a> {
+    width: u64,
+    rows: Vec<u32>,
+    spp: u32,
+    division: Division<'a>,
+}
+
+enum Division<'a> {
+    /// Sample after sample, in each of so many places.
+    Even(u64),
+    /// Row after row, pixel after pixel, and the linear index at which each row begins.
+    Uneven(Uneven<'a>, Vec<u64>),
+}
+
+/// The samples of a chunk.
+pub(super) enum Places<'o> {
+    Even(&'o [u32], u64, u64),
+    /// Pixels and samples from a linear index on.
+    Listed(Vec<(u32, u32)>, u64),
+}
+
+/// The order in which the rows of a picture are visited: any beginning of it is spread evenly.
+fn row_order(height: u32) -> Vec<u32> {
+    let mut rows: Vec<u32> = (0..height).collect();
+    rows.sort_by_key(|y| (y % 16).reverse_bits());
+    rows
+}
+
+impl<'a> Order<'a> {
+    /// `spp` samples in each of the first so many `places` of `window` in the order of rows, or divided among all pixels.
+    pub fn new(window: Window, places: u64, spp: u32, uneven: Option<Uneven<'a>>) -> Self {
+        let (width, rows) = (u64::from(window.width), row_order(window.height));
+        let Some(uneven) = uneven else { return Self { width, rows, spp, division: Division::Even(places) } };
+        let samples = |&row: &u32| -> u64 {
+            let pixels = u64::from(row) * width..u64::from(row + 1) * width;
+            pixels.map(|pixel| uneven.batch(pixel, spp)).map(|batch| batch.end - batch.start).sum()
+        };
+        let mut starts = vec![0];
+        for row in &rows {
+            starts.push(starts[starts.len() - 1] + samples(row));
+        }
+        Self { width, rows, spp, division: Division::Uneven(uneven, starts) }
+    }
+
+    /// Number of samples.
+    pub fn total(&self) -> u64 {
+        match &self.division {
+            Division::Even(places) => places * u64::from(self.spp),
+            Division::Uneven(_, starts) => starts.last().copied().unwrap_or(0),
+        }
+    }
+
+    /// The samples of a range of linear indices.
+    pub fn places(&self, range: Range<u64>) -> Places<'_> {
+        let (uneven, starts) = match &self.division {
+            Division::Even(places) => return Places::Even(&self.rows, *places, self.width),
+            Division::Uneven(uneven, starts) => (uneven, starts),
+        };
+        // The last row that begins no later; rows without samples begin where the next one does.
+        let first = starts.partition_point(|&start| start <= range.start).max(1) - 1;
+        let pixels = self.rows[first.min(self.rows.len())..].iter().flat_map(|&row| {
+            let start = u64::from(row) * self.width;
+            start..start + self.width
+        });
+        let samples =
+            pixels.flat_map(|pixel| uneven.batch(pixel, self.spp).map(move |sample| (pixel as u32, sample as u32)));
+        let (skipped, count) = (range.start - starts[first], range.end - range.start);
+        Places::Listed(samples.skip(skipped as usize).take(count as usize).collect(), range.start)
+    }
+}
+
+impl Places<'_> {
+    /// Pixel and sample of a linear index: in an even pass the sample's number in the pass, or else the number that it has among the
+    /// pixel's since the pass began.
+    #[inline(always)]
+    pub fn at(&self, index: u64) -> (u64, u64) {
+        match self {
+            Self::Even(rows, places, width) => {
+                let sample = index / places;
+                // Pixels are fewer than 2³², and short numbers are divided sooner.
+                let (place, width) = ((index - sample * places) as u32, *width as u32);
+                let (row, column) = (place / width, place % width);
+                (u64::from(rows[row as usize]) * u64::from(width) + u64::from(column), sample)
+            }
+            Self::Listed(listed, first) => {
+                let (pixel, sample) = listed[(index - first) as usize];
+                (pixel.into(), sample.into())
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_visited_once_and_evenly() {
+        for height in [1, 7, 16, 100] {
+            let mut rows = row_order(height);
+            let beginning = rows[..height.div_ceil(4) as usize].to_vec();
+            let near = |y: u32| beginning.iter().any(|&row| row.abs_diff(y) <= 4);
+            assert!((0..height).all(near), "{height}");
+            rows.sort_unstable();
+            assert!(rows.into_iter().eq(0..height));
+        }
+    }
+
+    /// Batches give every pixel the next numbers of its samples, without gaps, in any chunks, and as many as its density says.
+    #[test]
+    fn uneven_batches_follow_one_another() {
+        let window = Window { x: 0, y: 0, width: 7, height: 20 };
+        let densities: Vec<f32> = (0..140).map(|i| [0.0, 0.1, 0.9, 3.0][i % 4]).collect();
+        let mut next = [4u64; 140];
+        let mut before = 0;
+        for spp in [1, 1, 2, 13, 100] {
+            let order = Order::new(window, 140, spp, Some(Uneven { densities: &densities, even: 4, before }));
+            let mut begin = 0;
+            while begin < order.total() {
+                let end = (begin + 37).min(order.total());
+                let places = order.places(begin..end);
+                for index in begin..end {
+                    let (pixel, sample) = places.at(index);
+                    assert_eq!(sample, next[pixel as usize]);
+                    next[pixel as usize] += 1;
+                }
+                begin = end;
+            }
+            before += spp;
+        }
+        for (pixel, (samples, density)) in next.into_iter().zip(&densities).enumerate() {
+            let expected = 4.0 + f64::from(*density) * 117.0;
+            assert!((samples as f64 - expected).abs() <= 1.0, "{pixel}: {samples} instead of {expected}");
+        }
+    }
+}
