@@ -32,7 +32,7 @@ pub(super) fn cosine_pdf<R: Real>(wo: V3<R>, wi: V3<R>) -> R {
 
 impl Diffuse {
     /// The surface at `uv`.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, uv: Vec2) -> At<f32> {
         At { reflectance: self.reflectance.eval(uv).into() }
     }

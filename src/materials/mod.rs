@@ -134,7 +134,19 @@ impl From<Kind> for Material {
 
 impl Material {
     /// The material at `uv`: all that its textures say there, read once.
+    #[inline(always)]
     pub fn at(&self, uv: Vec2) -> Bsdf<'_, f32> {
+        match &self.kind {
+            // The commonest by far, and so small that a call would cost more.
+            Kind::Diffuse(m) if self.tint.is_none() => {
+                Bsdf { two_sided: self.two_sided, tint: None, model: Model::Diffuse(m.at(uv)) }
+            }
+            _ => self.any_at(uv),
+        }
+    }
+
+    #[inline(never)]
+    fn any_at(&self, uv: Vec2) -> Bsdf<'_, f32> {
         let model = match &self.kind {
             Kind::Diffuse(m) => Model::Diffuse(m.at(uv)),
             Kind::RoughDiffuse(m) => Model::RoughDiffuse(m.at(uv)),

@@ -71,7 +71,13 @@ impl Wrap {
 
 impl Texture {
     /// The colour at `uv`, which must be finite.
+    #[inline(always)]
     pub fn eval(&self, uv: Vec2) -> Vec3 {
+        if let Self::Constant(color) = self { *color } else { self.varying(uv) }
+    }
+
+    #[inline(never)]
+    fn varying(&self, uv: Vec2) -> Vec3 {
         match self {
             Self::Constant(color) => *color,
             Self::Bitmap { image, to_uv, scale, wrap, nearest } => {

@@ -322,9 +322,14 @@ pub(super) struct Groups {
 }
 
 impl Groups {
-    /// Sorts vertices.
-    fn sort(&mut self, vertices: &[Arrival]) {
+    /// Sorts vertices; without `materials` other than plain ones all are alike.
+    #[inline(always)]
+    fn sort(&mut self, vertices: &[Arrival], materials: bool) {
         self.alike.resize_with(2 * Variant::COUNT, Vec::new);
+        if !materials {
+            self.alike[0].clear();
+            return self.alike[0].extend(0..vertices.len() as u32);
+        }
         self.alike.iter_mut().for_each(Vec::clear);
         for (index, vertex) in (0..).zip(vertices) {
             self.alike[2 * vertex.variant.index() + usize::from(vertex.bumped)].push(index);
@@ -355,9 +360,10 @@ impl PathTracer<'_> {
         groups: &mut Groups,
         mut take: impl FnMut(&mut PathState, &Arrival, &Surface, &Shaded, usize),
     ) {
-        groups.sort(vertices);
+        groups.sort(vertices, E::MATERIALS);
         let fewest = if lanes::available() { FEWEST } else { usize::MAX };
         let Groups { alike, shaded } = groups;
+        let alike = if E::MATERIALS { &alike[..] } else { &alike[..1] };
         for indices in alike.iter().flat_map(|alike| alike.chunks(LANES)) {
             let together = if indices.len() < fewest { 1 } else { LANES };
             for indices in indices.chunks(together) {
