@@ -58,7 +58,10 @@ fn waves(n: u32) -> Vec<u8> {
 /// The room with the mesh in it.
 fn with_mesh(name: &str) -> SceneFile {
     let mut file = room([8, 6], 10.0).finish();
-    file.meshes.insert("waves".into(), MeshFile::Ply { file: name.into(), face_normals: false, flip_v: false });
+    file.meshes.insert(
+        "waves".into(),
+        MeshFile::Ply { file: name.into(), face_normals: false, flip_v: false, as_given: false },
+    );
     let mut shape = file.shapes[0].clone();
     shape.geometry = serde_json::from_str("{\"type\":\"mesh\",\"mesh\":\"waves\"}").unwrap();
     file.shapes.push(shape);

@@ -241,7 +241,7 @@ pub enum MeshFile {
         #[serde(default, skip_serializing_if = "is_default")]
         flip_v: bool,
     },
-    /// A PLY file, text or binary.
+    /// A PLY file, text or binary, which gzip may have packed.
     Ply {
         /// Path relative to the scene file.
         file: String,
@@ -251,6 +251,9 @@ pub enum MeshFile {
         /// Use 1 − v in place of v.
         #[serde(default, skip_serializing_if = "is_default")]
         flip_v: bool,
+        /// Take normals as pbrt does: without vertex normals faces are flat, with them every face is turned to their side.
+        #[serde(default, skip_serializing_if = "is_default")]
+        as_given: bool,
     },
     /// One shape of a Mitsuba `.serialized` file.
     Serialized {

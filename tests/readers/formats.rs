@@ -90,7 +90,7 @@ fn s09_every_mesh_format_gives_the_same_picture() {
     let meshes = [
         MeshFile::Inline { positions: corners.to_vec(), normals: vec![], uvs: vec![], triangles: vec![[0, 1, 2]] },
         MeshFile::Obj { file: "one.obj".into(), face_normals: true, flip_v: false },
-        MeshFile::Ply { file: "one.ply".into(), face_normals: true, flip_v: false },
+        MeshFile::Ply { file: "one.ply".into(), face_normals: true, flip_v: false, as_given: false },
         MeshFile::Serialized { file: "two.serialized".into(), index: 1, face_normals: true },
     ];
     let pictures = meshes.map(|mesh| {

@@ -214,7 +214,9 @@ pub fn scene_using(name: &str, used: &str) -> SceneFile {
     let file = used.to_owned();
     match name {
         "tetrahedron.obj" => scene_with(Some(MeshFile::Obj { file, face_normals: false, flip_v: false }), None),
-        "triangle.ply" => scene_with(Some(MeshFile::Ply { file, face_normals: false, flip_v: false }), None),
+        "triangle.ply" => {
+            scene_with(Some(MeshFile::Ply { file, face_normals: false, flip_v: false, as_given: false }), None)
+        }
         "two.serialized" => scene_with(Some(MeshFile::Serialized { file, index: 1, face_normals: false }), None),
         _ => scene_with(None, Some(used)),
     }

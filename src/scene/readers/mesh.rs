@@ -57,9 +57,14 @@ pub fn load(file: &MeshFile, directory: &Path, place: &Place) -> Result<Cleaned>
             let path = open(file)?;
             finish(turned(obj::read(&path)?, *flip_v), flat_if(*face_normals), &Place::file(path))
         }
-        MeshFile::Ply { file, face_normals, flip_v } => {
+        MeshFile::Ply { file, face_normals, flip_v, as_given } => {
             let path = open(file)?;
-            finish(turned(ply::read(&path)?, *flip_v), flat_if(*face_normals), &Place::file(path))
+            let mut mesh = turned(ply::read(&path)?, *flip_v);
+            if !as_given {
+                return finish(mesh, flat_if(*face_normals), &Place::file(path));
+            }
+            normals::turn_faces(&mut mesh);
+            finish(mesh, if *face_normals { Shading::Flat } else { Shading::AsGiven }, &Place::file(path))
         }
         MeshFile::Serialized { file, index, face_normals } => {
             let path = open(file)?;

@@ -4,19 +4,26 @@
 //! size or a stated limit before memory is asked for.
 
 mod builtin;
+mod cie;
+mod conductors;
 mod extent;
+mod gzip;
 mod json;
 mod left_out;
 mod lines;
+mod mean;
 mod mesh;
 mod missing;
 mod mitsuba;
 mod normals;
+mod notes;
 mod obj;
 mod path;
 mod places;
 mod ply;
 mod serialized;
+mod slips;
+mod spectrum;
 mod textures;
 mod validate;
 
@@ -127,12 +134,14 @@ struct Read {
     warnings: Vec<String>,
     /// Files that were found to be missing already.
     absent: Vec<Absent>,
+    /// Pictures that were made of others while reading, by [`image_key`]: no file holds them.
+    pictures: BTreeMap<String, Texels>,
 }
 
 impl Read {
     /// A document whose parts are named by their key paths.
     fn plain(file: SceneFile, source: &Path) -> Self {
-        Self { file, places: Places::new(source), warnings: Vec::new(), absent: Vec::new() }
+        Self { file, places: Places::new(source), warnings: Vec::new(), absent: Vec::new(), pictures: BTreeMap::new() }
     }
 }
 
@@ -164,19 +173,21 @@ pub fn resolve(file: SceneFile, directory: &Path, source: &Path) -> Result<Loade
 }
 
 fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
-    let Read { mut file, places, mut warnings, absent } = read;
+    let Read { mut file, places, mut warnings, absent, pictures: ready } = read;
     validate::validate(&file, &places)?;
     let needs = overrides::apply(&mut file, how.overrides);
-    let (mut reasons, missing) = missing::settle(&mut file, directory, &places, absent, how.missing, &mut warnings)?;
-    let (loaded, pictures) = rayon::join(
+    let (mut reasons, missing) =
+        missing::settle(&mut file, directory, &places, &ready, absent, how.missing, &mut warnings)?;
+    let (loaded, mut pictures) = rayon::join(
         || load_meshes(&file.meshes, directory, &places, &mut reasons),
-        || read_pictures(&file, directory, &places),
+        || read_pictures(&file, directory, &places, &ready),
     );
     let (meshes, skipped_triangles) = loaded?;
     extent::check(&file, &meshes, &places)?;
     if skipped_triangles > 0 {
         warnings.push(format!("{skipped_triangles} triangles without area were left out"));
     }
+    pictures.extend(ready.into_iter().map(|(key, texels)| (key, Ok(texels))));
     let images = load_images(&file, pictures, &places, &mut warnings)?;
     for (index, shape) in file.shapes.iter().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
         if file.materials.get(&shape.material).is_some_and(MaterialFile::is_masked) {
@@ -220,8 +231,8 @@ fn load_meshes(
 /// Pictures that were read, or their errors, by [`image_key`].
 type Pictures = BTreeMap<String, Result<Texels>>;
 
-/// Reads all pictures of a scene in parallel, each once per way of reading it.
-fn read_pictures(scene: &SceneFile, directory: &Path, places: &Places) -> Pictures {
+/// Reads all pictures of a scene but those that are `ready`, in parallel, each once per way of reading it.
+fn read_pictures(scene: &SceneFile, directory: &Path, places: &Places, ready: &BTreeMap<String, Texels>) -> Pictures {
     let mut files: BTreeMap<String, (&str, bool, Place)> = BTreeMap::new();
     for (name, material) in &scene.materials {
         for (_, texture) in material.textures() {
@@ -241,6 +252,7 @@ fn read_pictures(scene: &SceneFile, directory: &Path, places: &Places) -> Pictur
         let path = path::resolve(directory, file, &place);
         (key, path.and_then(|path| read_texels(&path, raw)))
     };
+    files.retain(|key, _| !ready.contains_key(key));
     files.into_par_iter().map(read).collect()
 }
 

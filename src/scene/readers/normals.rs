@@ -21,6 +21,18 @@ pub fn complete(mesh: &mut Mesh) {
     }
 }
 
+/// Turns around every triangle that faces away from its vertices' normals, if there are any. Indices out of range are left alone.
+pub fn turn_faces(mesh: &mut Mesh) {
+    let (positions, normals) = (&mesh.positions, &mesh.normals);
+    let away = |triangle: &[u32; 3]| {
+        let corner = |i: u32| Some((positions.get(i as usize)?.as_dvec3(), normals.get(i as usize)?.as_dvec3()));
+        let [a, b, c] = triangle.map(corner);
+        let (Some((a, m)), Some((b, n)), Some((c, o))) = (a, b, c) else { return false };
+        (b - a).cross(c - a).dot(m + n + o) < 0.0
+    };
+    mesh.triangles.par_iter_mut().filter(|triangle| away(triangle)).for_each(|triangle| triangle.swap(1, 2));
+}
+
 fn from_faces(mesh: &Mesh) -> Vec<Vec3> {
     let mut sums = vec![DVec3::ZERO; mesh.positions.len()];
     for triangles in mesh.triangles.chunks(CHUNK) {

@@ -15,14 +15,16 @@ use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 
+use super::gzip::unpacked;
 use super::{LARGEST_MESH_FILE, MOST_ELEMENTS};
 
-/// Reads a PLY file; polygons become fans of triangles. Texture coordinates are called `u v`, `s t` or `texture_u texture_v`.
+/// Reads a PLY file, which gzip may have packed; polygons become fans of triangles. Texture coordinates are called `u v`, `s t`, `texture_u texture_v` or
+/// `texture_s texture_t`.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the file and, where known, the line.
 pub fn read(path: &Path) -> Result<Mesh> {
-    let bytes = read_bytes(path, LARGEST_MESH_FILE)?;
+    let bytes = unpacked(read_bytes(path, LARGEST_MESH_FILE)?, path, LARGEST_MESH_FILE)?;
     let mut reader = Reader::new(bytes.as_slice());
     let fail = |error: ParseError| explain(path, &error);
     let header = Parser::<Ignored>::new().read_header(&mut reader).map_err(fail)?;
@@ -92,8 +94,8 @@ fn slot(name: &str) -> Option<usize> {
         "nx" => Some(3),
         "ny" => Some(4),
         "nz" => Some(5),
-        "u" | "s" | "texture_u" => Some(6),
-        "v" | "t" | "texture_v" => Some(7),
+        "u" | "s" | "texture_u" | "texture_s" => Some(6),
+        "v" | "t" | "texture_v" | "texture_t" => Some(7),
         _ => None,
     }
 }
@@ -136,8 +138,8 @@ impl PropertyAccess for Vertex {
             "nx" => &mut self.normal.x,
             "ny" => &mut self.normal.y,
             "nz" => &mut self.normal.z,
-            "u" | "s" | "texture_u" => &mut self.uv.x,
-            "v" | "t" | "texture_v" => &mut self.uv.y,
+            "u" | "s" | "texture_u" | "texture_s" => &mut self.uv.x,
+            "v" | "t" | "texture_v" | "texture_t" => &mut self.uv.y,
             _ => return PropertyAccessResult::Ignored,
         };
         match property.to_f32_lossy() {

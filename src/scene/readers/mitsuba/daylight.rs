@@ -7,13 +7,13 @@ use glam::{DMat3, DMat4, DVec3};
 
 use super::super::validate::LEAST_ANGLE;
 use super::Reader;
-use super::color::Use;
 use super::element::Element;
 use super::object::{Object, kind};
 use super::solar::{Moment, position};
 use super::sunlight::{hosek_wilkie, preetham};
 use crate::base::Result;
 use crate::scene::file::LightFile;
+use crate::scene::readers::spectrum::Use;
 
 /// Angular diameter of the models' sun, degrees.
 const DIAMETER: f64 = 0.5358;

@@ -4,9 +4,9 @@ use glam::{DMat4, DVec3};
 
 use crate::base::Result;
 use crate::scene::file::LightFile;
+use crate::scene::readers::spectrum::Use;
 
 use super::Reader;
-use super::color::Use;
 use super::element::Element;
 use super::object::{Object, kind};
 use super::upgrade::OLD_SUNSKY;

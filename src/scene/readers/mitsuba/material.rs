@@ -4,10 +4,10 @@ use crate::base::{Error, Result};
 use crate::materials::texture::luminance;
 use crate::math::channel_mean;
 use crate::scene::file::{Distribution, Filter, MaterialFile, TextureFile};
+use crate::scene::readers::conductors::{INDEX_NAMES, conductor, conductor_names, refractive_index};
+use crate::scene::readers::spectrum::Use;
 
 use super::Reader;
-use super::color::Use;
-use super::conductors::{INDEX_NAMES, conductor, conductor_names, refractive_index};
 use super::element::Element;
 use super::object::{Object, kind};
 

@@ -2,9 +2,9 @@
 
 use crate::base::Result;
 use crate::scene::file::MediumFile;
+use crate::scene::readers::spectrum::Use;
 
 use super::Reader;
-use super::color::Use;
 use super::element::Element;
 use super::object::{Object, follow, kind};
 

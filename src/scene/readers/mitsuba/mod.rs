@@ -3,9 +3,7 @@
 //! another way, is a warning.
 
 mod approximate;
-mod cie;
 mod color;
-mod conductors;
 mod daylight;
 mod document;
 mod element;
@@ -206,6 +204,6 @@ impl<'a> Reader<'a> {
         }
         let Self { file, places, mut warnings, absent, ids, .. } = self;
         warnings.extend(ids.unused.into_warnings());
-        Ok(Read { file, places, warnings, absent })
+        Ok(Read { file, places, warnings, absent, pictures: BTreeMap::new() })
     }
 }

@@ -7,11 +7,13 @@ use glam::DMat4;
 
 use crate::base::Result;
 use crate::scene::file::Matrix;
+use crate::scene::readers::slips::meant;
+use crate::scene::readers::spectrum::Use;
 
-use super::color::{self, Use};
+use super::color;
 use super::element::{Element, number, xyz};
 use super::transform;
-use super::unused::{Unused, meant};
+use super::unused::Unused;
 
 const PROPERTY_TAGS: [&str; 11] =
     ["float", "integer", "boolean", "string", "rgb", "srgb", "spectrum", "blackbody", "point", "vector", "transform"];

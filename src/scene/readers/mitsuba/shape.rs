@@ -109,7 +109,7 @@ impl<'a> Reader<'a> {
             }
             "ply" => {
                 let flip_v = object.boolean("flip_tex_coords")?.unwrap_or(false);
-                MeshFile::Ply { file: file()?, face_normals, flip_v }
+                MeshFile::Ply { file: file()?, face_normals, flip_v, as_given: false }
             }
             "serialized" => {
                 let index = object.integer("shape_index")?.unwrap_or(0);
@@ -192,7 +192,7 @@ fn mirrored_sphere(object: &Object, outer: DMat4) -> Result<bool> {
 
 fn mesh_name(mesh: &MeshFile) -> String {
     let (base, flat) = match mesh {
-        MeshFile::Obj { file, face_normals, flip_v } | MeshFile::Ply { file, face_normals, flip_v } => {
+        MeshFile::Obj { file, face_normals, flip_v } | MeshFile::Ply { file, face_normals, flip_v, .. } => {
             (if *flip_v { format!("{file} (v flipped)") } else { file.clone() }, *face_normals)
         }
         MeshFile::Serialized { file, index, face_normals } => (format!("{file} {index}"), *face_normals),

@@ -1,7 +1,7 @@
 //! The sun's mean radiance over its disk, seen through the clear air: Mitsuba 0.6 has the model of Preetham et al. 1999, Mitsuba 3 that
 //! of Hošek and Wilkie 2013. In W·m⁻²·sr⁻¹·nm⁻¹ as linear RGB, for a turbidity in [1, 10] and an angle from the zenith in [0, π/2].
 
-use super::color::{Use, integrate};
+use crate::scene::readers::spectrum::{Use, integrate};
 
 /// Solar radiance outside the air every 10 nm from 380 nm on, W·m⁻²·sr⁻¹·nm⁻¹ (Preetham et al. 1999, table 2).
 #[rustfmt::skip]

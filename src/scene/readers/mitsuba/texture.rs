@@ -1,15 +1,15 @@
 //! Textures.
 
+use std::collections::BTreeMap;
+
 use glam::Vec3;
 
 use crate::base::Result;
-use crate::picture::read_texels;
 use crate::scene::file::{Filter, TextureFile, Wrap, identity3};
-use crate::scene::readers::missing::{self, Absent};
-use crate::scene::readers::path;
+use crate::scene::readers::mean;
+use crate::scene::readers::spectrum::Use;
 
 use super::Reader;
-use super::color::Use;
 use super::element::Element;
 use super::object::{Object, kind};
 
@@ -40,19 +40,7 @@ impl<'a> Reader<'a> {
         if !matches!(texture, TextureFile::Rgb { .. }) {
             self.warn(element, format_args!("{name} cannot vary: the mean of its texture is used"));
         }
-        Ok(match texture {
-            TextureFile::Rgb { value } => *value,
-            TextureFile::Checkerboard { color0, color1, .. } => [0, 1, 2].map(|i| (color0[i] + color1[i]) / 2.0),
-            TextureFile::Bitmap { file, scale, .. } if missing::is_absent(&self.folder, file) => {
-                let color = [missing::GREY * *scale; 3];
-                self.absent.push(Absent::picture(file, element.place.clone(), color));
-                color
-            }
-            TextureFile::Bitmap { file, raw, scale, .. } => {
-                let texels = read_texels(&path::resolve(&self.folder, file, &element.place)?, *raw)?;
-                (texels.mean() * *scale).to_array()
-            }
-        })
+        mean::mean(texture, &self.folder, &element.place, &BTreeMap::new(), &mut self.absent)
     }
 
     pub(super) fn texture_object(&mut self, element: &'a Element) -> Result<TextureFile> {
