@@ -298,6 +298,6 @@ macro_rules! readers {
 }
 
 readers! {
-    scene_json scene_xml mesh_obj mesh_ply mesh_serialized image_exr image_png image_other shard index recipe model_config
+    scene_json scene_xml scene_pbrt mesh_obj mesh_ply mesh_serialized image_exr image_png image_other shard index recipe model_config
     model_weights checkpoint guide comparison_run results
 }

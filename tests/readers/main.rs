@@ -7,3 +7,4 @@ mod support;
 mod daylight;
 mod dialects;
 mod formats;
+mod pbrt;

@@ -119,6 +119,50 @@ pub const MATERIALS: &str = r#"<scene version="3.0.0">
     </bsdf>
 </scene>"#;
 
+/// A scene of pbrt that has a bit of everything.
+pub const PBRT: &str = r#"# pbrt
+Film "rgb" "integer xresolution" 32 "integer yresolution" [ 24 ] "float iso" 150 "string sensor" "cie1931"
+PixelFilter "gaussian" "float xradius" 1.5 "float yradius" 1.5 "float sigma" .5
+Sampler "halton" "integer pixelsamples" 4
+Integrator "path" "integer maxdepth" 7
+ColorSpace "rec2020"
+LookAt 0 1 5  0 1 0  0 1 0
+Camera "perspective" "float fov" 40 "float lensradius" .01 "float focaldistance" 5 "float screenwindow" [ -1.2 1.2 -.9 .9 ]
+WorldBegin
+MakeNamedMedium "fog" "string type" "homogeneous" "rgb sigma_a" [ .1 .1 .2 ] "rgb sigma_s" [ .3 .4 .5 ] "float g" .3
+Texture "picture" "spectrum" "imagemap" "string filename" "grey.png" "float uscale" 2 "bool invert" true
+Texture "board" "spectrum" "checkerboard" "rgb tex1" [ .1 .5 .9 ] "float vscale" 3
+Texture "product" "spectrum" "scale" "texture tex" "picture" "rgb scale" [ .5 .6 .7 ]
+Texture "mixture" "spectrum" "mix" "texture amount" "picture" "rgb tex1" [ 1 0 0 ] "rgb tex2" [ 0 1 0 ]
+Texture "bumps" "float" "imagemap" "string filename" "grey.png" "string encoding" "linear" "float scale" .1
+MakeNamedMaterial "red" "string type" "diffuse" "texture reflectance" "product"
+MakeNamedMaterial "coat" "string type" "coateddiffuse" "texture reflectance" "mixture" "float roughness" .2 "texture displacement" "bumps"
+MakeNamedMaterial "gold" "string type" "conductor" "spectrum eta" "metal-Au-eta" "spectrum k" [ 400 2 500 2 700 4 ] "float roughness" .1
+MakeNamedMaterial "both" "string type" "mix" "string materials" [ "red" "gold" ] "float amount" .3
+MakeNamedMaterial "layers" "string type" "coatedconductor" "float interface.roughness" .1
+AttributeBegin
+  AreaLightSource "diffuse" "blackbody L" 4000 "float scale" 3 "bool twosided" true
+  Translate 0 2 0 Rotate 90 1 0 0 Shape "disk" "float radius" .5
+AttributeEnd
+LightSource "infinite" "string filename" "grey.png" "float scale" .2
+LightSource "spot" "point3 from" [ 1 3 1 ] "point3 to" [ 0 0 0 ] "float power" 20
+LightSource "distant" "spectrum L" "stdillum-A" "point3 from" [ 0 1 1 ]
+ObjectBegin "things"
+  NamedMaterial "both" Shape "sphere" "float radius" .3 "float alpha" .5
+  Material "dielectric" "spectrum eta" "glass-BK7" Translate .7 0 0
+  Shape "cylinder" "float radius" .2 "float zmin" 0 "float phimax" 270
+  NamedMaterial "layers" Shape "plymesh" "string filename" "triangle.ply"
+ObjectEnd
+AttributeBegin Scale 1 2 1 ObjectInstance "things" AttributeEnd
+AttributeBegin ReverseOrientation ConcatTransform [ 1 0 0 0  0 1 0 0  0 0 1 0  1 0 0 1 ] ObjectInstance "things" AttributeEnd
+NamedMaterial "coat"
+Shape "trianglemesh" "point3 P" [ -2 0 -2  2 0 -2  2 0 2  -2 0 2 ] "normal N" [ 0 1 0 0 1 0 0 1 0 0 1 0 ]
+  "point2 uv" [ 0 0 1 0 1 1 0 1 ] "integer indices" [ 0 1 2 0 2 3 ]
+Material "diffuse" "texture reflectance" "board"
+Shape "bilinearmesh" "point3 P" [ -2 0 -2  2 0 -2  -2 2 -2  2 2 -2.5 ]
+AttributeBegin MediumInterface "fog" "" Material "interface" Shape "sphere" "float radius" .4 AttributeEnd
+"#;
+
 /// What the XML above means, written by hand.
 pub const JSON: &str = r#"{
     "version": 1,

@@ -128,6 +128,7 @@ pub fn reader(name: &str, folder: &Path) -> Reader {
     match name {
         "scene_json" => json(folder),
         "scene_xml" => xml(),
+        "scene_pbrt" => pbrt(),
         "mesh_obj" => {
             let quads = b"mtllib a.mtl\no a\ng b\nusemtl c\ns 1\nv 0 0 0 1\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nvt 0.5 0.5\n\
                           f 1/1/1 2/1/1 3/1/1 4/1/1\nf -4/-1/-1 -3/-1/-1 -2/-1/-1\n";
@@ -266,6 +267,23 @@ fn xml() -> Reader {
         path volpath direct prb thindielectric diffuse roughconductor normalmap checkerboard scale uvscale perspective hdrfilm box \
         gaussian tent bilinear repeat mirror clamp nearest beckmann ggx wavelength uniform d65 irregular interior exterior isotropic";
     Reader::new("scene_xml", "scene.xml", seeds, 2_500, Box::new(scene)).with(Container::Plain, tokens)
+}
+
+fn pbrt() -> Reader {
+    let old = r#"Film "image" "float scale" 2 Renderer "sampler" SurfaceIntegrator "directlighting" TransformBegin TransformEnd
+        LookAt 0 1 5 0 1 0 0 1 0 Camera "perspective" "float fov" 50 WorldBegin LightSource "infinite" "string mapname" "sky.exr"
+        LightSource "infinite" "rgb L" [ .1 .2 .3 ] LightSource "goniometric" "string mapname" "grey.png"
+        Material "matte" "color Kd" [ .5 .4 .3 ] "float sigma" 20 Shape "sphere" Material "uber" "float Kt" .5 Shape "cone"
+        Material "glass" "color Kt" [ .5 1 1 ] Shape "paraboloid" Material "substrate" Shape "hyperboloid"
+        Material "disney" "float metallic" .4 Shape "trianglemesh" "point P" [ 0 0 0 1 0 0 0 1 0 ] "float st" [ 0 0 1 0 0 1 ]
+        Material "metal" "blackbody eta" [ 3000 2 ] Shape "disk" "float innerradius" .2
+        Material "translucent" Shape "loopsubdiv" "integer nlevels" 2 "point P" [ 0 0 0 1 0 0 0 1 0 ] "integer indices" [ 0 1 2 ]
+        Material "plastic" Shape "plymesh" "string filename" "lost.ply" WorldEnd"#;
+    let seeds = vec![files::PBRT.into(), old.into()];
+    let tokens = "# [ ] \" \\ Import ActiveTransform EndTime All Transform Attribute \"shape\" \"light\" \"material\" 1e9 -1 nan 1e-40 \
+        \"texture \"spectrum \"rgb \"blackbody \"xyz \"integer \"bool true false subsurface hair measured thindielectric \
+        diffusetransmission power illuminance portal normalmap curve marble fbm bilerp dots ptex cropwindow realistic portal";
+    Reader::new("scene_pbrt", "scene.pbrt", seeds, 2_500, Box::new(scene)).with(Container::Plain, tokens)
 }
 
 fn plys() -> Vec<Vec<u8>> {

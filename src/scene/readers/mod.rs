@@ -19,6 +19,7 @@ mod normals;
 mod notes;
 mod obj;
 mod path;
+mod pbrt;
 mod places;
 mod ply;
 mod serialized;
@@ -90,7 +91,8 @@ impl LoadedScene {
     }
 }
 
-/// Loads a scene: a `.json` file in our own format, a Mitsuba `.xml` file, or a folder that holds `scene.json` or `scene.xml`.
+/// Loads a scene: a `.json` file in our own format, a Mitsuba `.xml` file, a `.pbrt` file (also `.pbrt.gz`), or a folder that holds
+/// `scene.json`, `scene.xml` or `scene.pbrt`.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`], [`Error::Unsupported`], [`Error::Limit`] and [`Error::Missing`], naming file and place.
@@ -117,10 +119,16 @@ pub fn load_lacking(path: &Path, overrides: &[Override], missing: Missing) -> Re
     match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
         Some("json") => resolve_at(Read::plain(json::read(&path)?, &path), &directory, &how),
         Some("xml") => resolve_at(mitsuba::read(&path)?, &directory, &how),
+        Some("pbrt") => resolve_at(pbrt::read(&path)?, &directory, &how),
+        Some("gz") if path.file_stem().is_some_and(|stem| Path::new(stem).extension() == Some("pbrt".as_ref())) => {
+            resolve_at(pbrt::read(&path)?, &directory, &how)
+        }
         _ => Err(Error::Unsupported {
             place: Place::file(&path),
             what: "this kind of scene file".into(),
-            supported: ".json (fanal), .xml (Mitsuba), or a folder with scene.json or scene.xml".into(),
+            supported:
+                ".json (fanal), .xml (Mitsuba), .pbrt (pbrt), or a folder with scene.json, scene.xml or scene.pbrt"
+                    .into(),
         }),
     }
 }
@@ -156,11 +164,11 @@ fn document(path: &Path) -> Result<PathBuf> {
     if !path.is_dir() {
         return Ok(path.to_owned());
     }
-    let candidates = ["scene.json", "scene.xml"].map(|name| path.join(name));
+    let candidates = ["scene.json", "scene.xml", "scene.pbrt"].map(|name| path.join(name));
     candidates
         .into_iter()
         .find(|candidate| candidate.is_file())
-        .ok_or_else(|| Error::malformed(Place::file(path), "the folder holds neither scene.json nor scene.xml"))
+        .ok_or_else(|| Error::malformed(Place::file(path), "the folder holds no scene.json, scene.xml or scene.pbrt"))
 }
 
 /// Checks a scene file and loads its meshes and pictures. `source` only names it in messages; a scene that was made up, with

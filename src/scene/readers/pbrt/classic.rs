@@ -1,0 +1,127 @@
+//! Materials of pbrt-v3, by near relations.
+
+use crate::base::Result;
+use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile};
+
+use super::Reader;
+use super::materials::{ROUGHNESS, clear, mirror, plastic};
+use super::parameters::Parameters;
+use super::textures::Values;
+
+/// Largest reflectance of a coat at normal incidence: its index would grow without bound otherwise.
+const MOST_SPECULAR: f32 = 0.5;
+
+impl Reader {
+    /// A material of pbrt-v3; none if v3 has none of this kind.
+    pub(super) fn classic(&mut self, kind: &str, parameters: &Parameters) -> Result<Option<MaterialFile>> {
+        let white = TextureFile::rgb([1.0; 3]);
+        Ok(Some(match kind {
+            "matte" => self.diffuse(parameters, "Kd")?,
+            "metal" => {
+                let metal = self.metal(parameters, ["eta", "k", "reflectance"])?;
+                metal.surface(self.roughness(parameters, ROUGHNESS, 0.01)?)
+            }
+            "mirror" => mirror(self.albedo(parameters, "Kr", 0.9)?),
+            "glass" => {
+                let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
+                let material = clear(self.roughness(parameters, ROUGHNESS, 0.0)?, int_ior);
+                let specular_reflectance = self.albedo(parameters, "Kr", 1.0)?;
+                let specular_transmittance = self.albedo(parameters, "Kt", 1.0)?;
+                if specular_reflectance == white && specular_transmittance == white {
+                    return Ok(Some(material));
+                }
+                MaterialFile::Tinted { specular_reflectance, specular_transmittance, material: Box::new(material) }
+            }
+            "plastic" => {
+                self.relation(parameters, kind, "a coat over a diffuse base");
+                let diffuse = self.albedo(parameters, "Kd", 0.25)?;
+                let specular = self.albedo(parameters, "Ks", 0.25)?;
+                plastic(self.roughness(parameters, ROUGHNESS, 0.1)?, 1.5, diffuse, specular)
+            }
+            "substrate" => self.substrate(parameters)?,
+            "uber" => self.uber(parameters)?,
+            "translucent" => {
+                self.relation(parameters, kind, "a diffuse surface with holes");
+                parameters.ignore(&["Kd", "Ks", "roughness", "remaproughness"]);
+                self.diffuse_transmission(parameters, ["reflect", "transmit"], 0.5)?
+            }
+            "disney" => self.disney(parameters)?,
+            _ => return Ok(None),
+        }))
+    }
+
+    fn relation(&mut self, parameters: &Parameters, kind: &str, relation: &str) {
+        self.warn(&parameters.place, format!("a material \"{kind}\" is read as {relation}"));
+    }
+
+    /// A coat that reflects as much at normal incidence, over the base.
+    fn substrate(&mut self, parameters: &Parameters) -> Result<MaterialFile> {
+        self.relation(parameters, "substrate", "a coat over a diffuse base");
+        let diffuse = self.albedo(parameters, "Kd", 0.5)?;
+        let specular = self.albedo(parameters, "Ks", 0.5)?;
+        let color = self.mean(&specular, &parameters.place, "Ks")?;
+        let most = color.iter().fold(f32::MIN_POSITIVE, |most, channel| most.max(*channel));
+        // Fresnel's equations at normal incidence, solved for the index.
+        let root = most.clamp(0.0, MOST_SPECULAR).sqrt();
+        let alpha = self.roughness(parameters, ROUGHNESS, 0.1)?;
+        let tint = TextureFile::rgb(color.map(|channel| channel / most));
+        Ok(plastic(alpha, (1.0 + root) / (1.0 - root), diffuse, tint))
+    }
+
+    /// Whatever is strongest: clear, or a coat over a diffuse base.
+    fn uber(&mut self, parameters: &Parameters) -> Result<MaterialFile> {
+        self.relation(parameters, "uber", "its strongest part");
+        let [kd, kt] = [self.strength(parameters, "Kd", 0.25)?, self.strength(parameters, "Kt", 0.0)?];
+        let [ks, kr] = [self.strength(parameters, "Ks", 0.25)?, self.strength(parameters, "Kr", 0.0)?];
+        let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
+        let rough = self.roughness(parameters, ROUGHNESS, 0.1)?;
+        let material = if kt > kd {
+            MaterialFile::Tinted {
+                specular_reflectance: self.albedo(parameters, "Kr", 0.0)?,
+                specular_transmittance: self.albedo(parameters, "Kt", 0.0)?,
+                material: Box::new(clear(0.0, int_ior)),
+            }
+        } else {
+            let diffuse = self.albedo(parameters, "Kd", 0.25)?;
+            let (specular, alpha) = if kr > ks { ("Kr", 0.0) } else { ("Ks", rough) };
+            let specular = self.albedo(parameters, specular, 0.25)?;
+            MaterialFile::TwoSided { material: Box::new(plastic(alpha, int_ior, diffuse, specular)) }
+        };
+        let opacity = self.albedo(parameters, "opacity", 1.0)?;
+        if opacity == TextureFile::rgb([1.0; 3]) {
+            return Ok(match material {
+                MaterialFile::TwoSided { material } => *material,
+                other => other,
+            });
+        }
+        Ok(MaterialFile::Mask { opacity, material: Box::new(material) })
+    }
+
+    fn disney(&mut self, parameters: &Parameters) -> Result<MaterialFile> {
+        self.relation(parameters, "disney", "Burley's mixture of lobes");
+        parameters.ignore(&["anisotropic", "scatterdistance", "thin", "difftrans"]);
+        let mut number = |name, default: f32| -> Result<f32> {
+            Ok(self.number(parameters, name)?.unwrap_or(default).clamp(0.0, 1.0))
+        };
+        let [spec_tint, sheen, sheen_tint] =
+            [number("speculartint", 0.0)?, number("sheen", 0.0)?, number("sheentint", 0.5)?];
+        let [clearcoat, clearcoat_gloss] = [number("clearcoat", 0.0)?, number("clearcoatgloss", 1.0)?];
+        let [spec_trans, flatness] = [number("spectrans", 0.0)?, number("flatness", 0.0)?];
+        let within = |texture: Option<TextureFile>, default: f32| {
+            super::textures::within(texture.unwrap_or(TextureFile::rgb([default; 3])))
+        };
+        Ok(MaterialFile::Principled(PrincipledFile {
+            base_color: self.albedo(parameters, "color", 0.5)?,
+            roughness: within(self.texture(parameters, "roughness", Values::Floats)?, 0.5),
+            metallic: within(self.texture(parameters, "metallic", Values::Floats)?, 0.0),
+            eta: self.index(parameters, ["eta", "index"], 1.5)?.max(1.0),
+            spec_tint,
+            sheen,
+            sheen_tint,
+            clearcoat,
+            clearcoat_gloss,
+            flatness,
+            spec_trans,
+        }))
+    }
+}

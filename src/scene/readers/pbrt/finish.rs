@@ -1,0 +1,213 @@
+//! What can only be settled once the whole document is read: the camera, mixtures, holes, light on what is no surface, exposure.
+
+use std::path::Path;
+
+use crate::base::{Error, Place, Result};
+use crate::scene::file::{LightFile, MaterialFile, SceneFile, TextureFile};
+use crate::scene::readers::Read;
+
+use super::{DEFAULT_MATERIAL, Reader};
+
+/// Deepest nesting of mixtures.
+const MOST_NESTED: usize = 8;
+/// Most parts of all mixtures together: mixtures of mixtures must not grow without bound.
+const MOST_PARTS: usize = 1 << 17;
+
+/// Two materials by their names in the scene file.
+#[derive(Debug, Clone)]
+pub struct Mix {
+    /// Their names.
+    pub materials: [String; 2],
+    /// Weight of the second.
+    pub amount: TextureFile,
+}
+
+/// A material with the holes that a shape has.
+#[derive(Debug)]
+pub struct Masked {
+    /// Its name.
+    pub name: String,
+    /// Name of the material where there is no hole.
+    pub base: String,
+    /// Where it is.
+    pub opacity: TextureFile,
+    /// The shape's place.
+    pub place: Place,
+}
+
+impl Reader {
+    /// Settles what is left, and returns the scene.
+    pub(super) fn finish(mut self, path: &Path) -> Result<Read> {
+        if !self.world[0] {
+            return Err(Error::malformed(Place::file(path), "the scene has no WorldBegin"));
+        }
+        if let Some((block, _)) = self.blocks.last() {
+            let message = format!("a block that {}Begin began has no end", block.name());
+            self.warn(&Place::file(path), message);
+        }
+        self.finish_camera()?;
+        self.resolve_mixes()?;
+        self.add_default();
+        self.add_masks();
+        self.darken_borders();
+        self.join_environments();
+        self.expose_lights();
+        let Self { file, places, mut warnings, notes, unused, absent, pictures, .. } = self;
+        warnings.extend(notes.into_warnings("and"));
+        warnings.extend(unused.into_warnings("nor are"));
+        Ok(Read { file, places, warnings, absent, pictures })
+    }
+
+    fn resolve_mixes(&mut self) -> Result<()> {
+        let (names, mut parts): (Vec<String>, usize) = (self.mixes.keys().cloned().collect(), 0);
+        for name in names {
+            let material = self.resolved(&name, 0)?;
+            parts += material.parts().len();
+            if parts > MOST_PARTS {
+                let (place, what) =
+                    (self.places.at(&format!("materials.{name}")), "number of mixed materials".to_owned());
+                return Err(Error::Limit { place, what, value: parts as u64, limit: MOST_PARTS as u64 });
+            }
+            self.file.materials.insert(name, material);
+        }
+        Ok(())
+    }
+
+    /// The material of this name, mixed if need be.
+    fn resolved(&mut self, name: &str, depth: usize) -> Result<MaterialFile> {
+        if let Some(material) = self.file.materials.get(name) {
+            return Ok(material.clone());
+        }
+        let place = self.places.at(&format!("materials.{name}"));
+        let Some(mix) = self.mixes.get(name).cloned() else {
+            return Err(Error::malformed(place, format!("there is no material \"{name}\"")));
+        };
+        if depth == MOST_NESTED {
+            let message = format!("materials mixed of one another, more than {MOST_NESTED} deep");
+            return Err(Error::malformed(place, message));
+        }
+        let mut parts = Vec::with_capacity(2);
+        for part in &mix.materials {
+            if !self.file.materials.contains_key(part) && !self.mixes.contains_key(part) {
+                return Err(Error::malformed(place, format!("there is no material \"{part}\" to be mixed")));
+            }
+            let material = self.resolved(part, depth + 1)?;
+            parts.push(self.plain(material, &place));
+        }
+        let (Some(second), Some(first)) = (parts.pop(), parts.pop()) else {
+            return Err(Error::malformed(place, "a mix needs two materials"));
+        };
+        self.mixed([first, second], mix.amount, &place)
+    }
+
+    /// A material that can be mixed: without holes and bumps.
+    fn plain(&mut self, material: MaterialFile, place: &Place) -> MaterialFile {
+        match material {
+            MaterialFile::Mask { material, .. } => {
+                self.warn(place, "holes of what is mixed are left out");
+                self.plain(*material, place)
+            }
+            MaterialFile::BumpMap { material, .. } | MaterialFile::NormalMap { material, .. } => {
+                self.warn(place, "bumps of what is mixed are left out");
+                self.plain(*material, place)
+            }
+            MaterialFile::TwoSided { material } => match self.plain(*material, place) {
+                two_sided if two_sided.is_two_sided() => two_sided,
+                material => MaterialFile::TwoSided { material: Box::new(material) },
+            },
+            other => other,
+        }
+    }
+
+    /// Two materials mixed; one that is no surface leaves holes.
+    fn mixed(&mut self, parts: [MaterialFile; 2], amount: TextureFile, place: &Place) -> Result<MaterialFile> {
+        let [first, second] = parts;
+        Ok(match (first, second) {
+            (MaterialFile::Null, MaterialFile::Null) => MaterialFile::Null,
+            (MaterialFile::Null, material) => MaterialFile::Mask { opacity: amount, material: Box::new(material) },
+            (material, MaterialFile::Null) => {
+                let ends = [1.0, 0.0].map(|value| TextureFile::rgb([value; 3]));
+                MaterialFile::Mask { opacity: self.mixture(ends, amount, place)?, material: Box::new(material) }
+            }
+            (first, second) => MaterialFile::Blend { weight: amount, materials: Box::new([first, second]) },
+        })
+    }
+
+    /// pbrt's material of shapes without one.
+    fn add_default(&mut self) {
+        let used = self.file.shapes.iter().any(|shape| shape.material == DEFAULT_MATERIAL)
+            || self.masked.iter().any(|masked| masked.base == DEFAULT_MATERIAL);
+        if used {
+            let diffuse = MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.5; 3]) };
+            let material = MaterialFile::TwoSided { material: Box::new(diffuse) };
+            self.file.materials.entry(DEFAULT_MATERIAL.to_owned()).or_insert(material);
+        }
+    }
+
+    fn add_masks(&mut self) {
+        for Masked { name, base, opacity, place } in std::mem::take(&mut self.masked) {
+            // Missing ones are told of where shapes are checked.
+            let Some(material) = self.file.materials.get(&base).cloned() else { continue };
+            let material = if matches!(material.innermost(), MaterialFile::Null) {
+                material
+            } else {
+                if material.is_masked() {
+                    self.warn(&place, "holes in holes: those of the shape are used");
+                }
+                MaterialFile::Mask { opacity, material: Box::new(unmasked(material)) }
+            };
+            self.places.set(format!("materials.{name}"), place);
+            self.file.materials.insert(name, material);
+        }
+    }
+
+    /// Takes the light from shapes that are no surface, as pbrt does.
+    fn darken_borders(&mut self) {
+        let SceneFile { shapes, materials, .. } = &mut self.file;
+        for (index, shape) in shapes.iter_mut().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
+            if materials.get(&shape.material).is_some_and(|material| matches!(material.innermost(), MaterialFile::Null))
+            {
+                shape.emission = None;
+                let place = self.places.at(&format!("shapes[{index}]"));
+                self.notes.add(&place, "what is no surface does not shine: its light is left out".to_owned());
+            }
+        }
+    }
+
+    /// Multiplies all light by what the camera makes of it.
+    fn expose_lights(&mut self) {
+        let factor = self.exposure as f32;
+        if factor == 1.0 {
+            return;
+        }
+        let place = self.places.at("film");
+        self.warn(&place, format!("all light is multiplied by {factor}, which is what the camera's exposure does"));
+        let times = |color: &mut [f32; 3]| color.iter_mut().for_each(|channel| *channel *= factor);
+        self.file.shapes.iter_mut().filter_map(|shape| shape.emission.as_mut()).for_each(times);
+        for light in &mut self.file.lights {
+            match light {
+                LightFile::Point { intensity: color, .. }
+                | LightFile::Spot { intensity: color, .. }
+                | LightFile::Directional { irradiance: color, .. }
+                | LightFile::Sun { irradiance: color, .. }
+                | LightFile::Constant { radiance: color } => times(color),
+                LightFile::Sky { scale, .. } | LightFile::Envmap { scale, .. } => *scale *= factor,
+            }
+        }
+    }
+}
+
+/// The material without its holes.
+fn unmasked(material: MaterialFile) -> MaterialFile {
+    match material {
+        MaterialFile::Mask { material, .. } => unmasked(*material),
+        MaterialFile::TwoSided { material } => MaterialFile::TwoSided { material: Box::new(unmasked(*material)) },
+        MaterialFile::BumpMap { texture, scale, material } => {
+            MaterialFile::BumpMap { texture, scale, material: Box::new(unmasked(*material)) }
+        }
+        MaterialFile::NormalMap { texture, material } => {
+            MaterialFile::NormalMap { texture, material: Box::new(unmasked(*material)) }
+        }
+        other => other,
+    }
+}

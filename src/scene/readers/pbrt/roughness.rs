@@ -1,0 +1,117 @@
+//! Roughness, refractive indices and metals.
+
+use crate::base::Result;
+use crate::materials::texture::luminance;
+use crate::scene::file::{Distribution, MaterialFile, TextureFile};
+use crate::scene::readers::conductors::conductor;
+use crate::scene::readers::spectrum::Use;
+
+use super::Reader;
+use super::parameters::Parameters;
+use super::textures::Values;
+
+/// Facets with less roughness are smooth in pbrt.
+const SMOOTH: f32 = 1e-3;
+/// Largest reflectance at normal incidence that a metal may be made of: its index would grow without bound otherwise.
+const MOST_REFLECTED: f32 = 0.9999;
+
+/// A metal, by its index and a factor on its reflection.
+pub struct Metal {
+    /// Real part of the refractive index.
+    pub eta: [f32; 3],
+    /// Extinction coefficient.
+    pub k: [f32; 3],
+    /// Factor on the reflection.
+    pub tint: TextureFile,
+}
+
+impl Metal {
+    /// The metal's surface with this roughness.
+    pub fn surface(self, alpha: f32) -> MaterialFile {
+        let Self { eta, k, tint: specular_reflectance } = self;
+        if alpha == 0.0 {
+            return MaterialFile::Conductor { eta, k, specular_reflectance };
+        }
+        MaterialFile::RoughConductor { alpha, distribution: Distribution::Ggx, eta, k, specular_reflectance }
+    }
+
+    /// One that reflects `tint` of everything.
+    pub fn mirror(tint: TextureFile) -> Self {
+        Self { eta: [0.0; 3], k: [1.0; 3], tint }
+    }
+}
+
+impl Reader {
+    /// Roughness of GGX facets from the parameters for both directions at once, for u and for v.
+    pub(super) fn roughness(&mut self, parameters: &Parameters, names: [&'static str; 3], default: f32) -> Result<f32> {
+        let [both, u, v] = names;
+        let both = self.number(parameters, both)?.unwrap_or(default);
+        let (u, v) = (self.number(parameters, u)?.unwrap_or(both), self.number(parameters, v)?.unwrap_or(both));
+        if u.min(v) < 0.0 {
+            return Err(parameters.malformed(format!("the roughness is {}, expected at least 0", u.min(v))));
+        }
+        let remapped = parameters.boolean("remaproughness")?.unwrap_or(true);
+        let old = self.old;
+        let [u, v] = [u, v].map(|roughness| match (remapped, old) {
+            (false, _) => roughness,
+            (true, false) => roughness.sqrt(),
+            (true, true) => old_alpha(roughness),
+        });
+        if u != v {
+            self.warn(&parameters.place, "anisotropic roughness: the geometric mean of both directions is used");
+        }
+        let alpha = if u == v { u } else { (u * v).sqrt() };
+        Ok(if alpha < SMOOTH { 0.0 } else { alpha })
+    }
+
+    /// A refractive index; of a spectrum the luminance.
+    pub(super) fn index(&mut self, parameters: &Parameters, names: [&'static str; 2], default: f32) -> Result<f32> {
+        for name in names {
+            if let Some(texture) = self.texture(parameters, name, Values::Colors)? {
+                let index = luminance(self.mean(&texture, &parameters.place, name)?.into());
+                return Ok(if index > 0.0 { index } else { default });
+            }
+        }
+        Ok(default)
+    }
+
+    /// A metal from its index, or from its reflectance at normal incidence; copper without either.
+    pub(super) fn metal(&mut self, parameters: &Parameters, names: [&'static str; 3]) -> Result<Metal> {
+        let [eta, k, reflectance] = names;
+        let white = TextureFile::rgb([1.0; 3]);
+        match self.given_albedo(parameters, reflectance)? {
+            // F = k²/(k² + 4) for eta = 1.
+            Some(TextureFile::Rgb { value }) => {
+                let k = value.map(|r| {
+                    let r = r.clamp(0.0, MOST_REFLECTED);
+                    2.0 * (r / (1.0 - r)).sqrt()
+                });
+                Ok(Metal { eta: [1.0; 3], k, tint: white })
+            }
+            Some(texture) => Ok(Metal::mirror(texture)),
+            None => {
+                let (copper_eta, copper_k) = conductor("Cu").unwrap_or(([1.0; 3], [3.0; 3]));
+                let eta = self.index_color(parameters, eta, copper_eta)?;
+                Ok(Metal { eta, k: self.index_color(parameters, k, copper_k)?, tint: white })
+            }
+        }
+    }
+
+    fn index_color(&mut self, parameters: &Parameters, name: &'static str, default: [f32; 3]) -> Result<[f32; 3]> {
+        let Some(parameter) = parameters.find(name) else { return Ok(default) };
+        if parameter.kind != "texture" {
+            return self.palette(parameters).color(parameter, Use::Index);
+        }
+        let texture = self.texture(parameters, name, Values::Colors)?.unwrap_or(TextureFile::rgb(default));
+        self.mean(&texture, &parameters.place, name)
+    }
+}
+
+/// Roughness of facets in pbrt-v3 (Pharr, Jakob, Humphreys 2016, §8.4.2).
+fn old_alpha(roughness: f32) -> f32 {
+    if roughness == 0.0 {
+        return 0.0;
+    }
+    let x = roughness.max(1e-3).ln();
+    1.62142 + x * (0.819955 + x * (0.1734 + x * (0.0171201 + x * 0.000640711)))
+}
