@@ -158,7 +158,10 @@ fn names() {
     );
     assert_eq!(file.shapes[0].material, file.shapes[1].material);
     assert!(matches!(file.materials[&file.shapes[2].material], MaterialFile::Dielectric { .. }));
-    let file = quiet("Attribute \"material\" \"float roughness\" .25 Material \"dielectric\" Shape \"sphere\"");
+    let twice = "Attribute \"material\" \"float roughness\" .81";
+    let file = quiet(&format!(
+        "{twice} Attribute \"material\" \"float roughness\" .25 Material \"dielectric\" Shape \"sphere\""
+    ));
     assert!(matches!(only(&file), MaterialFile::RoughDielectric { alpha: 0.5, .. }));
     for (text, words) in [
         ("NamedMaterial \"x\" Shape \"sphere\"", "no material \"x\""),

@@ -140,7 +140,7 @@ impl Reader {
             "Attribute" => {
                 let target = tokens.text("what the attribute is for")?;
                 let list = self.parameters(format!("the attribute \"{target}\""), tokens)?.into_list();
-                self.state.defaults.entry(target).or_default().splice(0..0, list);
+                self.state.defaults.entry(target).or_default().extend(list);
                 Ok(())
             }
             "Texture" => self.texture_directive(tokens),
