@@ -4,6 +4,7 @@ mod image;
 mod output;
 mod read;
 mod read_exr;
+mod samples;
 mod texels;
 mod window;
 mod write_exr;
@@ -11,8 +12,9 @@ pub mod write_png;
 
 pub use image::Image;
 pub use output::{check_folder, check_writable, write, write_or_rescue, write_picture};
-pub use read::{read_image, read_texels};
+pub use read::{read_image, read_samples, read_texels};
 pub use read_exr::{Channels, read_exr_channels};
+pub use samples::{Samples, Values};
 pub use texels::{ByteImage, Texels};
 pub use window::{Placed, Window, matched, window_of};
 pub use write_exr::{Attribute, Channel, Picture};

@@ -13,6 +13,7 @@ use crate::base::{Error, Place, Result};
 use crate::math::srgb;
 use crate::picture::{ByteImage, Image, Texels};
 
+use super::samples::{Samples, Values};
 use super::{LARGEST_FILE, MOST_PIXELS, read_exr};
 
 const EXR_MAGIC: [u8; 4] = [0x76, 0x2F, 0x31, 0x01];
@@ -35,7 +36,7 @@ pub fn read_texels(path: &Path, raw: bool) -> Result<Texels> {
     let bytes = read_bytes(path, LARGEST_FILE)?;
     let texels = match bytes.first_chunk() {
         Some(&EXR_MAGIC) => Texels::Float(Arc::new(read_exr::read_color(path, &bytes)?)),
-        Some(&PNG_MAGIC) => read_png(path, &bytes, raw)?,
+        Some(&PNG_MAGIC) => read_png(&Place::file(path), &bytes)?.into_texels(raw),
         _ => match other_format(path, &bytes) {
             Some(format) => read_other(path, &bytes, format, raw)?,
             None => {
@@ -56,15 +57,44 @@ pub fn read_texels(path: &Path, raw: bool) -> Result<Texels> {
     Ok(texels)
 }
 
-fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Texels> {
-    let fail = |why: String| Error::malformed(Place::file(path), format!("not a readable PNG file: {why}"));
+/// Reads the bytes of a PNG or JPEG picture at `place`, with its alpha.
+///
+/// # Errors
+/// [`Error::Limit`], [`Error::Malformed`], [`Error::Unsupported`].
+pub fn read_samples(place: &Place, bytes: &[u8]) -> Result<Samples> {
+    match bytes {
+        [0x89, b'P', b'N', b'G', ..] => read_png(place, bytes),
+        [0xFF, 0xD8, 0xFF, ..] => {
+            let decoded = decode_other(place, bytes, ImageFormat::Jpeg)?;
+            let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+            let (channels, values) = match decoded {
+                DynamicImage::ImageLuma8(pixels) => (1, Values::Eight(pixels.into_raw())),
+                DynamicImage::ImageRgb8(pixels) => (3, Values::Eight(pixels.into_raw())),
+                other => (3, Values::Sixteen(other.into_rgb16().into_raw())),
+            };
+            Samples::new([width, height], channels, values).ok_or_else(|| wrong_count(place))
+        }
+        _ => Err(Error::Unsupported {
+            place: place.clone(),
+            what: "this picture format".into(),
+            supported: "PNG and JPEG".into(),
+        }),
+    }
+}
+
+fn wrong_count(place: &Place) -> Error {
+    Error::malformed(place.clone(), "it holds another number of pixels than it says")
+}
+
+fn read_png(place: &Place, bytes: &[u8]) -> Result<Samples> {
+    let fail = |why: String| Error::malformed(place.clone(), format!("not a readable PNG file: {why}"));
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     // Palettes and fewer than 8 bits become 8 bits per channel.
     decoder.set_transformations(png::Transformations::EXPAND);
     let info = decoder.read_header_info().map_err(|error| fail(error.to_string()))?;
     let pixels = u64::from(info.width) * u64::from(info.height);
     if pixels > MOST_PIXELS {
-        let (place, what) = (Place::file(path), "number of pixels".into());
+        let (place, what) = (place.clone(), "number of pixels".into());
         return Err(Error::Limit { place, what, value: pixels, limit: MOST_PIXELS });
     }
     // DEFLATE expands at most 1032-fold, and a pixel has at least one bit.
@@ -80,19 +110,13 @@ fn read_png(path: &Path, bytes: &[u8], raw: bool) -> Result<Texels> {
     let mut samples = vec![0; size];
     let frame = reader.next_frame(&mut samples).map_err(|error| fail(error.to_string()))?;
     let (width, height, channels) = (frame.width as usize, frame.height as usize, frame.color_type.samples());
-    if frame.bit_depth != png::BitDepth::Sixteen {
-        let image = ByteImage::new(width, height, channels, samples, raw);
-        let image = image.ok_or_else(|| fail("it holds another number of pixels than it says".into()))?;
-        return Ok(Texels::Bytes(Arc::new(image)));
-    }
-    let decoded = |pair: &[u8]| f32::from(u16::from_be_bytes([pair[0], pair[1]])) / 65535.0;
-    let value = |pair: &[u8]| if raw { decoded(pair) } else { srgb::linear(decoded(pair)) };
-    let pixel = |v: &[u8]| match channels {
-        0..3 => Vec3::splat(value(v)),
-        _ => Vec3::new(value(v), value(&v[2..]), value(&v[4..])),
+    let values = if frame.bit_depth == png::BitDepth::Sixteen {
+        Values::Sixteen(samples.as_chunks::<2>().0.iter().map(|&pair| u16::from_be_bytes(pair)).collect())
+    } else {
+        Values::Eight(samples)
     };
-    let pixels = samples.chunks_exact(2 * channels).map(pixel).collect();
-    Ok(Texels::Float(Arc::new(Image { width, height, pixels })))
+    Samples::new([width, height], channels, values)
+        .ok_or_else(|| fail("it holds another number of pixels than it says".into()))
 }
 
 /// Replaces the first line of an HDR file, which may name the program or the pixel format, by the only one that the decoder knows.
@@ -113,9 +137,9 @@ fn other_format(path: &Path, bytes: &[u8]) -> Option<ImageFormat> {
     }
 }
 
-fn read_other(path: &Path, bytes: &[u8], format: ImageFormat, raw: bool) -> Result<Texels> {
+fn decode_other(place: &Place, bytes: &[u8], format: ImageFormat) -> Result<DynamicImage> {
     let bytes = &*if format == ImageFormat::Hdr { radiance_header(bytes) } else { Cow::Borrowed(bytes) };
-    let fail = |error: ImageError| Error::malformed(Place::file(path), format!("not a readable picture: {error}"));
+    let fail = |error: ImageError| Error::malformed(place.clone(), format!("not a readable picture: {error}"));
     let mut limits = Limits::default();
     // The sides are compared with this before anything is allocated; so are the bytes.
     limits.max_image_width = Some(1 << 16);
@@ -126,17 +150,22 @@ fn read_other(path: &Path, bytes: &[u8], format: ImageFormat, raw: bool) -> Resu
     let (width, height) = reader.into_dimensions().map_err(fail)?;
     let pixels = u64::from(width) * u64::from(height);
     if pixels > MOST_PIXELS {
-        let (place, what) = (Place::file(path), "number of pixels".into());
+        let (place, what) = (place.clone(), "number of pixels".into());
         return Err(Error::Limit { place, what, value: pixels, limit: MOST_PIXELS });
     }
     // A run or a block of any of these formats is far below 4096 pixels per byte.
     if pixels / 4096 > bytes.len() as u64 {
         let message = format!("not a readable picture: {pixels} pixels cannot be in {} bytes", bytes.len());
-        return Err(Error::malformed(Place::file(path), message));
+        return Err(Error::malformed(place.clone(), message));
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     reader.limits(limits);
-    let decoded = reader.decode().map_err(fail)?;
+    reader.decode().map_err(fail)
+}
+
+fn read_other(path: &Path, bytes: &[u8], format: ImageFormat, raw: bool) -> Result<Texels> {
+    let place = Place::file(path);
+    let decoded = decode_other(&place, bytes, format)?;
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     let bytes = |channels: usize, samples: Vec<u8>| ByteImage::new(width, height, channels, samples, raw);
     let image = match decoded {
@@ -151,8 +180,7 @@ fn read_other(path: &Path, bytes: &[u8], format: ImageFormat, raw: bool) -> Resu
             return Ok(Texels::Float(Arc::new(Image { width, height, pixels })));
         }
     };
-    let wrong = || Error::malformed(Place::file(path), "it holds another number of pixels than it says");
-    Ok(Texels::Bytes(Arc::new(image.ok_or_else(wrong)?)))
+    Ok(Texels::Bytes(Arc::new(image.ok_or_else(|| wrong_count(&place))?)))
 }
 
 #[cfg(test)]
