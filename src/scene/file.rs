@@ -287,6 +287,12 @@ pub enum MeshFile {
         /// Vertex indices, counter-clockwise seen from the front.
         triangles: Vec<[u32; 3]>,
     },
+    /// A mesh that a document of another format holds, which is in memory only: such a scene cannot be saved.
+    #[serde(skip_deserializing)]
+    Held {
+        /// Its part of that document.
+        part: String,
+    },
 }
 
 /// A surface with its material.

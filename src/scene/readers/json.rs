@@ -4,8 +4,9 @@ use std::path::Path;
 
 use crate::base::files::{read_bytes, write_atomically};
 use crate::base::{Error, Place, Result};
-use crate::scene::file::{SceneFile, VERSION};
+use crate::scene::file::{MeshFile, SceneFile, VERSION};
 
+use super::mesh::not_held;
 use super::places::Places;
 use super::validate::{unsupported_version, validate};
 
@@ -36,8 +37,14 @@ fn explain(path: &Path, bytes: &[u8], error: &serde_json::Error) -> Error {
 /// Writes a scene file as indented JSON, atomically.
 ///
 /// # Errors
-/// The errors of [`resolve`](super::resolve) for invalid values (JSON has no infinity or NaN), [`Error::Io`].
+/// The errors of [`resolve`](super::resolve) for invalid values (JSON has no infinity or NaN), [`Error::Io`], and
+/// [`Error::Unsupported`] for a scene whose meshes are in memory only.
 pub fn save(file: &SceneFile, path: &Path) -> Result<()> {
+    for (name, mesh) in &file.meshes {
+        if let MeshFile::Held { part } = mesh {
+            return Err(not_held(&Place::part(path, format!("meshes.{name}")), part));
+        }
+    }
     validate(file, &Places::new(path))?;
     write_atomically(path, |out| {
         serde_json::to_writer_pretty(&mut *out, file)?;

@@ -45,11 +45,11 @@ impl Cleaned {
     }
 }
 
-/// Loads a mesh of the scene in `directory`. `place` is that of the mesh in the scene file.
+/// Loads a mesh of the scene in `directory`. `place` is that of the mesh in the scene file, `held` the mesh if the document holds it.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`], [`Error::Unsupported`], [`Error::Limit`].
-pub fn load(file: &MeshFile, directory: &Path, place: &Place) -> Result<Cleaned> {
+pub fn load(file: &MeshFile, held: Option<Mesh>, directory: &Path, place: &Place) -> Result<Cleaned> {
     let flat_if = |face_normals: bool| if face_normals { Shading::Flat } else { Shading::Smooth };
     let open = |file: &str| path::resolve(directory, file, place);
     match file {
@@ -84,7 +84,17 @@ pub fn load(file: &MeshFile, directory: &Path, place: &Place) -> Result<Cleaned>
             };
             finish(mesh, Shading::AsGiven, place)
         }
+        MeshFile::Held { part } => match held {
+            Some(mesh) => finish(mesh, Shading::AsGiven, place),
+            None => Err(not_held(place, part)),
+        },
     }
+}
+
+/// Error for a mesh that no document holds any more.
+pub fn not_held(place: &Place, part: &str) -> Error {
+    let what = format!("a mesh that is in memory only, {part} of another document,");
+    Error::Unsupported { place: place.clone(), what, supported: "meshes in files or written out".into() }
 }
 
 /// The mesh, with v replaced by 1 − v if `flip_v`.
@@ -144,7 +154,7 @@ mod tests {
 
     fn inline(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Cleaned> {
         let file = MeshFile::Inline { positions, normals: vec![], uvs: vec![], triangles };
-        load(&file, Path::new(""), &Place::part("scene.json", "meshes.m"))
+        load(&file, None, Path::new(""), &Place::part("scene.json", "meshes.m"))
     }
 
     #[test]

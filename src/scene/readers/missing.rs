@@ -5,9 +5,9 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use crate::base::{At, Error, Place, Result};
-use crate::picture::Texels;
 use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
 
+use super::held::Held;
 use super::left_out::Reasons;
 use super::path;
 use super::places::Places;
@@ -65,8 +65,8 @@ pub(super) fn is_absent(folder: &Path, file: &str) -> bool {
     }
 }
 
-/// Finds the files that the scene in `folder` lacks, beside those `found` before, and replaces pictures by colours, each with a
-/// warning. Pictures that are `ready` need no file. Returns why meshes are missing, whose shapes remain to be removed, and the names of all missing files.
+/// Finds the files that the scene in `folder` lacks, beside those `found` before and but for what is `held`, and replaces pictures by
+/// colours, each with a warning. Returns why meshes are missing, whose shapes remain to be removed, and the names of all missing files.
 ///
 /// # Errors
 /// [`Error::Missing`] with all absent files unless they are to be skipped.
@@ -74,13 +74,13 @@ pub(super) fn settle(
     scene: &mut SceneFile,
     folder: &Path,
     places: &Places,
-    ready: &BTreeMap<String, Texels>,
+    held: &Held,
     mut found: Vec<Absent>,
     missing: Missing,
     warnings: &mut Vec<String>,
 ) -> Result<(Reasons, Vec<String>)> {
     let reasons = absent_meshes(scene, folder, places, &mut found);
-    replace_pictures(scene, folder, places, ready, &mut found);
+    replace_pictures(scene, folder, places, held, &mut found);
     found.sort_by_key(|absent| (absent.place.path.clone(), line(&absent.place)));
     let mut files: Vec<(String, Place)> = Vec::new();
     let (mut seen, mut told) = (BTreeSet::new(), BTreeSet::new());
@@ -122,16 +122,10 @@ fn absent_meshes(scene: &SceneFile, folder: &Path, places: &Places, found: &mut 
 }
 
 /// Replaces missing pictures by colours.
-fn replace_pictures(
-    scene: &mut SceneFile,
-    folder: &Path,
-    places: &Places,
-    ready: &BTreeMap<String, Texels>,
-    found: &mut Vec<Absent>,
-) {
+fn replace_pictures(scene: &mut SceneFile, folder: &Path, places: &Places, held: &Held, found: &mut Vec<Absent>) {
     let mut known = BTreeMap::new();
     let mut absent = |file: &str| {
-        *known.entry(file.to_owned()).or_insert_with(|| !ready.contains_key(file) && is_absent(folder, file))
+        *known.entry(file.to_owned()).or_insert_with(|| !held.has_picture(file) && is_absent(folder, file))
     };
     for (name, material) in &mut scene.materials {
         let mut replace = |texture: &mut TextureFile, color: Option<[f32; 3]>| {

@@ -8,6 +8,7 @@ mod cie;
 mod conductors;
 mod extent;
 mod gzip;
+mod held;
 mod json;
 mod left_out;
 mod lines;
@@ -46,6 +47,7 @@ pub use json::save;
 pub use missing::Missing;
 pub use textures::image_key;
 
+use held::Held;
 use left_out::Reasons;
 use mesh::Cleaned;
 use missing::Absent;
@@ -126,9 +128,10 @@ pub fn load_lacking(path: &Path, overrides: &[Override], missing: Missing) -> Re
         _ => Err(Error::Unsupported {
             place: Place::file(&path),
             what: "this kind of scene file".into(),
-            supported:
-                ".json (fanal), .xml (Mitsuba), .pbrt (pbrt), or a folder with scene.json, scene.xml or scene.pbrt"
-                    .into(),
+            supported: format!(
+                ".json (fanal), .xml (Mitsuba), .pbrt (pbrt), or a folder with {}",
+                DOCUMENTS.join(", ")
+            ),
         }),
     }
 }
@@ -142,14 +145,14 @@ struct Read {
     warnings: Vec<String>,
     /// Files that were found to be missing already.
     absent: Vec<Absent>,
-    /// Pictures that were made of others while reading, by [`image_key`]: no file holds them.
-    pictures: BTreeMap<String, Texels>,
+    /// What the document itself holds.
+    held: Held,
 }
 
 impl Read {
     /// A document whose parts are named by their key paths.
     fn plain(file: SceneFile, source: &Path) -> Self {
-        Self { file, places: Places::new(source), warnings: Vec::new(), absent: Vec::new(), pictures: BTreeMap::new() }
+        Self { file, places: Places::new(source), warnings: Vec::new(), absent: Vec::new(), held: Held::default() }
     }
 }
 
@@ -159,16 +162,17 @@ struct How<'a> {
     missing: Missing,
 }
 
+/// Names of a folder's scene document, the first that is there.
+const DOCUMENTS: [&str; 3] = ["scene.json", "scene.xml", "scene.pbrt"];
+
 /// The scene document at `path`, or in the folder `path`.
 fn document(path: &Path) -> Result<PathBuf> {
     if !path.is_dir() {
         return Ok(path.to_owned());
     }
-    let candidates = ["scene.json", "scene.xml", "scene.pbrt"].map(|name| path.join(name));
-    candidates
-        .into_iter()
-        .find(|candidate| candidate.is_file())
-        .ok_or_else(|| Error::malformed(Place::file(path), "the folder holds no scene.json, scene.xml or scene.pbrt"))
+    DOCUMENTS.iter().map(|name| path.join(name)).find(|candidate| candidate.is_file()).ok_or_else(|| {
+        Error::malformed(Place::file(path), format!("the folder holds none of {}", DOCUMENTS.join(", ")))
+    })
 }
 
 /// Checks a scene file and loads its meshes and pictures. `source` only names it in messages; a scene that was made up, with
@@ -181,21 +185,21 @@ pub fn resolve(file: SceneFile, directory: &Path, source: &Path) -> Result<Loade
 }
 
 fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
-    let Read { mut file, places, mut warnings, absent, pictures: ready } = read;
+    let Read { mut file, places, mut warnings, absent, held } = read;
     validate::validate(&file, &places)?;
     let needs = overrides::apply(&mut file, how.overrides);
     let (mut reasons, missing) =
-        missing::settle(&mut file, directory, &places, &ready, absent, how.missing, &mut warnings)?;
-    let (loaded, mut pictures) = rayon::join(
-        || load_meshes(&file.meshes, directory, &places, &mut reasons),
-        || read_pictures(&file, directory, &places, &ready),
+        missing::settle(&mut file, directory, &places, &held, absent, how.missing, &mut warnings)?;
+    let Held { meshes, pictures } = held;
+    let (loaded, pictures) = rayon::join(
+        || load_meshes(&file.meshes, meshes, directory, &places, &mut reasons),
+        || read_pictures(&file, pictures, directory, &places),
     );
     let (meshes, skipped_triangles) = loaded?;
     extent::check(&file, &meshes, &places)?;
     if skipped_triangles > 0 {
         warnings.push(format!("{skipped_triangles} triangles without area were left out"));
     }
-    pictures.extend(ready.into_iter().map(|(key, texels)| (key, Ok(texels))));
     let images = load_images(&file, pictures, &places, &mut warnings)?;
     for (index, shape) in file.shapes.iter().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
         if file.materials.get(&shape.material).is_some_and(MaterialFile::is_masked) {
@@ -208,20 +212,24 @@ fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
     Ok(LoadedScene { file, directory, meshes, images, skipped_triangles, missing, warnings, needs })
 }
 
-/// Loads all meshes but those that are missing for one of the `reasons`; returns them with the number of triangles left out. A mesh
-/// that has none left adds a reason. In parallel; of several errors the first by name is reported, whatever the scheduling.
+/// Loads all meshes, some of which are `held`, but those that are missing for one of the `reasons`; returns them with the number of
+/// triangles left out. A mesh that has none left adds a reason. In parallel; of several errors the first by name is reported, whatever
+/// the scheduling.
 fn load_meshes(
     files: &BTreeMap<String, MeshFile>,
+    mut held: BTreeMap<String, Mesh>,
     directory: &Path,
     places: &Places,
     reasons: &mut Reasons,
 ) -> Result<(BTreeMap<String, Arc<Mesh>>, usize)> {
-    let loaded: Vec<Result<(&String, Cleaned)>> = files
-        .par_iter()
-        .filter(|(name, _)| !reasons.contains_key(*name))
-        .map(|(name, file)| {
+    let present = files.iter().filter(|(name, _)| !reasons.contains_key(*name));
+    let sources: Vec<(&String, &MeshFile, Option<Mesh>)> =
+        present.map(|(name, file)| (name, file, held.remove(name))).collect();
+    let loaded: Vec<Result<(&String, Cleaned)>> = sources
+        .into_par_iter()
+        .map(|(name, file, held)| {
             let place = places.at(&format!("meshes.{name}"));
-            mesh::load(file, directory, &place).map(|cleaned| (name, cleaned))
+            mesh::load(file, held, directory, &place).map(|cleaned| (name, cleaned))
         })
         .collect();
     let (mut meshes, mut skipped) = (BTreeMap::new(), 0);
@@ -239,8 +247,8 @@ fn load_meshes(
 /// Pictures that were read, or their errors, by [`image_key`].
 type Pictures = BTreeMap<String, Result<Texels>>;
 
-/// Reads all pictures of a scene but those that are `ready`, in parallel, each once per way of reading it.
-fn read_pictures(scene: &SceneFile, directory: &Path, places: &Places, ready: &BTreeMap<String, Texels>) -> Pictures {
+/// Reads all pictures of a scene that are not `held` in parallel, each once per way of reading it.
+fn read_pictures(scene: &SceneFile, held: BTreeMap<String, Texels>, directory: &Path, places: &Places) -> Pictures {
     let mut files: BTreeMap<String, (&str, bool, Place)> = BTreeMap::new();
     for (name, material) in &scene.materials {
         for (_, texture) in material.textures() {
@@ -260,8 +268,10 @@ fn read_pictures(scene: &SceneFile, directory: &Path, places: &Places, ready: &B
         let path = path::resolve(directory, file, &place);
         (key, path.and_then(|path| read_texels(&path, raw)))
     };
-    files.retain(|key, _| !ready.contains_key(key));
-    files.into_par_iter().map(read).collect()
+    files.retain(|key, _| !held.contains_key(key));
+    let mut pictures: Pictures = files.into_par_iter().map(read).collect();
+    pictures.extend(held.into_iter().map(|(key, texels)| (key, Ok(texels))));
+    pictures
 }
 
 /// Picks a scene's pictures from those read; of several errors the first in the order of materials and lights is reported.

@@ -28,6 +28,7 @@ use crate::base::Result;
 use crate::scene::file::{CameraFile, FilmFile, FilterFile, IDENTITY, RenderFile, SceneFile, VERSION};
 
 use super::Read;
+use super::held::Held;
 use super::missing::Absent;
 use super::places::Places;
 use element::Element;
@@ -204,6 +205,6 @@ impl<'a> Reader<'a> {
         }
         let Self { file, places, mut warnings, absent, ids, .. } = self;
         warnings.extend(ids.unused.into_warnings());
-        Ok(Read { file, places, warnings, absent, pictures: BTreeMap::new() })
+        Ok(Read { file, places, warnings, absent, held: Held::default() })
     }
 }

@@ -120,10 +120,10 @@ impl Reader {
         let name = format!("{key} ({mark})");
         let made = |file| TextureFile::Bitmap { file, to_uv, raw: false, scale: 1.0, wrap, filter };
         let unchanged = |file| TextureFile::Bitmap { file, to_uv, raw, scale, wrap, filter };
-        if self.pictures.contains_key(&name) {
+        if self.held.pictures.contains_key(&name) {
             return Ok(made(name));
         }
-        let texels = match self.pictures.get(&key) {
+        let texels = match self.held.pictures.get(&key) {
             Some(texels) => texels.clone(),
             None if is_absent(&self.folder, &file) => return Ok(unchanged(file)),
             None => read_texels(&path::resolve(&self.folder, &file, place)?, raw)?,
@@ -136,7 +136,7 @@ impl Reader {
         self.baked += width * height;
         let image = texels.to_image();
         let pixels = image.pixels.par_iter().map(|pixel| change(*pixel * scale)).collect();
-        self.pictures.insert(name.clone(), Arc::new(Image { width, height, pixels }).into());
+        self.held.pictures.insert(name.clone(), Arc::new(Image { width, height, pixels }).into());
         Ok(made(name))
     }
 }

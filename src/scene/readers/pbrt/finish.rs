@@ -52,10 +52,10 @@ impl Reader {
         self.darken_borders();
         self.join_environments();
         self.expose_lights();
-        let Self { file, places, mut warnings, notes, unused, absent, pictures, .. } = self;
+        let Self { file, places, mut warnings, notes, unused, absent, held, .. } = self;
         warnings.extend(notes.into_warnings("and"));
         warnings.extend(unused.into_warnings("nor are"));
-        Ok(Read { file, places, warnings, absent, pictures })
+        Ok(Read { file, places, warnings, absent, held })
     }
 
     fn resolve_mixes(&mut self) -> Result<()> {

@@ -49,10 +49,10 @@ impl Reader {
         // v4 knows nothing but squares, v3 nothing but pictures twice as wide as high.
         if picture.width == picture.height && picture.width > 1 {
             key = format!("{file} (latitudes and longitudes)");
-            if !self.pictures.contains_key(&key) {
-                self.pictures.insert(key.clone(), Arc::new(to_lat_long(&picture)).into());
+            if !self.held.pictures.contains_key(&key) {
+                self.held.pictures.insert(key.clone(), Arc::new(to_lat_long(&picture)).into());
             }
-            picture = self.pictures[&key].to_image();
+            picture = self.held.pictures[&key].to_image();
         }
         if color != Vec3::splat(color.x) {
             key = format!("{key} (times {} {} {})", color.x, color.y, color.z);
@@ -61,7 +61,7 @@ impl Reader {
         }
         let scale = if color == Vec3::splat(color.x) { color.x } else { 1.0 };
         let scale = scale * self.photometric(parameters, "illuminance", illuminance(&picture).max(1e-9))?;
-        self.pictures.entry(key.clone()).or_insert(picture.into());
+        self.held.pictures.entry(key.clone()).or_insert(picture.into());
         self.add_light(parameters, LightFile::Envmap { file: key, scale, to_world });
         Ok(())
     }
@@ -93,13 +93,13 @@ impl Reader {
         }
         if let Some((at, place)) = first.filter(|_| constants > 0)
             && let LightFile::Envmap { file, scale, .. } = &mut kept[at]
-            && let Some(texels) = self.pictures.get(file.as_str())
+            && let Some(texels) = self.held.pictures.get(file.as_str())
         {
             let key = format!("{file} (times {scale}, plus {} {} {})", sum.x, sum.y, sum.z);
             let image = texels.to_image();
             let pixels = image.pixels.iter().map(|pixel| *pixel * *scale + sum).collect();
             let image = Image { width: image.width, height: image.height, pixels };
-            self.pictures.insert(key.clone(), Arc::new(image).into());
+            self.held.pictures.insert(key.clone(), Arc::new(image).into());
             (*file, *scale) = (key, 1.0);
             self.warn(&place, "light of one colour is added to the environment's picture");
         } else if pictures == 0 {

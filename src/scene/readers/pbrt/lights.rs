@@ -136,7 +136,7 @@ impl Reader {
         let file = self.locate(name);
         let (to_uv, wrap, filter) = (identity3(), Wrap::Repeat, Filter::Bilinear);
         let picture = TextureFile::Bitmap { file, to_uv, raw: false, scale: 1.0, wrap, filter };
-        let mean = mean::mean(&picture, &self.folder, &parameters.place, &self.pictures, &mut self.absent)?;
+        let mean = mean::mean(&picture, &self.folder, &parameters.place, &self.held.pictures, &mut self.absent)?;
         Ok(Vec3::from_array(mean))
     }
 

@@ -36,10 +36,10 @@ use std::path::{Path, PathBuf};
 use glam::DMat4;
 
 use crate::base::{Place, Result};
-use crate::picture::Texels;
 use crate::scene::file::{CameraFile, FilmFile, IDENTITY, RenderFile, SceneFile, TextureFile, VERSION};
 
 use super::Read;
+use super::held::Held;
 use super::missing::Absent;
 use super::notes::Notes;
 use super::places::Places;
@@ -78,8 +78,8 @@ struct Reader {
     notes: Notes,
     absent: Vec<Absent>,
     /// Pictures that were made of others.
-    pictures: BTreeMap<String, Texels>,
-    /// Pixels of `pictures`.
+    held: Held,
+    /// Pixels of `held`.
     baked: usize,
     state: State,
     blocks: Vec<(Block, State)>,
@@ -139,7 +139,7 @@ impl Reader {
             unused: Notes::default(),
             notes: Notes::default(),
             absent: Vec::new(),
-            pictures: BTreeMap::new(),
+            held: Held::default(),
             baked: 0,
             state: State::new(DEFAULT_MATERIAL),
             blocks: Vec::new(),

@@ -109,7 +109,7 @@ impl Reader {
         {
             return Ok(None);
         }
-        mesh::load(file, &self.folder, &parameters.place).map(|cleaned| Some(cleaned.mesh))
+        mesh::load(file, None, &self.folder, &parameters.place).map(|cleaned| Some(cleaned.mesh))
     }
 
     /// The geometry of a shape, placed, and whether it is turned inside out.

@@ -189,7 +189,7 @@ impl Reader {
         if !matches!(texture, TextureFile::Rgb { .. }) {
             self.warn(place, format!("{name} cannot vary: the mean of its texture is used"));
         }
-        mean::mean(texture, &self.folder, place, &self.pictures, &mut self.absent)
+        mean::mean(texture, &self.folder, place, &self.held.pictures, &mut self.absent)
     }
 
     fn picture(&mut self, parameters: &Parameters) -> Result<TextureFile> {
