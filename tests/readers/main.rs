@@ -7,4 +7,7 @@ mod support;
 mod daylight;
 mod dialects;
 mod formats;
+mod gltf;
+mod gltf_damage;
+mod gltf_materials;
 mod pbrt;

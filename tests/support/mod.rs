@@ -3,6 +3,7 @@
 pub mod blocks;
 pub mod chart;
 pub mod files;
+pub mod gltf;
 pub mod network;
 pub mod records;
 pub mod scenes;

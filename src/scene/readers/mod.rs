@@ -7,6 +7,7 @@ mod builtin;
 mod cie;
 mod conductors;
 mod extent;
+mod gltf;
 mod gzip;
 mod held;
 mod json;
@@ -93,8 +94,8 @@ impl LoadedScene {
     }
 }
 
-/// Loads a scene: a `.json` file in our own format, a Mitsuba `.xml` file, a `.pbrt` file (also `.pbrt.gz`), or a folder that holds
-/// `scene.json`, `scene.xml` or `scene.pbrt`.
+/// Loads a scene: a `.json` file in our own format, a Mitsuba `.xml` file, a `.pbrt` file (also `.pbrt.gz`), a glTF `.gltf` or `.glb`
+/// file, or a folder that holds one of them called `scene`.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`], [`Error::Unsupported`], [`Error::Limit`] and [`Error::Missing`], naming file and place.
@@ -125,11 +126,12 @@ pub fn load_lacking(path: &Path, overrides: &[Override], missing: Missing) -> Re
         Some("gz") if path.file_stem().is_some_and(|stem| Path::new(stem).extension() == Some("pbrt".as_ref())) => {
             resolve_at(pbrt::read(&path)?, &directory, &how)
         }
+        Some("gltf" | "glb") => resolve_at(gltf::read(&path)?, &directory, &how),
         _ => Err(Error::Unsupported {
             place: Place::file(&path),
             what: "this kind of scene file".into(),
             supported: format!(
-                ".json (fanal), .xml (Mitsuba), .pbrt (pbrt), or a folder with {}",
+                ".json (fanal), .xml (Mitsuba), .pbrt (pbrt), .gltf and .glb (glTF), or a folder with {}",
                 DOCUMENTS.join(", ")
             ),
         }),
@@ -163,7 +165,7 @@ struct How<'a> {
 }
 
 /// Names of a folder's scene document, the first that is there.
-const DOCUMENTS: [&str; 3] = ["scene.json", "scene.xml", "scene.pbrt"];
+const DOCUMENTS: [&str; 5] = ["scene.json", "scene.xml", "scene.pbrt", "scene.gltf", "scene.glb"];
 
 /// The scene document at `path`, or in the folder `path`.
 fn document(path: &Path) -> Result<PathBuf> {

@@ -1,0 +1,207 @@
+//! Scenes in glTF 2.0, binary or not, with their buffers and pictures inside or beside them.
+//!
+//! What is in a document is known by its part, such as `nodes[3].mesh`, and that is what messages name. A glTF scene is +y up and in
+//! metres, as ours may be; its cameras look along −z. What the document holds, meshes and pictures, stays in memory.
+
+mod accessor;
+mod base;
+mod buffers;
+mod cameras;
+mod corners;
+mod document;
+mod dress;
+mod extensions;
+mod glass;
+mod glb;
+mod glow;
+mod handedness;
+mod instances;
+mod lights;
+mod lobes;
+mod materials;
+mod meshes;
+mod nodes;
+mod paint;
+mod pictures;
+mod pose;
+mod primitive;
+mod slots;
+mod textures;
+mod uri;
+mod warnings;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use glam::{DMat4, DVec3};
+
+use crate::base::Result;
+use crate::geometry::mesh::Mesh;
+use crate::scene::file::{GeometryFile, LightFile, MeshFile, RenderFile, SceneFile, ShapeFile, VERSION};
+
+use super::Read;
+use super::missing::Absent;
+use super::places::Places;
+use buffers::Buffers;
+use document::Document;
+use dress::{Part, Wardrobe};
+use meshes::{Key, Meshes, Shown};
+use nodes::Placed;
+use pictures::Pictures;
+use textures::Textures;
+use warnings::Warnings;
+
+/// Translates the document at `path`.
+///
+/// # Errors
+/// [`Error::Io`](crate::base::Error::Io), `Malformed`, `Unsupported`, `Limit`, each with the part of the document.
+pub(super) fn read(path: &Path) -> Result<Read> {
+    let document = Document::open(path)?;
+    let (mut warnings, mut absent) = (Warnings::new(path), Vec::new());
+    extensions::check(&document, &mut warnings)?;
+    if !document.root.animations.is_empty() {
+        warnings.add("animations", "animations are left out: everything is where the nodes are");
+    }
+    let buffers = Buffers::read(&document, &mut absent)?;
+    let nodes = nodes::placed(&document, &mut warnings)?;
+    let Meshes { shown, read, materials } = meshes::read(&document, &buffers, &nodes, &mut warnings)?;
+    let pictures = Pictures::decode(&document, &buffers, &wanted(&document, &materials)?, &mut absent)?;
+    let mut textures = Textures { document: &document, pictures, warnings: &mut warnings };
+    let (mut wardrobe, mut parts) = (Wardrobe::default(), BTreeMap::new());
+    for (key, read) in read {
+        parts.insert(key, wardrobe.dress(&mut textures, &key.part(), read)?);
+    }
+    let Textures { pictures, .. } = textures;
+    let mut file = empty(&document, &wardrobe);
+    let mut places = Places::new(path);
+    for name in file.materials.keys() {
+        places.set(format!("materials.{name}"), document.place(name));
+    }
+    for name in file.meshes.keys() {
+        places.set(format!("meshes.{name}"), document.place(name));
+    }
+    file.shapes = shapes(&shown, &parts, &document, &mut places);
+    file.lights = lights(&document, &nodes, &file.shapes, &mut places, &mut warnings)?;
+    let bounds = bounds(&file.shapes, &wardrobe.held.meshes);
+    let (camera, film, part) = cameras::camera(&document, &nodes, bounds, &mut warnings)?;
+    places.set("camera", document.place(part.clone()));
+    places.set("film", document.place(part));
+    (file.camera, file.film) = (camera, film);
+    let mut held = wardrobe.held;
+    held.pictures.extend(pictures.into_made());
+    Ok(Read { file, places, warnings: warnings.into_lines(), absent: once(absent), held })
+}
+
+/// Each missing file once.
+fn once(mut absent: Vec<Absent>) -> Vec<Absent> {
+    let mut seen = BTreeSet::new();
+    absent.retain(|absent| seen.insert(absent.file.clone()));
+    absent
+}
+
+/// The pictures that these materials use.
+fn wanted(document: &Document, materials: &BTreeSet<Option<usize>>) -> Result<BTreeSet<usize>> {
+    let mut wanted = BTreeSet::new();
+    for &index in materials {
+        let user = index.map_or(String::new(), |index| format!("materials[{index}]"));
+        for reference in slots::references(&meshes::material(document, index, &user)?) {
+            wanted.extend(textures::picture(document, &reference, &user)?);
+        }
+    }
+    Ok(wanted)
+}
+
+/// The scene with its materials and meshes, and nothing else yet.
+fn empty(document: &Document, wardrobe: &Wardrobe) -> SceneFile {
+    let scene = document.root.scene.and_then(|index| document.root.scenes.get(index.value()));
+    let stem = document.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let (camera, film) = cameras::framing((DVec3::ZERO, 1.0), None);
+    SceneFile {
+        version: VERSION,
+        name: scene.and_then(|scene| scene.name.clone()).unwrap_or(stem),
+        camera,
+        film,
+        render: RenderFile::default(),
+        materials: wardrobe.materials(),
+        media: wardrobe.media(),
+        meshes: wardrobe.held.meshes.keys().map(|name| (name.clone(), MeshFile::Held { part: name.clone() })).collect(),
+        shapes: Vec::new(),
+        lights: Vec::new(),
+    }
+}
+
+fn shapes(
+    shown: &[Shown],
+    parts: &BTreeMap<Key, Vec<Part>>,
+    document: &Document,
+    places: &mut Places,
+) -> Vec<ShapeFile> {
+    let mut shapes = Vec::new();
+    for Shown { node, key, to_world } in shown {
+        let mirrors = to_world.determinant() < 0.0;
+        for Part { mesh, materials, interior, emission } in parts.get(key).into_iter().flatten() {
+            places.set(format!("shapes[{}]", shapes.len()), document.place(node.part()));
+            shapes.push(ShapeFile {
+                name: node.node.name.clone().unwrap_or_default(),
+                geometry: GeometryFile::Mesh { mesh: mesh.clone() },
+                to_world: to_world.transpose().to_cols_array().map(|x| x as f32),
+                flip_normals: false,
+                material: materials[usize::from(mirrors)].clone(),
+                interior: interior.clone(),
+                exterior: None,
+                emission: *emission,
+            });
+        }
+    }
+    shapes
+}
+
+/// The lights of the nodes; a white environment where nothing shines.
+fn lights(
+    document: &Document,
+    nodes: &[Placed],
+    shapes: &[ShapeFile],
+    places: &mut Places,
+    warnings: &mut Warnings,
+) -> Result<Vec<LightFile>> {
+    let mut lights = Vec::new();
+    for node in nodes {
+        if let Some(light) = lights::light(document, node, warnings)? {
+            places.set(format!("lights[{}]", lights.len()), document.place(node.part()));
+            lights.push(light);
+        }
+    }
+    if lights.is_empty() && shapes.iter().all(|shape| shape.emission.is_none()) {
+        warnings.add("scenes", "nothing shines: a white environment of radiance 1 is added");
+        lights.push(LightFile::Constant { radiance: [1.0; 3] });
+    }
+    Ok(lights)
+}
+
+/// The sphere around the boxes of all shapes.
+fn bounds(shapes: &[ShapeFile], meshes: &BTreeMap<String, Mesh>) -> cameras::Bounds {
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let boxes: BTreeMap<&String, [DVec3; 2]> = meshes
+        .iter()
+        .map(|(name, mesh)| {
+            let fold = |[low, high]: [DVec3; 2], p: &glam::Vec3| [low.min(p.as_dvec3()), high.max(p.as_dvec3())];
+            (name, mesh.positions.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], fold))
+        })
+        .collect();
+    for shape in shapes {
+        let GeometryFile::Mesh { mesh } = &shape.geometry else { continue };
+        let Some([from, to]) = boxes.get(mesh).filter(|corners| corners.iter().all(|c| c.is_finite())) else {
+            continue;
+        };
+        let to_world = DMat4::from_cols_array(&shape.to_world.map(f64::from)).transpose();
+        for corner in 0..8 {
+            let pick = |axis: usize| if corner >> axis & 1 == 0 { from[axis] } else { to[axis] };
+            let point = to_world.transform_point3(DVec3::new(pick(0), pick(1), pick(2)));
+            (low, high) = (low.min(point), high.max(point));
+        }
+    }
+    if !(low.is_finite() && high.is_finite()) {
+        return (DVec3::ZERO, 1.0);
+    }
+    (0.5 * (low + high), 0.5 * (high - low).length())
+}
