@@ -15,6 +15,9 @@ mod containers;
 #[path = "support/files.rs"]
 #[allow(dead_code, reason = "shared with tests of readers")]
 mod files;
+#[path = "support/gltf.rs"]
+#[allow(dead_code, reason = "shared with tests of readers")]
+mod gltf;
 #[path = "support/memory.rs"]
 #[allow(dead_code, reason = "shared with tests of faults")]
 mod memory;
@@ -298,6 +301,6 @@ macro_rules! readers {
 }
 
 readers! {
-    scene_json scene_xml scene_pbrt mesh_obj mesh_ply mesh_serialized image_exr image_png image_other shard index recipe model_config
-    model_weights checkpoint guide comparison_run results
+    scene_json scene_xml scene_pbrt scene_gltf scene_glb mesh_obj mesh_ply mesh_serialized image_exr image_png image_other shard index recipe
+    model_config model_weights checkpoint guide comparison_run results
 }

@@ -5,6 +5,8 @@ use std::io::{Read, Write};
 
 use flate2::Crc;
 
+use crate::gltf::binary;
+
 /// How a format packs its content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Container {
@@ -16,6 +18,8 @@ pub enum Container {
     Png,
     /// Deflated meshes with a table of their places.
     Serialized,
+    /// JSON and a buffer, each after its length.
+    Glb,
 }
 
 impl Container {
@@ -30,6 +34,7 @@ impl Container {
             }
             Self::Png => open_png(bytes),
             Self::Serialized => open_serialized(bytes),
+            Self::Glb => open_glb(bytes),
         }
     }
 
@@ -40,6 +45,7 @@ impl Container {
             Self::Tensors => close_tensors(&parts[0], &parts[1]),
             Self::Png => close_png(parts),
             Self::Serialized => close_serialized(parts),
+            Self::Glb => binary(&parts[0], &parts[1]),
         }
     }
 }
@@ -133,4 +139,16 @@ fn close_serialized(parts: &[Vec<u8>]) -> Vec<u8> {
     starts.iter().for_each(|start| out.extend(start.to_le_bytes()));
     out.extend((parts.len() as u32).to_le_bytes());
     out
+}
+
+/// The two chunks.
+fn open_glb(bytes: &[u8]) -> Option<Vec<Vec<u8>>> {
+    let mut rest = bytes.strip_prefix(b"glTF")?.get(8..)?;
+    let mut parts = vec![];
+    while !rest.is_empty() {
+        let length = u32::from_le_bytes(*rest.first_chunk()?) as usize;
+        parts.push(rest.get(8..length.checked_add(8)?)?.to_vec());
+        rest = &rest[8 + length..];
+    }
+    (parts.len() == 2).then_some(parts)
 }

@@ -26,6 +26,7 @@ use image::{DynamicImage, ImageFormat, RgbImage};
 
 use crate::containers::Container;
 use crate::files::{self, scene_using};
+use crate::gltf::rich;
 use crate::mutate::words;
 use crate::network;
 use crate::scenes::{GUIDES, committed, reconstructor, settings};
@@ -129,6 +130,7 @@ pub fn reader(name: &str, folder: &Path) -> Reader {
         "scene_json" => json(folder),
         "scene_xml" => xml(),
         "scene_pbrt" => pbrt(),
+        "scene_gltf" | "scene_glb" => gltf(name == "scene_glb"),
         "mesh_obj" => {
             let quads = b"mtllib a.mtl\no a\ng b\nusemtl c\ns 1\nv 0 0 0 1\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nvt 0.5 0.5\n\
                           f 1/1/1 2/1/1 3/1/1 4/1/1\nf -4/-1/-1 -3/-1/-1 -2/-1/-1\n";
@@ -284,6 +286,32 @@ fn pbrt() -> Reader {
         \"texture \"spectrum \"rgb \"blackbody \"xyz \"integer \"bool true false subsurface hair measured thindielectric \
         diffusetransmission power illuminance portal normalmap curve marble fbm bilerp dots ptex cropwindow realistic portal";
     Reader::new("scene_pbrt", "scene.pbrt", seeds, 2_500, Box::new(scene)).with(Container::Plain, tokens)
+}
+
+/// As text or binary: one with nearly everything, and one with what extensions add.
+fn gltf(binary: bool) -> Reader {
+    let mut other = rich();
+    other.json["materials"][0]["extensions"] = serde_json::json!({
+        "KHR_materials_transmission": { "transmissionFactor": 0.5 }, "KHR_materials_ior": { "ior": 1.4 },
+        "KHR_materials_volume": { "thicknessFactor": 1.0, "attenuationDistance": 2.0, "attenuationColor": [1.0, 0.5, 0.25] },
+        "KHR_materials_clearcoat": { "clearcoatFactor": 0.5 }, "KHR_materials_sheen": { "sheenColorFactor": [0.1, 0.2, 0.3] },
+        "KHR_materials_emissive_strength": { "emissiveStrength": 2.0 }
+    });
+    let colors = other.floats(3, &[1., 0., 0., 0., 1., 0., 0., 0., 1., 1., 1., 1.]);
+    other.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = colors.into();
+    other.json["meshes"][0]["primitives"][0]["mode"] = 5.into();
+    other.json["extensions"] =
+        serde_json::json!({ "KHR_lights_punctual": { "lights": [{ "type": "spot", "spot": {} }] } });
+    other.json["nodes"][1]["extensions"] = serde_json::json!({ "KHR_lights_punctual": { "light": 0 } });
+    let documents = [rich(), other];
+    let tokens = "{ } [ ] , : null true -1 4294967296 1e38 POSITION TEXCOORD_1 JOINTS_0 WEIGHTS_0 matrix rotation children skin sparse";
+    if binary {
+        let seeds = documents.iter().map(|document| document.binary()).collect();
+        Reader::new("scene_glb", "scene.glb", seeds, 4_000, Box::new(scene)).with(Container::Glb, tokens)
+    } else {
+        let seeds = documents.iter().map(|document| document.text().into_bytes()).collect();
+        Reader::new("scene_gltf", "scene.gltf", seeds, 4_000, Box::new(scene)).with(Container::Plain, tokens)
+    }
 }
 
 fn plys() -> Vec<Vec<u8>> {
