@@ -255,7 +255,7 @@ const RENDER_EXAMPLES: &str = concat!(
 #[derive(Debug, Clone, Args)]
 #[command(after_help = RENDER_EXAMPLES)]
 pub struct RenderArgs {
-    /// Scene: our JSON, Mitsuba XML, pbrt, or a folder with scene.json, scene.xml or scene.pbrt
+    /// Scene: our JSON, Mitsuba XML, pbrt, glTF, or a folder that holds one of them called scene
     pub scene: PathBuf,
     /// Picture to write, .exr or .png
     #[arg(short, long, value_name = "FILE", required_unless_present = "replay")]
@@ -426,7 +426,7 @@ const PLAN_EXAMPLES: &str = "Examples:
 #[derive(Debug, Clone, Args)]
 #[command(after_help = PLAN_EXAMPLES)]
 pub struct PlanArgs {
-    /// Scene: our JSON, Mitsuba XML, pbrt, or a folder with scene.json, scene.xml or scene.pbrt
+    /// Scene: our JSON, Mitsuba XML, pbrt, glTF, or a folder that holds one of them called scene
     pub scene: PathBuf,
     /// Effects to switch on (+) or off (-) against the plan
     #[arg(long, value_name = "+NAME,-NAME,…", value_delimiter = ',', allow_hyphen_values = true)]
@@ -455,7 +455,7 @@ An interrupted comparison goes on where it was; so does one with more seeds or b
 #[derive(Debug, Clone, Args)]
 #[command(after_help = COMPARE_EXAMPLES)]
 pub struct CompareArgs {
-    /// Scene: our JSON, Mitsuba XML, pbrt, or a folder with scene.json, scene.xml or scene.pbrt
+    /// Scene: our JSON, Mitsuba XML, pbrt, glTF, or a folder that holds one of them called scene
     pub scene: PathBuf,
     /// Folder to write the page, the measurements and the pictures to
     #[arg(short, long, value_name = "DIR")]

@@ -19,8 +19,11 @@ const FIELD: f64 = 35.0;
 /// Direction from which it looks: models face +z.
 const FROM: DVec3 = DVec3::new(0.55, 0.4, 1.0);
 
-/// Sphere around everything that is to be seen: centre and radius.
-pub type Bounds = (DVec3, f64);
+/// Size of that camera's picture over that of what it shows.
+const ROOM: f64 = 1.1;
+
+/// Corners of the box around everything that is to be seen.
+pub type Bounds = [DVec3; 2];
 
 /// The document's camera and the picture's size: the first perspective camera in the order of the nodes. Others are warned of.
 ///
@@ -106,10 +109,8 @@ fn camera_at(to_world: DMat4, fov: f64) -> CameraFile {
     }
 }
 
-/// A camera that shows all of `bounds`, from where the one at `like` looks, if there is one.
-pub fn framing((center, radius): Bounds, like: Option<DMat4>) -> (CameraFile, FilmFile) {
-    let radius = if radius > 0.0 { radius } else { 1.0 };
-    let distance = radius / (FIELD.to_radians() / 2.0).sin();
+/// A camera that shows all of `bounds`, with some room around it, from where the one at `like` looks, if there is one.
+pub fn framing([low, high]: Bounds, like: Option<DMat4>) -> (CameraFile, FilmFile) {
     let rotation = match like {
         Some(matrix) => DMat3::from_mat4(rigid(matrix)),
         None => {
@@ -118,8 +119,16 @@ pub fn framing((center, radius): Bounds, like: Option<DMat4>) -> (CameraFile, Fi
             DMat3::from_cols(x, z.cross(x), z)
         }
     };
-    let eye = center + rotation.z_axis * distance;
-    let fov = 2.0 * ((FIELD.to_radians() / 2.0).tan() * ASPECT).atan().to_degrees();
+    let (center, half) = (0.5 * (low + high), 0.5 * (high - low));
+    let tangent = (FIELD.to_radians() / 2.0).tan();
+    let mut distance = 0.0f64;
+    for corner in 0..8 {
+        let sign = |axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
+        let seen = rotation.transpose() * (half * DVec3::new(sign(0), sign(1), sign(2)));
+        distance = distance.max(seen.z + ROOM * (seen.x.abs() / (tangent * ASPECT)).max(seen.y.abs() / tangent));
+    }
+    let eye = center + rotation.z_axis * if distance > 0.0 { distance } else { 1.0 };
+    let fov = 2.0 * (tangent * ASPECT).atan().to_degrees();
     let to_world = DMat4::from_translation(eye) * DMat4::from_mat3(rotation);
     (camera_at(to_world, fov), film((f64::from(HEIGHT) * ASPECT).round() as u32, HEIGHT))
 }

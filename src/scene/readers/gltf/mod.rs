@@ -115,7 +115,7 @@ fn wanted(document: &Document, materials: &BTreeSet<Option<usize>>) -> Result<BT
 fn empty(document: &Document, wardrobe: &Wardrobe) -> SceneFile {
     let scene = document.root.scene.and_then(|index| document.root.scenes.get(index.value()));
     let stem = document.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let (camera, film) = cameras::framing((DVec3::ZERO, 1.0), None);
+    let (camera, film) = cameras::framing([DVec3::NEG_ONE, DVec3::ONE], None);
     SceneFile {
         version: VERSION,
         name: scene.and_then(|scene| scene.name.clone()).unwrap_or(stem),
@@ -178,7 +178,7 @@ fn lights(
     Ok(lights)
 }
 
-/// The sphere around the boxes of all shapes.
+/// The box around the boxes of all shapes.
 fn bounds(shapes: &[ShapeFile], meshes: &BTreeMap<String, Mesh>) -> cameras::Bounds {
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let boxes: BTreeMap<&String, [DVec3; 2]> = meshes
@@ -201,7 +201,7 @@ fn bounds(shapes: &[ShapeFile], meshes: &BTreeMap<String, Mesh>) -> cameras::Bou
         }
     }
     if !(low.is_finite() && high.is_finite()) {
-        return (DVec3::ZERO, 1.0);
+        return [DVec3::NEG_ONE, DVec3::ONE];
     }
-    (0.5 * (low + high), 0.5 * (high - low).length())
+    [low, high]
 }
