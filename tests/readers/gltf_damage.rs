@@ -96,7 +96,7 @@ fn what_is_said_of_common_faults() {
         ("/meshes/0/primitives/0/material", json!(9), "there is no materials[9]"),
         ("/meshes/0/primitives/0/indices", json!(0), "expected [Scalar]"),
         ("/accessors/0/count", json!(1u64 << 20), "do not fit into a view of 48 bytes"),
-        ("/accessors/0/count", json!(1u64 << 40), "number of vertices and indices"),
+        ("/accessors/2/count", json!(1u64 << 40), "number of triangles' corners"),
         ("/accessors/0/byteOffset", json!(u64::MAX), "do not fit"),
         ("/accessors/1/count", json!(3), "has 3 elements, POSITION has 4"),
         ("/accessors/2/componentType", json!(5120), "not unsigned"),
@@ -113,7 +113,7 @@ fn what_is_said_of_common_faults() {
     // Zeros that no byte stands for.
     let mut empty = rich();
     empty.json["accessors"][0].as_object_mut().unwrap().remove("bufferView");
-    empty.json["accessors"][0]["count"] = json!(1u64 << 25);
+    empty.json["accessors"][0]["count"] = json!(1u64 << 20);
     empty.json["meshes"][0]["primitives"][0]["attributes"] = json!({ "POSITION": 0 });
     assert!(refused(&empty, "made of nothing").contains("without bytes"));
 }

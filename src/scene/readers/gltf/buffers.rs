@@ -77,6 +77,12 @@ impl<'a> Buffers<'a> {
         Ok(Self { document, buffers })
     }
 
+    /// Bytes of all buffers together.
+    pub fn size(&self) -> usize {
+        let size = |buffer: &Buffer| if let Buffer::Bytes(bytes) = buffer { bytes.len() } else { 0 };
+        self.buffers.iter().map(size).sum()
+    }
+
     /// The bytes of the view that `user` names.
     ///
     /// # Errors

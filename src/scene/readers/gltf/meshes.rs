@@ -10,19 +10,22 @@ use glam::DMat4;
 use rayon::prelude::*;
 
 use crate::base::{Error, Result};
-use crate::scene::readers::MOST_ELEMENTS;
 
 use super::buffers::Buffers;
 use super::document::Document;
 use super::instances::instances;
 use super::nodes::Placed;
-use super::pose::Pose;
+use super::pose::{Pose, Poses};
 use super::primitive::{self, Drawn};
 use super::slots::references;
 use super::warnings::Warnings;
 
 /// Most primitives that all nodes together show.
 const MOST_SHAPES: u64 = 1 << 22;
+/// Corners of triangles that any document may have, and those that it may have for each byte of its buffers. Primitives and poses may
+/// share columns, so that little in a file could become much in memory.
+const FEW_CORNERS: u64 = 1 << 22;
+const CORNERS_PER_BYTE: u64 = 64;
 
 /// A primitive of a mesh, and the node that poses it, if one does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -104,8 +107,9 @@ struct Gathering<'w, 'a, 'd> {
     shown: Vec<Shown<'a, 'd>>,
     wanted: BTreeMap<Key, Wanted<'d>>,
     materials: BTreeSet<Option<usize>>,
-    /// Number of vertices and indices of all that is wanted.
-    elements: u64,
+    /// Number of the triangles' corners of all that is wanted.
+    corners: u64,
+    most_corners: u64,
 }
 
 impl<'a, 'd> Gathering<'_, 'a, 'd> {
@@ -136,12 +140,10 @@ impl<'a, 'd> Gathering<'_, 'a, 'd> {
         self.materials.insert(index);
         let set = references(&material).first().map_or(0, |reference| reference.set);
         let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions)).copied();
-        for accessor in [positions, primitive.indices].into_iter().flatten() {
-            let found = self.document.root.accessors.get(accessor.value());
-            self.elements = self.elements.saturating_add(found.map_or(0, |accessor| accessor.count.0));
-        }
-        // Primitives may share columns, so that little in the file could become much in memory.
-        self.limit("number of vertices and indices", self.elements, 4 * MOST_ELEMENTS)?;
+        let corners = primitive.indices.or(positions);
+        let found = corners.and_then(|accessor| self.document.root.accessors.get(accessor.value()));
+        self.corners = self.corners.saturating_add(found.map_or(0, |accessor| accessor.count.0));
+        self.limit("number of triangles' corners", self.corners, self.most_corners)?;
         self.wanted.insert(key, Wanted { primitive, set, pose: pose.clone() });
         Ok(())
     }
@@ -157,19 +159,20 @@ impl<'a, 'd> Gathering<'_, 'a, 'd> {
 /// Reads all primitives that `nodes` show. Those whose buffer is missing are left out, with a warning.
 ///
 /// # Errors
-/// Those of [`primitive::read`] and [`Pose::of`], for the first primitive that has one.
+/// Those of [`primitive::read`] and [`Poses::of`], for the first primitive that has one.
 pub fn read<'a, 'd>(
     document: &'d Document,
     buffers: &Buffers<'_>,
     nodes: &'a [Placed<'d>],
     warnings: &mut Warnings,
 ) -> Result<Meshes<'a, 'd>> {
-    let places: BTreeMap<usize, DMat4> = nodes.iter().map(|placed| (placed.index, placed.to_world)).collect();
+    let mut poses = Poses::new(document, buffers, nodes);
     let (shown, wanted, materials) = (Vec::new(), BTreeMap::new(), BTreeSet::new());
-    let mut gathering = Gathering { document, warnings, shown, wanted, materials, elements: 0 };
+    let most_corners = FEW_CORNERS + CORNERS_PER_BYTE * buffers.size() as u64;
+    let mut gathering = Gathering { document, warnings, shown, wanted, materials, corners: 0, most_corners };
     for placed in nodes {
         let Some(mesh) = placed.node.mesh else { continue };
-        let pose = match Pose::of(document, buffers, placed, &places) {
+        let pose = match poses.of(placed) {
             Err(Error::Missing { .. }) => Pose::default(),
             other => other?,
         };

@@ -2,10 +2,12 @@
 //! the joints where the nodes are.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use ::gltf::json::accessor::Type;
 use ::gltf::json::mesh::{Primitive, Semantic};
 use ::gltf::json::validation::Checked;
+use ::gltf::json::{Index, Skin};
 use glam::{DMat4, Mat3, Mat4, Vec3};
 
 use crate::base::Result;
@@ -19,30 +21,64 @@ use super::nodes::Placed;
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Pose {
     /// Weights of the morph targets.
-    pub weights: Vec<f32>,
+    pub weights: Arc<[f32]>,
     /// For each joint the matrix from mesh to world; none without a skin.
-    pub joints: Option<Vec<Mat4>>,
+    pub joints: Option<Arc<[Mat4]>>,
 }
 
 impl Pose {
-    /// The pose of the mesh of `placed`, where the nodes of the scene are `at` these places.
+    /// Whether it leaves the mesh as it is.
+    pub fn is_plain(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// The poses of all nodes. What many nodes have in common is there once.
+pub struct Poses<'a> {
+    document: &'a Document,
+    buffers: &'a Buffers<'a>,
+    /// Where the nodes of the scene are.
+    places: BTreeMap<usize, DMat4>,
+    weights: BTreeMap<usize, Arc<[f32]>>,
+    skins: BTreeMap<usize, Arc<[Mat4]>>,
+}
+
+impl<'a> Poses<'a> {
+    /// The poses of the scene's nodes.
+    pub fn new(document: &'a Document, buffers: &'a Buffers<'a>, nodes: &[Placed]) -> Self {
+        let places = nodes.iter().map(|placed| (placed.index, placed.to_world)).collect();
+        Self { document, buffers, places, weights: BTreeMap::new(), skins: BTreeMap::new() }
+    }
+
+    /// The pose of the mesh of `placed`.
     ///
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) for a skin or its matrices that are not there.
-    pub fn of(
-        document: &Document,
-        buffers: &Buffers<'_>,
-        placed: &Placed,
-        at: &BTreeMap<usize, DMat4>,
-    ) -> Result<Self> {
-        let mesh = placed.node.mesh.and_then(|index| document.root.meshes.get(index.value()));
-        let weights = placed.node.weights.as_ref().or(mesh.and_then(|mesh| mesh.weights.as_ref()));
-        let mut weights = weights.cloned().unwrap_or_default();
-        if weights.iter().all(|&weight| weight == 0.0) {
-            weights.clear();
+    pub fn of(&mut self, placed: &Placed) -> Result<Pose> {
+        let is_zero = |weights: &[f32]| weights.iter().all(|&weight| weight == 0.0);
+        let weights = match (&placed.node.weights, placed.node.mesh) {
+            (Some(own), _) if is_zero(own) => Arc::default(),
+            (Some(own), _) => own.as_slice().into(),
+            (None, Some(mesh)) => {
+                let given = self.document.root.meshes.get(mesh.value()).and_then(|mesh| mesh.weights.as_deref());
+                let given = given.filter(|weights| !is_zero(weights)).unwrap_or_default();
+                self.weights.entry(mesh.value()).or_insert_with(|| given.into()).clone()
+            }
+            (None, None) => Arc::default(),
+        };
+        let Some(skin) = placed.node.skin else { return Ok(Pose { weights, joints: None }) };
+        if let Some(joints) = self.skins.get(&skin.value()) {
+            return Ok(Pose { weights, joints: Some(joints.clone()) });
         }
-        let Some(index) = placed.node.skin else { return Ok(Self { weights, joints: None }) };
-        let skin = document.item(&document.root.skins, "skins", index, &placed.part())?;
+        let joints: Arc<[Mat4]> = self.joints(skin, &placed.part())?.into();
+        self.skins.insert(skin.value(), joints.clone());
+        Ok(Pose { weights, joints: Some(joints) })
+    }
+
+    /// The matrices of a skin's joints.
+    fn joints(&self, index: Index<Skin>, user: &str) -> Result<Vec<Mat4>> {
+        let Self { document, buffers, places, .. } = self;
+        let skin = document.item(&document.root.skins, "skins", index, user)?;
         let part = format!("skins[{}]", index.value());
         let inverses = match skin.inverse_bind_matrices {
             Some(accessor) => Some(Column::new(document, buffers, accessor, &part, &[Type::Mat4])?),
@@ -50,7 +86,7 @@ impl Pose {
         };
         let mut joints = Vec::new();
         for (i, joint) in skin.joints.iter().enumerate() {
-            let Some(to_world) = at.get(&joint.value()) else {
+            let Some(to_world) = places.get(&joint.value()) else {
                 return Err(document.malformed(part, format!("its joint nodes[{}] is not in the scene", joint.value())));
             };
             let inverse = match &inverses {
@@ -59,12 +95,7 @@ impl Pose {
             };
             joints.push((*to_world * inverse.as_dmat4()).as_mat4());
         }
-        Ok(Self { weights, joints: Some(joints) })
-    }
-
-    /// Whether it leaves the mesh as it is.
-    pub fn is_plain(&self) -> bool {
-        *self == Self::default()
+        Ok(joints)
     }
 }
 
@@ -96,7 +127,8 @@ impl<'a> Posed<'a> {
             Ok(column)
         };
         let mut targets = Vec::new();
-        for (target, &weight) in primitive.targets.iter().flatten().zip(&pose.weights).filter(|(_, w)| **w != 0.0) {
+        for (target, &weight) in primitive.targets.iter().flatten().zip(pose.weights.iter()).filter(|(_, w)| **w != 0.0)
+        {
             let column = |accessor: Option<_>| accessor.map(|accessor| open(accessor, &[Type::Vec3])).transpose();
             targets.push((weight, [column(target.positions)?, column(target.normals)?]));
         }
