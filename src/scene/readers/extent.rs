@@ -49,7 +49,8 @@ pub fn check(file: &SceneFile, meshes: &BTreeMap<String, Arc<Mesh>>, places: &Pl
     Ok(())
 }
 
-fn bounds(mesh: &Mesh) -> [DVec3; 2] {
+/// Lowest and highest corner of the box around a mesh; infinite the wrong way round for one without vertices.
+pub fn bounds(mesh: &Mesh) -> [DVec3; 2] {
     let fold = |[low, high]: [DVec3; 2], p: &glam::Vec3| [low.min(p.as_dvec3()), high.max(p.as_dvec3())];
     mesh.positions.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], fold)
 }

@@ -122,6 +122,11 @@ fn finish(mut mesh: Mesh, shading: Shading, place: &Place) -> Result<Cleaned> {
 fn check(mesh: &Mesh, place: &Place) -> Result<()> {
     let vertices = mesh.positions.len();
     let fail = |message: String| Err(Error::malformed(place.clone(), message));
+    for (what, count) in [("normals", mesh.normals.len()), ("uvs", mesh.uvs.len())] {
+        if count != 0 && count != vertices {
+            return fail(format!("{count} {what} for {vertices} vertices; expected as many, or none"));
+        }
+    }
     if let Some(i) = mesh.positions.par_iter().position_first(|p| !p.is_finite()) {
         return fail(format!("vertex {i} has the position {}, which is not finite", mesh.positions[i]));
     }

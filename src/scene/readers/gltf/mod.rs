@@ -39,9 +39,9 @@ use crate::base::Result;
 use crate::geometry::mesh::Mesh;
 use crate::scene::file::{GeometryFile, LightFile, MeshFile, RenderFile, SceneFile, ShapeFile, VERSION};
 
-use super::Read;
 use super::missing::Absent;
 use super::places::Places;
+use super::{Read, extent};
 use buffers::Buffers;
 use document::Document;
 use dress::{Part, Wardrobe};
@@ -181,13 +181,7 @@ fn lights(
 /// The box around the boxes of all shapes.
 fn bounds(shapes: &[ShapeFile], meshes: &BTreeMap<String, Mesh>) -> cameras::Bounds {
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let boxes: BTreeMap<&String, [DVec3; 2]> = meshes
-        .iter()
-        .map(|(name, mesh)| {
-            let fold = |[low, high]: [DVec3; 2], p: &glam::Vec3| [low.min(p.as_dvec3()), high.max(p.as_dvec3())];
-            (name, mesh.positions.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], fold))
-        })
-        .collect();
+    let boxes: BTreeMap<&String, [DVec3; 2]> = meshes.iter().map(|(name, mesh)| (name, extent::bounds(mesh))).collect();
     for shape in shapes {
         let GeometryFile::Mesh { mesh } = &shape.geometry else { continue };
         let Some([from, to]) = boxes.get(mesh).filter(|corners| corners.iter().all(|c| c.is_finite())) else {

@@ -4,8 +4,7 @@ use glam::{Vec2, Vec3};
 
 use crate::base::Result;
 use crate::geometry::mesh::Mesh;
-use crate::scene::file::MeshFile;
-use crate::scene::readers::normals;
+use crate::scene::readers::{extent, normals};
 
 use super::parameters::Parameters;
 
@@ -13,29 +12,29 @@ use super::parameters::Parameters;
 const FLAT: f32 = 1e-3;
 
 /// A mesh of triangles. Faces are turned to the side of their vertices' normals, as pbrt has it.
-pub fn triangles(parameters: &Parameters) -> Result<MeshFile> {
+pub fn triangles(parameters: &Parameters) -> Result<Mesh> {
     parameters.ignore(&["S", "faceIndices", "displacement", "displacement.edgelength", "edgelength"]);
-    let positions = parameters.tuples("P")?;
+    let positions = vectors(parameters, "P")?;
     let triangles = match indices::<3>(parameters)? {
         given if given.is_empty() && positions.len() == 3 => vec![[0, 1, 2]],
         given => given,
     };
-    Ok(turned(positions, parameters.tuples("N")?, coordinates(parameters)?, triangles))
+    let (normals, uvs) = (vectors(parameters, "N")?, coordinates(parameters)?);
+    Ok(turned(Mesh { positions, normals, uvs, triangles }))
 }
 
 /// The control mesh of a subdivision surface; normals of 0 are to be made from its faces.
-pub fn control(parameters: &Parameters) -> Result<MeshFile> {
+pub fn control(parameters: &Parameters) -> Result<Mesh> {
     parameters.ignore(&["levels", "nlevels", "scheme"]);
-    let positions: Vec<[f32; 3]> = parameters.tuples("P")?;
-    let normals = vec![[0.0; 3]; positions.len()];
-    Ok(MeshFile::Inline { positions, normals, uvs: coordinates(parameters)?, triangles: indices::<3>(parameters)? })
+    let positions = vectors(parameters, "P")?;
+    let normals = vec![Vec3::ZERO; positions.len()];
+    Ok(Mesh { positions, normals, uvs: coordinates(parameters)?, triangles: indices::<3>(parameters)? })
 }
 
 /// Bilinear patches as two triangles each, and whether all of them are flat. Corners are in the order of rows.
-pub fn patches(parameters: &Parameters) -> Result<(MeshFile, bool)> {
+pub fn patches(parameters: &Parameters) -> Result<(Mesh, bool)> {
     parameters.ignore(&["faceIndices", "emissionfilename"]);
-    let mut positions: Vec<[f32; 3]> = parameters.tuples("P")?;
-    let mut normals: Vec<[f32; 3]> = parameters.tuples("N")?;
+    let (mut positions, mut normals) = (vectors(parameters, "P")?, vectors(parameters, "N")?);
     let mut uvs = coordinates(parameters)?;
     let mut patches = match indices::<4>(parameters)? {
         given if given.is_empty() && positions.len() == 4 => vec![[0, 1, 2, 3]],
@@ -48,13 +47,12 @@ pub fn patches(parameters: &Parameters) -> Result<(MeshFile, bool)> {
     if uvs.is_empty() {
         // Every patch spans the unit square, so none shares its corners.
         let all = patches.as_flattened();
-        let spread =
-            |values: &[[f32; 3]]| all.iter().filter_map(|&i| values.get(i as usize).copied()).collect::<Vec<_>>();
+        let spread = |values: &[Vec3]| all.iter().filter_map(|&i| values.get(i as usize).copied()).collect::<Vec<_>>();
         (positions, normals) = (spread(&positions), spread(&normals));
-        uvs = patches.iter().flat_map(|_| [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]).collect();
+        uvs = patches.iter().flat_map(|_| [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE]).collect();
         patches = (0..patches.len() as u32).map(|i| [4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 3]).collect();
     }
-    let at = |i: u32| Vec3::from_array(positions[i as usize]);
+    let at = |i: u32| positions[i as usize];
     let is_flat = |[a, b, c, d]: &[u32; 4]| {
         let (u, v, w) = (at(*b) - at(*a), at(*c) - at(*a), at(*d) - at(*a));
         let size = u.length().max(v.length()).max(w.length());
@@ -62,22 +60,22 @@ pub fn patches(parameters: &Parameters) -> Result<(MeshFile, bool)> {
     };
     let flat = patches.iter().all(is_flat);
     let triangles = patches.iter().flat_map(|&[a, b, c, d]| [[a, b, d], [a, d, c]]).collect();
-    Ok((turned(positions, normals, uvs, triangles), flat))
+    Ok((turned(Mesh { positions, normals, uvs, triangles }), flat))
 }
 
-fn turned(positions: Vec<[f32; 3]>, normals: Vec<[f32; 3]>, uvs: Vec<[f32; 2]>, triangles: Vec<[u32; 3]>) -> MeshFile {
-    if normals.is_empty() {
-        return MeshFile::Inline { positions, normals, uvs, triangles };
-    }
-    let vectors = |values: &[[f32; 3]]| values.iter().map(|&value| Vec3::from_array(value)).collect();
-    let mut mesh = Mesh { positions: vectors(&positions), normals: vectors(&normals), uvs: Vec::new(), triangles };
+fn turned(mut mesh: Mesh) -> Mesh {
     normals::turn_faces(&mut mesh);
-    MeshFile::Inline { positions, normals, uvs, triangles: mesh.triangles }
+    mesh
 }
 
-fn coordinates(parameters: &Parameters) -> Result<Vec<[f32; 2]>> {
+fn vectors(parameters: &Parameters, name: &'static str) -> Result<Vec<Vec3>> {
+    Ok(parameters.tuples(name)?.into_iter().map(Vec3::from_array).collect())
+}
+
+fn coordinates(parameters: &Parameters) -> Result<Vec<Vec2>> {
     let found = ["uv", "st", "UV"].into_iter().find(|name| parameters.has(name));
-    found.map_or(Ok(Vec::new()), |name| parameters.tuples(name))
+    let values = found.map_or(Ok(Vec::new()), |name| parameters.tuples(name))?;
+    Ok(values.into_iter().map(Vec2::from_array).collect())
 }
 
 fn indices<const N: usize>(parameters: &Parameters) -> Result<Vec<[u32; N]>> {
@@ -93,24 +91,23 @@ fn indices<const N: usize>(parameters: &Parameters) -> Result<Vec<[u32; N]>> {
 }
 
 /// Two sheets of a mesh, one in front of it and one behind it that faces backwards, `gap` parts of its size away.
-pub fn sheets(mesh: &Mesh, gap: f64) -> MeshFile {
-    let bounds =
-        mesh.positions.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], p| [low.min(*p), high.max(*p)]);
-    let step = 0.5 * gap as f32 * (bounds[1] - bounds[0]).max_element().max(0.0);
-    let (mut positions, mut normals, mut uvs, mut triangles) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+pub fn sheets(mesh: &Mesh, gap: f64) -> Mesh {
+    let [low, high] = extent::bounds(mesh);
+    let step = (0.5 * gap * (high - low).max_element().max(0.0)) as f32;
+    let mut out = Mesh::default();
     for side in [1.0, -1.0] {
         for triangle in &mesh.triangles {
             let corners = triangle.map(|i| mesh.positions[i as usize]);
             let [a, b, c] = corners.map(|p| p.as_dvec3());
             let offset = (b - a).cross(c - a).normalize_or_zero().as_vec3() * step * side;
-            let first = positions.len() as u32;
+            let first = out.positions.len() as u32;
             let order = if side > 0.0 { [0, 1, 2] } else { [0, 2, 1] };
-            triangles.push(order.map(|corner| first + corner));
-            positions.extend(corners.map(|p| (p + offset).to_array()));
-            let normal = |i: u32| mesh.normals.get(i as usize).map(|n| (*n * side).to_array());
-            normals.extend(triangle.iter().filter_map(|&i| normal(i)));
-            uvs.extend(triangle.iter().filter_map(|&i| mesh.uvs.get(i as usize).map(Vec2::to_array)));
+            out.triangles.push(order.map(|corner| first + corner));
+            out.positions.extend(corners.map(|p| p + offset));
+            let normal = |i: u32| mesh.normals.get(i as usize).map(|n| *n * side);
+            out.normals.extend(triangle.iter().filter_map(|&i| normal(i)));
+            out.uvs.extend(triangle.iter().filter_map(|&i| mesh.uvs.get(i as usize)));
         }
     }
-    MeshFile::Inline { positions, normals, uvs, triangles }
+    out
 }

@@ -77,9 +77,9 @@ struct Reader {
     /// Whatever else is done in another way, wherever it holds.
     notes: Notes,
     absent: Vec<Absent>,
-    /// Pictures that were made of others.
+    /// Meshes of the document, and pictures that were made of others.
     held: Held,
-    /// Pixels of `held`.
+    /// Pixels of pictures that were made of others.
     baked: usize,
     state: State,
     blocks: Vec<(Block, State)>,

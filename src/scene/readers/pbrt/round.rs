@@ -2,10 +2,10 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use glam::DVec2;
+use glam::{DVec2, DVec3, Vec2};
 
 use crate::base::Result;
-use crate::scene::file::MeshFile;
+use crate::geometry::mesh::Mesh;
 use crate::scene::readers::builtin::SEGMENTS;
 
 use super::parameters::Parameters;
@@ -33,7 +33,7 @@ pub fn whole_sphere(parameters: &Parameters) -> Result<(bool, f64)> {
 }
 
 /// The mesh of a round shape; its front is that of pbrt.
-pub fn mesh(kind: &str, parameters: &Parameters) -> Result<MeshFile> {
+pub fn mesh(kind: &str, parameters: &Parameters) -> Result<Mesh> {
     let sweep = parameters.float_or("phimax", 360.0)?.clamp(0.0, 360.0);
     let radius = parameters.float_or("radius", 1.0)?;
     if radius < 0.0 {
@@ -63,7 +63,7 @@ pub fn mesh(kind: &str, parameters: &Parameters) -> Result<MeshFile> {
         }
         "hyperboloid" => {
             let [a, b] = [parameters.vector("p1")?, parameters.vector("p2")?];
-            let (a, b) = (a.unwrap_or_default(), b.unwrap_or(glam::DVec3::ONE));
+            let (a, b) = (a.unwrap_or_default(), b.unwrap_or(DVec3::ONE));
             curve(0.0, 1.0, |s| {
                 let point = a.lerp(b, s);
                 DVec2::new(point.truncate().length(), point.z)
@@ -79,7 +79,7 @@ pub fn mesh(kind: &str, parameters: &Parameters) -> Result<MeshFile> {
 }
 
 /// The whole sphere of this radius as a mesh.
-pub fn sphere_mesh(radius: f64) -> MeshFile {
+pub fn sphere_mesh(radius: f64) -> Mesh {
     revolved(&sphere(radius, -radius, radius), 360.0)
 }
 
@@ -120,18 +120,19 @@ fn steps(part: f64, whole: f64) -> u32 {
 }
 
 /// The surface that rings span, from the first to the last.
-fn revolved(rings: &[Ring], sweep: f64) -> MeshFile {
+fn revolved(rings: &[Ring], sweep: f64) -> Mesh {
     let columns = ((sweep / 360.0 * f64::from(SEGMENTS)).ceil() as u32).clamp(1, SEGMENTS);
-    let (mut positions, mut normals, mut uvs, mut triangles) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut mesh = Mesh::default();
     for column in 0..=columns {
         let u = f64::from(column) / f64::from(columns);
         // The last corners of a whole turn are the first, to the bit.
         let turn = if column == columns && sweep >= 360.0 { 0.0 } else { u };
         let (sin, cos) = (turn * sweep).to_radians().sin_cos();
         for ring in rings {
-            positions.push([ring.at.x * cos, ring.at.x * sin, ring.at.y].map(|x| x as f32));
-            normals.push([ring.normal.x * cos, ring.normal.x * sin, ring.normal.y].map(|x| x as f32));
-            uvs.push([u as f32, ring.v as f32]);
+            let turned = |p: DVec2| DVec3::new(p.x * cos, p.x * sin, p.y).as_vec3();
+            mesh.positions.push(turned(ring.at));
+            mesh.normals.push(turned(ring.normal));
+            mesh.uvs.push(Vec2::new(u as f32, ring.v as f32));
         }
     }
     let height = rings.len() as u32;
@@ -141,12 +142,12 @@ fn revolved(rings: &[Ring], sweep: f64) -> MeshFile {
             let [next, next_above] = [below + height, above + height];
             // Where a ring is a point, one of the triangles has no area.
             if pair[0].at.x != 0.0 {
-                triangles.push([below, next, next_above]);
+                mesh.triangles.push([below, next, next_above]);
             }
             if pair[1].at.x != 0.0 {
-                triangles.push([below, next_above, above]);
+                mesh.triangles.push([below, next_above, above]);
             }
         }
     }
-    MeshFile::Inline { positions, normals, uvs, triangles }
+    mesh
 }

@@ -94,7 +94,7 @@ impl Reader {
                 4.0 * PI * f64::from(*radius).powi(2) * scale * if two_sided { 2.0 } else { 1.0 }
             }
             // Meshes of lights on both sides have both of them.
-            GeometryFile::Mesh { mesh } => match self.loaded(&self.file.meshes[mesh], parameters)? {
+            GeometryFile::Mesh { mesh } => match self.loaded(mesh, parameters)? {
                 Some(mesh) => area(&mesh, &piece.to_world),
                 None => return Ok(1.0),
             },
@@ -103,38 +103,40 @@ impl Reader {
     }
 
     /// A mesh in memory; none if its file is missing.
-    fn loaded(&self, file: &MeshFile, parameters: &Parameters) -> Result<Option<Mesh>> {
+    fn loaded(&self, name: &str, parameters: &Parameters) -> Result<Option<Mesh>> {
+        let file = &self.file.meshes[name];
         if let MeshFile::Ply { file, .. } = file
             && missing::is_absent(&self.folder, file)
         {
             return Ok(None);
         }
-        mesh::load(file, None, &self.folder, &parameters.place).map(|cleaned| Some(cleaned.mesh))
+        let held = self.held.meshes.get(name).cloned();
+        mesh::load(file, held, &self.folder, &parameters.place).map(|cleaned| Some(cleaned.mesh))
     }
 
     /// The geometry of a shape, placed, and whether it is turned inside out.
     fn geometry(&mut self, kind: &str, parameters: &Parameters) -> Result<Vec<(GeometryFile, DMat4, bool)>> {
         let now = self.state.transform;
-        let (mesh, name) = match kind {
+        let mesh = match kind {
             "sphere" => match round::whole_sphere(parameters)? {
                 (true, radius) if is_uniform(&now) => {
                     let geometry = GeometryFile::Sphere { center: [0.0; 3], radius: radius as f32 };
                     return Ok(vec![(geometry, now * upside_down(), false)]);
                 }
-                _ => (round::mesh(kind, parameters)?, None),
+                _ => round::mesh(kind, parameters)?,
             },
-            _ if round::KINDS.contains(&kind) => (round::mesh(kind, parameters)?, None),
-            "trianglemesh" => (meshes::triangles(parameters)?, None),
+            _ if round::KINDS.contains(&kind) => round::mesh(kind, parameters)?,
+            "trianglemesh" => meshes::triangles(parameters)?,
             "loopsubdiv" => {
                 self.warn(&parameters.place, "a loopsubdiv is read as its control mesh with smooth normals");
-                (meshes::control(parameters)?, None)
+                meshes::control(parameters)?
             }
             "bilinearmesh" => {
                 let (mesh, flat) = meshes::patches(parameters)?;
                 if !flat {
                     self.warn(&parameters.place, "bilinear patches that are not flat are read as two triangles each");
                 }
-                (mesh, None)
+                mesh
             }
             "plymesh" => {
                 let name = parameters.string("filename")?;
@@ -143,7 +145,8 @@ impl Reader {
                     self.warn(&parameters.place, "the displacement of a mesh is left out");
                     parameters.ignore(&["displacement.edgelength", "edgelength", "displacement.uvscale", "uvscale"]);
                 }
-                (MeshFile::Ply { file: file.clone(), face_normals: false, flip_v: false, as_given: true }, Some(file))
+                let ply = MeshFile::Ply { file: file.clone(), face_normals: false, flip_v: false, as_given: true };
+                return Ok(vec![(self.add_file(&file, ply, &parameters.place), now, false)]);
             }
             other => {
                 let known = "sphere, disk, cylinder, cone, paraboloid, hyperboloid, trianglemesh, plymesh, bilinearmesh, loopsubdiv";
@@ -151,18 +154,23 @@ impl Reader {
                 return Err(Error::Unsupported { place, what, supported: known.to_owned() });
             }
         };
-        Ok(vec![(self.add_mesh(kind, mesh, name, &parameters.place), now, false)])
+        Ok(vec![(self.hold(kind, mesh, &parameters.place), now, false)])
     }
 
-    /// Adds a mesh by its own name, or under a new one.
-    fn add_mesh(&mut self, kind: &str, mesh: MeshFile, name: Option<String>, place: &Place) -> GeometryFile {
-        let taken = |reader: &Self, name: &str| reader.file.meshes.contains_key(name);
-        let name = name.unwrap_or_else(|| self.free_name(kind, taken));
-        if !self.file.meshes.contains_key(&name) {
+    /// Adds a mesh of the document under a new name.
+    fn hold(&mut self, kind: &str, mesh: Mesh, place: &Place) -> GeometryFile {
+        let name = self.free_name(kind, |reader, name| reader.file.meshes.contains_key(name));
+        self.held.meshes.insert(name.clone(), mesh);
+        self.add_file(&name, MeshFile::Held { part: name.clone() }, place)
+    }
+
+    /// Adds a mesh by its own name, unless it is there already.
+    fn add_file(&mut self, name: &str, file: MeshFile, place: &Place) -> GeometryFile {
+        if !self.file.meshes.contains_key(name) {
             self.places.set(format!("meshes.{name}"), place.clone());
-            self.file.meshes.insert(name.clone(), mesh);
+            self.file.meshes.insert(name.to_owned(), file);
         }
-        GeometryFile::Mesh { mesh: name }
+        GeometryFile::Mesh { mesh: name.to_owned() }
     }
 
     /// The pieces of a light: if both sides shine, two sheets back to back.
@@ -183,10 +191,10 @@ impl Reader {
                     let inner = GeometryFile::Sphere { center, radius: radius * (1.0 - GAP as f32) };
                     out.extend([(GeometryFile::Sphere { center, radius }, to_world, flip), (inner, to_world, !flip)]);
                 }
-                GeometryFile::Mesh { mesh } => match self.loaded(&self.file.meshes[&mesh], parameters)? {
+                GeometryFile::Mesh { mesh } => match self.loaded(&mesh, parameters)? {
                     Some(loaded) => {
                         let sheets = meshes::sheets(&loaded, GAP);
-                        out.push((self.add_mesh("sheets", sheets, None, &parameters.place), to_world, flip));
+                        out.push((self.hold("sheets", sheets, &parameters.place), to_world, flip));
                     }
                     None => out.push((GeometryFile::Mesh { mesh }, to_world, flip)),
                 },
@@ -239,7 +247,10 @@ impl Reader {
             GeometryFile::Sphere { radius, .. } if !is_uniform(&to_world) => {
                 to_world *= upside_down();
                 let name = format!("sphere of radius {radius}");
-                self.add_mesh("sphere", round::sphere_mesh(f64::from(*radius)), Some(name), &piece.place)
+                if !self.file.meshes.contains_key(&name) {
+                    self.held.meshes.insert(name.clone(), round::sphere_mesh(f64::from(*radius)));
+                }
+                self.add_file(&name, MeshFile::Held { part: name.clone() }, &piece.place)
             }
             geometry => geometry.clone(),
         };
