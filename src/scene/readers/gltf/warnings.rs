@@ -5,31 +5,33 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use crate::base::Place;
+use crate::scene::readers::notes::Notes;
 
-/// Warnings with their places, each once.
+/// Warnings, each once with the first part of the document where it holds.
 #[derive(Debug)]
 pub struct Warnings {
     path: PathBuf,
-    told: BTreeSet<String>,
-    lines: Vec<String>,
+    /// Parts and warnings so far.
+    told: BTreeSet<(String, String)>,
+    notes: Notes,
 }
 
 impl Warnings {
     /// None so far, of the document at `path`.
     pub fn new(path: &Path) -> Self {
-        Self { path: path.to_owned(), told: BTreeSet::new(), lines: Vec::new() }
+        Self { path: path.to_owned(), told: BTreeSet::new(), notes: Notes::default() }
     }
 
     /// Warns of something at `part` of the document.
     pub fn add(&mut self, part: impl Into<String>, message: impl Display) {
-        let line = format!("{}: {message}", Place::part(&self.path, part));
-        if self.told.insert(line.clone()) {
-            self.lines.push(line);
+        let (part, message) = (part.into(), message.to_string());
+        if self.told.insert((part.clone(), message.clone())) {
+            self.notes.add(&Place::part(&self.path, part), message);
         }
     }
 
     /// All of them, in the order in which they came up.
     pub fn into_lines(self) -> Vec<String> {
-        self.lines
+        self.notes.into_warnings("and")
     }
 }
