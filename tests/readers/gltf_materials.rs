@@ -226,6 +226,13 @@ fn colours_of_vertices() {
     };
     paint(&mut document, &[0.5; 12]);
     assert_eq!(principled(&of(&document)).base_color, rgb([0.25; 3]));
+    // Their alpha is left out, which only counts where the material is not opaque.
+    let faded = document.floats(4, &[0.5; 16]);
+    document.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(faded);
+    assert!(!warns(&loaded(&document), "alpha of COLOR_0"));
+    document.json["materials"][0]["alphaMode"] = json!("BLEND");
+    assert!(warns(&loaded(&document), "alpha of COLOR_0"));
+    document.json["materials"][0]["alphaMode"] = json!("OPAQUE");
     // Without textures the colours are a texture: linear between the corners.
     let corners = [[1., 0., 0.], [0., 1., 0.], [0., 0., 1.], [1., 1., 1.]];
     paint(&mut document, corners.as_flattened());

@@ -172,6 +172,11 @@ impl<'a> Column<'a> {
         Err(Error::Limit { place, what, value: self.count as u64, limit: MOST_ZEROS as u64 })
     }
 
+    /// Number of numbers of an element.
+    pub fn components(&self) -> usize {
+        self.components
+    }
+
     /// Whether its numbers are unsigned integers.
     pub fn is_unsigned(&self) -> bool {
         matches!(self.component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32)

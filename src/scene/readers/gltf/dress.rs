@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use ::gltf::json::material::Material;
+use ::gltf::json::material::{AlphaMode, Material};
+use ::gltf::json::validation::Checked;
 use glam::Vec3;
 
 use crate::base::Result;
@@ -71,6 +72,9 @@ impl Wardrobe {
             textures.warnings.add(part, format_args!("it lacks the texture coordinates that {owner} asks for"));
         }
         let mut drawn = read.drawn;
+        if drawn.fades && given.alpha_mode != Checked::Valid(AlphaMode::Opaque) {
+            textures.warnings.add(part, "the alpha of COLOR_0 is left out: surfaces are as opaque as their material");
+        }
         let paint = self.paint(textures, part, &given, used.is_empty(), &mut drawn);
         let name = match &paint {
             Paint::Plain(Vec3::ONE) => owner.clone(),

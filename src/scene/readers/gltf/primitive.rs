@@ -22,6 +22,8 @@ pub struct Drawn {
     pub mesh: Mesh,
     /// Linear colours of the vertices, in [0, 1], or empty.
     pub colors: Vec<Vec3>,
+    /// Whether colours of vertices have an alpha below 1.
+    pub fades: bool,
     /// Whether the texture coordinates that were asked for are missing.
     pub lacks_uvs: bool,
 }
@@ -76,8 +78,10 @@ pub fn read(
     }
     let color =
         |column: &Column, vertex: u32| Vec3::from_array(column.get(vertex as usize)).clamp(Vec3::ZERO, Vec3::ONE);
+    let fading = |column: &Column| used.iter().any(|&vertex| column.get::<4>(vertex as usize)[3] < 1.0);
+    let fades = colors.as_ref().is_some_and(|column| column.components() == 4 && fading(column));
     let colors = colors.map_or(Vec::new(), |column| used.iter().map(|&vertex| color(&column, vertex)).collect());
-    Ok(Drawn { mesh, colors, lacks_uvs: uvs.is_none() })
+    Ok(Drawn { mesh, colors, fades, lacks_uvs: uvs.is_none() })
 }
 
 /// The triangles of a primitive with `count` vertices, and the vertices that they use, in their new order.
