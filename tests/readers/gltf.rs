@@ -156,7 +156,7 @@ fn in_json() -> Value {
 
 /// The box through glTF, as text and binary, and through our own format: the same picture.
 #[test]
-fn the_same_box_gives_the_same_picture() {
+fn s09_the_same_box_gives_the_same_picture() {
     let folder = folder();
     let document = in_gltf();
     std::fs::write(folder.path().join("tested.gltf"), document.text()).unwrap();
