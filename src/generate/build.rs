@@ -4,7 +4,7 @@ use glam::{Mat3, Mat4, Quat, Vec3};
 
 use crate::scene::file::{
     CameraFile, FilmFile, FilterFile, GeometryFile, IDENTITY, LightFile, MaterialFile, Matrix, MeshFile, RenderFile,
-    SceneFile, ShapeFile, TextureFile, VERSION,
+    SceneFile, ShapeFile, TextureFile,
 };
 
 use super::solids::{Solid, Solids};
@@ -19,25 +19,8 @@ pub struct Builder {
 impl Builder {
     /// An empty scene with a picture of `size` (columns, rows).
     pub fn new(name: impl Into<String>, size: [u32; 2]) -> Self {
-        let scene = SceneFile {
-            version: VERSION,
-            name: name.into(),
-            camera: CameraFile {
-                to_world: IDENTITY,
-                fov: 45.0,
-                aperture_radius: 0.0,
-                focus_distance: None,
-                medium: None,
-                principal_point_offset: [0.0; 2],
-            },
-            film: FilmFile { width: size[0], height: size[1], filter: FilterFile::default() },
-            render: RenderFile::default(),
-            materials: Default::default(),
-            media: Default::default(),
-            meshes: Default::default(),
-            shapes: Vec::new(),
-            lights: Vec::new(),
-        };
+        let film = FilmFile { width: size[0], height: size[1], filter: FilterFile::default() };
+        let scene = SceneFile::empty(name.into(), CameraFile::pinhole(IDENTITY, 45.0), film);
         Self { scene, solids: Solids::default() }
     }
 

@@ -81,6 +81,24 @@ pub struct SceneFile {
     pub lights: Vec<LightFile>,
 }
 
+impl SceneFile {
+    /// A scene with nothing in it.
+    pub fn empty(name: String, camera: CameraFile, film: FilmFile) -> Self {
+        Self {
+            version: VERSION,
+            name,
+            camera,
+            film,
+            render: RenderFile::default(),
+            materials: BTreeMap::new(),
+            media: BTreeMap::new(),
+            meshes: BTreeMap::new(),
+            shapes: Vec::new(),
+            lights: Vec::new(),
+        }
+    }
+}
+
 /// A perspective camera: it sits at the origin of `to_world` and looks along +z, +y up, +x to the left of the picture
 /// (Mitsuba's convention).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -102,6 +120,14 @@ pub struct CameraFile {
     /// Offset of the picture's middle from the viewing axis, in parts of its width (to the right) and height (down).
     #[serde(default, skip_serializing_if = "is_default")]
     pub principal_point_offset: [f32; 2],
+}
+
+impl CameraFile {
+    /// A camera without lens, in empty space.
+    pub fn pinhole(to_world: Matrix, fov: f32) -> Self {
+        let principal_point_offset = [0.0; 2];
+        Self { to_world, fov, aperture_radius: 0.0, focus_distance: None, medium: None, principal_point_offset }
+    }
 }
 
 /// A participating medium, the same everywhere.

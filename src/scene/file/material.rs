@@ -370,6 +370,15 @@ impl MaterialFile {
         inside!(self)
     }
 
+    /// The material under a tint of this reflection and transmission, unless both are white.
+    pub fn tinted(self, specular_reflectance: TextureFile, specular_transmittance: TextureFile) -> Self {
+        let white = TextureFile::rgb([1.0; 3]);
+        if specular_reflectance == white && specular_transmittance == white {
+            return self;
+        }
+        Self::Tinted { specular_reflectance, specular_transmittance, material: Box::new(self) }
+    }
+
     /// Whether it has holes.
     pub fn is_masked(&self) -> bool {
         matches!(self, Self::Mask { .. }) || self.inside().is_some_and(Self::is_masked)

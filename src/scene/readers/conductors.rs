@@ -1,4 +1,4 @@
-//! Refractive indices by name.
+//! Refractive indices, by name or by what they reflect.
 
 /// Refractive indices at 589 nm, most after Hecht, Optics.
 const INDICES: [(&str, f32); 23] = [
@@ -42,6 +42,16 @@ pub const INDEX_NAMES: [&str; 23] = {
 pub fn refractive_index(name: &str) -> Option<f32> {
     let name = name.to_ascii_lowercase();
     INDICES.iter().find(|(known, _)| *known == name).map(|(_, index)| *index)
+}
+
+/// The refractive index whose reflectance at normal incidence is this one, below 1 (Fresnel's equations, solved for the index).
+pub fn index_of(reflectance: f32) -> f32 {
+    (1.0 + reflectance.sqrt()) / (1.0 - reflectance.sqrt())
+}
+
+/// Reflectance at normal incidence of a refractive index.
+pub fn reflectance_of(index: f32) -> f32 {
+    ((index - 1.0) / (index + 1.0)).powi(2)
 }
 
 /// eta and k of a metal in linear RGB; `none` reflects everything.

@@ -7,6 +7,7 @@ mod builtin;
 mod cie;
 mod conductors;
 mod extent;
+mod frames;
 mod gltf;
 mod gzip;
 mod held;

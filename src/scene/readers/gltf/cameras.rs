@@ -5,6 +5,7 @@ use glam::{DMat3, DMat4, DVec3};
 
 use crate::base::Result;
 use crate::scene::file::{CameraFile, FilmFile, FilterFile};
+use crate::scene::readers::frames::rounded;
 
 use super::document::Document;
 use super::nodes::Placed;
@@ -99,14 +100,7 @@ fn rigid(matrix: DMat4) -> DMat4 {
 /// A camera that looks along −z of `to_world`, +y up, as those of glTF do; ours look along +z with +x to the left.
 fn camera_at(to_world: DMat4, fov: f64) -> CameraFile {
     let turned = to_world * DMat4::from_diagonal(DVec3::new(-1.0, 1.0, -1.0).extend(1.0));
-    CameraFile {
-        to_world: turned.transpose().to_cols_array().map(|x| x as f32 + 0.0),
-        fov: fov as f32,
-        aperture_radius: 0.0,
-        focus_distance: None,
-        medium: None,
-        principal_point_offset: [0.0; 2],
-    }
+    CameraFile::pinhole(rounded(turned).map(|value| value + 0.0), fov as f32)
 }
 
 /// A camera that shows all of `bounds`, with some room around it, from where the one at `like` looks, if there is one.

@@ -74,11 +74,7 @@ fn solid(file: PrincipledFile, rough: f32) -> MaterialFile {
 }
 
 fn tinted(color: TextureFile, material: MaterialFile) -> MaterialFile {
-    let white = TextureFile::rgb([1.0; 3]);
-    if color == white {
-        return material;
-    }
-    MaterialFile::Tinted { specular_reflectance: white, specular_transmittance: color, material: Box::new(material) }
+    material.tinted(TextureFile::rgb([1.0; 3]), color)
 }
 
 /// The medium that lets the colour through over the distance (KHR_materials_volume, "Attenuation"); none where it takes nothing.

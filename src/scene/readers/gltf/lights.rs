@@ -3,10 +3,11 @@
 
 use ::gltf::json::extensions::scene::khr_lights_punctual::{Light, Type};
 use ::gltf::json::validation::Checked;
-use glam::{DMat4, DQuat, DVec3};
+use glam::DVec3;
 
 use crate::base::Result;
-use crate::scene::file::{LightFile, Matrix};
+use crate::scene::file::LightFile;
+use crate::scene::readers::frames::{facing, rounded};
 
 use super::document::Document;
 use super::nodes::Placed;
@@ -38,7 +39,7 @@ pub fn light(document: &Document, placed: &Placed, warnings: &mut Warnings) -> R
             let spot = light.spot.clone().unwrap_or_default();
             let outer = if light.spot.is_some() { spot.outer_cone_angle } else { std::f32::consts::FRAC_PI_4 };
             LightFile::Spot {
-                to_world: along(direction, placed.to_world.w_axis.truncate()),
+                to_world: rounded(facing(placed.to_world.w_axis.truncate(), direction)),
                 intensity: power,
                 cutoff_angle: outer.to_degrees(),
                 beam_width: spot.inner_cone_angle.to_degrees().min(outer.to_degrees()),
@@ -48,10 +49,4 @@ pub fn light(document: &Document, placed: &Placed, warnings: &mut Warnings) -> R
             return Err(document.unsupported(part, "this type of light", "point, spot, directional"));
         }
     }))
-}
-
-/// A rigid transform that takes the origin to `position` and +z to the unit `direction`.
-fn along(direction: DVec3, position: DVec3) -> Matrix {
-    let rotation = DQuat::from_rotation_arc(DVec3::Z, direction);
-    DMat4::from_rotation_translation(rotation, position).transpose().to_cols_array().map(|x| x as f32)
 }

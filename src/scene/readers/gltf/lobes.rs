@@ -7,6 +7,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use crate::base::Result;
+use crate::scene::readers::conductors::{index_of, reflectance_of};
 
 use super::pictures::Use;
 use super::slots::Slots;
@@ -69,14 +70,12 @@ pub fn index(slots: &mut Slots, material: &Material) -> f32 {
 /// [`Error::Malformed`](crate::base::Error::Malformed) for values of other types.
 pub fn lobes(slots: &mut Slots, material: &Material, reflectance: Option<f32>) -> Result<Lobes> {
     let eta = index(slots, material);
-    let usual = ((eta - 1.0) / (eta + 1.0)).powi(2);
     let factor = specular(slots, material)?;
-    // The index whose reflectance at normal incidence is as much.
     let eta = match (reflectance, factor) {
         (None, None) => eta,
         (given, factor) => {
-            let root = (given.unwrap_or(usual) * factor.unwrap_or(1.0)).clamp(0.0, MOST_REFLECTANCE).sqrt();
-            (1.0 + root) / (1.0 - root)
+            let reflected = given.unwrap_or(reflectance_of(eta)) * factor.unwrap_or(1.0);
+            index_of(reflected.clamp(0.0, MOST_REFLECTANCE))
         }
     };
     let (clearcoat, clearcoat_gloss) = coat(slots, material)?;

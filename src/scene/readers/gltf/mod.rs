@@ -37,8 +37,9 @@ use glam::{DMat4, DVec3};
 
 use crate::base::Result;
 use crate::geometry::mesh::Mesh;
-use crate::scene::file::{GeometryFile, LightFile, MeshFile, RenderFile, SceneFile, ShapeFile, VERSION};
+use crate::scene::file::{GeometryFile, LightFile, MeshFile, SceneFile, ShapeFile};
 
+use super::frames::rounded;
 use super::missing::Absent;
 use super::places::Places;
 use super::{Read, extent};
@@ -116,17 +117,13 @@ fn empty(document: &Document, wardrobe: &Wardrobe) -> SceneFile {
     let scene = document.root.scene.and_then(|index| document.root.scenes.get(index.value()));
     let stem = document.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let (camera, film) = cameras::framing([DVec3::NEG_ONE, DVec3::ONE], None);
+    let name = scene.and_then(|scene| scene.name.clone()).unwrap_or(stem);
+    let held = |name: &String| (name.clone(), MeshFile::Held { part: name.clone() });
     SceneFile {
-        version: VERSION,
-        name: scene.and_then(|scene| scene.name.clone()).unwrap_or(stem),
-        camera,
-        film,
-        render: RenderFile::default(),
         materials: wardrobe.materials(),
         media: wardrobe.media(),
-        meshes: wardrobe.held.meshes.keys().map(|name| (name.clone(), MeshFile::Held { part: name.clone() })).collect(),
-        shapes: Vec::new(),
-        lights: Vec::new(),
+        meshes: wardrobe.held.meshes.keys().map(held).collect(),
+        ..SceneFile::empty(name, camera, film)
     }
 }
 
@@ -144,7 +141,7 @@ fn shapes(
             shapes.push(ShapeFile {
                 name: node.node.name.clone().unwrap_or_default(),
                 geometry: GeometryFile::Mesh { mesh: mesh.clone() },
-                to_world: to_world.transpose().to_cols_array().map(|x| x as f32),
+                to_world: rounded(*to_world),
                 flip_normals: false,
                 material: materials[usize::from(mirrors)].clone(),
                 interior: interior.clone(),

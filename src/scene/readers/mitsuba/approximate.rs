@@ -3,6 +3,7 @@
 use crate::base::Result;
 use crate::math::channel_mean;
 use crate::scene::file::{Distribution, MaterialFile, TextureFile};
+use crate::scene::readers::conductors::index_of;
 
 use super::Reader;
 use super::element::Element;
@@ -42,9 +43,7 @@ impl<'a> Reader<'a> {
         }
         self.warn(element, format_args!("{kind} is read as a roughplastic with alpha {alpha}"));
         let color = self.mean(&specular, element, "specular_reflectance")?;
-        let mean = channel_mean(color.into()).clamp(0.0, MOST_SPECULAR);
-        // Fresnel's equations at normal incidence, solved for the index.
-        let int_ior = (1.0 + mean.sqrt()) / (1.0 - mean.sqrt());
+        let int_ior = index_of(channel_mean(color.into()).clamp(0.0, MOST_SPECULAR));
         let brightest = color.iter().fold(f32::MIN_POSITIVE, |most, channel| most.max(*channel));
         Ok(MaterialFile::Plastic {
             alpha,

@@ -208,11 +208,7 @@ impl<'a> Reader<'a> {
         };
         let specular_reflectance = self.texture(&object, "specular_reflectance", 1.0)?;
         let specular_transmittance = self.texture(&object, "specular_transmittance", 1.0)?;
-        let white = TextureFile::rgb([1.0; 3]);
-        if specular_reflectance == white && specular_transmittance == white {
-            return Ok(clear);
-        }
-        Ok(MaterialFile::Tinted { specular_reflectance, specular_transmittance, material: Box::new(clear) })
+        Ok(clear.tinted(specular_reflectance, specular_transmittance))
     }
 
     /// Roughness and distribution.

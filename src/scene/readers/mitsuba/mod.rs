@@ -25,7 +25,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::base::Result;
-use crate::scene::file::{CameraFile, FilmFile, FilterFile, IDENTITY, RenderFile, SceneFile, VERSION};
+use crate::scene::file::{CameraFile, FilmFile, FilterFile, IDENTITY, SceneFile};
 
 use super::Read;
 use super::held::Held;
@@ -93,25 +93,8 @@ struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     fn new(path: &Path, ids: Ids<'a>) -> Self {
-        let file = SceneFile {
-            version: VERSION,
-            name: String::new(),
-            camera: CameraFile {
-                to_world: IDENTITY,
-                fov: 90.0,
-                aperture_radius: 0.0,
-                focus_distance: None,
-                medium: None,
-                principal_point_offset: [0.0; 2],
-            },
-            film: FilmFile { width: 768, height: 576, filter: FilterFile::GAUSSIAN },
-            render: RenderFile::default(),
-            materials: Default::default(),
-            media: Default::default(),
-            meshes: Default::default(),
-            shapes: Vec::new(),
-            lights: Vec::new(),
-        };
+        let film = FilmFile { width: 768, height: 576, filter: FilterFile::GAUSSIAN };
+        let file = SceneFile::empty(String::new(), CameraFile::pinhole(IDENTITY, 90.0), film);
         Self {
             folder: path.parent().unwrap_or(Path::new("")).to_owned(),
             ids,

@@ -7,6 +7,7 @@ use glam::DMat4;
 
 use crate::base::Result;
 use crate::scene::file::Matrix;
+use crate::scene::readers::frames::rounded;
 use crate::scene::readers::slips::meant;
 use crate::scene::readers::spectrum::Use;
 
@@ -196,7 +197,7 @@ impl<'a> Object<'a> {
 
     /// `to_world`, or the identity.
     pub fn to_world(&self) -> Result<Matrix> {
-        Ok(transform::rounded(self.transform("to_world")?.unwrap_or(DMat4::IDENTITY)))
+        Ok(rounded(self.transform("to_world")?.unwrap_or(DMat4::IDENTITY)))
     }
 
     fn typed<T>(&self, name: &str, tags: &[&str], read: impl FnOnce(&'a Element) -> Result<T>) -> Result<Option<T>> {

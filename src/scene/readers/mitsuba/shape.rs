@@ -5,11 +5,11 @@ use glam::{DMat4, DVec3};
 use crate::base::{Error, Result};
 use crate::scene::file::{GeometryFile, MaterialFile, MeshFile, ShapeFile, TextureFile};
 use crate::scene::readers::builtin::SEGMENTS;
+use crate::scene::readers::frames::rounded;
 
 use super::Reader;
 use super::element::Element;
 use super::object::{Object, kind};
-use super::transform;
 
 const KINDS: [&str; 10] =
     ["obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder", "shapegroup", "instance"];
@@ -83,7 +83,7 @@ impl<'a> Reader<'a> {
             exterior,
             name: element.attribute("id").unwrap_or_default().to_owned(),
             geometry: self.geometry(&object)?,
-            to_world: transform::rounded(outer * placement(&object)?),
+            to_world: rounded(outer * placement(&object)?),
             flip_normals: object.boolean("flip_normals")?.unwrap_or(false) != mirrored_sphere(&object, outer)?,
             material: self.material_of(&object, emission.is_some(), index)?,
             emission,

@@ -1,9 +1,9 @@
 //! Transforms: a later element acts after the ones before it.
 
-use glam::{DMat3, DMat4, DVec3, DVec4};
+use glam::{DMat3, DMat4, DVec3};
 
 use crate::base::Result;
-use crate::scene::file::Matrix;
+use crate::scene::readers::frames::looking;
 
 use super::element::{Element, number, numbers, xyz};
 
@@ -65,13 +65,5 @@ fn look_at(element: &Element) -> Result<DMat4> {
         (target - origin).try_normalize().ok_or_else(|| element.malformed("origin and target are the same"))?;
     let up = element.attribute("up").map_or(Ok(DVec3::ZERO), |text| vector("up", text))?;
     let up = if up == DVec3::ZERO { direction.any_orthonormal_vector() } else { up };
-    let left = up.cross(direction).try_normalize().ok_or_else(|| element.malformed("\"up\" is along the view"))?;
-    let up = direction.cross(left);
-    let column = |v: DVec3, w: f64| DVec4::from((v, w));
-    Ok(DMat4::from_cols(column(left, 0.0), column(up, 0.0), column(direction, 0.0), column(origin, 1.0)))
-}
-
-/// The matrix row by row in single precision.
-pub fn rounded(matrix: DMat4) -> Matrix {
-    matrix.transpose().to_cols_array().map(|value| value as f32)
+    looking(origin, direction, up).ok_or_else(|| element.malformed("\"up\" is along the view"))
 }

@@ -3,7 +3,8 @@
 use glam::{DMat4, DVec3};
 
 use crate::base::{Error, Result};
-use crate::scene::file::CameraFile;
+use crate::scene::file::{CameraFile, Matrix};
+use crate::scene::readers::frames::rounded;
 
 use super::Reader;
 use super::parameters::Parameters;
@@ -27,7 +28,7 @@ impl Reader {
         let Some((kind, parameters, to_camera, medium)) = self.camera.take() else {
             self.warnings
                 .push(format!("{}: there is no camera: one at the origin is used", self.places.source().display()));
-            self.file.camera.to_world = rounded(DMat4::IDENTITY);
+            self.file.camera.to_world = turned(DMat4::IDENTITY);
             return Ok(());
         };
         let [half, offset] = match kind.as_str() {
@@ -53,7 +54,7 @@ impl Reader {
         self.note_unused(&parameters);
         self.places.set("camera", parameters.place.clone());
         self.file.camera = CameraFile {
-            to_world: rounded(to_world),
+            to_world: turned(to_world),
             fov: (2.0 * half[0].atan().to_degrees()) as f32,
             aperture_radius: radius as f32,
             focus_distance: (radius > 0.0).then_some(focus as f32),
@@ -95,7 +96,6 @@ impl Reader {
 }
 
 /// Our camera's x points to the left.
-fn rounded(to_world: DMat4) -> [f32; 16] {
-    let turned = to_world * DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
-    turned.transpose().to_cols_array().map(|value| value as f32 + 0.0)
+fn turned(to_world: DMat4) -> Matrix {
+    rounded(to_world * DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0))).map(|value| value + 0.0)
 }

@@ -14,7 +14,6 @@ const MOST_SPECULAR: f32 = 0.5;
 impl Reader {
     /// A material of pbrt-v3; none if v3 has none of this kind.
     pub(super) fn classic(&mut self, kind: &str, parameters: &Parameters) -> Result<Option<MaterialFile>> {
-        let white = TextureFile::rgb([1.0; 3]);
         Ok(Some(match kind {
             "matte" => self.diffuse(parameters, "Kd")?,
             "metal" => {
@@ -25,12 +24,7 @@ impl Reader {
             "glass" => {
                 let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
                 let material = clear(self.roughness(parameters, ROUGHNESS, 0.0)?, int_ior);
-                let specular_reflectance = self.albedo(parameters, "Kr", 1.0)?;
-                let specular_transmittance = self.albedo(parameters, "Kt", 1.0)?;
-                if specular_reflectance == white && specular_transmittance == white {
-                    return Ok(Some(material));
-                }
-                MaterialFile::Tinted { specular_reflectance, specular_transmittance, material: Box::new(material) }
+                material.tinted(self.albedo(parameters, "Kr", 1.0)?, self.albedo(parameters, "Kt", 1.0)?)
             }
             "plastic" => {
                 self.relation(parameters, kind, "a coat over a diffuse base");
@@ -76,11 +70,7 @@ impl Reader {
         let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
         let rough = self.roughness(parameters, ROUGHNESS, 0.1)?;
         let material = if kt > kd {
-            MaterialFile::Tinted {
-                specular_reflectance: self.albedo(parameters, "Kr", 0.0)?,
-                specular_transmittance: self.albedo(parameters, "Kt", 0.0)?,
-                material: Box::new(clear(0.0, int_ior)),
-            }
+            clear(0.0, int_ior).tinted(self.albedo(parameters, "Kr", 0.0)?, self.albedo(parameters, "Kt", 0.0)?)
         } else {
             let diffuse = self.albedo(parameters, "Kd", 0.25)?;
             let (specular, alpha) = if kr > ks { ("Kr", 0.0) } else { ("Ks", rough) };

@@ -3,6 +3,7 @@
 use crate::base::Result;
 use crate::materials::texture::luminance;
 use crate::scene::file::{MaterialFile, TextureFile};
+use crate::scene::readers::conductors::reflectance_of;
 
 use super::Reader;
 use super::materials::{ROUGHNESS, plastic};
@@ -45,7 +46,7 @@ impl Reader {
         // Given reflectances are those of the metal in air.
         let outside = if parameters.has("reflectance") { 1.0 } else { index };
         let metal = Metal { eta: eta.map(|n| n / outside), k: k.map(|k| k / outside), tint };
-        let reflected = ((index - 1.0) / (index + 1.0)).powi(2);
+        let reflected = reflectance_of(index);
         let white = Metal::mirror(TextureFile::rgb([1.0; 3]));
         // Rays are spread by the coat on their way in and out, too.
         let parts = [metal.surface(base.hypot(coat)), white.surface(coat)];

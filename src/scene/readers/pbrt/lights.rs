@@ -6,12 +6,13 @@ use glam::{DVec3, Vec3};
 
 use crate::base::{Error, Result};
 use crate::scene::file::{Filter, LightFile, TextureFile, Wrap, identity3};
+use crate::scene::readers::frames::{facing, rounded};
 use crate::scene::readers::mean;
 use crate::scene::readers::spectrum::Use;
 
 use super::Reader;
 use super::parameters::Parameters;
-use super::state::{AreaLight, facing};
+use super::state::AreaLight;
 
 const KINDS: &str = "point, spot, goniometric, projection, distant, infinite";
 
@@ -92,7 +93,7 @@ impl Reader {
         let direction = (to - from).try_normalize().ok_or_else(undirected)?;
         let to_world = self.state.transform * facing(from, direction);
         let light = LightFile::Spot {
-            to_world: to_world.transpose().to_cols_array().map(|value| value as f32),
+            to_world: rounded(to_world),
             intensity: intensity.to_array(),
             cutoff_angle: cutoff as f32,
             beam_width: beam as f32,

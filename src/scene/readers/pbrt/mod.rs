@@ -36,7 +36,7 @@ use std::path::{Path, PathBuf};
 use glam::DMat4;
 
 use crate::base::{Place, Result};
-use crate::scene::file::{CameraFile, FilmFile, IDENTITY, RenderFile, SceneFile, TextureFile, VERSION};
+use crate::scene::file::{CameraFile, FilmFile, IDENTITY, SceneFile, TextureFile};
 
 use super::Read;
 use super::held::Held;
@@ -109,26 +109,9 @@ struct Reader {
 
 impl Reader {
     fn new(path: &Path) -> Self {
-        let camera = CameraFile {
-            to_world: IDENTITY,
-            fov: 90.0,
-            aperture_radius: 0.0,
-            focus_distance: None,
-            medium: None,
-            principal_point_offset: [0.0; 2],
-        };
-        let file = SceneFile {
-            version: VERSION,
-            name: String::new(),
-            camera,
-            film: FilmFile { width: 1280, height: 720, filter: film::DEFAULT_FILTER },
-            render: RenderFile { max_depth: 6, ..RenderFile::default() },
-            materials: BTreeMap::new(),
-            media: BTreeMap::new(),
-            meshes: BTreeMap::new(),
-            shapes: Vec::new(),
-            lights: Vec::new(),
-        };
+        let film = FilmFile { width: 1280, height: 720, filter: film::DEFAULT_FILTER };
+        let mut file = SceneFile::empty(String::new(), CameraFile::pinhole(IDENTITY, 90.0), film);
+        file.render.max_depth = 6;
         Self {
             folder: path.parent().unwrap_or(Path::new("")).to_owned(),
             inner: PathBuf::new(),

@@ -7,6 +7,7 @@ use glam::{DMat4, DVec3};
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 use crate::scene::file::{GeometryFile, MeshFile, ShapeFile, TextureFile};
+use crate::scene::readers::frames::rounded;
 use crate::scene::readers::{mesh, missing};
 
 use super::Reader;
@@ -259,7 +260,7 @@ impl Reader {
         self.file.shapes.push(ShapeFile {
             name: String::new(),
             geometry,
-            to_world: to_world.transpose().to_cols_array().map(|value| value as f32),
+            to_world: rounded(to_world),
             flip_normals: piece.flip,
             material: piece.material.clone(),
             interior,

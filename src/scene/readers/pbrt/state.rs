@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4};
+use glam::{DAffine3, DMat3, DMat4, DVec3};
+
+use crate::scene::readers::frames::looking;
 
 use super::parameters::Parameter;
 use super::spaces::ColorSpace;
@@ -98,16 +100,7 @@ pub fn inverse(m: &DMat4) -> Option<DMat4> {
 /// World to a camera at `eye` that looks at `at`; none where the view has no direction or `up` is along it.
 pub fn look_at(eye: DVec3, at: DVec3, up: DVec3) -> Option<DMat4> {
     let direction = (at - eye).try_normalize()?;
-    let right = up.try_normalize()?.cross(direction).try_normalize()?;
-    let up = direction.cross(right);
-    let to_world = DMat4::from_cols(right.extend(0.0), up.extend(0.0), direction.extend(0.0), eye.extend(1.0));
-    inverse(&to_world)
-}
-
-/// A rotation that takes +z to `direction`, with its origin at `from`.
-pub fn facing(from: DVec3, direction: DVec3) -> DMat4 {
-    let (x, y) = direction.any_orthonormal_pair();
-    DMat4::from_cols(x.extend(0.0), y.extend(0.0), direction.extend(0.0), DVec4::from((from, 1.0)))
+    inverse(&looking(eye, direction, up)?)
 }
 
 /// The part of a transform that acts on vectors.
