@@ -12,6 +12,8 @@
 
 #[path = "support/containers.rs"]
 mod containers;
+#[path = "support/documents.rs"]
+mod documents;
 #[path = "support/files.rs"]
 #[allow(dead_code, reason = "shared with tests of readers")]
 mod files;
