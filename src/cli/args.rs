@@ -45,7 +45,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Render a scene to a picture
-    Render(RenderArgs),
+    Render(Box<RenderArgs>),
     /// Say which effects a scene calls for, which are off, and why
     Plan(PlanArgs),
     /// Compare methods on a scene: what accuracy costs in time

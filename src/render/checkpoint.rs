@@ -218,7 +218,7 @@ impl Resumed {
             return file.fail("state", format!("a guided sample that costs {guided_cost} times another"));
         }
         (state.trend.guided_cost, state.trend.caustics) = (guided_cost, caustics == 1.0);
-        state.division = read_division(&file, even, &state.position, size)?;
+        state.division = read_division(&file, [even, spp], &state.position, size)?;
         let part = Part { pass: Pass::from_arrays(size, &file, "now")?, spp: count(spp), start: start as u64 };
         let most = match settings.stop {
             StopRule::Spp(spp) => spp,
@@ -227,8 +227,8 @@ impl Resumed {
         let before = state.rendered.checked_sub(part.spp).filter(|_| state.rendered <= most);
         let follows = before.is_some_and(|before| state.sequences_from.is_none_or(|from| from <= before));
         // Uneven samples are as many on the whole.
-        let at_most = part.spp + u32::from(state.division.is_some());
-        if !follows || part.start == 0 || part.start > pixels * u64::from(at_most) {
+        let at_most = u64::from(part.spp) + u64::from(state.division.is_some());
+        if !follows || part.start == 0 || part.start > pixels * at_most {
             return file.fail("state", format!("sample {} of {} per pixel", part.start, part.spp));
         }
         let learns = state.position.phase == Phase::Learning;
@@ -336,10 +336,10 @@ fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State
     })
 }
 
-/// The division of samples among pixels after `even` samples per pixel; none where it is even.
+/// The division of samples among pixels after `even` samples per pixel, by which `spp` are being taken; none where it is even.
 fn read_division(
     file: &Tensors,
-    even: f64,
+    [even, spp]: [f64; 2],
     position: &Position,
     [width, height]: [usize; 2],
 ) -> Result<Option<Division>> {
@@ -350,7 +350,8 @@ fn read_division(
     let even = count(even);
     let known =
         densities.len() == width * height && densities.iter().all(|density| (0.0..=MOST_DENSITY).contains(density));
-    if !known || position.phase != Phase::Final || even == 0 || even >= position.batches {
+    let follows = even > 0 && position.phase == Phase::Final && even.saturating_add(count(spp)) <= position.batches;
+    if !known || !follows {
         return file.fail("densities", "a division of samples that no render has");
     }
     Ok(Some(Division { densities, even }))

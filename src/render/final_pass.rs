@@ -129,8 +129,10 @@ impl Run<'_> {
             }
             StopRule::TargetError(_) => 0.0,
         };
-        let tells = even >= TELLING && taken >= EVEN;
-        densities(pass, taken).filter(|_| tells && taken < 1.0).map(|densities| Division { densities, even })
+        if even < TELLING || !(EVEN..1.0).contains(&taken) {
+            return None;
+        }
+        densities(pass, taken).map(|densities| Division { densities, even })
     }
 
     /// Samples per pixel of the next batch under a budget of `spp`: all that are left, or what has to be sampled evenly.
