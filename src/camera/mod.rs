@@ -1,4 +1,4 @@
-//! The perspective camera with an optional thin lens.
+//! Cameras: perspective with an optional thin lens, and orthographic.
 
 use glam::{Affine3A, Vec3};
 
@@ -6,11 +6,13 @@ use crate::base::random::{Dimension, Random};
 use crate::geometry::Ray;
 use crate::sampling::warp;
 
-/// A perspective camera at the origin of `to_world`, looking along +z, +x to the left of the picture, +y up.
+/// A camera at the origin of `to_world`, looking along +z, +x to the left of the picture, +y up.
 #[derive(Debug, Clone, Copy)]
 pub struct Camera {
     to_world: Affine3A,
-    tan_half: [f32; 2],
+    /// Half of the picture's sides: at distance 1, or of an orthographic camera at any.
+    half: [f32; 2],
+    orthographic: bool,
     size: [f32; 2],
     aperture_radius: f32,
     focus_distance: f32,
@@ -23,8 +25,14 @@ impl Camera {
     pub fn new(to_world: Affine3A, fov: f32, [width, height]: [u32; 2], aperture_radius: f32, focus: f32) -> Self {
         let tan = (0.5 * fov.to_radians()).tan();
         let size = [width as f32, height as f32];
-        let tan_half = [tan, tan * size[1] / size[0]];
-        Self { to_world, tan_half, size, aperture_radius, focus_distance: focus, shift: [0.0; 2] }
+        let half = [tan, tan * size[1] / size[0]];
+        Self { to_world, half, orthographic: false, size, aperture_radius, focus_distance: focus, shift: [0.0; 2] }
+    }
+
+    /// A camera whose rays are parallel, for a picture of `columns` × `rows` pixels that shows so much `width` of its own space.
+    pub fn orthographic(to_world: Affine3A, width: f32, [columns, rows]: [u32; 2]) -> Self {
+        let half = [0.5 * width, 0.5 * width * rows as f32 / columns as f32];
+        Self { half, orthographic: true, ..Self::new(to_world, 90.0, [columns, rows], 0.0, 1.0) }
     }
 
     /// The camera with the picture's middle moved off the viewing axis, by parts of its width (to the right) and height (down).
@@ -45,10 +53,12 @@ impl Camera {
 
     /// The ray through pixel coordinates `film` (columns from the left, rows from the top), and `lens` in [0, 1)².
     pub fn ray(&self, film: [f32; 2], lens: [f32; 2]) -> Ray {
-        let x = (1.0 - 2.0 * (film[0] + self.shift[0]) / self.size[0]) * self.tan_half[0];
-        let y = (1.0 - 2.0 * (film[1] + self.shift[1]) / self.size[1]) * self.tan_half[1];
+        let x = (1.0 - 2.0 * (film[0] + self.shift[0]) / self.size[0]) * self.half[0];
+        let y = (1.0 - 2.0 * (film[1] + self.shift[1]) / self.size[1]) * self.half[1];
         let through = Vec3::new(x, y, 1.0);
-        let (origin, direction) = if self.aperture_radius > 0.0 {
+        let (origin, direction) = if self.orthographic {
+            (Vec3::new(x, y, 0.0), Vec3::Z)
+        } else if self.aperture_radius > 0.0 {
             let disk = warp::square_to_disk(lens) * self.aperture_radius;
             let origin = Vec3::new(disk.x, disk.y, 0.0);
             (origin, through * self.focus_distance - origin)
@@ -76,6 +86,15 @@ mod tests {
         assert!((shifted.direction - Vec3::Z).length() < 1e-6);
         let top = camera.ray([100.0, 0.0], [0.5; 2]);
         assert!((top.direction - Vec3::new(0.0, 0.5, 1.0).normalize()).length() < 1e-6);
+    }
+
+    #[test]
+    fn parallel_rays_are_as_far_apart_as_pixels() {
+        let camera = Camera::orthographic(Affine3A::from_scale(Vec3::splat(2.0)), 3.0, [300, 100]);
+        let [left, right] = [0.0, 300.0].map(|x| camera.ray([x, 50.0], [0.5; 2]));
+        assert!((left.origin - Vec3::X * 3.0).length() < 1e-5 && (right.origin + Vec3::X * 3.0).length() < 1e-5);
+        assert!((camera.ray([150.0, 0.0], [0.5; 2]).origin - Vec3::Y).length() < 1e-5);
+        assert_eq!([left.direction, right.direction], [Vec3::Z; 2]);
     }
 
     #[test]

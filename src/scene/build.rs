@@ -86,8 +86,11 @@ impl Scene {
         let camera_file = &file.camera;
         let focus = camera_file.focus_distance.unwrap_or(1.0);
         let to_world = affine(&camera_file.to_world);
-        let camera = Camera::new(to_world, camera_file.fov, size, camera_file.aperture_radius, focus)
-            .shifted(camera_file.principal_point_offset);
+        let camera = match camera_file.orthographic_width {
+            Some(width) => Camera::orthographic(to_world, width, size),
+            None => Camera::new(to_world, camera_file.fov, size, camera_file.aperture_radius, focus),
+        };
+        let camera = camera.shifted(camera_file.principal_point_offset);
         let bounds = bounding_sphere(accel.bounds(), camera.position());
         for light in &file.lights {
             lights.push(self::light(light, loaded)?);

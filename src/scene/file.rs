@@ -106,8 +106,12 @@ impl SceneFile {
 pub struct CameraFile {
     /// Camera to world.
     pub to_world: Matrix,
-    /// Horizontal field of view in degrees, in (0, 180).
+    /// Horizontal field of view in degrees, in (0, 180); says nothing of an orthographic camera.
+    #[serde(default, skip_serializing_if = "is_default")]
     pub fov: f32,
+    /// Width of what an orthographic camera shows, in its own units; none for perspective.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub orthographic_width: Option<f32>,
     /// Radius of a thin lens; 0 is a pinhole.
     #[serde(default, skip_serializing_if = "is_default")]
     pub aperture_radius: f32,
@@ -125,8 +129,15 @@ pub struct CameraFile {
 impl CameraFile {
     /// A camera without lens, in empty space.
     pub fn pinhole(to_world: Matrix, fov: f32) -> Self {
-        let principal_point_offset = [0.0; 2];
-        Self { to_world, fov, aperture_radius: 0.0, focus_distance: None, medium: None, principal_point_offset }
+        Self {
+            to_world,
+            fov,
+            orthographic_width: None,
+            aperture_radius: 0.0,
+            focus_distance: None,
+            medium: None,
+            principal_point_offset: [0.0; 2],
+        }
     }
 }
 

@@ -7,8 +7,9 @@ use std::path::Path;
 use fanal::base::Error;
 use fanal::picture::read_image;
 use fanal::scene::Scene;
-use fanal::scene::file::{Filter, LightFile, MaterialFile, PrincipledFile, TextureFile, Wrap};
+use fanal::scene::file::{Filter, LightFile, MaterialFile, PrincipledFile, SceneFile, TextureFile, Wrap};
 use fanal::scene::readers::{LoadedScene, load};
+use glam::Vec3;
 use image::{DynamicImage, ImageFormat, Rgb32FImage, RgbImage};
 use tempfile::TempDir;
 
@@ -237,9 +238,9 @@ fn approximations_are_named() {
         let message = load_body(&folder, version, body).expect_err(body).to_string();
         assert!(message.contains("tested.xml:") && message.contains(supported), "{message}");
     }
-    let orthographic = "<scene version='3.0.0'><sensor type='orthographic'/></scene>";
-    let message = load_text(&folder, orthographic).expect_err("orthographic").to_string();
-    assert!(message.contains("orthographic") && message.contains("thinlens"), "{message}");
+    let distant = "<scene version='3.0.0'><sensor type='distant'/></scene>";
+    let message = load_text(&folder, distant).expect_err("distant").to_string();
+    assert!(message.contains("distant") && message.contains("thinlens"), "{message}");
 }
 
 /// A default holds from where it stands to the end of the scene, wherever that is; the first one of a name stands.
@@ -580,4 +581,23 @@ fn spheres_turn_their_textures() {
     near(uv("<scale value='2'/>", glam::Vec3::new(0.36, 0.48, 0.8)), expected);
     // Turned by 90° about x, +y goes to +z and +z to −y.
     near(uv("<rotate x='1' angle='90'/>", glam::Vec3::new(0.36, -0.8, 0.48)), expected);
+}
+
+/// An orthographic sensor shows from −1 to 1 across, scaled by its transform, at any distance.
+#[test]
+fn orthographic_sensors_show_what_their_transform_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = "<scene version='3.0.0'><sensor type='orthographic'>
+        <transform name='to_world'><scale x='3' y='3'/><translate z='5'/></transform>
+        <film type='hdrfilm'><integer name='width' value='8'/><integer name='height' value='4'/></film></sensor>
+        <shape type='rectangle'><bsdf type='diffuse'/></shape></scene>";
+    let loaded = load_text(&folder, scene).unwrap();
+    assert_eq!(loaded.file.camera.orthographic_width, Some(2.0));
+    let camera = Scene::build(&loaded, [8, 4]).unwrap().camera;
+    let [corner, middle] = [[0.0, 0.0], [4.0, 2.0]].map(|film| camera.ray(film, [0.5; 2]));
+    assert!((corner.origin - Vec3::new(3.0, 1.5, 5.0)).length() < 1e-5, "{:?}", corner.origin);
+    assert!((middle.origin - Vec3::Z * 5.0).length() < 1e-5);
+    assert_eq!([corner.direction, middle.direction], [Vec3::Z; 2]);
+    let text = serde_json::to_string(&loaded.file).unwrap();
+    assert_eq!(serde_json::from_str::<SceneFile>(&text).unwrap(), loaded.file);
 }

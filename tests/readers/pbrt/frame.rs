@@ -42,8 +42,12 @@ fn fields_of_view() {
     assert_eq!(shifted.camera.principal_point_offset, [0.25, -0.5]);
     let lens = frame("Camera \"perspective\" \"float lensradius\" .1 \"float focaldistance\" 3").camera;
     assert_eq!((lens.aperture_radius, lens.focus_distance), (0.1, Some(3.0)));
+    let flat = frame("Scale .5 .5 .5 Camera \"orthographic\" \"float screenwindow\" [ -1 3 0 2.25 ]").camera;
+    assert_eq!((flat.orthographic_width, flat.principal_point_offset), (Some(4.0), [0.25, -0.5]));
+    assert_eq!(flat.to_world[5], 2.0, "the window is as large as the camera's transform makes it");
     for (camera, words) in [
-        ("\"orthographic\"", "supported: perspective"),
+        ("\"spherical\"", "supported: perspective, orthographic"),
+        ("\"orthographic\" \"float screenwindow\" [ 0 0 0 1 ]", "area"),
         ("\"perspective\" \"float fov\" 180", "field of view"),
         ("\"perspective\" \"float screenwindow\" [ 1 0 0 1 ]", "area"),
         ("\"perspective\" \"float screenwindow\" [ 1 0 ]", "four numbers"),

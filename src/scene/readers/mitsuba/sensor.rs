@@ -16,13 +16,20 @@ impl<'a> Reader<'a> {
             self.warn(element, "only the first sensor is used");
             return Ok(());
         }
-        let lens = match kind(element)? {
-            "perspective" => false,
-            "thinlens" => true,
-            other => return Err(element.unsupported(format!("sensor \"{other}\""), &["perspective", "thinlens"])),
+        let (lens, orthographic) = match kind(element)? {
+            "perspective" => (false, false),
+            "thinlens" => (true, false),
+            "orthographic" => (false, true),
+            other => {
+                let known = ["perspective", "thinlens", "orthographic"];
+                return Err(element.unsupported(format!("sensor \"{other}\""), &known));
+            }
         };
-        let mut known = vec!["to_world", "fov", "fov_axis", "focal_length", "near_clip", "far_clip", "focus_distance"];
-        known.extend(["principal_point_offset_x", "principal_point_offset_y", "shutter_open", "shutter_close"]);
+        let mut known = vec!["to_world", "near_clip", "far_clip", "shutter_open", "shutter_close"];
+        if !orthographic {
+            known.extend(["fov", "fov_axis", "focal_length", "focus_distance"]);
+            known.extend(["principal_point_offset_x", "principal_point_offset_y"]);
+        }
         known.extend(lens.then_some("aperture_radius"));
         let object = Object::new(element, &self.ids, &known, &["film", "sampler", "medium"])?;
         let sampler = object.single("sampler")?;
@@ -45,7 +52,9 @@ impl<'a> Reader<'a> {
         self.file.camera = CameraFile {
             medium,
             to_world: object.to_world()?,
-            fov: horizontal_fov(&object, &self.file.film)? as f32,
+            fov: if orthographic { 0.0 } else { horizontal_fov(&object, &self.file.film)? as f32 },
+            // From −1 to 1, which to_world scales.
+            orthographic_width: orthographic.then_some(2.0),
             aperture_radius: aperture,
             focus_distance: lens.then_some(focus),
             principal_point_offset,

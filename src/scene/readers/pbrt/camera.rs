@@ -31,8 +31,10 @@ impl Reader {
             self.file.camera.to_world = turned(DMat4::IDENTITY);
             return Ok(());
         };
+        let orthographic = kind == "orthographic";
         let [half, offset] = match kind.as_str() {
             "perspective" => self.view(&parameters)?,
+            "orthographic" => self.window(&parameters)?,
             "realistic" => {
                 parameters.ignore(&["lensfile", "aperture", "aperturediameter", "focusdistance", "simpleweighting"]);
                 self.warn(&parameters.place, "the lens is left out: a pinhole with a focal length of 50 mm is used");
@@ -41,12 +43,20 @@ impl Reader {
             }
             other => {
                 let (place, what) = (parameters.place.clone(), format!("the camera \"{other}\""));
-                return Err(Error::Unsupported { place, what, supported: "perspective, realistic".to_owned() });
+                return Err(Error::Unsupported {
+                    place,
+                    what,
+                    supported: "perspective, orthographic, realistic".to_owned(),
+                });
             }
         };
         let to_world =
             inverse(&to_camera).ok_or_else(|| parameters.malformed("the camera's transform flattens space"))?;
-        let radius = parameters.float_or("lensradius", 0.0)?;
+        let mut radius = parameters.float_or("lensradius", 0.0)?;
+        if orthographic && radius > 0.0 {
+            radius = 0.0;
+            self.warn(&parameters.place, "the lens is left out: an orthographic camera sees all distances sharply");
+        }
         let focus = parameters.float_or("focaldistance", 1e6)?;
         let shutter = parameters.float_or("shutterclose", 1.0)? - parameters.float_or("shutteropen", 0.0)?;
         // v3 has no time of exposure.
@@ -55,7 +65,8 @@ impl Reader {
         self.places.set("camera", parameters.place.clone());
         self.file.camera = CameraFile {
             to_world: turned(to_world),
-            fov: (2.0 * half[0].atan().to_degrees()) as f32,
+            fov: if orthographic { 0.0 } else { (2.0 * half[0].atan().to_degrees()) as f32 },
+            orthographic_width: orthographic.then_some((2.0 * half[0]) as f32),
             aperture_radius: radius as f32,
             focus_distance: (radius > 0.0).then_some(focus as f32),
             medium: self.medium_name(&medium),
@@ -74,6 +85,12 @@ impl Reader {
             return Err(parameters.malformed(format!("the field of view is {fov}°, expected one between 0° and 180°")));
         }
         let tan = (0.5 * fov).to_radians().tan();
+        let [half, offset] = self.window(parameters)?;
+        Ok([half.map(|half| half * tan), offset])
+    }
+
+    /// Half the width of the picture's window, and the offset of its middle in parts of its sides.
+    fn window(&mut self, parameters: &Parameters) -> Result<[[f64; 2]; 2]> {
         let pixels = f64::from(self.file.film.width) / f64::from(self.file.film.height.max(1));
         let aspect = parameters.float_or("frameaspectratio", pixels)?;
         let window = match parameters.numbers("screenwindow")? {
@@ -91,7 +108,7 @@ impl Reader {
             let message = "pixels are squares: the window's height follows from its width and the picture's size";
             self.warn(&parameters.place, message);
         }
-        Ok([[tan * width / 2.0, 0.0], [(left + right) / (2.0 * width), -(bottom + top) / (2.0 * height)]])
+        Ok([[width / 2.0, 0.0], [(left + right) / (2.0 * width), -(bottom + top) / (2.0 * height)]])
     }
 }
 

@@ -62,7 +62,12 @@ pub fn validate(file: &SceneFile, places: &Places) -> Result<()> {
 
 fn camera(check: &Checker, camera: &CameraFile) -> Result<()> {
     check.transform("camera.to_world", &camera.to_world)?;
-    if !(camera.fov > 0.0 && camera.fov < 180.0) {
+    if let Some(width) = camera.orthographic_width {
+        check.positive("camera.orthographic_width", width)?;
+        if camera.aperture_radius != 0.0 {
+            return check.fail("camera.aperture_radius", "an orthographic camera has no lens");
+        }
+    } else if !(camera.fov > 0.0 && camera.fov < 180.0) {
         return check
             .fail("camera.fov", format!("the field of view is {}°, expected one between 0° and 180°", camera.fov));
     }
