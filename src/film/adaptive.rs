@@ -9,8 +9,9 @@
 //!
 //! A pixel's samples must not decide on how many more it gets: one that was too bright by chance would get more, in which the chance
 //! is lost, so that pictures were too dark. Vₚ is therefore that of the pixels around p, without p: given the samples of others, the
-//! number of p's samples says nothing of their values, and their mean is unbiased. This is true of one decision; after a second,
-//! p's own samples would have had a say in how well its neighbours know theirs.
+//! number of p's samples says nothing of their values, and their mean is unbiased (but for the mean of all pixels, by which all are divided, and
+//! of which p is one). This is true of one decision; after a second, p's own samples would have had a say in how well its neighbours know
+//! theirs.
 
 use std::ops::Range;
 
@@ -101,10 +102,11 @@ impl Pass {
             let relative = |of: [f64; 3]| average([0, 1, 2].map(|c| of[c] / (mean[c].powi(2) + FLOOR)));
             let both = a.count() > 0 && b.count() > 0;
             let parts = if both { 1.0 / f64::from(a.count()) + 1.0 / f64::from(b.count()) } else { 0.0 };
+            let variance = relative(variance);
             let difference = [0, 1, 2].map(|c| if both { (a.mean()[c] - b.mean()[c]).powi(2) } else { 0.0 });
-            noise.variances.push(relative(variance));
+            noise.variances.push(variance);
             noise.differences.push(relative(difference));
-            noise.independent.push(relative(variance) * parts);
+            noise.independent.push(variance * parts);
         }
         noise
     }
