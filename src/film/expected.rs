@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::accumulator::{Pass, combine};
 use crate::math::{channel_mean, trimmed_mean};
 use crate::picture::Image;
 
@@ -26,10 +27,29 @@ pub fn expected_values(image: &Image) -> Option<Vec<f32>> {
     (floor.is_normal() && floor > 0.0).then(|| (0..found.len()).into_par_iter().map(value).collect())
 }
 
+/// [`expected_values`] of the picture that `pass` has made so far, over its mean: the radiance that a vertex is taken to send back where
+/// nothing more is known of it. What a path carries, over its pixel's number, is about the share of the pixel that it still stands for:
+/// unguided roulette goes by that (after Vorba and Křivánek 2016 §5). None while no light was found.
+pub fn roulette_values(pass: &Pass) -> Option<Vec<f32>> {
+    let values = expected_values(&combine(&[pass.finish()]).ok()?)?;
+    let mean = values.iter().map(|&value| f64::from(value)).sum::<f64>() / values.len() as f64;
+    Some(values.into_iter().map(|value| (f64::from(value) / mean) as f32).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use glam::Vec3;
+
+    #[test]
+    fn dark_pixels_count_more() {
+        let mut pass = Pass::new(32, 16);
+        (0..32 * 16).for_each(|pixel| pass.add(pixel, 0, Vec3::splat(if pixel % 32 < 16 { 1.0 } else { 3.0 })));
+        let values = roulette_values(&pass).expect("there is light");
+        // The floor adds 2 % to the darker half.
+        assert!((values[3] - 0.51).abs() < 0.01 && (values[28] - 1.49).abs() < 0.01, "{} {}", values[3], values[28]);
+        assert_eq!(roulette_values(&Pass::new(4, 4)), None);
+    }
 
     #[test]
     fn a_firefly_changes_nothing() {

@@ -10,6 +10,6 @@ pub mod spread;
 pub use accumulator::{FinishedPass, Pass, Pixel, check_size, combine, combine_weighted};
 pub use adaptive::densities;
 pub use error::{Measures, mean_and_variance, measure, measure_noisy, outliers, pixel_error, relative_variance};
-pub use expected::expected_values;
+pub use expected::{expected_values, roulette_values};
 pub use filter::PixelFilter;
 pub use spread::{PixelSpread, pixel_spread};

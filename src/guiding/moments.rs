@@ -39,7 +39,8 @@ pub struct PictureMoments {
     pub onward: f64,
     /// Effective number of samples behind `onward`, see [`Moments::effective`].
     pub effective: f64,
-    /// Share of the photons that fell into voxels where no path has found light yet: the effect of guiding there is not known.
+    /// Share of the light by photons, as far as it shows in the picture, that fell into voxels where no path has found any yet: the
+    /// effect of guiding there is not known.
     pub unseen: f64,
 }
 

@@ -46,7 +46,8 @@ pub struct CameraPath {
     pub ray: Ray,
     /// Random numbers of the path.
     pub random: Random,
-    /// About the value of its pixel, by which what the path still carries is judged; none where nothing is known of it.
+    /// About the value of its pixel, by which what the path still carries is judged; none where nothing is known of it. Without a guide it
+    /// is relative to the radiance that vertices are expected to send back.
     pub pixel: Option<f32>,
 }
 
@@ -376,7 +377,8 @@ impl PathTracer<'_> {
     /// the direction, f·cos/p is small because p is large, that is because much light is expected there: ending such paths early
     /// would undo what guiding gains. So what counts is the share that the surfaces reflect, as if their BSDFs had chosen the
     /// directions, or the throughput where that is larger. And what glass divides by η² on the way in it multiplies on the way out:
-    /// inside of it paths are worth as much as outside.
+    /// inside of it paths are worth as much as outside. Without a guide a path is worth what it carries over the value of its pixel, where
+    /// that is known: in a dark corner more than beside a lamp.
     #[inline(always)]
     fn survival<E: Effects>(
         &self,
@@ -400,7 +402,8 @@ impl PathTracer<'_> {
             return 1.0;
         }
         let judged = if E::GUIDING { path.throughput.max(path.reflected) } else { path.throughput };
-        (judged * path.squeezed).max_element().clamp(0.05, ROULETTE_MOST)
+        let pixel = if E::GUIDING { None } else { path.pixel };
+        ((judged * path.squeezed).max_element() / pixel.unwrap_or(1.0)).clamp(0.05, ROULETTE_MOST)
     }
 
     /// Emission of a surface that the path ran into.

@@ -14,6 +14,7 @@
 //! | `iterations`, `errors`, `dropped` | f64 | rows of the statistics |
 //! | `decisions` | u8 | JSON |
 //! | `densities` | f32 | [P] or [0]: how the rest of the final pass is divided among the pixels |
+//! | `roulette` | f32 | [P] or [0]: pixel values that roulette goes by there |
 //! | `learning` | f64 | see [`Learning::numbers`] |
 //!
 //! All numbers are stored in double precision, which holds each of them exactly.
@@ -35,8 +36,9 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 7: how samples are divided among pixels.
-pub const VERSION: u32 = 7;
+/// The version of checkpoints that this program reads and writes. 8: what photons bring to the picture, and what
+/// unguided roulette goes by.
+pub const VERSION: u32 = 8;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;
@@ -117,8 +119,9 @@ impl Moment<'_> {
             doubles("errors", self.errors.iter().map(ErrorPoint::numbers)),
             doubles("dropped", self.statistics.dropped.first.iter().map(Dropped::numbers)),
         ];
-        let densities = state.division.as_ref().map_or(&[][..], |division| &division.densities);
-        all.push(borrowed::<_, 4>("densities", (Dtype::F32, 1), densities));
+        let division = |of: fn(&Division) -> &[f32]| state.division.as_ref().map_or(&[][..], of);
+        all.push(borrowed::<_, 4>("densities", (Dtype::F32, 1), division(|division| &division.densities)));
+        all.push(borrowed::<_, 4>("roulette", (Dtype::F32, 1), division(|division| &division.values)));
         all.extend(self.pass.arrays("now"));
         let finished = |kind: &'static str, passes: &'b [FinishedPass]| {
             passes.iter().enumerate().flat_map(move |(i, pass)| pass.arrays(&format!("{kind}{i}")))
@@ -144,7 +147,7 @@ impl Moment<'_> {
     fn state_numbers(&self) -> [f64; STATE] {
         let State { passes, early, gave_up, spent, rendered, sequences_from, trend, position, halves, division } =
             self.state;
-        let Trend { seconds, camera_part, verdict, relative, guided_cost, caustics, .. } = *trend;
+        let Trend { seconds, making, camera_part, verdict, relative, guided_cost, caustics, .. } = *trend;
         let flag = |flag: bool| f64::from(u8::from(flag));
         let phase = Phase::ALL.iter().position(|phase| *phase == position.phase).unwrap_or(0);
         let done = |i: usize| flag(halves.get(i).is_some_and(|half| half.done.is_some()));
@@ -178,12 +181,13 @@ impl Moment<'_> {
             guided_cost,
             flag(caustics),
             division.as_ref().map_or(0.0, |division| f64::from(division.even)),
+            making,
         ]
     }
 }
 
 /// Length of the array `state`.
-const STATE: usize = 28;
+const STATE: usize = 29;
 
 /// A number as a count. Conversion saturates, and NaN is 0.
 fn count(number: f64) -> u32 {
@@ -211,13 +215,13 @@ impl Resumed {
         let size = size.map(|n| n as usize);
         let numbers = file.read("state", Dtype::F64, Some(STATE), 1, f64::from_le_bytes)?;
         let mut state = read_state(&file, &numbers, size)?;
-        let [.., kind, spp, start, elapsed, guided_cost, caustics, even] = numbers[..] else {
+        let [.., kind, spp, start, elapsed, guided_cost, caustics, even, making] = numbers[..] else {
             return file.fail("state", "numbers are missing");
         };
         if !(guided_cost > 0.0 && guided_cost.is_finite()) {
             return file.fail("state", format!("a guided sample that costs {guided_cost} times another"));
         }
-        (state.trend.guided_cost, state.trend.caustics) = (guided_cost, caustics == 1.0);
+        (state.trend.guided_cost, state.trend.caustics, state.trend.making) = (guided_cost, caustics == 1.0, making);
         state.division = read_division(&file, [even, spp], &state.position, size)?;
         let part = Part { pass: Pass::from_arrays(size, &file, "now")?, spp: count(spp), start: start as u64 };
         let most = match settings.stop {
@@ -354,7 +358,12 @@ fn read_division(
     if !known || !follows {
         return file.fail("densities", "a division of samples that no render has");
     }
-    Ok(Some(Division { densities, even }))
+    let values = file.read("roulette", Dtype::F32, None, 1, f32::from_le_bytes)?;
+    let known = values.is_empty() || values.len() == width * height && values.iter().all(|value| *value > 0.0);
+    if !known {
+        return file.fail("roulette", "pixel values that no render has");
+    }
+    Ok(Some(Division { densities, values, even }))
 }
 
 fn read_statistics(file: &Tensors) -> Result<Statistics> {

@@ -7,7 +7,7 @@ use super::settings::StopRule;
 use super::state::{Division, Part, Phase, Position};
 use super::statistics::GuideStatistics;
 use crate::base::{Error, Result};
-use crate::film::{Pass, combine, densities};
+use crate::film::{Pass, combine, densities, roulette_values};
 use crate::guiding::sample::field::GuideField;
 
 /// Samples per pixel of the first pass with a given field: enough to estimate pixel values.
@@ -75,11 +75,12 @@ impl Run<'_> {
         }
         let mut goes_on = resumed.is_some();
         let mut part = resumed.take().unwrap_or_else(|| self.begin_pass(0));
-        let picture = field.and_then(|_| self.pixel_values());
+        let guide = field.filter(|field| !field.voxels().is_empty());
+        let picture = guide.and_then(|_| self.pixel_values());
         loop {
             if !goes_on {
                 if self.settings.adaptive && self.state.division.is_none() {
-                    self.state.division = self.divide(&part.pass);
+                    self.state.division = self.divide(&part.pass, guide.is_some());
                 }
                 part.spp = match self.settings.stop {
                     StopRule::Spp(spp) => self.rest(spp),
@@ -118,8 +119,9 @@ impl Run<'_> {
         Ok((image, self.spread(&self.state.passes, None)?))
     }
 
-    /// How the rest of the final pass, which has taken `pass` so far, is divided among the pixels; none while it is to be even.
-    fn divide(&self, pass: &Pass) -> Option<Division> {
+    /// How the rest of the final pass, which has taken `pass` so far, `guided` or not, is divided among the pixels; none while it is to be
+    /// even.
+    fn divide(&self, pass: &Pass, guided: bool) -> Option<Division> {
         let even = self.state.position.batches;
         let taken = match self.settings.stop {
             StopRule::Spp(spp) => f64::from(even) / (f64::from(even) + f64::from(spp) - self.state.spent).max(1.0),
@@ -132,7 +134,8 @@ impl Run<'_> {
         if even < TELLING || !(EVEN..1.0).contains(&taken) {
             return None;
         }
-        densities(pass, taken).map(|densities| Division { densities, even })
+        let values = || if guided { None } else { roulette_values(pass) }.unwrap_or_default();
+        densities(pass, taken).map(|densities| Division { densities, values: values(), even })
     }
 
     /// Samples per pixel of the next batch under a budget of `spp`: all that are left, or what has to be sampled evenly.

@@ -21,9 +21,14 @@ const LATEST_VERDICT: usize = 4;
 /// Gain below which a guide is worth learning more of, whatever the variances of the first iterations.
 const STRONG: f64 = 0.5;
 
+/// Growth of the time in which guides are made from one iteration to the next: trees grow less than the samples in them.
+const MAKING_GROWTH: f64 = 1.5;
+
 /// Part of the time for a render in which is measured what a guided sample costs, and how often in turns with others.
 const TRIAL_SHARE: f64 = 0.005;
 const TRIALS: usize = 2;
+/// Least cost of a guided sample over another; a clock that says less was disturbed.
+const LEAST_COST: f64 = 1.1;
 
 impl Run<'_> {
     /// Iterations, each with twice the paths of the one before, while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
@@ -52,14 +57,14 @@ impl Run<'_> {
                 self.state.early.push(finished);
             }
         }
-        self.state.gave_up = !self.pays();
+        self.state.gave_up = !self.is_always_guided() && !self.state.trend.pays();
         let (trend, iterations) = (&self.state.trend, &self.statistics.iterations);
         self.statistics.decisions = decisions(self.state.gave_up, trend, iterations, learning.photon_share);
         // Of a guide that was given up there is nothing to look at.
         self.evidence = if self.state.gave_up { Evidence::default() } else { learning.learner.evidence() };
         Ok(match self.state.trend.verdict {
             _ if self.state.gave_up => GuideField::empty(),
-            Verdict::Unknown if !self.is_always_guided() => learning.learner.field(Use::WhereTold),
+            Verdict::Few if !self.is_always_guided() => learning.learner.field(Use::WhereTold),
             _ => learning.learner.field(Use::Rendering),
         })
     }
@@ -82,7 +87,8 @@ impl Run<'_> {
 
     /// Whether the iterations before `next` have shown that guiding will not pay.
     fn is_hopeless(&self, next: u32) -> bool {
-        next >= self.patience() && !self.pays()
+        let Trend { verdict, guided_cost, .. } = self.state.trend;
+        next >= self.patience() && !self.is_always_guided() && !verdict.may_pay(guided_cost)
     }
 
     fn begin_iteration(&mut self, t: u32, learning: &Learning) -> Part {
@@ -148,6 +154,7 @@ impl Run<'_> {
         trend.variances.extend(finished.sample_variance());
         trend.camera_part = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
         trend.seconds = seconds;
+        trend.making = iteration.reconstruct_seconds;
         if let StopRule::TargetError(_) = self.settings.stop {
             trend.relative = part.pass.relative_variance();
         }
@@ -184,7 +191,7 @@ impl Run<'_> {
     fn guided_cost(&self, field: &GuideField, picture: Option<&[f32]>, budget: f64) -> f64 {
         let rate = self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-6);
         let samples = (TRIAL_SHARE / (2 * TRIALS) as f64 * budget * rate) as u64;
-        let mut seconds = [0.0; 2];
+        let mut seconds = [f64::INFINITY; 2];
         for trial in 0..2 * TRIALS {
             let guided = trial % 2;
             let tracer = PassTracer {
@@ -196,14 +203,10 @@ impl Run<'_> {
             };
             let begun = Instant::now();
             tracer.run(&mut self.empty_pass(), 0, None, &mut Statistics::default(), &mut |_| false);
-            seconds[guided] += begun.elapsed().as_secs_f64();
+            // Other programs only make a trial slower.
+            seconds[guided] = seconds[guided].min(begun.elapsed().as_secs_f64());
         }
-        seconds[1] / seconds[0].max(1e-9)
-    }
-
-    /// Whether the guide at hand is worth its cost, or its cost does not matter.
-    fn pays(&self) -> bool {
-        self.is_always_guided() || self.state.trend.verdict.pays(self.state.trend.guided_cost)
+        (seconds[1] / seconds[0].max(1e-9)).max(LEAST_COST)
     }
 
     /// Rays that reconstruction may have cost after this iteration: a share of those of the whole render as far as that can be
@@ -232,7 +235,8 @@ impl Run<'_> {
             StopRule::Time(budget) => {
                 let left = budget - self.watcher.elapsed();
                 let growth = self.paths_of(t) / self.paths_of(t.saturating_sub(1));
-                Outlook { budget, left, cost: growth * trend.seconds, camera_part: trend.camera_part, limit }
+                let cost = growth * (trend.seconds - trend.making) + MAKING_GROWTH * trend.making;
+                Outlook { budget, left, cost, camera_part: trend.camera_part, limit }
             }
             // Iterations do not enter a picture that ends by its own samples; the first of them find out how many samples that
             // will take.
@@ -250,7 +254,9 @@ impl Run<'_> {
                 Verdict::Gain(_) if iterations < self.patience() as usize => Verdict::Unseen,
                 // One firefly in a small iteration says nothing against a guide that gains much.
                 Verdict::Gain(gain) if gain < STRONG && iterations + 1 < LATEST_VERDICT => Verdict::Unseen,
-                Verdict::Unknown if iterations < LATEST_VERDICT || self.is_always_guided() => Verdict::Unseen,
+                Verdict::Few | Verdict::Unknown if iterations < LATEST_VERDICT || self.is_always_guided() => {
+                    Verdict::Unseen
+                }
                 verdict => verdict,
             };
             learns_on(&outlook, &trend.variances, verdict)
@@ -264,8 +270,9 @@ fn decisions(gave_up: bool, trend: &Trend, iterations: &[Iteration], photon_shar
     let on = if gave_up { "off: it does not pay" } else { "on" };
     let measured = match trend.verdict {
         Verdict::Gain(gain) => format!("{on}: the variance of a sample with it is {gain:.2} times that without"),
+        Verdict::Unknown if gave_up => "off: no sample has shown that it helps".to_owned(),
         Verdict::Unseen => format!("{on}: photons know of light that paths have not found yet"),
-        Verdict::Unknown => {
+        Verdict::Few | Verdict::Unknown => {
             format!("{on} only where samples have told that it helps: too few found light to judge it as a whole")
         }
     };

@@ -47,7 +47,8 @@ pub struct PassTracer<'a> {
     pub filter: &'a PixelFilter,
     /// The guiding field; none without guiding.
     pub field: Option<&'a GuideField>,
-    /// Values that pixels will about have; none where nothing is known of them.
+    /// Values that pixels will about have, without a guide over what vertices are expected to send back; none where nothing is known of
+    /// them.
     pub picture: Option<&'a [f32]>,
     /// Camera samples per pixel before, so that no random number is used twice.
     pub first_sample: u32,

@@ -107,7 +107,7 @@ impl<'a> Run<'a> {
         Pass::new(self.window.width as usize, self.window.height as usize)
     }
 
-    /// Traces the rest of a pass; returns whether all camera paths were made.
+    /// Traces the rest of a pass, with `picture` for the guide's roulette; returns whether all camera paths were made.
     pub fn trace(
         &mut self,
         part: &mut Part,
@@ -133,10 +133,12 @@ impl<'a> Run<'a> {
             before: self.state.position.batches - *spp - division.even,
         });
         let begun = self.state.sequences_from.filter(|_| uneven.is_some());
+        let told =
+            self.state.division.as_ref().map(|division| &division.values[..]).filter(|values| !values.is_empty());
         let tracer = PassTracer {
             // One without voxels, of a guide that was given up or not begun, would only be looked up in vain.
             field: field.filter(|field| !field.voxels().is_empty()),
-            picture,
+            picture: picture.or(told),
             first_sample: begun.unwrap_or(self.state.rendered - *spp),
             uneven,
             sequences_from: self.state.sequences_from,

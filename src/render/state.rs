@@ -29,6 +29,8 @@ pub(super) struct State {
 pub(super) struct Division {
     /// See [`densities`](crate::film::densities).
     pub densities: Vec<f32>,
+    /// See [`roulette_values`](crate::film::roulette_values); empty where guides judge paths.
+    pub values: Vec<f32>,
     /// Samples per pixel of the final pass before.
     pub even: u32,
 }
@@ -37,8 +39,9 @@ pub(super) struct Division {
 pub(super) struct Trend {
     /// Variance of one sample in each iteration.
     pub variances: Vec<f64>,
-    /// Seconds of the last iteration, and the part of them in which camera paths were traced.
+    /// Seconds of the last iteration, those of them in which guides were made, and the part of them in which camera paths were traced.
     pub seconds: f64,
+    pub making: f64,
     pub camera_part: f64,
     /// Verdict on the guide that the last iteration made.
     pub verdict: Verdict,
@@ -50,11 +53,19 @@ pub(super) struct Trend {
     pub caustics: bool,
 }
 
+impl Trend {
+    /// Whether the guide that the last iteration made is worth its cost.
+    pub fn pays(&self) -> bool {
+        self.verdict.pays(self.guided_cost)
+    }
+}
+
 impl Default for Trend {
     fn default() -> Self {
         Self {
             variances: Vec::new(),
             seconds: 0.0,
+            making: 0.0,
             camera_part: 0.0,
             verdict: Verdict::default(),
             relative: 0.0,

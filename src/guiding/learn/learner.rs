@@ -261,12 +261,13 @@ impl Learner {
     pub fn picture_moments(&mut self, worst: usize) -> PictureMoments {
         self.choose_fractions();
         let mut sum = PictureMoments::default();
-        let (mut squares, mut photons) = (Moments::<1>::default(), 0.0);
+        let (mut squares, mut shown) = (Moments::<1>::default(), 0.0);
+        let bounds = |v: usize| self.cache.as_ref().map(|cache| cache.bounds(v as VoxelId));
         let mut outliers = self.outliers.by_voxel(worst).peekable();
         for (v, voxel) in self.voxels.iter().enumerate() {
-            let arrived = f64::from(voxel.photons);
-            photons += arrived;
-            sum.unseen += if voxel.contribution > 0.0 { 0.0 } else { arrived };
+            let by_photons = bounds(v).map_or(0.0, |bounds| voxel.shown_by_photons(&bounds));
+            shown += by_photons;
+            sum.unseen += if voxel.contribution > 0.0 { 0.0 } else { by_photons };
             let (mut own, mut all, mut fractions) = (voxel.squares, voxel.all_squares, voxel.fractions);
             while let Some(outlier) = outliers.next_if(|outlier| outlier.voxel as usize == v) {
                 own.remove([outlier.squares[0]]);
@@ -282,7 +283,7 @@ impl Learner {
         }
         [sum.onward] = squares.sums();
         sum.effective = squares.effective();
-        sum.unseen /= if photons > 0.0 { photons } else { 1.0 };
+        sum.unseen /= if shown > 0.0 { shown } else { 1.0 };
         sum
     }
 

@@ -93,7 +93,7 @@ impl Voxel {
         all.extend([self.bsdf_fraction, self.gain].map(f64::from));
         all.extend(self.eighths.into_iter().chain([self.photons]).map(f64::from));
         all.extend([self.begun, self.lit, self.told].map(|flag| f64::from(u8::from(flag))));
-        all.extend([self.contribution, self.all_squares]);
+        all.extend([self.power, self.importance, self.contribution, self.all_squares]);
         self.squares.push_to(&mut all);
         self.fractions.push_to(&mut all);
         self.adjoint.push_to(&mut all);
@@ -116,7 +116,7 @@ impl Voxel {
         self.eighths = [0; 8].map(|_| (next() as u32).min(1 << 26));
         self.photons = (next() as u32).min(1 << 30);
         [self.begun, self.lit, self.told] = [0; 3].map(|_| next() != 0.0);
-        [self.contribution, self.all_squares] = [0; 2].map(|_| next());
+        [self.power, self.importance, self.contribution, self.all_squares] = [0; 4].map(|_| next());
         self.squares = Moments::pull_from(&mut next);
         self.fractions = Moments::pull_from(&mut next);
         self.adjoint = Adjoint::pull_from(&mut next);

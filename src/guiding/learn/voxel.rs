@@ -21,8 +21,9 @@ pub(super) struct Voxel {
     pub begun: bool,
     /// Path samples of this iteration in each eighth of the voxel, bit `axis` of its number being set in the upper half.
     pub eighths: [u32; 8],
-    /// Number of photons of this iteration, and whether any had power.
+    /// Number of photons of this iteration, their power, and whether any had some.
     pub photons: u32,
+    pub power: f64,
     pub lit: bool,
     /// Distribution from the last iteration with energy.
     pub guide: Option<Directions>,
@@ -31,7 +32,9 @@ pub(super) struct Voxel {
     pub told: bool,
     /// Index of the fraction that this iteration has shown to be best, its surroundings included; none where that is not known.
     pub best: Option<usize>,
-    /// Sum of the samples' contributions to the picture, their squares, and the sum of the squares with light sampling.
+    /// Sum of the samples' weights in the picture, of their contributions to it, their squares, and the sum of the squares with
+    /// light sampling.
+    pub importance: f64,
     pub contribution: f64,
     pub squares: Moments<1>,
     pub all_squares: f64,
@@ -52,11 +55,13 @@ impl Default for Voxel {
             begun: false,
             eighths: [0; 8],
             photons: 0,
+            power: 0.0,
             lit: false,
             guide: None,
             bsdf_fraction: LEARNING_FRACTION as f32,
             told: false,
             best: None,
+            importance: 0.0,
             contribution: 0.0,
             squares: Moments::default(),
             all_squares: 0.0,
@@ -73,6 +78,7 @@ impl Voxel {
     /// Adds a path sample to the statistics of the guide that drew it.
     pub fn judge(&mut self, record: &PathRecord, rule: FractionRule) {
         let brought = f64::from(record.importance) * f64::from(record.estimate());
+        self.importance += f64::from(record.importance);
         self.contribution += brought;
         let [onward, all] = record.squares();
         self.squares.add([onward]);
@@ -99,6 +105,7 @@ impl Voxel {
         }
         for record in photons {
             self.photons += 1;
+            self.power += f64::from(record.power);
             self.lit |= record.power > 0.0;
         }
     }
@@ -146,6 +153,14 @@ impl Voxel {
         part
     }
 
+    /// What the photons bring to the picture, in a unit that all voxels share: irradiance times the weight of what is seen of it. A
+    /// flat surface through a voxel within `bounds` has about the area of one of its faces.
+    pub fn shown_by_photons(&self, bounds: &Bounds) -> f64 {
+        let area = f64::from((bounds.high - bounds.low).element_product()).powf(2.0 / 3.0);
+        let shown = self.power * self.importance / area;
+        if shown.is_finite() { shown } else { 0.0 }
+    }
+
     /// Number of path samples of this iteration.
     pub fn paths(&self) -> u32 {
         self.eighths.iter().sum()
@@ -153,8 +168,9 @@ impl Voxel {
 
     /// Forgets the samples of the iteration.
     pub fn clear(&mut self) {
-        (self.begun, self.eighths, self.photons, self.lit) = (false, [0; 8], 0, false);
-        (self.contribution, self.squares, self.all_squares) = (0.0, Moments::default(), 0.0);
+        (self.begun, self.eighths, self.photons, self.power, self.lit) = (false, [0; 8], 0, 0.0, false);
+        (self.importance, self.contribution) = (0.0, 0.0);
+        (self.squares, self.all_squares) = (Moments::default(), 0.0);
         (self.fractions, self.adjoint) = (Moments::default(), Adjoint::default());
     }
 }
