@@ -6,7 +6,7 @@ use super::rough_dielectric::RoughDielectric;
 use super::{
     BsdfSample, Transport, blend, conductor, diffuse, phase, plastic, principled, rough_conductor, rough_diffuse,
 };
-use crate::math::lanes::{Gather, LANES, Mask, Real, V3, Wide, lanes_of};
+use crate::math::lanes::{Gather, Job, LANES, Mask, Real, V3, Wide, lanes_of};
 
 /// Sampled directions.
 #[derive(Debug, Clone, Copy)]
@@ -165,6 +165,40 @@ macro_rules! each_model {
     };
 }
 
+/// [`Scatter::eval_and_pdf`] of a model.
+struct Evaluate<'m, 'a, R: Real> {
+    model: &'m Model<'a, R>,
+    wo: V3<R>,
+    wi: V3<R>,
+}
+
+impl<R: Real> Job for Evaluate<'_, '_, R> {
+    type Output = (V3<R>, R);
+
+    #[inline(always)]
+    fn run(self) -> (V3<R>, R) {
+        each_model!(self.model, m => m.eval_and_pdf(self.wo, self.wi))
+    }
+}
+
+/// [`Scatter::sample`] of a model.
+struct Sample<'m, 'a, R: Real> {
+    model: &'m Model<'a, R>,
+    wo: V3<R>,
+    lobe: R,
+    u: [R; 2],
+    transport: Transport,
+}
+
+impl<R: Real> Job for Sample<'_, '_, R> {
+    type Output = Drawn<R>;
+
+    #[inline(always)]
+    fn run(self) -> Drawn<R> {
+        each_model!(self.model, m => m.sample(self.wo, self.lobe, self.u, self.transport))
+    }
+}
+
 impl<R: Real> Bsdf<'_, R> {
     /// f(wo, wi)·|cos θᵢ| of the lobes that are not delta, sr⁻¹, for radiance.
     #[inline(always)]
@@ -182,7 +216,10 @@ impl<R: Real> Bsdf<'_, R> {
     #[inline(always)]
     pub fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
         let (_, wo, wi) = self.in_front(wo, wi);
-        let (value, pdf) = each_model!(&self.model, m => m.eval_and_pdf(wo, wi));
+        let (value, pdf) = match &self.model {
+            Model::Diffuse(m) => m.eval_and_pdf(wo, wi),
+            model => wo.z.apart(Evaluate { model, wo, wi }),
+        };
         (self.tinted(value, wo, wi), pdf)
     }
 
@@ -190,7 +227,10 @@ impl<R: Real> Bsdf<'_, R> {
     #[inline(always)]
     pub fn sample(&self, wo: V3<R>, lobe: R, u: [R; 2], transport: Transport) -> Drawn<R> {
         let (turned, wo, _) = self.in_front(wo, wo);
-        let drawn = each_model!(&self.model, m => m.sample(wo, lobe, u, transport));
+        let drawn = match &self.model {
+            Model::Diffuse(m) => m.sample(wo, lobe, u, transport),
+            model => wo.z.apart(Sample { model, wo, lobe, u, transport }),
+        };
         let weight = self.tinted(drawn.weight, wo, drawn.wi);
         Drawn { wi: V3::choose(turned, -drawn.wi, drawn.wi), weight, ..drawn }
     }

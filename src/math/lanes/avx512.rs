@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 
-use super::{Bits, Kernel, LANES, Mask, Real, Wide, as_bytes, columns_by_four, lane_by_lane, same_number};
+use super::{Bits, Job, Kernel, LANES, Mask, Real, Wide, as_bytes, columns_by_four, lane_by_lane, same_number};
 use crate::base::processor::Avx512;
 
 /// Numbers.
@@ -113,6 +113,17 @@ impl Real for Numbers {
     type Bits = Integers;
 
     lane_by_lane!();
+
+    #[inline(always)]
+    fn apart<J: Job>(self, job: J) -> J::Output {
+        #[inline(never)]
+        #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512bw,avx512dq")]
+        fn compiled<J: Job>(job: J) -> J::Output {
+            job.run()
+        }
+        // SAFETY: the value proves that the processor has the features.
+        unsafe { compiled(job) }
+    }
 
     #[inline(always)]
     fn all(self, number: f32) -> Self {

@@ -71,6 +71,8 @@ pub trait Real:
         numbers: [Self; N],
         f: impl FnMut(usize, [f32; N]) -> [f32; M],
     ) -> [Self; M];
+    /// Does a job in a function of its own, compiled for the instruction set that these numbers need.
+    fn apart<J: Job>(self, job: J) -> J::Output;
     /// The same number in every lane.
     fn all(self, number: f32) -> Self;
     /// Square root; NaN below 0.
@@ -413,6 +415,14 @@ pub trait Kernel {
     /// Its code. Marked `#[inline(always)]`, like all that it calls with wide values: what is not inlined is compiled for the oldest
     /// processor.
     fn run<W: Wide>(self, wide: W) -> Self::Output;
+}
+
+/// A part of a kernel that is large and done in several places, so that a call costs less than copies of it, see [`Real::apart`].
+pub trait Job {
+    /// What it returns.
+    type Output;
+    /// Its code, marked `#[inline(always)]` as that of a [`Kernel`].
+    fn run(self) -> Self::Output;
 }
 
 /// Whether [`run`] runs kernels here.

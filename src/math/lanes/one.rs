@@ -1,6 +1,6 @@
 //! One lane: plain numbers.
 
-use super::{Bits, Mask, Real};
+use super::{Bits, Job, Mask, Real};
 
 impl Real for f32 {
     type Mask = bool;
@@ -13,6 +13,11 @@ impl Real for f32 {
         mut f: impl FnMut(usize, [f32; N]) -> [f32; M],
     ) -> [Self; M] {
         f(0, numbers)
+    }
+
+    #[inline(never)]
+    fn apart<J: Job>(self, job: J) -> J::Output {
+        job.run()
     }
 
     #[inline(always)]
