@@ -10,7 +10,7 @@ use glam::Vec3;
 use crate::guiding::learn::fraction::FractionRule;
 use crate::guiding::target::{DirectLight, Target};
 use crate::integrators::Roulette;
-use crate::picture::Window;
+use crate::picture::{View, Window};
 use crate::render::{Aov, GuideMode, Reconstruction, Sample, SampleKinds};
 use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;
@@ -181,6 +181,13 @@ words!(
     Guiding: "guiding.Y: probability that the guide chooses the direction at the first surface; 0 where unguided",
 );
 
+words!(
+    View,
+    Srgb: "The sRGB curve: what is too bright is cut off",
+    Agx: "AgX: a wide range in soft contrast, bright colours fade to white (Sobotka 2022)",
+    PbrNeutral: "Colours stay what they are but for the brightest (Khronos 2024)",
+);
+
 /// Layers beside the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layer {
@@ -316,6 +323,9 @@ pub struct RenderArgs {
     /// Stops by which a PNG file is brightened [default: 0]
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = stops)]
     pub exposure: Option<f32>,
+    /// How a PNG file shows what is brighter than a screen, after --exposure [default: srgb]
+    #[arg(long, value_enum)]
+    pub view: Option<View>,
     /// Seed of all random numbers
     #[arg(long, value_name = "N", default_value = "0")]
     pub seed: u64,

@@ -11,7 +11,7 @@ use crate::guiding::model::ModelKind;
 use crate::guiding::target::Target;
 use crate::guiding::tree::TreeSettings;
 use crate::integrators::TransportSettings;
-use crate::picture::Placed;
+use crate::picture::{Display, Placed};
 use crate::render::{Aov, GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 use crate::scene::file::SceneFile;
 use crate::scene::overrides::Override;
@@ -33,8 +33,8 @@ pub struct RenderRequest {
     pub effects: Vec<Override>,
     /// Layers beside the picture.
     pub aovs: Vec<Aov>,
-    /// Stops by which a PNG file is brightened.
-    pub exposure: f32,
+    /// How a PNG file shows the picture.
+    pub display: Display,
     /// File that the guiding field is written to.
     pub save_guide: Option<PathBuf>,
     /// File that the guiding field is read from.
@@ -81,7 +81,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         samples: args.learning.samples,
         effects: args.effects.clone(),
         aovs,
-        exposure: exposure(args)?,
+        display: display(args)?,
         save_guide: args.save_guide.clone(),
         load_guide: args.load_guide.clone(),
         model: args.model.clone(),
@@ -218,13 +218,15 @@ fn aovs(args: &RenderArgs) -> Result<Vec<Aov>> {
     Ok(Layer::aovs(&args.aov))
 }
 
-/// The exposure, refused where it would do nothing.
-fn exposure(args: &RenderArgs) -> Result<f32> {
-    match args.exposure {
-        Some(_) if !is_png(args) => Err(Error::Options(
-            "--exposure is for PNG files; an EXR file holds linear radiance, brighten it in the viewer".into(),
-        )),
-        given => Ok(given.unwrap_or(0.0)),
+/// How a PNG file shows the picture; refused where that would do nothing.
+fn display(args: &RenderArgs) -> Result<Display> {
+    let refused = |option: &str, instead: &str| {
+        Error::Options(format!("{option} is for PNG files; an EXR file holds linear radiance, {instead} in the viewer"))
+    };
+    match (args.exposure, args.view) {
+        (Some(_), _) if !is_png(args) => Err(refused("--exposure", "brighten it")),
+        (_, Some(_)) if !is_png(args) => Err(refused("--view", "choose how it is shown")),
+        (exposure, view) => Ok(Display { exposure: exposure.unwrap_or(0.0), view: view.unwrap_or_default() }),
     }
 }
 
@@ -279,5 +281,6 @@ mod tests {
         assert!(["1.5", "-0.5", "nan"].into_iter().all(refused));
         assert!(request(&["--guide", "none", "--save-guide", "a.guide"]).is_err());
         assert!(request(&["--exposure", "1"]).is_err());
+        assert!(request(&["--view", "agx"]).is_err());
     }
 }

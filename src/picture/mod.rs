@@ -6,6 +6,7 @@ mod read;
 mod read_exr;
 mod samples;
 mod texels;
+mod view;
 mod window;
 mod write_exr;
 pub mod write_png;
@@ -16,6 +17,7 @@ pub use read::{read_image, read_samples, read_texels};
 pub use read_exr::{Channels, read_exr_channels};
 pub use samples::{Samples, Values};
 pub use texels::{ByteImage, Texels};
+pub use view::{Display, View};
 pub use window::{Placed, Window, matched, window_of};
 pub use write_exr::{Attribute, Channel, Picture};
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::write_exr::{Attribute, Picture};
-use super::{write_exr, write_png};
+use super::{Display, write_exr, write_png};
 use crate::base::{Error, Result};
 use crate::picture::Image;
 
@@ -49,19 +49,19 @@ pub fn check_folder(path: &Path) -> Result<()> {
 ///
 /// # Errors
 /// As [`write_picture`].
-pub fn write(path: &Path, image: &Image, attributes: &[Attribute], exposure: f32) -> Result<()> {
-    write_picture(path, &Picture::plain(image, attributes), exposure)
+pub fn write(path: &Path, image: &Image, attributes: &[Attribute]) -> Result<()> {
+    write_picture(path, &Picture::plain(image, attributes), Display::default())
 }
 
 /// Writes a picture in the format that its name tells; channels, window and attributes go into EXR files, which stay linear;
-/// `exposure`, in stops, brightens PNG files.
+/// PNG files hold it as `display` shows it.
 ///
 /// # Errors
 /// [`Error::Options`] for an unknown format or an empty picture, [`Error::Io`] naming `path`.
-pub fn write_picture(path: &Path, picture: &Picture, exposure: f32) -> Result<()> {
+pub fn write_picture(path: &Path, picture: &Picture, display: Display) -> Result<()> {
     match format(path)? {
         Format::Exr => write_exr::write(path, picture),
-        Format::Png => write_png::write(path, picture.image, exposure),
+        Format::Png => write_png::write(path, picture.image, display),
     }
 }
 
@@ -69,9 +69,9 @@ pub fn write_picture(path: &Path, picture: &Picture, exposure: f32) -> Result<()
 ///
 /// # Errors
 /// The error of the first attempt, with the fallback path where that worked: the picture is safe then, but not where wanted.
-pub fn write_or_rescue(path: &Path, picture: &Picture, exposure: f32) -> Result<()> {
-    let Err(first) = write_picture(path, picture, exposure) else { return Ok(()) };
-    match rescue(path, picture, exposure) {
+pub fn write_or_rescue(path: &Path, picture: &Picture, display: Display) -> Result<()> {
+    let Err(first) = write_picture(path, picture, display) else { return Ok(()) };
+    match rescue(path, picture, display) {
         Ok(fallback) => Err(Error::io(
             path,
             std::io::Error::other(format!("{first}; the picture was saved as {} instead", fallback.display())),
@@ -81,11 +81,11 @@ pub fn write_or_rescue(path: &Path, picture: &Picture, exposure: f32) -> Result<
 }
 
 /// Writes the picture to the folder for temporary files; the file's name carries the process id, so that it replaces nothing.
-fn rescue(path: &Path, picture: &Picture, exposure: f32) -> Result<PathBuf> {
+fn rescue(path: &Path, picture: &Picture, display: Display) -> Result<PathBuf> {
     let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or("picture");
     let extension = if format(path).is_ok_and(|f| f == Format::Png) { "png" } else { "exr" };
     let fallback = std::env::temp_dir().join(format!("fanal-{}-{stem}.{extension}", std::process::id()));
-    write_picture(&fallback, picture, exposure)?;
+    write_picture(&fallback, picture, display)?;
     Ok(fallback)
 }
 
@@ -114,7 +114,8 @@ mod tests {
     fn picture_outlives_its_folder() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("gone/lantern.exr");
-        let message = write_or_rescue(&path, &Picture::plain(&picture(), &[]), 0.0).unwrap_err().to_string();
+        let message =
+            write_or_rescue(&path, &Picture::plain(&picture(), &[]), Display::default()).unwrap_err().to_string();
         let fallback = std::env::temp_dir().join(format!("fanal-{}-lantern.exr", std::process::id()));
         assert!(message.contains(&*fallback.to_string_lossy()), "{message}");
         assert!(std::fs::metadata(&fallback).is_ok_and(|m| m.len() > 0));

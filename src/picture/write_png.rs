@@ -1,27 +1,20 @@
-//! Writing PNG for display: exposure, the sRGB curve, 8 bits per channel.
+//! Writing PNG for display: 8 bits per channel.
 
 use std::path::Path;
 
 use crate::base::files::write_bytes;
 use crate::base::{Error, Result};
-use crate::math::srgb;
-use crate::picture::Image;
+use crate::picture::{Display, Image};
 
-/// Encodes a picture after multiplying it by 2^`exposure`. Values outside [0, 1] are clamped, NaN is black.
+/// Encodes a picture as `display` shows it.
 ///
 /// # Errors
 /// [`Error::Options`] where the picture is empty or cannot be encoded.
-pub fn encode(image: &Image, exposure: f32) -> Result<Vec<u8>> {
+pub fn encode(image: &Image, display: Display) -> Result<Vec<u8>> {
     if image.width == 0 || image.pixels.len() != image.width * image.height {
         return Err(Error::Options("an empty picture cannot be written".into()));
     }
-    let factor = f64::from(exposure.exp2());
-    let data: Vec<u8> = image
-        .pixels
-        .iter()
-        .flat_map(|pixel| pixel.to_array())
-        .map(|value| (srgb::encoded(f64::from(value) * factor) * 255.0).round() as u8)
-        .collect();
+    let data: Vec<u8> = image.pixels.iter().flat_map(|&pixel| display.bytes(pixel)).collect();
     let fail = |e: png::EncodingError| Error::Options(format!("the picture could not be encoded as PNG: {e}"));
     let side =
         |n: usize| u32::try_from(n).map_err(|_| Error::Options(format!("a side of {n} pixels is too long for PNG")));
@@ -40,8 +33,8 @@ pub fn encode(image: &Image, exposure: f32) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// As [`encode`], and [`Error::Io`] naming `path`.
-pub fn write(path: &Path, image: &Image, exposure: f32) -> Result<()> {
-    write_bytes(path, &encode(image, exposure)?)
+pub fn write(path: &Path, image: &Image, display: Display) -> Result<()> {
+    write_bytes(path, &encode(image, display)?)
 }
 
 #[cfg(test)]
@@ -52,7 +45,8 @@ mod tests {
     #[test]
     fn exposure_and_curve_as_decoded() {
         let pixels = vec![Vec3::new(0.0, 0.107_93, 0.5), Vec3::new(-1.0, f32::NAN, 9.0)];
-        let bytes = encode(&Image { width: 2, height: 1, pixels }, 1.0).unwrap();
+        let bytes =
+            encode(&Image { width: 2, height: 1, pixels }, Display { exposure: 1.0, ..Display::default() }).unwrap();
         let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
         let mut data = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut data).unwrap();

@@ -308,7 +308,7 @@ impl Experiment<'_> {
         }
         let file = task.picture();
         let begun = Instant::now();
-        write(&self.folder.join(&file), &outcome.image, &[("method".into(), method.name().into())], 0.0)?;
+        write(&self.folder.join(&file), &outcome.image, &[("method".into(), method.name().into())])?;
         let write = begun.elapsed().as_secs_f64();
         if method != Method::Guide(GuideMode::None) && seed == FIRST_SEED {
             write_json(&self.guide_file(method.name(), limit), &guides::sample(scene, &outcome.field))?;
@@ -401,8 +401,8 @@ impl Experiment<'_> {
                 // An older note must not be taken for that of new pictures, should only one of them get written.
                 remove(&note)?;
                 let (mean, variance) = self.render_reference(scene, control)?;
-                write(&file, &mean, &[], 0.0)?;
-                write(&variance_file, &variance, &[], 0.0)?;
+                write(&file, &mean, &[])?;
+                write(&variance_file, &variance, &[])?;
                 write_json(&note, &expected)?;
                 both()?
             }

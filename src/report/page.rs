@@ -14,7 +14,7 @@ use super::results::{FILE, Interval, Reach, Results, SCHEMA_FILE};
 use crate::base::Result;
 use crate::base::files::write_bytes;
 use crate::film::pixel_error;
-use crate::picture::{Image, read_image, write_png};
+use crate::picture::{Display, Image, read_image, write_png};
 
 const STYLE: &str = include_str!("page/page.css");
 const VIEWER: &str = include_str!("page/viewer.js");
@@ -56,7 +56,7 @@ pub fn write(comparison: &Comparison, folder: &Path) -> Result<()> {
         write_bytes(&folder.join("data").join(format!("picture-{name}.js")), script.as_bytes())?;
         write_bytes(
             &folder.join("data").join(format!("{name}.png")),
-            &write_png::encode(image, exposure(comparison))?,
+            &write_png::encode(image, Display { exposure: exposure(comparison), ..Display::default() })?,
         )?;
         let _ = writeln!(scripts, "<script src=\"data/picture-{name}.js\"></script>");
     }

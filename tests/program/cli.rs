@@ -111,7 +111,7 @@ fn errors_between_pictures() {
     let picture = |name: &str, value: f32| {
         let path = folder.path().join(name);
         let image = Image { width: 3, height: 2, pixels: vec![glam::Vec3::splat(value); 6] };
-        fanal::picture::write(&path, &image, &[], 0.0).unwrap();
+        fanal::picture::write(&path, &image, &[]).unwrap();
         path.display().to_string()
     };
     let (a, b) = (picture("a.exr", 0.3), picture("b.exr", 0.1));

@@ -226,7 +226,7 @@ fn with_scene(name: &str) -> (tempfile::TempDir, PathBuf) {
         std::fs::copy(&file, scene.join(file.file_name().unwrap())).unwrap();
     }
     let grey = Image { width: 16, height: 12, pixels: vec![Vec3::splat(0.5); 16 * 12] };
-    write(&folder.path().join("reference.exr"), &grey, &[], 0.0).unwrap();
+    write(&folder.path().join("reference.exr"), &grey, &[]).unwrap();
     (folder, scene)
 }
 

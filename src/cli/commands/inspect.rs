@@ -38,7 +38,7 @@ pub fn run(args: &InspectArgs) -> Result<()> {
             None
         };
         if let (Some(output), Some(image)) = (&args.output, image) {
-            write(output, &image, &[], 0.0)?;
+            write(output, &image, &[])?;
         }
         told.iter().try_for_each(|text| line(text))
     })

@@ -148,7 +148,7 @@ fn render(
     let show = |snapshot: Snapshot| {
         // A failed write is no reason to stop: a later one may succeed, and the last one is reported.
         let picture = Picture { window: request.placed(), ..Picture::plain(&snapshot.image, &header) };
-        let _ = write_picture(&request.output, &picture, request.exposure);
+        let _ = write_picture(&request.output, &picture, request.display);
         let measures = measure(&snapshot.image, reference?).ok()?;
         Some(ErrorPoint::new(snapshot.seconds, snapshot.spp, &measures))
     };
@@ -172,7 +172,7 @@ fn render(
     let begun = Instant::now();
     let header: Vec<Attribute> = header.into_iter().chain(results(&statistics)).collect();
     let picture = Picture { image: &outcome.image, channels: &channels, window: request.placed(), attributes: &header };
-    let written = write_or_rescue(&request.output, &picture, request.exposure);
+    let written = write_or_rescue(&request.output, &picture, request.display);
     let interrupted = outcome.interrupted;
     let saved = request.save_guide.as_deref().map(|path| file::save(path, &outcome.field, &outcome.evidence));
     statistics.seconds.write = begun.elapsed().as_secs_f64();
