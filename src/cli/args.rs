@@ -250,6 +250,7 @@ const RENDER_EXAMPLES: &str = concat!(
   fanal render scenes/door-ajar -o out.exr
   fanal render scenes/cornell/scene.json -o out.png --guide none --spp 256 --size 128x128
   fanal render scenes/lamp-room -o out.exr --target-error 0.01
+  fanal render scenes/cornell -o out.png --spp 16 --denoise --view agx --exposure 1
   fanal render scene.xml -o out.exr --time 60 --stats stats.json --reference reference.exr
   fanal render scenes/lamp-room -o out.exr --model models/mine --backend onnx
   fanal render scenes/lamp-room -o out.exr --spp 4096 --checkpoint lamp.part
@@ -320,6 +321,10 @@ pub struct RenderArgs {
     /// hits, mirrors and glass included, averaged over up to 16 samples per pixel
     #[arg(long, value_enum, value_name = "LAYERS", value_delimiter = ',')]
     pub aov: Vec<Layer>,
+    /// Denoise the finished picture with Intel's Open Image Denoise 2, whose shared libraries must be installed (OIDN_DYLIB_PATH says
+    /// where), and keep the noisy one in the EXR file as noisy.R/G/B
+    #[arg(long)]
+    pub denoise: bool,
     /// Stops by which a PNG file is brightened [default: 0]
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = stops)]
     pub exposure: Option<f32>,
@@ -348,7 +353,7 @@ pub struct RenderArgs {
     /// Render nothing, but print the path of one sample vertex by vertex: the column and row of its pixel, its number, and the
     /// number at which its pass began, which is 0 with --guide none, or "none" where random numbers are independent (--target-error).
     /// --stats lists dropped samples in this form. Replays --guide none and --load-guide
-    #[arg(long, value_name = "X,Y,SAMPLE[,FROM]", value_parser = sample, conflicts_with_all = ["checkpoint", "resume", "save_guide", "stats"])]
+    #[arg(long, value_name = "X,Y,SAMPLE[,FROM]", value_parser = sample, conflicts_with_all = ["checkpoint", "resume", "save_guide", "stats", "denoise"])]
     pub replay: Option<Sample>,
     /// Write statistics as JSON
     #[arg(long, value_name = "FILE")]

@@ -33,6 +33,8 @@ pub struct RenderRequest {
     pub effects: Vec<Override>,
     /// Layers beside the picture.
     pub aovs: Vec<Aov>,
+    /// Whether the picture is denoised.
+    pub denoise: bool,
     /// How a PNG file shows the picture.
     pub display: Display,
     /// File that the guiding field is written to.
@@ -81,6 +83,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         samples: args.learning.samples,
         effects: args.effects.clone(),
         aovs,
+        denoise: args.denoise,
         display: display(args)?,
         save_guide: args.save_guide.clone(),
         load_guide: args.load_guide.clone(),

@@ -2,6 +2,7 @@
 
 pub mod accumulator;
 pub mod adaptive;
+pub mod denoise;
 pub mod error;
 pub mod expected;
 pub mod filter;
@@ -9,6 +10,7 @@ pub mod spread;
 
 pub use accumulator::{FinishedPass, Pass, Pixel, check_size, combine, combine_weighted};
 pub use adaptive::densities;
+pub use denoise::{Denoiser, Features};
 pub use error::{Measures, mean_and_variance, measure, measure_noisy, outliers, pixel_error, relative_variance};
 pub use expected::{expected_values, roulette_values};
 pub use filter::PixelFilter;

@@ -30,6 +30,8 @@ pub struct Seconds {
     pub splat: f64,
     /// Making distributions.
     pub reconstruct: f64,
+    /// Denoising the picture, finding its features included.
+    pub denoise: f64,
     /// Writing the picture.
     pub write: f64,
 }
@@ -152,6 +154,8 @@ pub struct Statistics {
     pub estimated_relmse: Option<f64>,
     /// Errors against the reference, where there is one.
     pub errors: Vec<ErrorPoint>,
+    /// Error of the denoised picture, where there is one and a reference.
+    pub denoised_error: Option<ErrorPoint>,
     /// Peak resident memory of the process, bytes; none where the system does not tell.
     pub peak_rss_bytes: Option<u64>,
 }

@@ -5,6 +5,7 @@
 mod support;
 
 mod cli;
+mod denoise;
 mod file_circles;
 mod module_order;
 mod report;

@@ -2,6 +2,7 @@
 
 pub mod compare;
 pub mod dataset;
+mod denoised;
 pub mod error;
 pub mod inspect;
 pub mod plan;

@@ -3,6 +3,7 @@
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
+use super::denoised::{self, Denoised};
 use super::{in_pool, load_scene};
 use crate::base::files::{crc32, read_bytes, write_json};
 use crate::base::{Error, Progress, Result};
@@ -10,7 +11,7 @@ use crate::cli::args::{Backend, RenderArgs};
 use crate::cli::interrupt::Ended;
 use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::{interrupt, print, progress};
-use crate::film::measure;
+use crate::film::{Denoiser, measure};
 use crate::guiding::sample::file;
 use crate::picture::{
     Attribute, Image, Picture, Window, check_folder, check_writable, matched, read_image, window_of, write_or_rescue,
@@ -42,6 +43,8 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
     }
     in_pool(&args.common, || {
         let begun = Instant::now();
+        // First of all: who waits for a picture should not learn at its end that this is missing.
+        let denoiser = args.denoise.then(Denoiser::new).transpose()?;
         let mut loaded = load_scene(&args.scene, &args.effects, args.missing, &args.common)?;
         let load = begun.elapsed().as_secs_f64();
         let request = resolve(args, &loaded.file)?;
@@ -49,7 +52,7 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
         let reference = reference(&request)?;
         let stop = interrupt::flag()?;
         let progress = progress::progress(args.common.quiet);
-        let made = render(&request, &loaded, begun, reference.as_ref(), &*progress, &stop)?;
+        let made = render(&request, &loaded, denoiser.as_ref(), begun, reference.as_ref(), &*progress, &stop)?;
         let Made { mut statistics, written, unkept, interrupted } = made;
         let unkept = unkept.map(|why| format!("no checkpoint could be written: {why}"));
         let early = interrupted.then(|| format!("interrupted after {} samples per pixel", statistics.spp));
@@ -86,11 +89,15 @@ const LAYER_WRITING: f64 = 1.5e-7;
 /// Time to find features, in seconds per pixel on one thread.
 const FEATURES: f64 = 16e-7;
 
-/// Time needed after rendering to find features and to write the picture, in seconds per pixel.
-fn afterwards(aovs: &[Aov], threads: usize) -> f64 {
-    let channels: usize = aovs.iter().map(|aov| aov.channels().len()).sum();
-    let features = if aovs.iter().all(|aov| aov.is_of_film()) { 0.0 } else { FEATURES / threads.max(1) as f64 };
-    WRITING + LAYER_WRITING * channels as f64 + features
+/// Time needed after rendering to find features, to denoise and to write the picture, in seconds per pixel.
+fn afterwards(aovs: &[Aov], denoiser: Option<&Denoiser>) -> Result<f64> {
+    let noisy = if denoiser.is_some() { denoised::NOISY.len() } else { 0 };
+    let channels: usize = noisy + aovs.iter().map(|aov| aov.channels().len()).sum::<usize>();
+    // The denoiser's are others than those of layers.
+    let kinds = u8::from(denoiser.is_some()) + u8::from(aovs.iter().any(|aov| !aov.is_of_film()));
+    let features = f64::from(kinds) * FEATURES / rayon::current_num_threads() as f64;
+    let denoising = denoiser.map_or(Ok(0.0), Denoiser::seconds_per_pixel)?;
+    Ok(WRITING + LAYER_WRITING * channels as f64 + features + denoising)
 }
 
 /// Stop rule of a render that starts `elapsed` seconds after the command and ends `afterwards` seconds before it: `--time` is
@@ -129,6 +136,7 @@ struct Made {
 fn render(
     request: &RenderRequest,
     loaded: &LoadedScene,
+    denoiser: Option<&Denoiser>,
     started: Instant,
     reference: Option<&Image>,
     progress: &dyn Progress,
@@ -143,8 +151,10 @@ fn render(
     let build = begun.elapsed().as_secs_f64();
     let header = attributes(request, &settings);
     let pixels = settings.window(request.size).pixels() as f64;
-    let left = pixels * afterwards(&request.aovs, rayon::current_num_threads());
-    settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), left);
+    if let StopRule::Time(_) = settings.stop {
+        let left = pixels * afterwards(&request.aovs, denoiser)?;
+        settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), left);
+    }
     let show = |snapshot: Snapshot| {
         // A failed write is no reason to stop: a later one may succeed, and the last one is reported.
         let picture = Picture { window: request.placed(), ..Picture::plain(&snapshot.image, &header) };
@@ -158,7 +168,7 @@ fn render(
         Some((field, _)) => render::render_with_field(&scene, &settings, field, &control)?,
         None => render::render_watched(&scene, &settings, reconstructor.as_ref(), &control)?,
     };
-    let channels = aov::channels(&scene, &settings, &outcome, &request.aovs)?;
+    let mut channels = aov::channels(&scene, &settings, &outcome, &request.aovs)?;
     let mut statistics = outcome.statistics;
     statistics.scene = request.scene.display().to_string();
     statistics.seconds.build = build;
@@ -169,14 +179,23 @@ fn render(
         let measures = measure(&outcome.image, reference)?;
         statistics.errors.push(ErrorPoint::new(statistics.seconds.total, statistics.spp, &measures));
     }
+    let Denoised { image, noisy, attribute, failure, seconds } =
+        denoised::finish(denoiser, &scene, &settings, outcome.image);
+    statistics.seconds.denoise = seconds;
+    if let Some(reference) = reference.filter(|_| attribute.is_some()) {
+        let measures = measure(&image, reference)?;
+        statistics.denoised_error =
+            Some(ErrorPoint::new(statistics.seconds.total + seconds, statistics.spp, &measures));
+    }
+    channels.extend(noisy);
     let begun = Instant::now();
-    let header: Vec<Attribute> = header.into_iter().chain(results(&statistics)).collect();
-    let picture = Picture { image: &outcome.image, channels: &channels, window: request.placed(), attributes: &header };
+    let header: Vec<Attribute> = header.into_iter().chain(results(&statistics)).chain(attribute).collect();
+    let picture = Picture { image: &image, channels: &channels, window: request.placed(), attributes: &header };
     let written = write_or_rescue(&request.output, &picture, request.display);
     let interrupted = outcome.interrupted;
     let saved = request.save_guide.as_deref().map(|path| file::save(path, &outcome.field, &outcome.evidence));
     statistics.seconds.write = begun.elapsed().as_secs_f64();
-    let written = written.and(saved.unwrap_or(Ok(())));
+    let written = written.and(saved.unwrap_or(Ok(()))).and(failure);
     Ok(Made { statistics, written, unkept: outcome.unkept, interrupted })
 }
 
