@@ -500,6 +500,9 @@ pub struct CompareArgs {
     /// Samples per pixel that the oracle learns from
     #[arg(long, value_name = "N", default_value = "512", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     pub oracle_spp: u32,
+    /// Measure every picture denoised too (Open Image Denoise, see `fanal render --denoise`): dashed lines
+    #[arg(long)]
+    pub denoise: bool,
     /// Size of the picture in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<[u32; 2]>,

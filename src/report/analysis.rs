@@ -1,6 +1,8 @@
 //! From runs to summaries: geometric means over seeds, bootstrap intervals, time to reach an error.
 
-use super::results::{Errors, Interval, Parts, Reach, RunEntry, SummaryEntry, TargetEntry};
+use super::results::{
+    DenoisedEntry, DenoisedSummary, Errors, Interval, Parts, Reach, RunEntry, SummaryEntry, TargetEntry,
+};
 use crate::base::random::Random;
 
 /// Bootstrap resamples.
@@ -71,10 +73,24 @@ pub fn summarise(methods: &[String], budgets: usize, runs: &[RunEntry]) -> Vec<S
                 relmse_trimmed: error(|e| e.relmse_trimmed),
                 relmse_ldr: error(|e| e.relmse_ldr),
                 ratio: (!ratios.is_empty()).then(|| geometric(&ratios)),
+                denoised: denoised(&runs),
             });
         }
     }
     entries
+}
+
+/// Summary of the runs' denoised pictures; none unless all have one.
+fn denoised(runs: &[&RunEntry]) -> Option<DenoisedSummary> {
+    let entries: Vec<DenoisedEntry> = runs.iter().map(|run| run.denoised).collect::<Option<_>>()?;
+    let error =
+        |pick: fn(&Errors) -> f64| geometric(&entries.iter().map(|entry| pick(&entry.errors)).collect::<Vec<_>>());
+    Some(DenoisedSummary {
+        seconds: median(runs.iter().zip(&entries).map(|(run, entry)| run.seconds + entry.seconds)),
+        relmse: error(|e| e.relmse),
+        relmse_trimmed: error(|e| e.relmse_trimmed),
+        relmse_ldr: error(|e| e.relmse_ldr),
+    })
 }
 
 /// Time when a curve of (seconds, error) falls to `error` for good: interpolated between the points in logarithms.

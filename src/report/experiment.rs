@@ -8,13 +8,14 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::analysis::{summarise, times_to_reach};
+use super::denoising::Denoising;
 use super::guides::{self, Guides};
 use super::results::{Budget, Errors, LIMIT, Parts, ReferenceEntry, Results, RunEntry, SceneEntry, VERSION};
 use crate::base::files::{crc32, read_json, write_json};
 use crate::base::process::cpu_seconds;
 use crate::base::progress::Silent;
 use crate::base::{Error, Progress, Result};
-use crate::film::{Measures, mean_and_variance, measure_noisy, relative_variance};
+use crate::film::{Denoiser, mean_and_variance, measure_noisy, relative_variance};
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::picture::{Image, read_image, write};
@@ -67,6 +68,8 @@ pub struct Experiment<'a> {
     pub reference_spp: u32,
     /// Samples per pixel that the oracle learns from.
     pub oracle_spp: u32,
+    /// Denoises every picture, to measure it so too; none where that is not asked for.
+    pub denoiser: Option<&'a Denoiser>,
     /// Network that reconstructs for the neural method.
     pub neural: &'a Neural,
     /// The output folder.
@@ -173,6 +176,7 @@ impl Experiment<'_> {
         progress.start(total, "runs");
         progress.message("reference");
         let (entry, reference, variance) = self.reference(&scene, &identity, &control)?;
+        let denoising = self.denoiser.map(|d| Denoising::new(d, &scene, &self.settings)).transpose()?;
         let mut oracle: Option<GuideField> = None;
         let mut runs = Vec::new();
         for (budget, &limit) in self.budgets.iter().enumerate() {
@@ -199,7 +203,9 @@ impl Experiment<'_> {
                     };
                     let measures = measure_noisy(&picture, &reference, variance.as_ref())?;
                     let mean_ratio = Some(measures.mean_ratio).filter(|ratio| ratio.is_finite());
-                    runs.push(RunEntry { budget, errors: errors(&measures), mean_ratio, ..run });
+                    let denoised = |d: &Denoising| d.measured(&picture, &reference, variance.as_ref());
+                    let denoised = denoising.as_ref().map(denoised).transpose()?;
+                    runs.push(RunEntry { budget, errors: (&measures).into(), mean_ratio, denoised, ..run });
                     progress.advance(1);
                 }
             }
@@ -231,6 +237,7 @@ impl Experiment<'_> {
             budgets: self.budgets.clone(),
             seeds: seeds.into_iter().collect(),
             oracle_spp: self.methods.contains(&Method::Oracle).then_some(self.oracle_spp),
+            denoiser: self.denoiser.map(Denoiser::name),
             runs,
             summary,
         };
@@ -332,6 +339,7 @@ impl Experiment<'_> {
             // Measured once the picture is read back, so that a run kept from before is measured alike.
             errors: Errors { relmse: 0.0, relmse_trimmed: 0.0, relmse_ldr: 0.0 },
             mean_ratio: None,
+            denoised: None,
             dropped_samples: outcome.statistics.dropped_samples,
         }))
     }
@@ -449,10 +457,6 @@ fn remove(path: &Path) -> Result<()> {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::io(path, e)),
         _ => Ok(()),
     }
-}
-
-fn errors(measures: &Measures) -> Errors {
-    Errors { relmse: measures.relmse, relmse_trimmed: measures.relmse_trimmed, relmse_ldr: measures.relmse_ldr }
 }
 
 fn absolute(path: &Path) -> String {

@@ -3,6 +3,7 @@
 //! `experiment` renders and measures, `analysis` summarises, `results` is the file of results, `plot`, `guides` and `page` show it.
 
 pub mod analysis;
+mod denoising;
 pub mod experiment;
 pub mod guides;
 pub mod inspect;

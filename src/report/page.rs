@@ -107,10 +107,13 @@ fn lead(comparison: &Comparison) -> String {
     let oracle = results.oracle_spp.map_or(String::new(), |spp| {
         format!(" The oracle is guided by trees from {spp} samples per pixel, whose cost is not counted.")
     });
+    let denoised = results.denoiser.as_ref().map_or(String::new(), |name| {
+        format!(" Dashed lines are of the same pictures denoised ({name}), the time for that included.")
+    });
     let interruption = comparison.interruption().map_or(String::new(), |text| format!(" {text}"));
     format!(
         "{} × {} pixels, depth {}, {} threads, {} seeds. Reference: {}; {noise}. Means over seeds are geometric, bands are 95 % \
-         bootstrap intervals.{oracle}{interruption}",
+         bootstrap intervals.{oracle}{denoised}{interruption}",
         results.scene.width,
         results.scene.height,
         results.scene.max_depth,
@@ -205,13 +208,16 @@ fn summary_table(results: &Results) -> String {
         &format!("trimmed, over {first}"),
     ]
     .map(str::to_owned);
+    let denoises = results.denoiser.is_some();
+    let head: Vec<String> = head.into_iter().chain(denoises.then(|| "trimmed, denoised".to_owned())).collect();
     let mut rows = String::new();
     for s in &results.summary {
+        let denoised = || s.denoised.map_or_else(missing, |denoised| interval(denoised.relmse_trimmed, false));
         let rivals = || results.summary.iter().filter(|r| r.budget == s.budget && r.method != "oracle");
         let is_best = |pick: fn(&super::results::SummaryEntry) -> f64| rivals().all(|r| pick(s) <= pick(r));
         let _ = writeln!(
             rows,
-            "<tr><th>{}</th><th>{}</th>{}{}{}{}{}{}{}</tr>",
+            "<tr><th>{}</th><th>{}</th>{}{}{}{}{}{}{}{}</tr>",
             results.budgets[s.budget].label(),
             escape(&s.method),
             cell(s.spp, false),
@@ -221,6 +227,7 @@ fn summary_table(results: &Results) -> String {
             interval(s.relmse_trimmed, is_best(|s| s.relmse_trimmed.mean)),
             interval(s.relmse_ldr, is_best(|s| s.relmse_ldr.mean)),
             s.ratio.map_or_else(missing, |ratio| interval(ratio, false)),
+            if denoises { denoised() } else { String::new() },
         );
     }
     table(&head, &rows)
@@ -314,15 +321,19 @@ fn guides(comparison: &Comparison) -> String {
 fn csv(results: &Results) -> String {
     let mut text = String::from(
         "method,budget,seed,spp,seconds,cpu_seconds,relmse,relmse_trimmed,relmse_ldr,mean_ratio,trace,photons,deposit,\
-         reconstruct,write,dropped_samples,file\n",
+         reconstruct,write,dropped_samples,file,denoise,denoised_relmse,denoised_relmse_trimmed,denoised_relmse_ldr\n",
     );
     for r in &results.runs {
         let (e, p) = (&r.errors, &r.parts);
         let [cpu, mean_ratio] =
             [r.cpu_seconds, r.mean_ratio].map(|known| known.map_or(String::new(), |number| number.to_string()));
+        let denoised = r.denoised.map_or(",,,".to_owned(), |denoised| {
+            let e = &denoised.errors;
+            format!("{},{},{},{}", denoised.seconds, e.relmse, e.relmse_trimmed, e.relmse_ldr)
+        });
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{cpu},{},{},{},{mean_ratio},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{cpu},{},{},{},{mean_ratio},{},{},{},{},{},{},{},{denoised}",
             r.method,
             results.budgets[r.budget].label(),
             r.seed,

@@ -3,7 +3,7 @@
 use plotters::coord::combinators::{BindKeyPoints, IntoLogRange};
 use plotters::prelude::*;
 
-use super::results::{Interval, Results, SummaryEntry};
+use super::results::{DenoisedSummary, Interval, Results, SummaryEntry};
 use crate::base::{Error, Result};
 
 /// Pixels of a plot.
@@ -47,6 +47,13 @@ impl Against {
             Self::Spp => entry.spp,
         }
     }
+
+    fn of_denoised(self, entry: &SummaryEntry, denoised: &DenoisedSummary) -> f64 {
+        match self {
+            Self::Seconds => denoised.seconds,
+            Self::Spp => entry.spp,
+        }
+    }
 }
 
 impl Measure {
@@ -79,6 +86,14 @@ impl Measure {
             Self::Ldr => entry.relmse_ldr,
         }
     }
+
+    fn of_denoised(self, denoised: &DenoisedSummary) -> Interval {
+        match self {
+            Self::Relmse => denoised.relmse,
+            Self::Trimmed => denoised.relmse_trimmed,
+            Self::Ldr => denoised.relmse_ldr,
+        }
+    }
 }
 
 /// A method's colour, the same in every plot: distinguishable with red-green blindness (Okabe and Ito 2008).
@@ -96,7 +111,20 @@ pub fn color(method: usize) -> RGBColor {
     COLORS[method % COLORS.len()]
 }
 
-/// Error over cost for every method: the geometric mean as a line, its 95 % interval over seeds as a band.
+/// Geometric means of a method's denoised pictures over cost.
+fn denoised(results: &Results, method: &str, against: Against, measure: Measure) -> Vec<(f64, f64)> {
+    let of = results.summary.iter().filter(|s| s.method == method);
+    let point = |s: &SummaryEntry| {
+        let denoised = s.denoised.as_ref()?;
+        Some((against.of_denoised(s, denoised), measure.of_denoised(denoised).mean))
+    };
+    let mut points: Vec<_> = of.filter_map(point).filter(|p| p.1 > 0.0).collect();
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    points
+}
+
+/// Error over cost for every method: the geometric mean as a line, its 95 % interval over seeds as a band. That of denoised pictures,
+/// where there are any, is a dashed line of the same colour.
 ///
 /// # Errors
 /// [`Error::Options`] where the plot cannot be drawn.
@@ -108,8 +136,11 @@ pub fn errors(results: &Results, against: Against, measure: Measure) -> Result<S
         points
     };
     let series: Vec<Vec<(f64, Interval)>> = results.methods.iter().map(points).collect();
-    let x = bounds(series.iter().flatten().map(|p| p.0));
-    let y = bounds(series.iter().flatten().flat_map(|p| [p.1.low, p.1.high]));
+    let dashed: Vec<Vec<(f64, f64)>> =
+        results.methods.iter().map(|method| denoised(results, method, against, measure)).collect();
+    let x = bounds(series.iter().flatten().map(|p| p.0).chain(dashed.iter().flatten().map(|p| p.0)));
+    let bands = series.iter().flatten().flat_map(|p| [p.1.low, p.1.high]);
+    let y = bounds(bands.chain(dashed.iter().flatten().map(|p| p.1)));
     draw(SIZE, |area| {
         let mut chart =
             ChartBuilder::on(area).margin(14).x_label_area_size(40).y_label_area_size(70).build_cartesian_2d(
@@ -136,10 +167,15 @@ pub fn errors(results: &Results, against: Against, measure: Measure) -> Result<S
                 .label(method.as_str())
                 .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 14, y + 5)], color.filled()));
             chart.draw_series(line.map(|p| Circle::new(p, 3, color.filled())))?;
+            let line = dashed[i].iter().copied();
+            chart.draw_series(DashedLineSeries::new(line.clone(), 6, 4, color.stroke_width(2)))?;
+            chart.draw_series(line.map(|p| Circle::new(p, 3, color.stroke_width(1))))?;
         }
         let log = |v: f64, (low, high): (f64, f64)| (v / low).ln() / (high / low).ln();
-        let unit = |p: &(f64, Interval)| [log(p.0, x), log(p.1.mean, y)];
-        let lines: Vec<Vec<[f64; 2]>> = series.iter().map(|points| points.iter().map(unit).collect()).collect();
+        let unit = |p: (f64, f64)| [log(p.0, x), log(p.1, y)];
+        let solid = series.iter().map(|points| points.iter().map(|p| unit((p.0, p.1.mean))).collect());
+        let dashed = dashed.iter().map(|points| points.iter().map(|&p| unit(p)).collect());
+        let lines: Vec<Vec<[f64; 2]>> = solid.chain(dashed).collect();
         chart
             .configure_series_labels()
             .position(emptiest_corner(&lines))

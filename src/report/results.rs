@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::base::files::{read_json, write_json};
 use crate::base::{Error, Place, Result};
+use crate::film::Measures;
 
 /// Version of the format.
 pub const VERSION: u32 = 1;
@@ -50,6 +51,9 @@ pub struct Results {
     pub seeds: Vec<u64>,
     /// Samples per pixel that the oracle learned from; its learning is not part of its seconds.
     pub oracle_spp: Option<u32>,
+    /// Name and version of the denoiser, where pictures were measured without their noise too.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub denoiser: Option<String>,
     /// Every render.
     pub runs: Vec<RunEntry>,
     /// Per method and budget.
@@ -126,6 +130,23 @@ pub struct Errors {
     pub relmse_ldr: f64,
 }
 
+impl From<&Measures> for Errors {
+    fn from(measures: &Measures) -> Self {
+        let &Measures { relmse, relmse_trimmed, relmse_ldr, .. } = measures;
+        Self { relmse, relmse_trimmed, relmse_ldr }
+    }
+}
+
+/// A picture without its noise.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DenoisedEntry {
+    /// Wall time of denoising, features included.
+    pub seconds: f64,
+    /// Errors against the reference.
+    pub errors: Errors,
+}
+
 /// Seconds of one run by kind of work.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -166,6 +187,9 @@ pub struct RunEntry {
     pub errors: Errors,
     /// Mean of the picture over the mean of the reference; none where only the reference is black.
     pub mean_ratio: Option<f64>,
+    /// The picture without its noise, where that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub denoised: Option<DenoisedEntry>,
     /// Samples left out because they were not finite.
     pub dropped_samples: u64,
 }
@@ -189,6 +213,20 @@ pub struct Interval {
     pub low: f64,
     /// Upper end.
     pub high: f64,
+}
+
+/// Denoised pictures of one method at one budget.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DenoisedSummary {
+    /// Median wall time, that of denoising included.
+    pub seconds: f64,
+    /// relMSE over seeds.
+    pub relmse: Interval,
+    /// Trimmed relMSE over seeds.
+    pub relmse_trimmed: Interval,
+    /// LDR relMSE over seeds.
+    pub relmse_ldr: Interval,
 }
 
 /// One method at one budget.
@@ -215,6 +253,9 @@ pub struct SummaryEntry {
     pub relmse_ldr: Interval,
     /// Trimmed relMSE over that of the first method, paired by seed; none where the first method was not run.
     pub ratio: Option<Interval>,
+    /// The same pictures without their noise, where that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub denoised: Option<DenoisedSummary>,
 }
 
 /// Time that each method needs for one error.

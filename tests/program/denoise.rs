@@ -4,7 +4,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use fanal::film::{Denoiser, measure_noisy};
 use fanal::picture::{Image, read_exr_channels, read_image, write_png};
+use fanal::render::{GuideMode, RenderSettings, StopRule, features};
+use fanal::report::Results;
+use fanal::scene::Scene;
+use fanal::scene::readers::load;
 use glam::Vec3;
 
 /// Runs `fanal render scenes/cornell -o output`, with the library at `library`, or else with that of the environment.
@@ -95,4 +100,43 @@ fn both_pictures_are_kept() {
     assert_eq!(read_image(&part, false).map(|image| (image.width, image.height)).unwrap(), (20, 9));
     let inside = |name: &str| (0..9 * 20).map(|i| before[name][(4 + i / 20) * 48 + 3 + i % 20]).collect::<Vec<_>>();
     assert_eq!(channels(&part)["noisy.G"], inside("G"));
+}
+
+/// The error of each denoised picture of a comparison, found again from the picture that is kept.
+#[test]
+fn comparisons_measure_denoised_pictures_too() {
+    if !is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_fanal"));
+    command.arg("compare").arg(&scene).arg("-o").arg(folder.path()).args(["--methods", "none", "--denoise", "--quiet"]);
+    let options = ["--spp", "4,16", "--seeds", "2", "--size", "40x30", "--reference-spp", "128"];
+    let output = command.args(options).output().expect("the program was built for this test");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let results = Results::read(&folder.path().join("results.json")).unwrap();
+    let denoiser = Denoiser::new().unwrap();
+    assert_eq!(results.denoiser, Some(denoiser.name()));
+
+    let scene = Scene::build(&load(&scene).unwrap(), [40, 30]).unwrap();
+    let features = features(&scene, &RenderSettings::new(GuideMode::None, StopRule::Spp(1))).unwrap();
+    let read = |name: &str, signed| read_image(&folder.path().join(name), signed).unwrap();
+    let (reference, variance) = (read("reference.exr", false), read("reference-variance.exr", true));
+    for run in &results.runs {
+        let denoised = denoiser.denoise(&read(&run.file, false), &features).unwrap();
+        let relmse = measure_noisy(&denoised, &reference, Some(&variance)).unwrap().relmse;
+        let entry = run.denoised.unwrap();
+        assert!((entry.errors.relmse - relmse).abs() < 1e-9, "{relmse}, {entry:?}");
+        assert!(entry.errors.relmse < run.errors.relmse && entry.seconds > 0.0, "{entry:?}");
+    }
+    for entry in &results.summary {
+        let denoised = entry.denoised.unwrap();
+        assert!(denoised.relmse_trimmed.mean < entry.relmse_trimmed.mean && denoised.seconds > entry.seconds);
+    }
+    let csv = std::fs::read_to_string(folder.path().join("runs.csv")).unwrap();
+    let columns: Vec<usize> = csv.lines().map(|line| line.split(',').count()).collect();
+    assert!(csv.lines().next().unwrap().ends_with(",denoised_relmse_ldr") && columns.iter().all(|&n| n == columns[0]));
+    let page = std::fs::read_to_string(folder.path().join("index.html")).unwrap();
+    assert!(page.contains("Dashed lines") && page.contains("trimmed, denoised"));
 }

@@ -208,6 +208,7 @@ fn run(scene: &Path, folder: &Path, methods: &[Method], budgets: &[Budget], dept
         reference: Some((folder.join("reference.exr"), None)),
         reference_spp: 1,
         oracle_spp: 1,
+        denoiser: None,
         neural: &neural,
         folder,
     };

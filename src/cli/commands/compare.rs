@@ -7,7 +7,7 @@ use crate::base::{Error, Result};
 use crate::cli::args::CompareArgs;
 use crate::cli::interrupt::Ended;
 use crate::cli::{interrupt, print, progress};
-use crate::film::check_size;
+use crate::film::{Denoiser, check_size};
 use crate::reconstruct::Neural;
 use crate::render::{GuideMode, RenderSettings, StopRule};
 use crate::report::results::Interval;
@@ -20,6 +20,7 @@ use crate::report::{Budget, Experiment, page};
 pub fn run(args: &CompareArgs) -> Result<Ended> {
     std::fs::create_dir_all(&args.output).map_err(|e| Error::io(&args.output, e))?;
     in_pool(&args.common, || {
+        let denoiser = args.denoise.then(Denoiser::new).transpose()?;
         let begun = Instant::now();
         let mut loaded = load_scene(&args.scene, &[], args.missing, &args.common)?;
         let load_seconds = begun.elapsed().as_secs_f64();
@@ -44,6 +45,7 @@ pub fn run(args: &CompareArgs) -> Result<Ended> {
             reference: args.reference.clone().map(|r| (r, args.reference_variance.clone())),
             reference_spp: args.reference_spp,
             oracle_spp: args.oracle_spp,
+            denoiser: denoiser.as_ref(),
             neural: &neural,
             folder: &args.output,
         };
