@@ -126,6 +126,17 @@ pub enum Error {
         /// Description of the failure, and what to install.
         message: String,
     },
+    /// The program that was to show the picture cannot be reached.
+    #[error(
+        "no viewer answers at {address}: {source}; start tev, or HDRView and let it listen for image updates, or leave \
+         --display out"
+    )]
+    Viewer {
+        /// Host and port.
+        address: String,
+        /// The system's own error.
+        source: std::io::Error,
+    },
     /// The work was stopped, as asked for, before there was anything to keep.
     #[error("{0}")]
     Interrupted(String),

@@ -10,7 +10,7 @@ use glam::Vec3;
 use crate::guiding::learn::fraction::FractionRule;
 use crate::guiding::target::{DirectLight, Target};
 use crate::integrators::Roulette;
-use crate::picture::{View, Window};
+use crate::picture::{Address, View, Window};
 use crate::render::{Aov, GuideMode, Reconstruction, Sample, SampleKinds};
 use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;
@@ -179,6 +179,8 @@ words!(
     Samples: "samples.Y: camera samples that the pixel is made of",
     Variance: "variance.R/G/B: variance of the pixel's mean; 0 where one sample cannot tell",
     Guiding: "guiding.Y: probability that the guide chooses the direction at the first surface; 0 where unguided",
+    CryptoObject: "crypto_object00.r/g/b/a to 02: Cryptomatte of shapes by their names",
+    CryptoMaterial: "crypto_material00.r/g/b/a to 02: Cryptomatte of materials by their names",
 );
 
 words!(
@@ -251,6 +253,7 @@ const RENDER_EXAMPLES: &str = concat!(
   fanal render scenes/cornell/scene.json -o out.png --guide none --spp 256 --size 128x128
   fanal render scenes/lamp-room -o out.exr --target-error 0.01
   fanal render scenes/cornell -o out.png --spp 16 --denoise --view agx --exposure 1
+  fanal render scenes/lamp-room -o out.exr --time 60 --display localhost
   fanal render scene.xml -o out.exr --time 60 --stats stats.json --reference reference.exr
   fanal render scenes/lamp-room -o out.exr --model models/mine --backend onnx
   fanal render scenes/lamp-room -o out.exr --spp 4096 --checkpoint lamp.part
@@ -317,8 +320,11 @@ pub struct RenderArgs {
     /// What of the light around it a pixel shows [default: the scene's]
     #[arg(long, value_enum, value_name = "FILTER")]
     pub pixel_filter: Option<PixelFilter>,
+    /// Show the picture while it is rendered in tev, or in HDRView where it listens for image updates; without a port 14158
+    #[arg(long, value_name = "HOST[:PORT]")]
+    pub display: Option<Address>,
     /// Layers beside the picture in the EXR file, separated by commas. Features are those of the first surface that a camera ray
-    /// hits, mirrors and glass included, averaged over up to 16 samples per pixel
+    /// hits, mirrors and glass included, averaged over up to 16 samples per pixel; of edges in mattes 128
     #[arg(long, value_enum, value_name = "LAYERS", value_delimiter = ',')]
     pub aov: Vec<Layer>,
     /// Denoise the finished picture with Intel's Open Image Denoise 2, whose shared libraries must be installed (OIDN_DYLIB_PATH says
@@ -353,7 +359,7 @@ pub struct RenderArgs {
     /// Render nothing, but print the path of one sample vertex by vertex: the column and row of its pixel, its number, and the
     /// number at which its pass began, which is 0 with --guide none, or "none" where random numbers are independent (--target-error).
     /// --stats lists dropped samples in this form. Replays --guide none and --load-guide
-    #[arg(long, value_name = "X,Y,SAMPLE[,FROM]", value_parser = sample, conflicts_with_all = ["checkpoint", "resume", "save_guide", "stats", "denoise"])]
+    #[arg(long, value_name = "X,Y,SAMPLE[,FROM]", value_parser = sample, conflicts_with_all = ["checkpoint", "resume", "save_guide", "stats", "denoise", "display"])]
     pub replay: Option<Sample>,
     /// Write statistics as JSON
     #[arg(long, value_name = "FILE")]

@@ -1,6 +1,9 @@
-//! Pictures in memory and on disk, shared by films, textures, environments and reports.
+//! Pictures in memory, on disk and in viewers, shared by films, textures, environments and reports.
 
+mod address;
+pub mod cryptomatte;
 mod image;
+mod live;
 mod output;
 mod read;
 mod read_exr;
@@ -11,7 +14,9 @@ mod window;
 mod write_exr;
 pub mod write_png;
 
+pub use address::Address;
 pub use image::Image;
+pub use live::{Canvas, LiveView, Viewer};
 pub use output::{check_folder, check_writable, write, write_or_rescue, write_picture};
 pub use read::{read_image, read_samples, read_texels};
 pub use read_exr::{Channels, read_exr_channels};

@@ -8,13 +8,13 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::Outcome;
-use super::pass::{CameraSample, camera_ray};
+use super::mattes::{self, Matte};
+use super::pass::{CameraSample, first_surface};
 use super::settings::RenderSettings;
 use crate::base::Result;
-use crate::base::random::Dimension;
 use crate::film::PixelFilter;
 use crate::guiding::sample::field::GuideField;
-use crate::picture::Channel;
+use crate::picture::{Attribute, Channel, cryptomatte};
 use crate::scene::Scene;
 
 /// Camera samples that features are averaged over, where the picture has as many.
@@ -37,14 +37,28 @@ pub enum Aov {
     Variance,
     /// `guiding.Y`: probability that the guide, not the BSDF, chooses the direction in which the path leaves the surface.
     Guiding,
+    /// `crypto_object00.r/g/b/a` to `crypto_object02.r/g/b/a`: the names of the shapes that the pixel shows, with the part of it that
+    /// each covers (see [`cryptomatte`]).
+    CryptoObject,
+    /// `crypto_material00.r/g/b/a` to `crypto_material02.r/g/b/a`: the same for materials.
+    CryptoMaterial,
 }
 
 impl Aov {
     /// All layers.
-    pub const ALL: [Self; 7] =
-        [Self::Albedo, Self::Normal, Self::Position, Self::Depth, Self::Samples, Self::Variance, Self::Guiding];
+    pub const ALL: [Self; 9] = [
+        Self::Albedo,
+        Self::Normal,
+        Self::Position,
+        Self::Depth,
+        Self::Samples,
+        Self::Variance,
+        Self::Guiding,
+        Self::CryptoObject,
+        Self::CryptoMaterial,
+    ];
 
-    /// Name on the command line, and of its channels before the dot.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Albedo => "albedo",
@@ -54,25 +68,46 @@ impl Aov {
             Self::Samples => "samples",
             Self::Variance => "variance",
             Self::Guiding => "guiding",
+            Self::CryptoObject => "crypto-object",
+            Self::CryptoMaterial => "crypto-material",
         }
     }
 
-    /// Whether the layer is made of the film's samples; the others are features of surfaces.
+    /// Whether the layer is made of the film's samples.
     pub fn is_of_film(self) -> bool {
         matches!(self, Self::Samples | Self::Variance)
     }
 
-    /// Its channels' names.
-    pub fn channels(self) -> &'static [&'static str] {
+    /// Whether the layer tells things apart by their names.
+    pub fn is_matte(self) -> bool {
+        self.matte().is_some()
+    }
+
+    /// Whether the layer is a feature of surfaces.
+    pub fn is_feature(self) -> bool {
+        !self.is_of_film() && !self.is_matte()
+    }
+
+    fn matte(self) -> Option<Matte> {
         match self {
-            Self::Albedo => &["albedo.R", "albedo.G", "albedo.B"],
-            Self::Normal => &["normal.X", "normal.Y", "normal.Z"],
-            Self::Position => &["position.X", "position.Y", "position.Z"],
-            Self::Depth => &["depth.Z"],
-            Self::Samples => &["samples.Y"],
-            Self::Variance => &["variance.R", "variance.G", "variance.B"],
-            Self::Guiding => &["guiding.Y"],
+            Self::CryptoObject => Some(Matte::Object),
+            Self::CryptoMaterial => Some(Matte::Material),
+            _ => None,
         }
+    }
+
+    /// Its channels' names.
+    pub fn channels(self) -> Vec<String> {
+        let parts: &[&str] = match self {
+            Self::CryptoObject | Self::CryptoMaterial => {
+                return self.matte().map_or(Vec::new(), |matte| cryptomatte::names(matte.name()));
+            }
+            Self::Albedo | Self::Variance => &["R", "G", "B"],
+            Self::Normal | Self::Position => &["X", "Y", "Z"],
+            Self::Depth => &["Z"],
+            Self::Samples | Self::Guiding => &["Y"],
+        };
+        parts.iter().map(|part| format!("{}.{part}", self.name())).collect()
     }
 }
 
@@ -91,7 +126,7 @@ struct Features {
 /// # Errors
 /// [`Error::Options`](crate::base::Error::Options) for a filter that cannot be.
 pub fn channels(scene: &Scene, settings: &RenderSettings, outcome: &Outcome, aovs: &[Aov]) -> Result<Vec<Channel>> {
-    let wanted = aovs.iter().any(|aov| !aov.is_of_film());
+    let wanted = aovs.iter().any(|aov| aov.is_feature());
     let features = if wanted { features(scene, settings, outcome)? } else { Vec::new() };
     let film = outcome.spread.as_ref();
     let of = |aov: Aov, part: usize| -> Vec<f32> {
@@ -104,14 +139,25 @@ pub fn channels(scene: &Scene, settings: &RenderSettings, outcome: &Outcome, aov
             Aov::Guiding => feature(|f| Vec3::splat(f.guiding)),
             Aov::Samples => film.map_or(Vec::new(), |film| film.samples.iter().map(|&n| n as f32).collect()),
             Aov::Variance => film.map_or(Vec::new(), |film| film.variance.iter().map(|v| v[part]).collect()),
+            Aov::CryptoObject | Aov::CryptoMaterial => Vec::new(),
         }
     };
     let named = |&aov: &Aov| {
-        let names = aov.channels().iter().enumerate();
-        names.map(move |(part, &name)| (aov, part, name)).collect::<Vec<_>>()
+        let names = aov.channels().into_iter().enumerate();
+        names.map(move |(part, name)| (aov, part, name)).collect::<Vec<_>>()
     };
-    let channel = |(aov, part, name): (Aov, usize, &str)| Channel { name: name.to_owned(), values: of(aov, part) };
-    Ok(aovs.iter().flat_map(named).map(channel).collect())
+    let channel = |(aov, part, name): (Aov, usize, String)| Channel { name, values: of(aov, part) };
+    let mut channels: Vec<Channel> = aovs.iter().filter(|aov| !aov.is_matte()).flat_map(named).map(channel).collect();
+    let mattes: Vec<Matte> = aovs.iter().filter_map(|aov| aov.matte()).collect();
+    if !mattes.is_empty() {
+        channels.extend(mattes::channels(scene, settings, outcome, &mattes)?);
+    }
+    Ok(channels)
+}
+
+/// What belongs to `aovs` in the header of an EXR file that holds them among `channels`: the names of what mattes show.
+pub fn header(scene: &Scene, aovs: &[Aov], channels: &[Channel]) -> Vec<Attribute> {
+    aovs.iter().filter_map(|aov| aov.matte()).flat_map(|matte| matte.header(scene, channels)).collect()
 }
 
 fn features(scene: &Scene, settings: &RenderSettings, outcome: &Outcome) -> Result<Vec<Features>> {
@@ -154,9 +200,7 @@ fn seen(
     sample: u64,
 ) -> Option<Features> {
     let sample = CameraSample { place, number: sample, sequences_from: Some(0) };
-    let (ray, mut random) = camera_ray(scene, settings, filter, sample);
-    random.begin_vertex(1);
-    let surface = scene.trace(&ray, &mut random.at(Dimension::SEGMENT))?;
+    let (ray, surface) = first_surface(scene, settings, filter, sample)?;
     let material = scene.material(&surface);
     let normal = surface.normal_towards(-ray.direction);
     let guide = field.filter(|_| !material.is_delta()).and_then(|field| field.at(surface.point, normal));

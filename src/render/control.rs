@@ -30,7 +30,7 @@ impl<'a> Control<'a> {
 
 /// Previews of the picture while it is rendered.
 pub struct Refresh<'a> {
-    /// Least time between two pictures; more where showing one takes more than a twentieth of it.
+    /// Least time between two pictures; more where making and showing one takes more than a twentieth of it.
     pub every: Duration,
     /// Takes the picture and returns its error against the reference, if there is one.
     pub show: &'a dyn Fn(Snapshot) -> Option<ErrorPoint>,
@@ -155,8 +155,9 @@ impl<'a> Watcher<'a> {
         self.control.progress.advance(samples);
         let seconds = self.elapsed();
         let refresh = self.control.refresh.as_ref().filter(|r| !self.is_late(r.every) && self.shown.due(r.every));
-        if let Some((refresh, image)) = refresh.and_then(|r| Some((r, picture()?))) {
-            self.errors.extend(self.shown.time(|| (refresh.show)(Snapshot { image, spp, seconds })));
+        if let Some(refresh) = refresh {
+            let show = || picture().and_then(|image| (refresh.show)(Snapshot { image, spp, seconds }));
+            self.errors.extend(self.shown.time(show));
         }
         self.tell(spp, seconds);
         let whole = !self.cut_short.get();

@@ -8,6 +8,7 @@ mod features;
 mod final_pass;
 mod iterations;
 mod learning;
+mod mattes;
 mod order;
 mod pass;
 mod replay;

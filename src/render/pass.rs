@@ -16,7 +16,7 @@ use super::settings::RenderSettings;
 use super::statistics::{Dropped, Statistics};
 use crate::base::random::{Dimension, Random};
 use crate::film::{Pass, PixelFilter};
-use crate::geometry::Ray;
+use crate::geometry::{Ray, Surface};
 use crate::guiding::learn::emission::EmissionGuide;
 use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::GuideField;
@@ -269,4 +269,17 @@ pub(super) fn camera_ray(
     let [dx, dy] = filter.sample(random.at(Dimension::FILM).next_2d());
     let film = [column as f32 + dx, row as f32 + dy];
     (scene.camera.ray(film, scene.camera.lens(&random)), random)
+}
+
+/// The first surface on the ray of a camera sample, whatever it is made of, with the ray; none where it hits nothing.
+pub(super) fn first_surface(
+    scene: &Scene,
+    settings: &RenderSettings,
+    filter: &PixelFilter,
+    sample: CameraSample,
+) -> Option<(Ray, Surface)> {
+    let (ray, mut random) = camera_ray(scene, settings, filter, sample);
+    random.begin_vertex(1);
+    let surface = scene.trace(&ray, &mut random.at(Dimension::SEGMENT))?;
+    Some((ray, surface))
 }

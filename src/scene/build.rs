@@ -10,6 +10,7 @@ use super::file::{
     Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile, ShapeFile, TextureFile,
 };
 use super::media::Border;
+use super::names::Names;
 use super::readers::LoadedScene;
 use crate::base::{Error, Place, Result};
 use crate::camera::Camera;
@@ -125,6 +126,7 @@ impl Scene {
             light_medium,
             camera_medium,
             name: file.name.clone(),
+            names: Names::of(file),
             size,
             camera,
             lights: LightSet::new(lights, &bounds),

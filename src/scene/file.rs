@@ -336,7 +336,7 @@ pub enum MeshFile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShapeFile {
-    /// A name for messages; may be empty.
+    /// A name for messages and mattes, which show shapes of one name as one; may be empty.
     #[serde(default, skip_serializing_if = "is_default")]
     pub name: String,
     /// The geometry.

@@ -4,6 +4,7 @@ pub mod build;
 pub mod effects;
 pub mod file;
 pub mod media;
+mod names;
 pub mod overrides;
 pub mod plan;
 pub mod readers;
@@ -24,11 +25,14 @@ use crate::materials::{Kind, Material, Variant};
 use crate::math::lanes::LANES;
 use effects::Needs;
 use media::Border;
+pub use names::Names;
 
 /// A scene ready to be rendered. It never changes.
 pub struct Scene {
     /// Name for reports.
     pub name: String,
+    /// Names of shapes and materials.
+    pub names: Names,
     /// Columns and rows of the picture.
     pub size: [u32; 2],
     /// The camera.

@@ -6,7 +6,9 @@ mod support;
 
 mod cli;
 mod denoise;
+mod display;
 mod file_circles;
+mod mattes;
 mod module_order;
 mod report;
 mod resume;

@@ -11,6 +11,7 @@ mod effects;
 mod film;
 mod hard_scenes;
 mod lights;
+mod mattes;
 mod media;
 mod own_scenes;
 mod robustness;

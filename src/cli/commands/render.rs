@@ -1,5 +1,6 @@
 //! `fanal render`.
 
+use std::cell::Cell;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
@@ -14,8 +15,8 @@ use crate::cli::{interrupt, print, progress};
 use crate::film::{Denoiser, measure};
 use crate::guiding::sample::file;
 use crate::picture::{
-    Attribute, Image, Picture, Window, check_folder, check_writable, matched, read_image, window_of, write_or_rescue,
-    write_picture,
+    Attribute, Canvas, Image, Picture, Viewer, Window, check_folder, check_writable, matched, read_image, window_of,
+    write_or_rescue, write_picture,
 };
 use crate::reconstruct::{Neural, Reconstructor};
 use crate::render::{
@@ -27,8 +28,12 @@ use crate::scene::overrides::decide;
 use crate::scene::plan::{EffectKind, EffectPlan, plan};
 use crate::scene::readers::LoadedScene;
 
-/// Least time between two pictures while rendering.
+/// Least time between two pictures that are written while rendering.
 const REFRESH: Duration = Duration::from_secs(2);
+/// Least time between two pictures in a viewer.
+const LIVE: Duration = Duration::from_millis(500);
+/// Time that a viewer has for taking the last picture, once that is written.
+const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Loads, checks everything that can be known beforehand, renders.
 ///
@@ -41,6 +46,7 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
     for other in [args.stats.as_ref(), args.save_guide.as_ref(), checkpoint].into_iter().flatten() {
         check_folder(other)?;
     }
+    let viewer = args.display.as_ref().map(Viewer::connect).transpose()?;
     in_pool(&args.common, || {
         let begun = Instant::now();
         // First of all: who waits for a picture should not learn at its end that this is missing.
@@ -52,11 +58,12 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
         let reference = reference(&request)?;
         let stop = interrupt::flag()?;
         let progress = progress::progress(args.common.quiet);
-        let made = render(&request, &loaded, denoiser.as_ref(), begun, reference.as_ref(), &*progress, &stop)?;
-        let Made { mut statistics, written, unkept, interrupted } = made;
+        let beside = Beside { denoiser: denoiser.as_ref(), reference: reference.as_ref(), viewer };
+        let made = render(&request, &loaded, begun, beside, &*progress, &stop)?;
+        let Made { mut statistics, written, unkept, unshown, interrupted } = made;
         let unkept = unkept.map(|why| format!("no checkpoint could be written: {why}"));
         let early = interrupted.then(|| format!("interrupted after {} samples per pixel", statistics.spp));
-        print::warnings(&unkept.into_iter().chain(early).collect::<Vec<_>>(), args.common.quiet);
+        print::warnings(&unkept.into_iter().chain(unshown).chain(early).collect::<Vec<_>>(), args.common.quiet);
         statistics.seconds.load = load;
         // A picture that had to be saved elsewhere has statistics all the same.
         let reported = report(&request, &statistics);
@@ -88,16 +95,19 @@ const WRITING: f64 = 4e-7;
 const LAYER_WRITING: f64 = 1.5e-7;
 /// Time to find features, in seconds per pixel on one thread.
 const FEATURES: f64 = 16e-7;
+/// Time to find what mattes show, in seconds per pixel on one thread.
+const MATTES: f64 = 32e-7;
 
-/// Time needed after rendering to find features, to denoise and to write the picture, in seconds per pixel.
+/// Time needed after rendering to find features and mattes, to denoise and to write the picture, in seconds per pixel.
 fn afterwards(aovs: &[Aov], denoiser: Option<&Denoiser>) -> Result<f64> {
     let noisy = if denoiser.is_some() { denoised::NOISY.len() } else { 0 };
     let channels: usize = noisy + aovs.iter().map(|aov| aov.channels().len()).sum::<usize>();
     // The denoiser's are others than those of layers.
-    let kinds = u8::from(denoiser.is_some()) + u8::from(aovs.iter().any(|aov| !aov.is_of_film()));
-    let features = f64::from(kinds) * FEATURES / rayon::current_num_threads() as f64;
+    let kinds = u8::from(denoiser.is_some()) + u8::from(aovs.iter().any(|aov| aov.is_feature()));
+    let mattes = if aovs.iter().any(|aov| aov.is_matte()) { MATTES } else { 0.0 };
+    let seen = (f64::from(kinds) * FEATURES + mattes) / rayon::current_num_threads() as f64;
     let denoising = denoiser.map_or(Ok(0.0), Denoiser::seconds_per_pixel)?;
-    Ok(WRITING + LAYER_WRITING * channels as f64 + features + denoising)
+    Ok(WRITING + LAYER_WRITING * channels as f64 + seen + denoising)
 }
 
 /// Stop rule of a render that starts `elapsed` seconds after the command and ends `afterwards` seconds before it: `--time` is
@@ -128,17 +138,28 @@ struct Made {
     written: Result<()>,
     /// Why the last checkpoint could not be written; none where it could.
     unkept: Option<String>,
+    /// Why the viewer does not show the picture; none where it does, or where there is none.
+    unshown: Option<String>,
     /// Whether it was ended before it was done.
     interrupted: bool,
+}
+
+/// What else is done with the picture, where it is wanted.
+struct Beside<'a> {
+    /// Denoises it.
+    denoiser: Option<&'a Denoiser>,
+    /// It is measured against this.
+    reference: Option<&'a Image>,
+    /// Shows it while it is rendered.
+    viewer: Option<Viewer>,
 }
 
 /// Renders and writes the picture; the command began at `started`.
 fn render(
     request: &RenderRequest,
     loaded: &LoadedScene,
-    denoiser: Option<&Denoiser>,
     started: Instant,
-    reference: Option<&Image>,
+    Beside { denoiser, reference, viewer }: Beside,
     progress: &dyn Progress,
     stop: &AtomicBool,
 ) -> Result<Made> {
@@ -155,14 +176,24 @@ fn render(
         let left = pixels * afterwards(&request.aovs, denoiser)?;
         settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), left);
     }
-    let show = |snapshot: Snapshot| {
-        // A failed write is no reason to stop: a later one may succeed, and the last one is reported.
-        let picture = Picture { window: request.placed(), ..Picture::plain(&snapshot.image, &header) };
-        let _ = write_picture(&request.output, &picture, request.display);
-        let measures = measure(&snapshot.image, reference?).ok()?;
-        Some(ErrorPoint::new(snapshot.seconds, snapshot.spp, &measures))
+    let canvas = Canvas { name: request.output.display().to_string(), size: request.size, window: request.placed() };
+    let live = viewer.map(|viewer| viewer.open(canvas)).transpose()?;
+    let written = Cell::new(Instant::now());
+    let show = |Snapshot { image, spp, seconds }: Snapshot| {
+        let due = live.is_none() || written.get().elapsed() >= REFRESH;
+        let error = due.then(|| {
+            // A failed write is no reason to stop: a later one may succeed, and the last one is reported.
+            let picture = Picture { window: request.placed(), ..Picture::plain(&image, &header) };
+            let _ = write_picture(&request.output, &picture, request.display);
+            written.set(Instant::now());
+            Some(ErrorPoint::new(seconds, spp, &measure(&image, reference?).ok()?))
+        });
+        if let Some(live) = &live {
+            live.show(image);
+        }
+        error.flatten()
     };
-    let refresh = Some(Refresh { every: REFRESH, show: &show });
+    let refresh = Some(Refresh { every: if live.is_some() { LIVE } else { REFRESH }, show: &show });
     let control = Control { progress, stop, refresh, checkpoint: checkpoint.as_ref() };
     let outcome = match loaded_guide {
         Some((field, _)) => render::render_with_field(&scene, &settings, field, &control)?,
@@ -187,16 +218,20 @@ fn render(
         statistics.denoised_error =
             Some(ErrorPoint::new(statistics.seconds.total + seconds, statistics.spp, &measures));
     }
+    live.iter().for_each(|live| live.show(image.clone()));
     channels.extend(noisy);
     let begun = Instant::now();
-    let header: Vec<Attribute> = header.into_iter().chain(results(&statistics)).chain(attribute).collect();
+    let mattes = aov::header(&scene, &request.aovs, &channels);
+    let header: Vec<Attribute> =
+        header.into_iter().chain(results(&statistics)).chain(attribute).chain(mattes).collect();
     let picture = Picture { image: &image, channels: &channels, window: request.placed(), attributes: &header };
     let written = write_or_rescue(&request.output, &picture, request.display);
     let interrupted = outcome.interrupted;
     let saved = request.save_guide.as_deref().map(|path| file::save(path, &outcome.field, &outcome.evidence));
     statistics.seconds.write = begun.elapsed().as_secs_f64();
     let written = written.and(saved.unwrap_or(Ok(()))).and(failure);
-    Ok(Made { statistics, written, unkept: outcome.unkept, interrupted })
+    let unshown = live.and_then(|live| live.finish(PATIENCE));
+    Ok(Made { statistics, written, unkept: outcome.unkept, unshown, interrupted })
 }
 
 /// Writes the statistics where they are wanted.

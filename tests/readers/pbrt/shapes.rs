@@ -208,6 +208,7 @@ fn objects() {
     assert!(matches!(file.shapes[3].geometry, GeometryFile::Mesh { .. }), "a sphere that is stretched");
     assert!(file.shapes.iter().all(|shape| !shape.flip_normals));
     assert_eq!(file.shapes[0].geometry, file.shapes[2].geometry, "instances share meshes");
+    assert!(file.shapes.iter().all(|shape| shape.name == "pair"), "parts of an object have its name");
     for (text, words) in [
         ("ObjectInstance \"x\"", "no object"),
         ("ObjectBegin \"a\" ObjectBegin \"b\"", "inside the object"),

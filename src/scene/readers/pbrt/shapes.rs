@@ -234,14 +234,14 @@ impl Reader {
         let missing = || Error::malformed(place.clone(), format!("there is no object \"{name}\" yet"));
         let pieces = self.objects.remove(name).ok_or_else(missing)?;
         let outer = self.state.transform;
-        let result = pieces.iter().try_for_each(|piece| self.put(piece, Some((outer, place))));
+        let result = pieces.iter().try_for_each(|piece| self.put(piece, Some((name, outer, place))));
         self.objects.insert(name.to_owned(), pieces);
         result
     }
 
-    /// Adds a shape to the scene, after an instance's transform.
-    fn put(&mut self, piece: &Piece, instance: Option<(DMat4, &Place)>) -> Result<()> {
-        let (outer, place) = instance.unwrap_or((DMat4::IDENTITY, &piece.place));
+    /// Adds a shape to the scene, after an instance's transform and under the name of its object.
+    fn put(&mut self, piece: &Piece, instance: Option<(&str, DMat4, &Place)>) -> Result<()> {
+        let (object, outer, place) = instance.unwrap_or(("", DMat4::IDENTITY, &piece.place));
         limit(self.file.shapes.len(), place)?;
         let mut to_world = outer * piece.to_world;
         let geometry = match &piece.geometry {
@@ -258,7 +258,7 @@ impl Reader {
         let [interior, exterior] = piece.media.clone();
         self.places.set(format!("shapes[{}]", self.file.shapes.len()), place.clone());
         self.file.shapes.push(ShapeFile {
-            name: String::new(),
+            name: object.to_owned(),
             geometry,
             to_world: rounded(to_world),
             flip_normals: piece.flip,
