@@ -116,8 +116,8 @@ fn edges_are_those_of_the_picture() {
             let mut edges = 0;
             for (pixel, ranks) in outcome.image.pixels.iter().zip(&objects) {
                 let lamp = cover(ranks, "lamp");
-                // Sixteen samples that see the same leave the pixel to that.
-                let same = if lamp == 0.0 || lamp == 1.0 { (spp.saturating_sub(16)) as f32 / spp as f32 } else { 0.0 };
+                // Where the first 32 samples see the same, the pixel is left to that.
+                let same = if lamp == 0.0 || lamp == 1.0 { spp.saturating_sub(32) as f32 / spp as f32 } else { 0.0 };
                 assert!((pixel.x - lamp).abs() <= 1e-6 + 0.2 * same, "{filter:?}, {spp}: {} and {lamp}", pixel.x);
                 edges += usize::from(lamp > 0.0 && lamp < 1.0);
             }

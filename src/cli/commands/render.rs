@@ -96,7 +96,7 @@ const LAYER_WRITING: f64 = 1.5e-7;
 /// Time to find features, in seconds per pixel on one thread.
 const FEATURES: f64 = 16e-7;
 /// Time to find what mattes show, in seconds per pixel on one thread.
-const MATTES: f64 = 32e-7;
+const MATTES: f64 = 40e-7;
 
 /// Time needed after rendering to find features and mattes, to denoise and to write the picture, in seconds per pixel.
 fn afterwards(aovs: &[Aov], denoiser: Option<&Denoiser>) -> Result<f64> {
