@@ -75,8 +75,8 @@ fn cover(ranks: &[(f32, f32)], name: &str) -> f32 {
 }
 
 /// Inside of things the pixel is all theirs; across the edges at column 4.32 and row 10.68 the parts are those of the areas. The mean
-/// over the 52 rows below the edge has a standard error of 0.0057 for 128 independent samples each, that over seven columns of the row
-/// with the edge 0.016; both limits are more than five.
+/// over the 53 rows below the edge has a standard error of 0.0057 for 128 independent samples each, that over the eight pixels of the row
+/// with the edge 0.015; both limits are more than five.
 #[test]
 fn parts_of_a_pixel_are_areas() {
     let scene = lamp_and_squares();
