@@ -14,6 +14,7 @@ use crate::picture::{Address, View, Window};
 use crate::render::{Aov, GuideMode, Reconstruction, Sample, SampleKinds};
 use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;
+use crate::scene::orbit;
 use crate::scene::overrides::Override;
 use crate::scene::readers::Missing;
 
@@ -258,7 +259,9 @@ const RENDER_EXAMPLES: &str = concat!(
   fanal render scenes/lamp-room -o out.exr --model models/mine --backend onnx
   fanal render scenes/lamp-room -o out.exr --spp 4096 --checkpoint lamp.part
   fanal render scenes/lamp-room -o out.exr --spp 4096 --resume lamp.part
-  fanal render scene.xml --guide none --replay 120,45,17",
+  fanal render scene.xml --guide none --replay 120,45,17
+  fanal render scene.glb -o out.exr --camera all
+  fanal render scene.glb -o turn.png --orbit 36 --spp 64",
     exit_codes!()
 );
 
@@ -313,6 +316,17 @@ pub struct RenderArgs {
     /// Size of the picture in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<[u32; 2]>,
+    /// Camera to render, by its name [default: the first]; or several with commas between them, or `all`: each view has a file
+    /// then, out.NAME.exr beside out.exr, and one guide learns from what all of them see. `fanal plan` lists them
+    #[arg(long, value_name = "NAME|all", allow_hyphen_values = true)]
+    pub camera: Option<String>,
+    /// A turntable: so many views from all around, out.000.exr and so on, which share one guide. The camera goes around the point of
+    /// its viewing axis that is nearest to the middle of the scene, anticlockwise about the vertical axis; the first view is its own
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(orbit::MOST)))]
+    pub orbit: Option<u32>,
+    /// Another point for --orbit to go around
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "orbit")]
+    pub around: Option<Vec3>,
     /// Render only this part of the picture: columns to the left of it, rows above it, its columns and rows. Its pixels get the
     /// samples that they get in the whole picture; an EXR file says where in it they are, a PNG file holds them alone
     #[arg(long, value_name = "X,Y,W,H", value_parser = window)]

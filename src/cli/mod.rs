@@ -1,4 +1,5 @@
-//! The command line: parse (`args`), resolve against the scene (`resolve`), work (`commands`), report (`print`, `progress`, `lines`).
+//! The command line: parse (`args`), resolve against the scene (`views`, `resolve`), work (`commands`), report (`print`, `progress`,
+//! `lines`).
 
 pub mod args;
 pub mod commands;
@@ -8,6 +9,7 @@ pub mod lines;
 pub mod print;
 pub mod progress;
 pub mod resolve;
+pub mod views;
 
 use std::process::ExitCode;
 

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::args::{Backend, Layer, LearningArgs, PixelFilter, RenderArgs, Switch};
+use super::views::{View, views};
 use crate::base::{Error, Result};
-use crate::film::check_size;
+use crate::film::check_sheet;
 use crate::guiding::learn::learner::LearnerSettings;
 use crate::guiding::model::ModelKind;
 use crate::guiding::target::Target;
@@ -21,9 +22,9 @@ use crate::scene::overrides::Override;
 pub struct RenderRequest {
     /// The scene as given by the user, for reports.
     pub scene: PathBuf,
-    /// The picture to write.
-    pub output: PathBuf,
-    /// Columns and rows.
+    /// The views to render and the pictures to write, in the order of [`SceneFile::views`].
+    pub views: Vec<View>,
+    /// Columns and rows of each picture.
     pub size: [u32; 2],
     /// Render settings before the scene's plan is applied to them.
     pub settings: RenderSettings,
@@ -62,13 +63,14 @@ impl RenderRequest {
     }
 }
 
-/// Combines arguments with the scene's defaults.
+/// Combines arguments with the defaults of a scene that has the cameras asked for and no others.
 ///
 /// # Errors
 /// [`Error::Options`] naming the options that contradict one another or the value that is out of range.
 pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
     let size = args.size.unwrap_or([scene.film.width, scene.film.height]);
-    check_size(size[0], size[1])?;
+    let views = views(args, scene)?;
+    check_sheet(size, views.len())?;
     if let Some(window) = args.crop {
         window.check_inside(size).map_err(|e| Error::Options(format!("--crop: {e}")))?;
     }
@@ -77,7 +79,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
     let aovs = aovs(args)?;
     Ok(RenderRequest {
         scene: args.scene.clone(),
-        output: args.output.clone().unwrap_or_default(),
+        views,
         size,
         settings: settings(args, scene, &aovs)?,
         samples: args.learning.samples,

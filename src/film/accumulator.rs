@@ -37,6 +37,22 @@ pub fn check_size(width: u32, height: u32) -> Result<()> {
     Ok(())
 }
 
+/// [`check_size`] for so many pictures of that size on one sheet.
+///
+/// # Errors
+/// As [`check_size`], also where all of them together have too many pixels.
+pub fn check_sheet([width, height]: [u32; 2], views: usize) -> Result<()> {
+    check_size(width, height)?;
+    let pixels = u128::from(width) * u128::from(height) * views as u128;
+    if pixels > u128::from(MAX_PIXELS) {
+        return Err(Error::Options(format!(
+            "{views} pictures of {width}x{height} pixels cannot be rendered together: all their pixels must be at most {MAX_PIXELS}; \
+             give a smaller --size or fewer views"
+        )));
+    }
+    Ok(())
+}
+
 /// Running mean and spread of one pixel's samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Pixel {
@@ -132,9 +148,15 @@ impl Pass {
 
     /// Estimated relMSE (against the truth) of a picture with one sample per pixel: mean over pixels and channels of the sample
     /// variance over m² + 0.01, where m is the mean of the 3 × 3 pixels around, since a pixel's own mean follows its samples:
-    /// the pixels that are too bright by chance would hide their error. 0 where no pixel has two samples.
-    pub fn relative_variance(&self) -> f64 {
+    /// the pixels that are too bright by chance would hide their error. 0 where no pixel has two samples. The largest, where the pass is
+    /// of a sheet of several `views`.
+    pub fn relative_variance(&self, views: usize) -> f64 {
         let pixels: Vec<Pixel> = self.pixels().collect();
+        let of_view = |view: &[Pixel]| self.relative_variance_of(view);
+        pixels.chunks((pixels.len() / views.max(1)).max(1)).map(of_view).fold(0.0, f64::max)
+    }
+
+    fn relative_variance_of(&self, pixels: &[Pixel]) -> f64 {
         let height = pixels.len().checked_div(self.width).unwrap_or(0);
         let mut sum = 0.0;
         let mut measured = 0u64;
@@ -325,13 +347,21 @@ pub(super) fn weights(passes: &[FinishedPass], half: usize) -> Vec<Vec<f64>> {
 /// # Errors
 /// [`Error::Options`] where passes differ in size or there is none.
 pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
+    combine_sheet(passes, 1)
+}
+
+/// [`combine`] for passes over a sheet of several `views`, none of which shows what another one sees.
+///
+/// # Errors
+/// As [`combine`].
+pub fn combine_sheet(passes: &[FinishedPass], views: usize) -> Result<Image> {
     check_alike(passes)?;
     if passes.len() == 1 {
         // Then no pixel depends on its tile, so that a window of a picture is what it is in the whole.
-        return combine_weighted(passes, &[1.0]);
+        return mixed(passes, views, |_, _, _, _| 1.0);
     }
     let by_other = [1, 0].map(|other| weights(passes, other));
-    mixed(passes, |half, tile, pass, samples| by_other[half][tile][pass] * f64::from(samples))
+    mixed(passes, views, |half, tile, pass, samples| by_other[half][tile][pass] * f64::from(samples))
 }
 
 /// [`combine`] with given weights, for passes whose sample counts were decided by the samples of others.
@@ -339,7 +369,7 @@ pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
 /// # Errors
 /// As [`combine`].
 pub fn combine_weighted(passes: &[FinishedPass], weights: &[f64]) -> Result<Image> {
-    mixed(passes, |_, _, pass, _| weights[pass])
+    mixed(passes, 1, |_, _, pass, _| weights[pass])
 }
 
 /// Number of columns and of pixels, which must be the same for all passes.
@@ -359,7 +389,11 @@ pub(super) fn tile_of(pixel: usize, width: usize) -> usize {
 
 /// Combines passes half by half, with the `weight` of half, tile, pass and number of the pixel's samples there; halves count by their
 /// samples.
-fn mixed(passes: &[FinishedPass], weight: impl Fn(usize, usize, usize, u32) -> f64 + Sync) -> Result<Image> {
+fn mixed(
+    passes: &[FinishedPass],
+    views: usize,
+    weight: impl Fn(usize, usize, usize, u32) -> f64 + Sync,
+) -> Result<Image> {
     let [width, pixels] = check_alike(passes)?;
     let pixel = |i: usize| {
         let (mut sum, mut samples) = (DVec3::ZERO, 0.0);
@@ -381,7 +415,8 @@ fn mixed(passes: &[FinishedPass], weight: impl Fn(usize, usize, usize, u32) -> f
         (samples > 0.0).then(|| (sum / samples).as_vec3())
     };
     let sampled: Vec<Option<Vec3>> = (0..pixels).into_par_iter().map(pixel).collect();
-    Ok(Image { width, height: pixels.checked_div(width).unwrap_or(0), pixels: filled(&sampled, width) })
+    let filled = sampled.chunks((pixels / views.max(1)).max(1)).flat_map(|view| filled(view, width));
+    Ok(Image { width, height: pixels.checked_div(width).unwrap_or(0), pixels: filled.collect() })
 }
 
 /// Most rows between a pixel without samples and the one whose value it takes.
@@ -414,6 +449,9 @@ mod tests {
         (0..40).step_by(8).for_each(|row| pass.add(row, 0, Vec3::splat(row as f32)));
         let rows: Vec<f32> = combine(&[pass.finish()]).unwrap().pixels.iter().map(|p| p.x).collect();
         assert_eq!((rows[3], rows[5], rows[8], rows[64], rows[65]), (0.0, 8.0, 8.0, 32.0, 0.0));
+        // Not that of another view, of which the second begins at row 50 and has no samples.
+        let sheet = combine_sheet(&[pass.finish()], 2).unwrap();
+        assert!(sheet.pixels[49].x == 32.0 && sheet.pixels[50..].iter().all(|p| p.x == 0.0));
     }
 
     fn noise(seed: u64, width: f32) -> impl FnMut(usize) -> f32 {

@@ -8,7 +8,7 @@ pub mod expected;
 pub mod filter;
 pub mod spread;
 
-pub use accumulator::{FinishedPass, Pass, Pixel, check_size, combine, combine_weighted};
+pub use accumulator::{FinishedPass, Pass, Pixel, check_sheet, check_size, combine, combine_sheet, combine_weighted};
 pub use adaptive::densities;
 pub use denoise::{Denoiser, Features};
 pub use error::{Measures, mean_and_variance, measure, measure_noisy, outliers, pixel_error, relative_variance};

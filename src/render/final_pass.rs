@@ -7,7 +7,7 @@ use super::settings::StopRule;
 use super::state::{Division, Part, Phase, Position};
 use super::statistics::GuideStatistics;
 use crate::base::{Error, Result};
-use crate::film::{Pass, combine, densities, roulette_values};
+use crate::film::{Pass, combine_sheet, densities, roulette_values};
 use crate::guiding::sample::field::GuideField;
 
 /// Samples per pixel of the first pass with a given field: enough to estimate pixel values.
@@ -113,7 +113,7 @@ impl Run<'_> {
             // Stopped early: they are all there is.
             self.state.passes = std::mem::take(&mut self.state.early);
         }
-        let image = combine(&self.state.passes).map_err(|_| {
+        let image = combine_sheet(&self.state.passes, self.scene.views()).map_err(|_| {
             Error::Interrupted("no sample was rendered: the render was stopped before its first pass".into())
         })?;
         Ok((image, self.spread(&self.state.passes, None)?))

@@ -156,7 +156,7 @@ impl Run<'_> {
         trend.seconds = seconds;
         trend.making = iteration.reconstruct_seconds;
         if let StopRule::TargetError(_) = self.settings.stop {
-            trend.relative = part.pass.relative_variance();
+            trend.relative = part.pass.relative_variance(self.scene.views());
         }
         self.statistics.iterations.push(Iteration {
             t,

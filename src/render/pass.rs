@@ -177,7 +177,7 @@ impl PassTracer<'_> {
                     let (_, CameraSample { place: pixel, number: sample, sequences_from: pass_from }) =
                         self.camera_sample(index, places);
                     let cause = lost.next_if(|(number, _)| *number == index).map(|(_, cause)| *cause);
-                    let dropped = cause.map(|cause| Dropped { pixel, sample, pass_from, cause });
+                    let dropped = cause.map(|cause| Dropped { pixel, sample, pass_from, cause, view: None });
                     dropped.into_iter().for_each(|sample| statistics.dropped.add(sample));
                 }
                 index += 1;
@@ -236,7 +236,7 @@ fn in_blocks<S: Default, B: Send>(range: Range<u64>, trace: impl Fn(&mut S, Rang
 /// One camera sample.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CameraSample {
-    /// Column and row in the whole picture.
+    /// Column and row in the whole picture, or the sheet of several.
     pub place: [u32; 2],
     /// Its number among all of the pixel's.
     pub number: u64,
@@ -263,12 +263,14 @@ pub(super) fn camera_ray(
     filter: &PixelFilter,
     sample: CameraSample,
 ) -> (Ray, Random) {
+    // By its place in its own picture: on a sheet as alone.
     let [column, row] = sample.place;
-    let pixel = u64::from(row) * u64::from(scene.size[0]) + u64::from(column);
+    let (view, within) = scene.view_of(row);
+    let pixel = u64::from(within) * u64::from(scene.size[0]) + u64::from(column);
     let random = sample.random(settings.seed, pixel);
     let [dx, dy] = filter.sample(random.at(Dimension::FILM).next_2d());
-    let film = [column as f32 + dx, row as f32 + dy];
-    (scene.camera.ray(film, scene.camera.lens(&random)), random)
+    let (film, camera) = ([column as f32 + dx, within as f32 + dy], scene.camera_of(view));
+    (camera.ray(film, camera.lens(&random)), random)
 }
 
 /// The first surface on the ray of a camera sample, whatever it is made of, with the ray; none where it hits nothing.

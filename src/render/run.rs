@@ -9,8 +9,10 @@ use super::pass::{CHUNK, Chunk, PassTracer};
 use super::settings::{RenderSettings, StopRule};
 use super::state::{Part, Phase, Position, State};
 use super::statistics::{ErrorPoint, Statistics};
-use crate::base::Result;
-use crate::film::{FinishedPass, Pass, PixelFilter, PixelSpread, check_size, combine, expected_values, pixel_spread};
+use crate::base::{Error, Result};
+use crate::film::{
+    FinishedPass, Pass, PixelFilter, PixelSpread, check_sheet, combine_sheet, expected_values, pixel_spread,
+};
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::picture::{Image, Window};
 use crate::scene::Scene;
@@ -44,8 +46,11 @@ pub(super) struct Run<'a> {
 
 impl<'a> Run<'a> {
     pub fn begin(scene: &'a Scene, settings: &'a RenderSettings, control: &'a Control<'a>) -> Result<Self> {
-        check_size(scene.size[0], scene.size[1])?;
+        check_sheet(scene.view_size(), scene.views())?;
         settings.check()?;
+        if settings.crop.is_some() && scene.views() > 1 {
+            return Err(Error::Options("a window is one of one picture: render the views one by one".into()));
+        }
         let window = settings.window(scene.size);
         window.check_inside(scene.size)?;
         let mut run = Self {
@@ -150,7 +155,8 @@ impl<'a> Run<'a> {
         let (watcher, state, evidence) = (&mut self.watcher, &self.state, &self.evidence);
         let field = field.map(|field| (field, evidence));
         watcher.begin_chunk();
-        let so_far = |pass: &Pass| combine(&[state.passes.as_slice(), &[pass.finish()]].concat()).ok();
+        let views = self.scene.views();
+        let so_far = |pass: &Pass| combine_sheet(&[state.passes.as_slice(), &[pass.finish()]].concat(), views).ok();
         let mut go_on = |chunk: &Chunk| {
             let Chunk { pass, samples, end: start, learning, statistics } = *chunk;
             let reached = statistics.samples.div_ceil(pixels) as u32;
@@ -181,7 +187,16 @@ impl<'a> Run<'a> {
     /// Estimated value (channel mean) of each pixel, by the passes so far; none while no light was found.
     pub fn pixel_values(&self) -> Option<Vec<f32>> {
         let State { passes, early, .. } = &self.state;
-        expected_values(&combine(if passes.is_empty() { early } else { passes }).ok()?)
+        let image = combine_sheet(if passes.is_empty() { early } else { passes }, self.scene.views()).ok()?;
+        let mut values = expected_values(&image)?;
+        if self.scene.views() > 1 {
+            // A pixel is worth what it is in its own picture; where light was found in others only, nothing better is known.
+            let pixels = values.len() / self.scene.views();
+            for (own, view) in values.chunks_mut(pixels).zip(image.parts(self.scene.views())) {
+                expected_values(&view).into_iter().for_each(|found| own.copy_from_slice(&found));
+            }
+        }
+        Some(values)
     }
 
     /// Finishes a pass, with the variances of its pixels where they are wanted.

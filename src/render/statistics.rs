@@ -118,8 +118,11 @@ pub struct Statistics {
     pub threads: usize,
     /// Columns of the rendered window.
     pub width: u32,
-    /// Rows of the rendered window.
+    /// Rows of the rendered window; of several views, of each.
     pub height: u32,
+    /// Names of the views that were rendered together; empty for a picture alone.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub views: Vec<String>,
     /// Samples per pixel spent, camera and light paths together.
     pub spp: u32,
     /// Wall time.
@@ -163,7 +166,7 @@ pub struct Statistics {
 /// A camera sample that was dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Dropped {
-    /// Column and row in the whole picture.
+    /// Column and row in the whole picture; on the sheet while several are rendered.
     pub pixel: [u32; 2],
     /// Number of the sample among all of its pixel's.
     pub sample: u64,
@@ -171,6 +174,9 @@ pub struct Dropped {
     pub pass_from: Option<u32>,
     /// First quantity on its path that was not finite.
     pub cause: Cause,
+    /// The view whose picture it is of, as an index of [`Statistics::views`], once a render of several has ended.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub view: Option<usize>,
 }
 
 impl Dropped {
@@ -190,7 +196,7 @@ impl Dropped {
     pub(super) fn from_numbers(&[x, y, sample, from, cause]: &[f64; 5]) -> Option<Self> {
         let pass_from = (from >= 0.0).then_some(from as u32);
         let cause = *Cause::ALL.get(cause as usize)?;
-        Some(Self { pixel: [x as u32, y as u32], sample: sample as u64, pass_from, cause })
+        Some(Self { pixel: [x as u32, y as u32], sample: sample as u64, pass_from, cause, view: None })
     }
 }
 
@@ -297,7 +303,13 @@ impl Statistics {
         self.seed = settings.seed;
         self.threads = rayon::current_num_threads();
         let window = settings.window(scene.size);
-        [self.width, self.height] = [window.width, window.height];
+        [self.width, self.height] = [window.width, window.height / scene.views() as u32];
+        if scene.views() > 1 {
+            self.dropped.first.iter_mut().for_each(|dropped| {
+                let (view, row) = scene.view_of(dropped.pixel[1]);
+                (dropped.view, dropped.pixel[1]) = (Some(view), row);
+            });
+        }
         self.spp = spp;
         self.peak_rss_bytes = process::peak_rss();
         let total = self.seconds.total.max(1e-9);

@@ -4,6 +4,7 @@
 //! pictures would stop first. Two halves are rendered instead, and each decides when the *other* has enough: given its own
 //! number of samples, no half knows anything about its values. The picture is the plain mean of the two; weights that follow the
 //! counts would tie them again. A half that is done goes on being sampled for the estimate until the other is done too.
+//! Of several views on a sheet the noisiest has to reach the target.
 
 use super::run::{Rendered, Run};
 use super::state::{Half, Part, Phase, Position};
@@ -58,7 +59,7 @@ impl Run<'_> {
             }
             each = next;
             self.state.position.each = each;
-            let variances = [0, 1].map(|h| self.state.halves[h].pass.relative_variance());
+            let variances = [0, 1].map(|h| self.state.halves[h].pass.relative_variance(self.scene.views()));
             // The error of the mean of two halves of as many samples.
             let errors = variances.map(|v| v / (2.0 * f64::from(each)));
             for (half, error) in [(0, errors[1]), (1, errors[0])] {

@@ -4,14 +4,15 @@ use std::collections::BTreeMap;
 
 use glam::{Affine3A, Mat3, Mat4, Vec3};
 
-use super::Scene;
 use super::effects::Needs;
 use super::file::{
-    Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile, ShapeFile, TextureFile,
+    CameraFile, Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile, ShapeFile,
+    TextureFile,
 };
 use super::media::Border;
 use super::names::Names;
 use super::readers::LoadedScene;
+use super::{Scene, sheet};
 use crate::base::{Error, Place, Result};
 use crate::camera::Camera;
 use crate::geometry::accel::SELDOM_SHARED;
@@ -44,11 +45,31 @@ use crate::materials::{Kind, Material, Tint};
 const CACHED: usize = 1 << 18;
 
 impl Scene {
-    /// Builds the scene for a picture of `size` (columns, rows).
+    /// Builds the scene for a picture of `size` (columns, rows) by its default camera.
     ///
     /// # Errors
     /// [`Error::Malformed`] where a name does not resolve; the readers have checked all values.
     pub fn build(loaded: &LoadedScene, size: [u32; 2]) -> Result<Self> {
+        Self::build_with(loaded, size, &[])
+    }
+
+    /// Builds the scene for a picture of `size` by each of its cameras, in the order of [`SceneFile::views`](super::file::SceneFile::views).
+    ///
+    /// # Errors
+    /// As [`Scene::build`]; [`Error::Options`] where cameras are in different media.
+    pub fn build_views(loaded: &LoadedScene, size: [u32; 2]) -> Result<Self> {
+        let further: Vec<&CameraFile> = loaded.file.cameras.values().collect();
+        if let Some((name, _)) = loaded.file.views().find(|(_, camera)| camera.medium != loaded.file.camera.medium) {
+            let first = &loaded.file.camera_name;
+            return Err(Error::Options(format!(
+                "the cameras {first:?} and {name:?} are in different media, and so are the lights by what they say: render them one by \
+                 one, with --camera {name:?}"
+            )));
+        }
+        Self::build_with(loaded, size, &further)
+    }
+
+    fn build_with(loaded: &LoadedScene, size: [u32; 2], further: &[&CameraFile]) -> Result<Self> {
         let file = &loaded.file;
         let names: BTreeMap<&str, u32> = file.materials.keys().map(String::as_str).zip(0..).collect();
         let materials = file.materials.values().map(|m| material(m, loaded)).collect::<Result<Vec<Material>>>()?;
@@ -84,14 +105,8 @@ impl Scene {
             shapes.push(shape);
         }
         let accel = Accel::new(&shapes);
-        let camera_file = &file.camera;
-        let focus = camera_file.focus_distance.unwrap_or(1.0);
-        let to_world = affine(&camera_file.to_world);
-        let camera = match camera_file.orthographic_width {
-            Some(width) => Camera::orthographic(to_world, width, size),
-            None => Camera::new(to_world, camera_file.fov, size, camera_file.aperture_radius, focus),
-        };
-        let camera = camera.shifted(camera_file.principal_point_offset);
+        let camera = camera(&file.camera, size);
+        let further: Vec<Camera> = further.iter().map(|file| self::camera(file, size)).collect();
         let bounds = bounding_sphere(accel.bounds(), camera.position());
         for light in &file.lights {
             lights.push(self::light(light, loaded)?);
@@ -127,8 +142,9 @@ impl Scene {
             camera_medium,
             name: file.name.clone(),
             names: Names::of(file),
-            size,
+            size: sheet::size(size, 1 + further.len()),
             camera,
+            further,
             lights: LightSet::new(lights, &bounds),
             bounds,
             accel,
@@ -142,6 +158,16 @@ impl Scene {
         scene.order_for_shadows(file.render.max_depth);
         Ok(scene)
     }
+}
+
+fn camera(file: &CameraFile, size: [u32; 2]) -> Camera {
+    let focus = file.focus_distance.unwrap_or(1.0);
+    let to_world = affine(&file.to_world);
+    let camera = match file.orthographic_width {
+        Some(width) => Camera::orthographic(to_world, width, size),
+        None => Camera::new(to_world, file.fov, size, file.aperture_radius, focus),
+    };
+    camera.shifted(file.principal_point_offset)
 }
 
 fn unresolved(loaded: &LoadedScene, kind: &str, name: &str) -> Error {

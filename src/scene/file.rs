@@ -20,6 +20,17 @@ pub type Matrix = [f32; 16];
 /// The matrix that changes nothing.
 pub const IDENTITY: Matrix = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.];
 
+/// Name of the default camera where it has no other.
+pub const DEFAULT_CAMERA: &str = "default";
+
+fn default_camera() -> String {
+    DEFAULT_CAMERA.into()
+}
+
+fn is_default_camera(name: &str) -> bool {
+    name == DEFAULT_CAMERA
+}
+
 fn identity() -> Matrix {
     IDENTITY
 }
@@ -57,8 +68,14 @@ pub struct SceneFile {
     /// A name for reports; may be empty.
     #[serde(default, skip_serializing_if = "is_default")]
     pub name: String,
-    /// The camera.
+    /// The camera that is rendered where no other is asked for.
     pub camera: CameraFile,
+    /// Its name; [`DEFAULT_CAMERA`] where it is not given.
+    #[serde(default = "default_camera", skip_serializing_if = "is_default_camera")]
+    pub camera_name: String,
+    /// Further cameras by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub cameras: BTreeMap<String, CameraFile>,
     /// The picture.
     pub film: FilmFile,
     /// Rendering defaults, which the command line overrides.
@@ -88,6 +105,8 @@ impl SceneFile {
             version: VERSION,
             name,
             camera,
+            camera_name: default_camera(),
+            cameras: BTreeMap::new(),
             film,
             render: RenderFile::default(),
             materials: BTreeMap::new(),
@@ -96,6 +115,17 @@ impl SceneFile {
             shapes: Vec::new(),
             lights: Vec::new(),
         }
+    }
+
+    /// All cameras with their names: the default one, then the others in the order of their names.
+    pub fn views(&self) -> impl Iterator<Item = (&str, &CameraFile)> {
+        let further = self.cameras.iter().map(|(name, camera)| (name.as_str(), camera));
+        std::iter::once((self.camera_name.as_str(), &self.camera)).chain(further)
+    }
+
+    /// All cameras, in the same order.
+    pub fn views_mut(&mut self) -> impl Iterator<Item = &mut CameraFile> {
+        std::iter::once(&mut self.camera).chain(self.cameras.values_mut())
     }
 }
 
@@ -124,6 +154,9 @@ pub struct CameraFile {
     /// Offset of the picture's middle from the viewing axis, in parts of its width (to the right) and height (down).
     #[serde(default, skip_serializing_if = "is_default")]
     pub principal_point_offset: [f32; 2],
+    /// Columns and rows of the picture of a further camera; none where it is as large as `film` says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub size: Option<[u32; 2]>,
 }
 
 impl CameraFile {
@@ -137,6 +170,7 @@ impl CameraFile {
             focus_distance: None,
             medium: None,
             principal_point_offset: [0.0; 2],
+            size: None,
         }
     }
 }

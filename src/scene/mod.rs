@@ -5,10 +5,13 @@ pub mod effects;
 pub mod file;
 pub mod media;
 mod names;
+pub mod orbit;
 pub mod overrides;
 pub mod plan;
 pub mod readers;
 mod shadows;
+pub mod sheet;
+pub mod views;
 
 use std::ops::Range;
 
@@ -33,10 +36,12 @@ pub struct Scene {
     pub name: String,
     /// Names of shapes and materials.
     pub names: Names,
-    /// Columns and rows of the picture.
+    /// Columns and rows of the picture; with several cameras those of the [sheet] with the pictures of all.
     pub size: [u32; 2],
-    /// The camera.
+    /// The camera, or the first of several.
     pub camera: Camera,
+    /// The other cameras whose pictures are on the sheet.
+    further: Vec<Camera>,
     /// All lights: first the emitting shapes, then the others.
     pub lights: LightSet,
     /// The sphere around all shapes.

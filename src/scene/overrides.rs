@@ -76,7 +76,7 @@ fn remove(scene: &mut SceneFile, kind: EffectKind) {
         K::SpotLights => scene.lights.retain(|light| !matches!(light, LightFile::Spot { .. })),
         K::DirectionalLights => scene.lights.retain(|light| !is_directional(light)),
         K::Environment => scene.lights.retain(|light| !is_environment(light)),
-        K::DepthOfField => scene.camera.aperture_radius = 0.0,
+        K::DepthOfField => scene.views_mut().for_each(|camera| camera.aperture_radius = 0.0),
         K::Medium => remove_media(scene),
         K::Masks => {
             scene.materials.values_mut().for_each(|m| take_off(m, |m| matches!(m, MaterialFile::Mask { .. })));
@@ -116,7 +116,7 @@ fn is_bump(material: &MaterialFile) -> bool {
 /// Removes the media. Their borders stay, so that objects inside a medium stay visible.
 fn remove_media(scene: &mut SceneFile) {
     scene.media.clear();
-    scene.camera.medium = None;
+    scene.views_mut().for_each(|camera| camera.medium = None);
     for shape in &mut scene.shapes {
         (shape.interior, shape.exterior) = (None, None);
     }

@@ -110,6 +110,8 @@ impl EffectKind {
 pub struct EffectPlan {
     /// The scene's name.
     pub scene: String,
+    /// Names of its cameras, the default one first.
+    pub cameras: Vec<String>,
     /// Each effect, in the order of [`EffectKind::ALL`].
     pub effects: Vec<Effect>,
 }
@@ -148,7 +150,8 @@ pub fn plan(scene: &SceneFile) -> EffectPlan {
         let (on, cause) = Survey::new(scene).verdict(name);
         Effect { name, on, cause }
     });
-    EffectPlan { scene: scene.name.clone(), effects: effects.collect() }
+    let cameras = scene.views().map(|(name, _)| name.to_owned()).collect();
+    EffectPlan { scene: scene.name.clone(), cameras, effects: effects.collect() }
 }
 
 /// A scene, with the materials that its shapes use.
@@ -184,10 +187,11 @@ impl<'a> Survey<'a> {
             K::BumpMaps => on("shading normals of", &self.having(MaterialFile::is_bumped), "no bump or normal map"),
             K::Textures => on("vary the colour of", &self.having(is_textured), "all colours are constant"),
             K::Medium => on("light is scattered or absorbed in", &self.media(), "no shape has one, nor the camera"),
-            K::DepthOfField => match self.scene.camera.aperture_radius {
-                radius if radius > 0.0 => (true, format!("a lens of radius {radius}")),
-                _ => (false, "the camera is a pinhole".into()),
-            },
+            K::DepthOfField => {
+                let mut radii = self.scene.views().map(|(_, camera)| camera.aperture_radius);
+                let lens = radii.find(|radius| *radius > 0.0).map(|radius| format!("a lens of radius {radius}"));
+                (lens.is_some(), lens.unwrap_or("the camera is a pinhole".into()))
+            }
             K::Photons => self.photons(),
             K::Guiding => self.guiding(),
             K::Reconstruction => match self.guiding() {
@@ -221,7 +225,8 @@ impl<'a> Survey<'a> {
     /// Names of the media that some ray can be in.
     fn media(&self) -> Names {
         let shapes = self.scene.shapes.iter().flat_map(|shape| [&shape.interior, &shape.exterior]);
-        shapes.chain([&self.scene.camera.medium]).flatten().cloned().collect()
+        let cameras = self.scene.views().map(|(_, camera)| &camera.medium);
+        shapes.chain(cameras).flatten().cloned().collect()
     }
 
     /// Whether to trace photons, and why. They find light that camera paths seldom do: by way of clear or smooth things, and of

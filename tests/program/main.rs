@@ -13,3 +13,4 @@ mod module_order;
 mod report;
 mod resume;
 mod signals;
+mod views;

@@ -24,6 +24,9 @@ use fanal::render::{
     Checkpointing, Control, GuideMode, Outcome, RenderSettings, StopRule, learn, render_watched, render_with_field,
 };
 use fanal::scene::Scene;
+use fanal::scene::orbit::orbit;
+use fanal::scene::readers::load;
+use glam::DVec3;
 use scenes::{GUIDES, committed, reconstructor, settings};
 use stop::StopAfter;
 
@@ -134,6 +137,19 @@ fn f01_windows_target_errors_and_loaded_guides() {
     let learning = settings(GUIDES[1], 64, 1);
     let field = learn(&scene, &learning, reconstructor(learning.guide).as_ref(), &Control::new(&Silent, &stop));
     assert!(interrupted(&scene, &settings(GUIDES[1], 256, 4), Some(&field.unwrap()), 1) >= 2);
+}
+
+/// Several views on one sheet, by one guide.
+#[test]
+fn f01_views_that_share_a_guide() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/door-ajar");
+    let mut loaded = load(&folder).expect("a committed scene loads");
+    // Inside the room.
+    orbit(&mut loaded.file, 3, DVec3::new(1.1, 1.3, 3.0)).expect("it is near");
+    let scene = Scene::build_views(&loaded, [48, 36]).expect("it builds");
+    for guide in [GUIDES[0], GUIDES[5]] {
+        assert!(interrupted(&scene, &settings(guide, 128, 2), None, 1) >= 2, "{guide:?}");
+    }
 }
 
 /// Reconstructs, and wishes for an end meanwhile.

@@ -211,7 +211,11 @@ fn approximations_are_named() {
         ),
         ("3.0.0", "<integrator type='prb'/>".into(), "instead of the integrator \"prb\""),
         ("3.0.0", "<integrator type='path'><boolean name='hide_emitters' value='true'/></integrator>".into(), "hide"),
-        ("3.0.0", "<sensor type='perspective'/>".into(), "first sensor"),
+        (
+            "3.0.0",
+            "<sensor type='perspective'><film type='hdrfilm'><rfilter type='box'/></film></sensor>".into(),
+            "first sensor",
+        ),
         ("0.6.0", "<bsdf type='phong'><float name='exponent' value='50'/></bsdf>".into(), "roughplastic with alpha"),
         ("0.6.0", "<bsdf type='ward'/>".into(), "roughplastic with alpha"),
         ("0.6.0", "<bsdf type='coating'><bsdf type='diffuse'/></bsdf>".into(), "coating is left out"),

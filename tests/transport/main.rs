@@ -17,3 +17,4 @@ mod own_scenes;
 mod robustness;
 mod stopping;
 mod surfaces;
+mod views;

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use crate::base::Result;
-use crate::film::Denoiser;
+use crate::film::{Denoiser, Features};
 use crate::picture::{Attribute, Channel, Image};
 use crate::render::{RenderSettings, features};
 use crate::scene::Scene;
@@ -29,7 +29,7 @@ pub struct Denoised {
 pub fn finish(denoiser: Option<&Denoiser>, scene: &Scene, settings: &RenderSettings, image: Image) -> Denoised {
     let begun = Instant::now();
     let done: Option<Result<_>> = denoiser.map(|denoiser| {
-        let denoised = denoiser.denoise(&image, &features(scene, settings)?)?;
+        let denoised = each_view(denoiser, scene.views(), &image, &features(scene, settings)?)?;
         Ok((denoised, ("denoised".to_owned(), denoiser.name())))
     });
     let (noisy, failure) = (Vec::new(), Ok(()));
@@ -44,4 +44,15 @@ pub fn finish(denoiser: Option<&Denoiser>, scene: &Scene, settings: &RenderSetti
             Denoised { image: denoised, noisy, attribute: Some(attribute), failure, seconds }
         }
     }
+}
+
+/// Denoises the pictures of all views on a sheet, each by itself: what lies below it on the sheet is no part of it.
+fn each_view(denoiser: &Denoiser, views: usize, sheet: &Image, seen: &Features) -> Result<Image> {
+    let mut pixels = Vec::with_capacity(sheet.pixels.len());
+    for (view, image) in sheet.parts(views).into_iter().enumerate() {
+        let places = view * image.pixels.len()..(view + 1) * image.pixels.len();
+        let features = Features { albedo: seen.albedo[places.clone()].to_vec(), normal: seen.normal[places].to_vec() };
+        pixels.extend(denoiser.denoise(&image, &features)?.pixels);
+    }
+    Ok(Image { pixels, ..*sheet })
 }

@@ -1,6 +1,7 @@
 //! `fanal render`.
 
 use std::cell::Cell;
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
@@ -11,12 +12,13 @@ use crate::base::{Error, Progress, Result};
 use crate::cli::args::{Backend, RenderArgs};
 use crate::cli::interrupt::Ended;
 use crate::cli::resolve::{RenderRequest, resolve};
-use crate::cli::{interrupt, print, progress};
+use crate::cli::views::View;
+use crate::cli::{interrupt, print, progress, views};
 use crate::film::{Denoiser, measure};
 use crate::guiding::sample::file;
 use crate::picture::{
-    Attribute, Canvas, Image, Picture, Viewer, Window, check_folder, check_writable, matched, read_image, window_of,
-    write_or_rescue, write_picture,
+    Attribute, Canvas, Channel, Display, Image, Picture, Viewer, Window, check_folder, check_writable, matched,
+    read_image, window_of, write_or_rescue, write_picture,
 };
 use crate::reconstruct::{Neural, Reconstructor};
 use crate::render::{
@@ -53,7 +55,9 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
         let denoiser = args.denoise.then(Denoiser::new).transpose()?;
         let mut loaded = load_scene(&args.scene, &args.effects, args.missing, &args.common)?;
         let load = begun.elapsed().as_secs_f64();
+        views::select(args, &mut loaded)?;
         let request = resolve(args, &loaded.file)?;
+        request.views.iter().try_for_each(|view| check_writable(&view.output))?;
         loaded.file.render.max_depth = request.settings.transport.max_depth;
         let reference = reference(&request)?;
         let stop = interrupt::flag()?;
@@ -168,23 +172,23 @@ fn render(
     let (reconstructor, model) = reconstructor(request, &settings)?;
     let checkpoint = checkpointing(request, &settings, loaded, &model)?;
     let begun = Instant::now();
-    let scene = Scene::build(loaded, request.size)?;
+    let scene = Scene::build_views(loaded, request.size)?;
     let build = begun.elapsed().as_secs_f64();
     let header = attributes(request, &settings);
-    let pixels = settings.window(request.size).pixels() as f64;
+    let pixels = (settings.window(request.size).pixels() * scene.views() as u64) as f64;
     if let StopRule::Time(_) = settings.stop {
         let left = pixels * afterwards(&request.aovs, denoiser)?;
         settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), left);
     }
-    let canvas = Canvas { name: request.output.display().to_string(), size: request.size, window: request.placed() };
+    let name = request.views.first().map_or(String::new(), |view| view.output.display().to_string());
+    let canvas = Canvas { name, size: scene.size, window: request.placed() };
     let live = viewer.map(|viewer| viewer.open(canvas)).transpose()?;
     let written = Cell::new(Instant::now());
     let show = |Snapshot { image, spp, seconds }: Snapshot| {
         let due = live.is_none() || written.get().elapsed() >= REFRESH;
         let error = due.then(|| {
             // A failed write is no reason to stop: a later one may succeed, and the last one is reported.
-            let picture = Picture { window: request.placed(), ..Picture::plain(&image, &header) };
-            let _ = write_picture(&request.output, &picture, request.display);
+            let _ = write_views(request, &image, &[], &header, write_picture);
             written.set(Instant::now());
             Some(ErrorPoint::new(seconds, spp, &measure(&image, reference?).ok()?))
         });
@@ -202,6 +206,7 @@ fn render(
     let mut channels = aov::channels(&scene, &settings, &outcome, &request.aovs)?;
     let mut statistics = outcome.statistics;
     statistics.scene = request.scene.display().to_string();
+    statistics.views = request.views.iter().filter_map(|view| view.camera.clone()).collect();
     statistics.seconds.build = build;
     statistics.effects = plan.effects;
     statistics.skipped_triangles = loaded.skipped_triangles;
@@ -224,14 +229,38 @@ fn render(
     let mattes = aov::header(&scene, &request.aovs, &channels);
     let header: Vec<Attribute> =
         header.into_iter().chain(results(&statistics)).chain(attribute).chain(mattes).collect();
-    let picture = Picture { image: &image, channels: &channels, window: request.placed(), attributes: &header };
-    let written = write_or_rescue(&request.output, &picture, request.display);
+    let written = write_views(request, &image, &channels, &header, write_or_rescue);
     let interrupted = outcome.interrupted;
     let saved = request.save_guide.as_deref().map(|path| file::save(path, &outcome.field, &outcome.evidence));
     statistics.seconds.write = begun.elapsed().as_secs_f64();
     let written = written.and(saved.unwrap_or(Ok(()))).and(failure);
     let unshown = live.and_then(|live| live.finish(PATIENCE));
     Ok(Made { statistics, written, unkept: outcome.unkept, unshown, interrupted })
+}
+
+/// Writes the pictures of all views, which lie on the sheet `image` with its `channels`, each with `write`.
+///
+/// # Errors
+/// The first error, after all have been tried.
+fn write_views(
+    request: &RenderRequest,
+    image: &Image,
+    channels: &[Channel],
+    header: &[Attribute],
+    write: fn(&Path, &Picture, Display) -> Result<()>,
+) -> Result<()> {
+    let parts = image.parts(request.views.len());
+    let write = |(index, (View { camera, output }, image)): (usize, (&View, &Image))| {
+        let part =
+            |values: &[f32]| values.chunks_exact(image.pixels.len().max(1)).nth(index).unwrap_or_default().to_vec();
+        let channel = |channel: &Channel| Channel { name: channel.name.clone(), values: part(&channel.values) };
+        let channels: Vec<Channel> = channels.iter().map(channel).collect();
+        let camera = camera.iter().map(|name| ("camera".to_owned(), name.clone()));
+        let attributes: Vec<Attribute> = header.iter().cloned().chain(camera).collect();
+        let picture = Picture { image, channels: &channels, window: request.placed(), attributes: &attributes };
+        write(output, &picture, request.display)
+    };
+    request.views.iter().zip(&parts).enumerate().map(write).fold(Ok(()), Result::and)
 }
 
 /// Writes the statistics where they are wanted.
@@ -250,8 +279,7 @@ fn checkpointing(
     if request.checkpoint.is_none() {
         return Ok(None);
     }
-    let crc =
-        |path: &std::path::Path| Ok(format!("file {:08x}", crc32([read_bytes(path, file::GUIDE_LIMIT)?.as_slice()])));
+    let crc = |path: &Path| Ok(format!("file {:08x}", crc32([read_bytes(path, file::GUIDE_LIMIT)?.as_slice()])));
     let guide = request.load_guide.as_deref().map(crc).transpose()?.unwrap_or_else(|| model.to_owned());
     let scene = format!("{:08x}", loaded.crc32());
     let made_for = checkpoint::made_for(settings, request.size, &scene, &guide);

@@ -7,7 +7,7 @@ use super::{in_pool, load_scene};
 use crate::base::{Error, Result};
 use crate::cli::args::RenderArgs;
 use crate::cli::resolve::resolve;
-use crate::cli::{interrupt, print, progress};
+use crate::cli::{interrupt, print, progress, views};
 use crate::guiding::sample::file;
 use crate::integrators::path::{ExplainedVertex, Explanation};
 use crate::render::{Control, GuideMode, Sample, replay};
@@ -26,6 +26,7 @@ pub fn run(args: &RenderArgs, sample: Sample) -> Result<()> {
     }
     in_pool(&args.common, || {
         let mut loaded = load_scene(&args.scene, &args.effects, args.missing, &args.common)?;
+        views::select(args, &mut loaded)?;
         let request = resolve(args, &loaded.file)?;
         loaded.file.render.max_depth = request.settings.transport.max_depth;
         let (_, settings) = settled(&request, &loaded);

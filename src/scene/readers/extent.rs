@@ -1,5 +1,6 @@
-//! Limit of a scene's extent: beyond it, products of lengths would leave single precision.
+//! Extent of a scene, and its limit: beyond it, products of lengths would leave single precision.
 
+use std::borrow::Borrow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -7,7 +8,7 @@ use glam::{DMat3, DVec3};
 
 use crate::base::{Error, Result};
 use crate::geometry::mesh::Mesh;
-use crate::scene::file::{GeometryFile, LightFile, Matrix, SceneFile};
+use crate::scene::file::{GeometryFile, LightFile, Matrix, SceneFile, ShapeFile};
 
 use super::places::Places;
 use super::validate::linear;
@@ -26,16 +27,12 @@ pub fn check(file: &SceneFile, meshes: &BTreeMap<String, Arc<Mesh>>, places: &Pl
     };
     let within = |key: &str, reach: f64| if reach <= f64::from(LARGEST) { Ok(()) } else { fail(key, reach) };
     within("camera.to_world", offset(&file.camera.to_world).abs().max_element())?;
-    let boxes: BTreeMap<&str, [DVec3; 2]> = meshes.iter().map(|(name, mesh)| (name.as_str(), bounds(mesh))).collect();
-    for (index, shape) in file.shapes.iter().enumerate() {
-        let [low, high] = match &shape.geometry {
-            GeometryFile::Mesh { mesh } => boxes.get(mesh.as_str()).copied().unwrap_or_default(),
-            GeometryFile::Sphere { center, radius } => {
-                let (center, radius) = (DVec3::from_array(center.map(f64::from)), f64::from(*radius));
-                [center - radius, center + radius]
-            }
-        };
-        within(&format!("shapes[{index}]"), reach(&shape.to_world, low, high))?;
+    for (name, camera) in &file.cameras {
+        within(&format!("cameras.{name}.to_world"), offset(&camera.to_world).abs().max_element())?;
+    }
+    for (index, corners) in boxes(&file.shapes, meshes).enumerate() {
+        let reach = corners.map_or(0.0, |[low, high]| low.abs().max(high.abs()).max_element());
+        within(&format!("shapes[{index}]"), reach)?;
     }
     for (index, light) in file.lights.iter().enumerate() {
         let place = match light {
@@ -55,14 +52,39 @@ pub fn bounds(mesh: &Mesh) -> [DVec3; 2] {
     mesh.positions.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], fold)
 }
 
+/// Lowest and highest corner of the box around the boxes of all shapes; infinite the wrong way round where there is none.
+pub fn around<M: Borrow<Mesh>>(shapes: &[ShapeFile], meshes: &BTreeMap<String, M>) -> [DVec3; 2] {
+    let nothing = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    boxes(shapes, meshes).flatten().fold(nothing, |[low, high], [from, to]| [low.min(from), high.max(to)])
+}
+
+/// The box around the placed box of each shape; none for one without vertices.
+fn boxes<'a, M: Borrow<Mesh>>(
+    shapes: &'a [ShapeFile],
+    meshes: &'a BTreeMap<String, M>,
+) -> impl Iterator<Item = Option<[DVec3; 2]>> + 'a {
+    let own: BTreeMap<&str, [DVec3; 2]> =
+        meshes.iter().map(|(name, mesh)| (name.as_str(), bounds(mesh.borrow()))).collect();
+    shapes.iter().map(move |shape| {
+        let corners = match &shape.geometry {
+            GeometryFile::Mesh { mesh } => own.get(mesh.as_str()).copied()?,
+            GeometryFile::Sphere { center, radius } => {
+                let (center, radius) = (DVec3::from_array(center.map(f64::from)), f64::from(*radius));
+                [center - radius, center + radius]
+            }
+        };
+        corners.iter().all(|corner| corner.is_finite()).then(|| placed(&shape.to_world, corners))
+    })
+}
+
 fn offset(matrix: &Matrix) -> DVec3 {
     DVec3::new(f64::from(matrix[3]), f64::from(matrix[7]), f64::from(matrix[11]))
 }
 
-/// The largest absolute coordinate of a box once it is placed.
-fn reach(matrix: &Matrix, low: DVec3, high: DVec3) -> f64 {
+/// The box around a box once it is placed.
+fn placed(matrix: &Matrix, [low, high]: [DVec3; 2]) -> [DVec3; 2] {
     let linear = linear(matrix);
     let size = DMat3::from_cols(linear.x_axis.abs(), linear.y_axis.abs(), linear.z_axis.abs());
-    let (centre, half) = (0.5 * (low + high), 0.5 * (high - low));
-    ((linear * centre + offset(matrix)).abs() + size * half).max_element()
+    let (centre, half) = (linear * (0.5 * (low + high)) + offset(matrix), size * (0.5 * (high - low)));
+    [centre - half, centre + half]
 }

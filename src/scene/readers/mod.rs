@@ -4,9 +4,10 @@
 //! size or a stated limit before memory is asked for.
 
 mod builtin;
+mod cameras;
 mod cie;
 mod conductors;
-mod extent;
+pub(super) mod extent;
 mod frames;
 mod gltf;
 mod gzip;
@@ -26,7 +27,7 @@ mod pbrt;
 mod places;
 mod ply;
 mod serialized;
-mod slips;
+pub(super) mod slips;
 mod spectrum;
 mod textures;
 mod validate;
@@ -35,6 +36,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::base::files::crc32;
@@ -82,6 +84,11 @@ pub struct LoadedScene {
 }
 
 impl LoadedScene {
+    /// The corners of the box around the boxes of all shapes; infinite the wrong way round where there is none.
+    pub fn bounds(&self) -> [DVec3; 2] {
+        extent::around(&self.file.shapes, &self.meshes)
+    }
+
     /// CRC-32 of everything that the picture depends on: the scene file, and the content of the files that it names.
     pub fn crc32(&self) -> u32 {
         let file = serde_json::to_vec(&self.file).unwrap_or_default();

@@ -1,11 +1,13 @@
 //! Cameras (specification, §3.10), and one that shows everything where there is none.
 
-use ::gltf::json::camera::{Camera, Perspective};
+use ::gltf::json::camera::{Camera, Orthographic, Perspective};
 use glam::{DMat3, DMat4, DVec3};
 
 use crate::base::Result;
-use crate::scene::file::{CameraFile, FilmFile, FilterFile};
+use crate::scene::file::{CameraFile, FilmFile, FilterFile, SceneFile};
+use crate::scene::readers::cameras::add;
 use crate::scene::readers::frames::rounded;
+use crate::scene::readers::places::Places;
 
 use super::document::Document;
 use super::nodes::Placed;
@@ -26,45 +28,63 @@ const ROOM: f64 = 1.1;
 /// Corners of the box around everything that is to be seen.
 pub type Bounds = [DVec3; 2];
 
-/// The document's camera and the picture's size: the first perspective camera in the order of the nodes. Others are warned of.
+/// Puts the document's cameras, in the order of the nodes, and the picture's size into `file`. The first is the default one.
 ///
 /// # Errors
-/// [`Error::Malformed`](crate::base::Error::Malformed) for a camera that is not there or whose angles make no picture.
-pub fn camera(
+/// [`Error::Malformed`](crate::base::Error::Malformed) for a camera that is not there or that makes no picture.
+pub fn cameras(
     document: &Document,
     nodes: &[Placed],
     bounds: Bounds,
+    file: &mut SceneFile,
+    places: &mut Places,
     warnings: &mut Warnings,
-) -> Result<(CameraFile, FilmFile, String)> {
-    let mut found: Option<(&Placed, &Perspective, String)> = None;
-    let mut orthographic = None;
-    for placed in nodes {
-        let Some(index) = placed.node.camera else { continue };
+) -> Result<()> {
+    let placed = nodes.iter().filter_map(|placed| Some((placed, placed.node.camera?)));
+    let mut count = 0;
+    for (placed, index) in placed {
         let camera: &Camera = document.item(&document.root.cameras, "cameras", index, &placed.part())?;
-        let part = format!("cameras[{}]", index.value());
-        let name = camera.name.as_ref().or(placed.node.name.as_ref()).map_or(String::new(), |n| format!(" \"{n}\""));
-        match (&camera.perspective, &found) {
-            (Some(perspective), None) => found = Some((placed, perspective, part)),
-            (Some(_), Some((_, _, first))) => {
-                let message = format!("the camera{name} is left out: {first} is used");
-                warnings.add(placed.part(), message);
-            }
-            (None, _) => {
-                warnings.add(&part, format_args!("the camera{name} is left out: only perspective cameras are read"));
-                orthographic.get_or_insert(placed.to_world);
-            }
+        let (mut seen, film) = view(document, camera, placed.to_world, &format!("cameras[{}]", index.value()))?;
+        let place = document.place(placed.part());
+        if count == 0 {
+            file.film = film;
+            places.set("film", place.clone());
+        } else {
+            seen.size = Some([film.width, film.height]).filter(|size| *size != [file.film.width, file.film.height]);
         }
+        // One camera may stand at several nodes.
+        let name = placed.node.name.as_ref().or(camera.name.as_ref());
+        add(file, places, count, name.map(String::as_str), seen, place);
+        count += 1;
     }
-    match found {
-        Some((placed, perspective, part)) => {
-            let (fov, film) = lens(document, perspective, &part)?;
-            Ok((camera_at(rigid(placed.to_world), fov), film, placed.part()))
+    if count == 0 {
+        warnings.add("cameras", "there is no camera: one that shows everything is used");
+        (file.camera, file.film) = framing(bounds);
+        ["camera", "film"].into_iter().for_each(|key| places.set(key, document.place("cameras")));
+    }
+    Ok(())
+}
+
+/// A camera at a node, and its picture.
+fn view(document: &Document, camera: &Camera, to_world: DMat4, part: &str) -> Result<(CameraFile, FilmFile)> {
+    let to_world = rigid(to_world);
+    match (&camera.perspective, &camera.orthographic) {
+        (Some(perspective), _) => {
+            let (fov, film) = lens(document, perspective, part)?;
+            Ok((camera_at(to_world, fov), film))
         }
-        None => {
-            warnings.add("cameras", "there is no perspective camera: one that shows everything is used");
-            let (camera, film) = framing(bounds, orthographic);
-            Ok((camera, film, "cameras".to_owned()))
+        (None, Some(Orthographic { xmag, ymag, .. })) => {
+            let [width, height] = [xmag, ymag].map(|half| 2.0 * f64::from(*half));
+            if !(width > 0.0 && height > 0.0) {
+                return Err(
+                    document.malformed(part, format!("xmag is {xmag} and ymag {ymag}, expected numbers above 0"))
+                );
+            }
+            let film = picture(document, part, "xmag over ymag", width / height)?;
+            let flat = CameraFile { fov: 0.0, orthographic_width: Some(width as f32), ..camera_at(to_world, 90.0) };
+            Ok((flat, film))
         }
+        (None, None) => Err(document.malformed(part, "a camera is neither perspective nor orthographic")),
     }
 }
 
@@ -72,16 +92,21 @@ pub fn camera(
 fn lens(document: &Document, perspective: &Perspective, part: &str) -> Result<(f64, FilmFile)> {
     let aspect = perspective.aspect_ratio.map_or(ASPECT, f64::from);
     let field = f64::from(perspective.yfov);
-    if !(aspect > 1e-3 && aspect < 1e3) {
-        return Err(document.malformed(part, format!("aspectRatio is {aspect}, expected 0.001 to 1000")));
-    }
+    let film = picture(document, part, "aspectRatio", aspect)?;
     if !(field > 0.0 && field < std::f64::consts::PI) {
         return Err(document.malformed(part, format!("yfov is {field}, expected an angle from 0 to π")));
     }
+    Ok((2.0 * ((field / 2.0).tan() * aspect).atan().to_degrees(), film))
+}
+
+/// The picture of a camera by its width over height, which the document calls `name`.
+fn picture(document: &Document, part: &str, name: &str, aspect: f64) -> Result<FilmFile> {
+    if !(aspect > 1e-3 && aspect < 1e3) {
+        return Err(document.malformed(part, format!("{name} is {aspect}, expected 0.001 to 1000")));
+    }
     // No side longer than that of a tall picture of moderate width.
     let height = f64::from(HEIGHT).min(4.0 * f64::from(HEIGHT) / aspect).max(1.0);
-    let film = film((height * aspect).round().max(1.0) as u32, height.round() as u32);
-    Ok((2.0 * ((field / 2.0).tan() * aspect).atan().to_degrees(), film))
+    Ok(film((height * aspect).round().max(1.0) as u32, height.round() as u32))
 }
 
 fn film(width: u32, height: u32) -> FilmFile {
@@ -103,16 +128,13 @@ fn camera_at(to_world: DMat4, fov: f64) -> CameraFile {
     CameraFile::pinhole(rounded(turned).map(|value| value + 0.0), fov as f32)
 }
 
-/// A camera that shows all of `bounds`, with some room around it, from where the one at `like` looks, if there is one.
-pub fn framing([low, high]: Bounds, like: Option<DMat4>) -> (CameraFile, FilmFile) {
-    let rotation = match like {
-        Some(matrix) => DMat3::from_mat4(rigid(matrix)),
-        None => {
-            let z = FROM.normalize();
-            let x = DVec3::Y.cross(z).normalize();
-            DMat3::from_cols(x, z.cross(x), z)
-        }
-    };
+/// A camera that shows all of `bounds`, with some room around it; two units around the origin where there is nothing.
+pub fn framing(bounds: Bounds) -> (CameraFile, FilmFile) {
+    let is_empty = bounds.iter().any(|corner| !corner.is_finite());
+    let [low, high] = if is_empty { [DVec3::NEG_ONE, DVec3::ONE] } else { bounds };
+    let z = FROM.normalize();
+    let x = DVec3::Y.cross(z).normalize();
+    let rotation = DMat3::from_cols(x, z.cross(x), z);
     let (center, half) = (0.5 * (low + high), 0.5 * (high - low));
     let tangent = (FIELD.to_radians() / 2.0).tan();
     let mut distance = 0.0f64;

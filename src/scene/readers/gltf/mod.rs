@@ -33,10 +33,9 @@ mod warnings;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 
 use crate::base::Result;
-use crate::geometry::mesh::Mesh;
 use crate::scene::file::{GeometryFile, LightFile, MeshFile, SceneFile, ShapeFile};
 
 use super::frames::rounded;
@@ -83,11 +82,8 @@ pub(super) fn read(path: &Path) -> Result<Read> {
     }
     file.shapes = shapes(&shown, &parts, &document, &mut places);
     file.lights = lights(&document, &nodes, &file.shapes, &mut places, &mut warnings)?;
-    let bounds = bounds(&file.shapes, &wardrobe.held.meshes);
-    let (camera, film, part) = cameras::camera(&document, &nodes, bounds, &mut warnings)?;
-    places.set("camera", document.place(part.clone()));
-    places.set("film", document.place(part));
-    (file.camera, file.film) = (camera, film);
+    let bounds = extent::around(&file.shapes, &wardrobe.held.meshes);
+    cameras::cameras(&document, &nodes, bounds, &mut file, &mut places, &mut warnings)?;
     let mut held = wardrobe.held;
     held.pictures.extend(pictures.into_made());
     Ok(Read { file, places, warnings: warnings.into_lines(), absent: once(absent), held })
@@ -116,7 +112,7 @@ fn wanted(document: &Document, materials: &BTreeSet<Option<usize>>) -> Result<BT
 fn empty(document: &Document, wardrobe: &Wardrobe) -> SceneFile {
     let scene = document.root.scene.and_then(|index| document.root.scenes.get(index.value()));
     let stem = document.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let (camera, film) = cameras::framing([DVec3::NEG_ONE, DVec3::ONE], None);
+    let (camera, film) = cameras::framing([DVec3::NEG_ONE, DVec3::ONE]);
     let name = scene.and_then(|scene| scene.name.clone()).unwrap_or(stem);
     let held = |name: &String| (name.clone(), MeshFile::Held { part: name.clone() });
     SceneFile {
@@ -173,26 +169,4 @@ fn lights(
         lights.push(LightFile::Constant { radiance: [1.0; 3] });
     }
     Ok(lights)
-}
-
-/// The box around the boxes of all shapes.
-fn bounds(shapes: &[ShapeFile], meshes: &BTreeMap<String, Mesh>) -> cameras::Bounds {
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let boxes: BTreeMap<&String, [DVec3; 2]> = meshes.iter().map(|(name, mesh)| (name, extent::bounds(mesh))).collect();
-    for shape in shapes {
-        let GeometryFile::Mesh { mesh } = &shape.geometry else { continue };
-        let Some([from, to]) = boxes.get(mesh).filter(|corners| corners.iter().all(|c| c.is_finite())) else {
-            continue;
-        };
-        let to_world = DMat4::from_cols_array(&shape.to_world.map(f64::from)).transpose();
-        for corner in 0..8 {
-            let pick = |axis: usize| if corner >> axis & 1 == 0 { from[axis] } else { to[axis] };
-            let point = to_world.transform_point3(DVec3::new(pick(0), pick(1), pick(2)));
-            (low, high) = (low.min(point), high.max(point));
-        }
-    }
-    if !(low.is_finite() && high.is_finite()) {
-        return [DVec3::NEG_ONE, DVec3::ONE];
-    }
-    [low, high]
 }

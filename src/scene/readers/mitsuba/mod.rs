@@ -25,7 +25,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::base::Result;
-use crate::scene::file::{CameraFile, FilmFile, FilterFile, IDENTITY, SceneFile};
+use crate::scene::file::{CameraFile, IDENTITY, SceneFile};
 
 use super::Read;
 use super::held::Held;
@@ -33,6 +33,7 @@ use super::missing::Absent;
 use super::places::Places;
 use element::Element;
 use object::Ids;
+use sensor::DEFAULT_FILM;
 
 /// Depth of integrators without limit (-1): light that has bounced this often is long gone.
 const UNLIMITED_DEPTH: u32 = 1024;
@@ -81,7 +82,8 @@ struct Reader<'a> {
     warnings: Vec<String>,
     /// Pictures that were found to be missing.
     absent: Vec<Absent>,
-    has_sensor: bool,
+    /// Sensors read so far.
+    sensors: usize,
     has_integrator: bool,
     /// Names given to materials without an id, by their element.
     unnamed: BTreeMap<*const Element, String>,
@@ -93,8 +95,7 @@ struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     fn new(path: &Path, ids: Ids<'a>) -> Self {
-        let film = FilmFile { width: 768, height: 576, filter: FilterFile::GAUSSIAN };
-        let file = SceneFile::empty(String::new(), CameraFile::pinhole(IDENTITY, 90.0), film);
+        let file = SceneFile::empty(String::new(), CameraFile::pinhole(IDENTITY, 90.0), DEFAULT_FILM);
         Self {
             folder: path.parent().unwrap_or(Path::new("")).to_owned(),
             ids,
@@ -102,7 +103,7 @@ impl<'a> Reader<'a> {
             places: Places::new(path),
             warnings: Vec::new(),
             absent: Vec::new(),
-            has_sensor: false,
+            sensors: 0,
             has_integrator: false,
             unnamed: BTreeMap::new(),
             depth: 0,
@@ -183,7 +184,7 @@ impl<'a> Reader<'a> {
     }
 
     fn finish(self, scene: &Element) -> Result<Read> {
-        if !self.has_sensor {
+        if self.sensors == 0 {
             return Err(scene.malformed("the scene has no sensor"));
         }
         let Self { file, places, mut warnings, absent, ids, .. } = self;

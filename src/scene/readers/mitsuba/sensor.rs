@@ -2,6 +2,7 @@
 
 use crate::base::Result;
 use crate::scene::file::{CameraFile, FilmFile, FilterFile};
+use crate::scene::readers::cameras::add;
 
 use super::Reader;
 use super::element::{Element, number};
@@ -10,20 +11,46 @@ use super::object::{Object, kind};
 /// Mitsuba's `far_clip`, which is also where a lens without `focus_distance` is focused.
 const FAR_CLIP: f64 = 1e4;
 
+/// The sensors that are read.
+const KINDS: [&str; 3] = ["perspective", "thinlens", "orthographic"];
+
+/// Mitsuba's film where a sensor has none.
+pub const DEFAULT_FILM: FilmFile = FilmFile { width: 768, height: 576, filter: FilterFile::GAUSSIAN };
+
 impl<'a> Reader<'a> {
+    /// Reads a sensor. The first one's film and samples are those of the scene.
     pub(super) fn sensor(&mut self, element: &'a Element) -> Result<()> {
-        if std::mem::replace(&mut self.has_sensor, true) {
-            self.warn(element, "only the first sensor is used");
+        let known = KINDS.contains(&kind(element)?);
+        if self.sensors > 0 && !known {
+            self.warn(element, format_args!("the sensor \"{}\" is left out", kind(element)?));
             return Ok(());
         }
+        let (film, spp) = (self.file.film.clone(), self.file.render.spp);
+        if self.sensors > 0 {
+            self.file.film = DEFAULT_FILM;
+        }
+        let mut camera = self.camera(element)?;
+        if self.sensors > 0 {
+            let own = std::mem::replace(&mut self.file.film, film);
+            let film = &self.file.film;
+            camera.size = Some([own.width, own.height]).filter(|size| *size != [film.width, film.height]);
+            if own.filter != film.filter || self.file.render.spp != spp {
+                self.warn(element, "the pixel filter and the samples of the first sensor hold for this one too");
+            }
+            self.file.render.spp = spp;
+        }
+        let (id, place) = (element.attribute("id"), element.place.clone());
+        add(&mut self.file, &mut self.places, self.sensors, id, camera, place);
+        self.sensors += 1;
+        Ok(())
+    }
+
+    fn camera(&mut self, element: &'a Element) -> Result<CameraFile> {
         let (lens, orthographic) = match kind(element)? {
             "perspective" => (false, false),
             "thinlens" => (true, false),
             "orthographic" => (false, true),
-            other => {
-                let known = ["perspective", "thinlens", "orthographic"];
-                return Err(element.unsupported(format!("sensor \"{other}\""), &known));
-            }
+            other => return Err(element.unsupported(format!("sensor \"{other}\""), &KINDS)),
         };
         let mut known = vec!["to_world", "near_clip", "far_clip", "shutter_open", "shutter_close"];
         if !orthographic {
@@ -49,7 +76,7 @@ impl<'a> Reader<'a> {
             (_, radius) => radius.unwrap_or(0.0) as f32,
         };
         let [medium] = self.media(element, "camera", ["medium"])?;
-        self.file.camera = CameraFile {
+        Ok(CameraFile {
             medium,
             to_world: object.to_world()?,
             fov: if orthographic { 0.0 } else { horizontal_fov(&object, &self.file.film)? as f32 },
@@ -58,9 +85,15 @@ impl<'a> Reader<'a> {
             aperture_radius: aperture,
             focus_distance: lens.then_some(focus),
             principal_point_offset,
-        };
-        self.places.set("camera", element.place.clone());
-        Ok(())
+            size: None,
+        })
+    }
+
+    /// Sets the place of what the first sensor says for all.
+    fn set_place(&mut self, key: &str, element: &Element) {
+        if self.sensors == 0 {
+            self.places.set(key, element.place.clone());
+        }
     }
 
     fn sampler(&mut self, element: &'a Element) -> Result<()> {
@@ -71,7 +104,7 @@ impl<'a> Reader<'a> {
             let invalid = |_| element.malformed(format!("sample_count is {count}, expected at least 1"));
             self.file.render.spp = u32::try_from(count).map_err(invalid)?;
         }
-        self.places.set("render.spp", element.place.clone());
+        self.set_place("render.spp", element);
         Ok(())
     }
 
@@ -92,7 +125,7 @@ impl<'a> Reader<'a> {
         };
         let default = &self.file.film;
         let (width, height) = (side("width", default.width)?, side("height", default.height)?);
-        self.places.set("film", element.place.clone());
+        self.set_place("film", element);
         let filter = object.single("rfilter")?.map_or(Ok(FilterFile::GAUSSIAN), |filter| self.filter(filter))?;
         self.file.film = FilmFile { width, height, filter };
         Ok(())
@@ -114,7 +147,7 @@ impl<'a> Reader<'a> {
             }
         };
         let object = Object::new(element, &self.ids, known, &[])?;
-        self.places.set("film.filter", element.place.clone());
+        self.set_place("film.filter", element);
         let number = |name: &str, default: f64| Ok(object.float(name)?.unwrap_or(default) as f32);
         Ok(match kind {
             "box" if object.float("radius")?.is_some_and(|radius| radius != 0.5) => {

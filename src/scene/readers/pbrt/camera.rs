@@ -71,6 +71,7 @@ impl Reader {
             focus_distance: (radius > 0.0).then_some(focus as f32),
             medium: self.medium_name(&medium),
             principal_point_offset: offset.map(|part| part as f32),
+            size: None,
         };
         Ok(())
     }

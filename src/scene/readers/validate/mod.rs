@@ -38,7 +38,7 @@ pub fn validate(file: &SceneFile, places: &Places) -> Result<()> {
     if file.version != VERSION {
         return Err(unsupported_version(places.at("version"), file.version));
     }
-    camera(&check, &file.camera)?;
+    cameras(&check, file)?;
     film(&check, &file.film)?;
     render(&check, &file.render)?;
     for (name, material) in &file.materials {
@@ -47,7 +47,6 @@ pub fn validate(file: &SceneFile, places: &Places) -> Result<()> {
     for (name, medium) in &file.media {
         self::medium(&check, &format!("media.{name}"), medium)?;
     }
-    known_medium(&check, "camera.medium", file.camera.medium.as_ref(), file)?;
     for (name, mesh) in &file.meshes {
         inline_mesh(&check, &format!("meshes.{name}"), mesh)?;
     }
@@ -60,22 +59,45 @@ pub fn validate(file: &SceneFile, places: &Places) -> Result<()> {
     one_environment(&check, &file.lights)
 }
 
-fn camera(check: &Checker, camera: &CameraFile) -> Result<()> {
-    check.transform("camera.to_world", &camera.to_world)?;
+fn cameras(check: &Checker, file: &SceneFile) -> Result<()> {
+    camera(check, "camera", &file.camera, file)?;
+    if file.camera.size.is_some() {
+        return check.fail("camera.size", "the picture of this camera is as large as film says");
+    }
+    if file.cameras.contains_key(&file.camera_name) {
+        let message = format!("there is another camera \"{}\" in cameras", file.camera_name);
+        return check.fail("camera_name", message);
+    }
+    for (name, further) in &file.cameras {
+        camera(check, &format!("cameras.{name}"), further, file)?;
+    }
+    match file.views().any(|(name, _)| name.is_empty()) {
+        true => check.fail("cameras", "a camera has an empty name"),
+        false => Ok(()),
+    }
+}
+
+fn camera(check: &Checker, key: &str, camera: &CameraFile, file: &SceneFile) -> Result<()> {
+    let of = |part: &str| format!("{key}.{part}");
+    check.transform(&of("to_world"), &camera.to_world)?;
     if let Some(width) = camera.orthographic_width {
-        check.positive("camera.orthographic_width", width)?;
+        check.positive(&of("orthographic_width"), width)?;
         if camera.aperture_radius != 0.0 {
-            return check.fail("camera.aperture_radius", "an orthographic camera has no lens");
+            return check.fail(&of("aperture_radius"), "an orthographic camera has no lens");
         }
     } else if !(camera.fov > 0.0 && camera.fov < 180.0) {
         return check
-            .fail("camera.fov", format!("the field of view is {}°, expected one between 0° and 180°", camera.fov));
+            .fail(&of("fov"), format!("the field of view is {}°, expected one between 0° and 180°", camera.fov));
     }
-    check.at_least("camera.aperture_radius", camera.aperture_radius, 0.0)?;
-    check.finite("camera.principal_point_offset", &camera.principal_point_offset)?;
+    check.at_least(&of("aperture_radius"), camera.aperture_radius, 0.0)?;
+    check.finite(&of("principal_point_offset"), &camera.principal_point_offset)?;
+    if let Some([width, height]) = camera.size {
+        picture(check, &of("size"), [("columns", width), ("rows", height)])?;
+    }
+    known_medium(check, &of("medium"), camera.medium.as_ref(), file)?;
     match camera.focus_distance {
-        Some(distance) => check.positive("camera.focus_distance", distance),
-        None if camera.aperture_radius > 0.0 => check.fail("camera", "a lens needs a focus_distance"),
+        Some(distance) => check.positive(&of("focus_distance"), distance),
+        None if camera.aperture_radius > 0.0 => check.fail(key, "a lens needs a focus_distance"),
         None => Ok(()),
     }
 }
@@ -98,15 +120,20 @@ fn known_medium(check: &Checker, key: &str, name: Option<&String>, file: &SceneF
 }
 
 fn film(check: &Checker, film: &FilmFile) -> Result<()> {
-    for (key, side) in [("film.width", film.width), ("film.height", film.height)] {
-        if side == 0 {
-            return check.fail(key, format!("{key} is 0, expected at least one pixel"));
-        }
-        check.limit(key, u64::from(side), u64::from(LARGEST_SIDE))?;
-    }
-    let pixels = u64::from(film.width) * u64::from(film.height);
-    check.limit("film", pixels, MOST_PIXELS)?;
+    picture(check, "film", [("width", film.width), ("height", film.height)])?;
     filter(check, &film.filter)
+}
+
+/// Checks the sides of a picture, each with its name below `key`.
+fn picture(check: &Checker, key: &str, sides: [(&str, u32); 2]) -> Result<()> {
+    for (name, side) in sides {
+        let key = format!("{key}.{name}");
+        if side == 0 {
+            return check.fail(&key, format!("{key} is 0, expected at least one pixel"));
+        }
+        check.limit(&key, u64::from(side), u64::from(LARGEST_SIDE))?;
+    }
+    check.limit(key, sides.iter().map(|(_, side)| u64::from(*side)).product(), MOST_PIXELS)
 }
 
 fn filter(check: &Checker, filter: &FilterFile) -> Result<()> {
