@@ -25,7 +25,7 @@ const SIZE: [u32; 2] = [16, 12];
 /// A room with two further cameras, of which one is in the block, where there is no light.
 fn file() -> SceneFile {
     let mut file = room(SIZE, 20.0).finish();
-    let mut camera = |eye: Vec3, target: Vec3| {
+    let camera = |eye: Vec3, target: Vec3| {
         let mut b = room(SIZE, 20.0);
         b.look_at(eye, target, Vec3::Y, 70.0);
         b.finish().camera
