@@ -108,6 +108,7 @@ impl Builder {
             interior: None,
             exterior: None,
             emission,
+            emission_texture: None,
         });
     }
 

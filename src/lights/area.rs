@@ -4,6 +4,7 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
+use super::glow::{self, Glow};
 use super::tree::{Cone, LightBounds};
 use super::{Emission, LightSample, LightSamples};
 use crate::geometry::sphere::{Sphere, Spheres};
@@ -11,19 +12,25 @@ use crate::geometry::{Geometry, Ray, Shape, Surface};
 use crate::math::error_bound::{gamma, offset_origin};
 use crate::math::lanes::{Mask, Real, V3};
 use crate::math::{Frame, channel_mean};
+use crate::picture::texture::Texture;
 use crate::sampling::discrete::Discrete;
 use crate::sampling::warp;
 
-/// A shape whose front emits the same radiance everywhere and in every direction.
+/// A shape whose front emits the same radiance in every direction.
 #[derive(Debug, Clone)]
 pub struct AreaLight {
     shape: Shape,
     radiance: Vec3,
+    /// Distribution over `placed`.
     triangles: Discrete,
-    /// Of the whole shape.
+    /// Of the whole shape; of an even light of the same power, where the radiance varies.
     area: f32,
-    /// The triangles in world coordinates; empty for a sphere.
+    /// What of a mesh is drawn, in world coordinates: its triangles, or their pieces where the radiance varies; empty for a sphere.
     placed: Vec<Placed>,
+    /// How the radiance varies.
+    glow: Option<Box<Glow>>,
+    /// Emitted power π·∫L dA, W.
+    power: Vec3,
 }
 
 /// A triangle that emits: its corners, and the unit normal on the emitting side.
@@ -34,21 +41,43 @@ impl AreaLight {
     pub fn new(shape: Shape, radiance: Vec3) -> Self {
         let triangles = shape.area_distribution();
         let area = triangles.total() as f32;
-        let Geometry::Mesh { mesh, winding, .. } = &shape.geometry else {
-            return Self { shape, radiance, triangles, area, placed: Vec::new() };
-        };
-        let sign = if shape.flip_normals { -1.0 } else { 1.0 } * winding;
-        let placed = (0..mesh.triangles.len() as u32).map(|index| {
+        let power = radiance * (PI * area);
+        let count = if let Geometry::Mesh { mesh, .. } = &shape.geometry { mesh.triangles.len() as u32 } else { 0 };
+        let placed = (0..count).map(|index| {
             let [a, b, c] = shape.triangle(index);
-            [a, b, c, (b - a).cross(c - a).normalize_or(Vec3::Z) * sign]
+            [a, b, c, normal(&shape, index)]
         });
         let placed = placed.collect();
-        Self { shape, radiance, triangles, area, placed }
+        Self { shape, radiance, triangles, area, placed, glow: None, power }
+    }
+
+    /// The emitting `shape` with `radiance` times `texture`, W·m⁻²·sr⁻¹.
+    pub fn textured(shape: Shape, radiance: Vec3, texture: Texture) -> Self {
+        if let Texture::Constant(color) = texture {
+            return Self::new(shape, radiance * color);
+        }
+        let Geometry::Mesh { mesh, .. } = &shape.geometry else {
+            let glow = Glow::of_sphere(texture);
+            let even = Self::new(shape, radiance);
+            return Self { power: even.power * glow.mean_on_sphere(), glow: Some(Box::new(glow)), ..even };
+        };
+        let (glow, cut) = Glow::of_mesh(texture, &shape, mesh.triangles.len() as u32);
+        let placed =
+            cut.corners.iter().zip(&cut.triangles).map(|([a, b, c], index)| [*a, *b, *c, normal(&shape, *index)]);
+        let placed = placed.collect();
+        let power = radiance * cut.integral * PI;
+        let area = cut.pieces.total() as f32;
+        Self { shape, radiance, triangles: cut.pieces, area, placed, glow: Some(Box::new(glow)), power }
     }
 
     /// Radiance that leaves the surface point towards the unit direction `out`.
     pub fn emitted(&self, surface: &Surface, out: Vec3) -> Vec3 {
-        if surface.normal.dot(out) > 0.0 { self.radiance } else { Vec3::ZERO }
+        let is_front = surface.normal.dot(out) > 0.0;
+        match &self.glow {
+            _ if !is_front => Vec3::ZERO,
+            None => self.radiance,
+            Some(glow) => self.radiance * glow.at(surface.uv),
+        }
     }
 
     /// Density with which [`AreaLight::sample`] from `point` chooses the direction of `surface`, w.r.t. solid angle.
@@ -61,12 +90,14 @@ impl AreaLight {
                 let to = surface.point - point;
                 let squared = to.length_squared();
                 let cos = surface.normal.dot(to).abs() / squared.sqrt();
-                squared / (cos * self.area)
+                let area = self.glow.as_ref().map_or(self.area, |glow| glow.area(surface.uv));
+                squared / (cos * area)
             }
         }
     }
 
-    /// A direction towards the emitting side, uniform over the area of a mesh or the visible cap of a sphere.
+    /// A direction towards the emitting side, uniform over the area of a mesh (where its radiance varies, in proportion to about that)
+    /// or the visible cap of a sphere.
     #[inline(always)]
     pub fn sample(&self, point: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let point = V3::from(point);
@@ -84,32 +115,42 @@ impl AreaLight {
         inside(&(*sphere).into(), point.into()) == self.shape.flip_normals
     }
 
-    /// Samples a point uniformly; returns it with its front normal and error bound.
+    /// Samples a point; returns it with its front normal and error bound, and with π times its radiance over the density per area.
     #[inline(always)]
-    fn sample_point(&self, u: [f32; 2]) -> (Vec3, Vec3, Vec3) {
+    fn sample_point(&self, u: [f32; 2]) -> (Vec3, Vec3, Vec3, Vec3) {
         match &self.shape.geometry {
             Geometry::Sphere(sphere) => {
                 let sign = if self.shape.flip_normals { -1.0 } else { 1.0 };
                 let normal = warp::square_to_sphere(u);
                 let error = gamma(6) * (sphere.center.abs() + Vec3::splat(sphere.radius));
-                (sphere.center + normal * sphere.radius, normal * sign, error)
+                let radiance =
+                    glow::on_sphere(self.glow.as_deref(), &self.shape, normal.to_array(), self.radiance.into());
+                let power = Vec3::from_array(radiance) * (PI * self.area);
+                (sphere.center + normal * sphere.radius, normal * sign, error, power)
             }
             Geometry::Mesh { .. } => {
                 let (triangle, inside) = self.triangles.sample(f64::from(u[0]));
                 let [a, b, c, normal] = self.placed[triangle];
                 let parts = parts([a, b, c].map(V3::from), [inside as f32, u[1]]).map(Vec3::from);
                 let error = self.shape.error(parts[0].abs() + parts[1].abs() + parts[2].abs());
-                (parts[0] + parts[1] + parts[2], normal, error)
+                let power = match &self.glow {
+                    None => self.power,
+                    Some(glow) => {
+                        let (factor, area) = glow.drawn(triangle, [inside as f32, u[1]]);
+                        self.radiance * factor * (PI * area)
+                    }
+                };
+                (parts[0] + parts[1] + parts[2], normal, error, power)
             }
         }
     }
 
-    /// Samples a photon: uniform over the area, cosine-distributed.
+    /// Samples a photon: over the area as [`AreaLight::sample`] does, cosine-distributed.
     pub fn emit(&self, u: [f32; 2], v: [f32; 2]) -> Option<Emission> {
-        let (point, normal, error) = self.sample_point(u);
+        let (point, normal, error, power) = self.sample_point(u);
         let direction = Frame::new(normal).to_world(warp::square_to_cosine_hemisphere(v));
         let origin = offset_origin(point, error, normal, direction);
-        Some(Emission { ray: Ray { origin, direction }, power: self.power(), normal })
+        Some(Emission { ray: Ray { origin, direction }, power, normal })
     }
 
     /// Box around the light, cone of the normals of its emitting side, and intensity.
@@ -138,10 +179,18 @@ impl AreaLight {
         LightBounds { low, high, cone: cone.unwrap_or(Cone::ALL), intensity: channel_mean(self.power()) / PI }
     }
 
-    /// Emitted power π·A·L, W.
+    /// Emitted power π·∫L dA, W.
     pub fn power(&self) -> Vec3 {
-        self.radiance * (PI * self.area)
+        self.power
     }
+}
+
+/// The unit normal of a triangle on the emitting side.
+fn normal(shape: &Shape, triangle: u32) -> Vec3 {
+    let Geometry::Mesh { winding, .. } = &shape.geometry else { return Vec3::Z };
+    let sign = if shape.flip_normals { -1.0 } else { 1.0 } * winding;
+    let [a, b, c] = shape.triangle(triangle);
+    (b - a).cross(c - a).normalize_or(Vec3::Z) * sign
 }
 
 /// The parts of the corners of a uniform point of each triangle; it is their sum.
@@ -164,12 +213,20 @@ pub(super) fn sample_meshes<'a, R: Real>(
     point: V3<R>,
     u: [R; 2],
 ) -> LightSamples<R> {
-    let [ax, ay, az, bx, by, bz, cx, cy, cz, nx, ny, nz, r, g, b, area, inside] = R::by_lane([u[0]], |lane, [u]| {
-        let AreaLight { triangles, area, placed, radiance, .. } = light(lane);
-        let (triangle, inside) = triangles.sample(f64::from(u));
+    let [ax, ay, az, bx, by, bz, cx, cy, cz, nx, ny, nz, r, g, b, area, inside] = R::by_lane(u, |lane, u| {
+        let AreaLight { triangles, area, placed, radiance, glow, .. } = light(lane);
+        let (triangle, inside) = triangles.sample(f64::from(u[0]));
+        let inside = inside as f32;
+        let (radiance, area) = match glow {
+            None => (*radiance, *area),
+            Some(glow) => {
+                let (factor, area) = glow.drawn(triangle, [inside, u[1]]);
+                (*radiance * factor, area)
+            }
+        };
         let mut row = [0.0; 17];
         row[..12].copy_from_slice(bytemuck::cast_slice(&placed[triangle]));
-        row[12..].copy_from_slice(&[radiance.x, radiance.y, radiance.z, *area, inside as f32]);
+        row[12..].copy_from_slice(&[radiance.x, radiance.y, radiance.z, area, inside]);
         row
     });
     let [a_part, b_part, c_part] =
@@ -196,11 +253,11 @@ pub(super) fn sample_spheres<'a, R: Real>(
     point: V3<R>,
     u: [R; 2],
 ) -> LightSamples<R> {
-    let [x, y, z, radius, flipped, r, g, b] = R::by_lane([u[0]], |lane, _| {
-        let AreaLight { shape, radiance, .. } = light(lane);
-        let Geometry::Sphere(Sphere { center, radius }) = shape.geometry else { return [0.0; 8] };
-        let flipped = f32::from(u8::from(shape.flip_normals));
-        [center.x, center.y, center.z, radius, flipped, radiance.x, radiance.y, radiance.z]
+    let [x, y, z, radius, flipped, r, g, b, glows] = R::by_lane([u[0]], |lane, _| {
+        let AreaLight { shape, radiance, glow, .. } = light(lane);
+        let Geometry::Sphere(Sphere { center, radius }) = shape.geometry else { return [0.0; 9] };
+        let [flipped, glows] = [shape.flip_normals, glow.is_some()].map(|is| f32::from(u8::from(is)));
+        [center.x, center.y, center.z, radius, flipped, radiance.x, radiance.y, radiance.z, glows]
     });
     let sphere = Spheres { center: V3::new(x, y, z), radius };
     let (wi, pdf) = sphere.sample_direction(point, u);
@@ -208,10 +265,19 @@ pub(super) fn sample_spheres<'a, R: Real>(
     // A direction on the rim may miss by rounding: then the nearest point of the line to the centre serves.
     let distance = hit.choose(distance, (sphere.center - point).dot(wi));
     let (inside, flipped) = (inside(&sphere, point), flipped.above(0.0));
+    let mut radiance = V3::new(r, g, b);
+    if glows.above(0.0).any() {
+        let outward = point + wi * distance - sphere.center;
+        let [r, g, b] = R::by_lane([outward.x, outward.y, outward.z, r, g, b], |lane, [x, y, z, r, g, b]| {
+            let AreaLight { shape, glow, .. } = light(lane);
+            glow::on_sphere(glow.as_deref(), shape, [x, y, z], V3::new(r, g, b))
+        });
+        radiance = V3::new(r, g, b);
+    }
     LightSamples {
         wi,
         distance,
-        radiance: V3::new(r, g, b),
+        radiance,
         pdf,
         delta: pdf.lt(pdf),
         found: (inside & flipped | !inside & !flipped) & distance.above(0.0),

@@ -1,8 +1,10 @@
 //! Light sources: the light that arrives from them at a point, and the emission of photons.
 
 pub mod area;
+mod cut;
 pub mod distant;
 pub mod envmap;
+mod glow;
 mod lanes;
 pub mod point;
 pub mod sky;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{Affine3A, Mat3, Quat, Vec3};
+use glam::{Affine2, Affine3A, Mat3, Quat, Vec2, Vec3};
 
 use super::*;
 use crate::base::processor::{Avx2, Avx512};
@@ -11,6 +11,7 @@ use crate::geometry::Shape;
 use crate::geometry::mesh::Mesh;
 use crate::math::lanes::{Kernel, LANES, Wide};
 use crate::picture::Image;
+use crate::picture::texture::{Texture, Wrap};
 
 fn vector(random: &mut Random, extent: f32) -> Vec3 {
     Vec3::new(random.range(-extent, extent), random.range(-extent, extent), random.range(-extent, extent))
@@ -43,10 +44,27 @@ fn map(random: &mut Random) -> Envmap {
     Envmap::new(Arc::new(Image { width, height, pixels }), 2.0, to_world)
 }
 
+/// A picture, some pixels of which are black, anyhow placed.
+fn texture(random: &mut Random) -> Texture {
+    let [width, height] = [1 + random.below(9) as usize, 1 + random.below(9) as usize];
+    let pixel = |_| if random.below(3) == 0 { Vec3::ZERO } else { vector(random, 2.0).abs() };
+    let pixels = (0..width * height).map(pixel).collect();
+    let image = Arc::new(Image { width, height, pixels }).into();
+    let scale = Vec2::new(random.range(-3.0, 3.0), random.range(0.1, 2.0));
+    let to_uv = Affine2::from_scale_angle_translation(scale, random.range(0.0, 6.0), Vec2::new(0.3, -0.4));
+    let wrap = [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp][random.below(3) as usize];
+    Texture::Bitmap { image, to_uv, scale: 1.5, wrap, nearest: random.below(2) == 0 }
+}
+
 fn light(kind: u32, random: &mut Random) -> Light {
     let radiance = vector(random, 3.0).abs();
     match kind {
+        0 if random.below(3) == 0 => Light::Area(AreaLight::textured(mesh(random), radiance, texture(random))),
         0 | 1 => Light::Area(AreaLight::new(mesh(random), radiance)),
+        2 if random.below(3) == 0 => {
+            let shape = Shape::sphere(vector(random, 5.0), random.range(0.01, 1.0), random.below(3) == 0);
+            Light::Area(AreaLight::textured(shape, radiance, texture(random)))
+        }
         2 => {
             let shape = Shape::sphere(vector(random, 5.0), random.range(0.01, 1.0), random.below(3) == 0);
             Light::Area(AreaLight::new(shape, radiance))

@@ -23,12 +23,12 @@ pub mod rough_conductor;
 pub mod rough_dielectric;
 pub mod rough_diffuse;
 mod table;
-pub mod texture;
 #[cfg(test)]
 mod tests;
 
 use glam::{Vec2, Vec3};
 
+pub use crate::picture::texture;
 use blend::Blend;
 pub use bsdf::{Bsdf, Drawn, Scatter, Variant};
 use bsdf::{Model, Null, mirrored};

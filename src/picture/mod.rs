@@ -9,6 +9,7 @@ mod read;
 mod read_exr;
 mod samples;
 mod texels;
+pub mod texture;
 mod view;
 mod window;
 mod write_exr;

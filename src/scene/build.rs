@@ -1,9 +1,11 @@
 //! Building the immutable scene from a loaded scene file.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use glam::{Affine3A, Mat3, Mat4, Vec3};
 
+use super::dress::Wardrobe;
 use super::effects::Needs;
 use super::file::{
     CameraFile, Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile, ShapeFile,
@@ -16,6 +18,7 @@ use super::{Scene, sheet};
 use crate::base::{Error, Place, Result};
 use crate::camera::Camera;
 use crate::geometry::accel::SELDOM_SHARED;
+use crate::geometry::mesh::Mesh;
 use crate::geometry::{Accel, Shape};
 use crate::lights::area::AreaLight;
 use crate::lights::distant::{Constant, Directional};
@@ -40,6 +43,7 @@ use crate::materials::rough_dielectric::{LEAST_STEP, RoughDielectric};
 use crate::materials::rough_diffuse::RoughDiffuse;
 use crate::materials::texture::Texture;
 use crate::materials::{Kind, Material, Tint};
+use crate::picture::Texels;
 
 /// Bytes of meshes that stay in the caches by themselves.
 const CACHED: usize = 1 << 18;
@@ -72,7 +76,9 @@ impl Scene {
     fn build_with(loaded: &LoadedScene, size: [u32; 2], further: &[&CameraFile]) -> Result<Self> {
         let file = &loaded.file;
         let names: BTreeMap<&str, u32> = file.materials.keys().map(String::as_str).zip(0..).collect();
-        let materials = file.materials.values().map(|m| material(m, loaded)).collect::<Result<Vec<Material>>>()?;
+        let materials = file.materials.values().map(|m| material(m, &loaded.images));
+        let mut materials = materials.collect::<Result<Vec<Material>>>()?;
+        let (mut wardrobe, mut own_materials) = (Wardrobe::new(loaded), 0);
         let mut shapes = Vec::with_capacity(file.shapes.len());
         let mut shape_material = Vec::with_capacity(file.shapes.len());
         let mut shape_light = Vec::with_capacity(file.shapes.len());
@@ -91,9 +97,20 @@ impl Scene {
             *uses.entry(mesh_name(shape_file)).or_default() += 1;
         }
         for shape_file in &file.shapes {
-            let shape = shape(shape_file, uses[&mesh_name(shape_file)] == 1, loaded)?;
+            let dressed = wardrobe.dress(shape_file);
+            let mesh = dressed.and_then(|dressed| dressed.mesh.clone());
+            let shape = shape(shape_file, uses[&mesh_name(shape_file)] == 1, mesh, loaded)?;
             let name = shape_file.material.as_str();
-            shape_material.push(*names.get(name).ok_or_else(|| unresolved(loaded, "material", name))?);
+            shape_material.push(match dressed {
+                None => *names.get(name).ok_or_else(|| unresolved(loaded, "material", name))?,
+                Some(dressed) => {
+                    if dressed.number == own_materials {
+                        materials.push(material(&dressed.material, &dressed.images)?);
+                        own_materials += 1;
+                    }
+                    names.len() as u32 + dressed.number
+                }
+            });
             let border = Border { interior: medium(&shape_file.interior)?, exterior: medium(&shape_file.exterior)? };
             shape_border.push((border != Border::default()).then_some(border));
             let emission = shape_file.emission.map(Vec3::from_array).filter(|e| *e != Vec3::ZERO);
@@ -101,7 +118,17 @@ impl Scene {
             if emission.is_some() {
                 light_medium.push(if border == Border::default() { camera_medium } else { border.exterior });
             }
-            lights.extend(emission.map(|radiance| Light::Area(AreaLight::new(shape.clone(), radiance))));
+            let (factor, images) = match dressed {
+                Some(dressed) => (&dressed.emission_texture, &dressed.images),
+                None => (&shape_file.emission_texture, &loaded.images),
+            };
+            let factor = factor.as_ref().map(|factor| Texture::new(factor, images)).transpose()?;
+            lights.extend(emission.map(|radiance| {
+                Light::Area(match factor {
+                    None => AreaLight::new(shape.clone(), radiance),
+                    Some(factor) => AreaLight::textured(shape.clone(), radiance, factor),
+                })
+            }));
             shapes.push(shape);
         }
         let accel = Accel::new(&shapes);
@@ -134,7 +161,7 @@ impl Scene {
             has_masks,
             has_bumps,
             is_large: meshes > CACHED,
-            has_pictures: !loaded.images.is_empty(),
+            has_pictures: !loaded.images.is_empty() || !loaded.attributes.is_empty(),
             needs,
             media: file.media.values().map(self::medium).collect(),
             shape_border,
@@ -194,12 +221,13 @@ fn mesh_name(file: &ShapeFile) -> Option<&str> {
     }
 }
 
-/// Builds the shape of `file`; `alone` says that no other shape uses its mesh.
-fn shape(file: &ShapeFile, alone: bool, loaded: &LoadedScene) -> Result<Shape> {
+/// Builds the shape of `file`; `alone` says that no other shape uses its mesh, in whose place there may be one of its own.
+fn shape(file: &ShapeFile, alone: bool, own: Option<Arc<Mesh>>, loaded: &LoadedScene) -> Result<Shape> {
     let to_world = affine(&file.to_world);
     match &file.geometry {
         GeometryFile::Mesh { mesh } => {
-            let found = loaded.meshes.get(mesh).ok_or_else(|| unresolved(loaded, "mesh", mesh))?;
+            let found =
+                own.as_ref().or_else(|| loaded.meshes.get(mesh)).ok_or_else(|| unresolved(loaded, "mesh", mesh))?;
             let shape = Shape::mesh(found.clone(), to_world, file.flip_normals);
             let own = match found.triangles.len() {
                 triangles if triangles <= SELDOM_SHARED => true,
@@ -218,13 +246,16 @@ fn shape(file: &ShapeFile, alone: bool, loaded: &LoadedScene) -> Result<Shape> {
     }
 }
 
-fn texture(file: &TextureFile, loaded: &LoadedScene) -> Result<Texture> {
-    Texture::new(file, &loaded.images)
+/// Pictures by their keys.
+type Images = BTreeMap<String, Texels>;
+
+fn texture(file: &TextureFile, images: &Images) -> Result<Texture> {
+    Texture::new(file, images)
 }
 
-fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
+fn material(file: &MaterialFile, images: &Images) -> Result<Material> {
     let metal = |eta: &[f32; 3], k: &[f32; 3], reflectance: &TextureFile| -> Result<Metal> {
-        Ok(Metal { eta: Vec3::from_array(*eta), k: Vec3::from_array(*k), reflectance: texture(reflectance, loaded)? })
+        Ok(Metal { eta: Vec3::from_array(*eta), k: Vec3::from_array(*k), reflectance: texture(reflectance, images)? })
     };
     let facets = |alpha: f32, distribution: &Distribution| Microfacets {
         shape: match distribution {
@@ -235,38 +266,38 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
     };
     Ok(Material::from(match file {
         MaterialFile::TwoSided { material: inner } => {
-            let mut inner = material(inner, loaded)?;
+            let mut inner = material(inner, images)?;
             inner.bump.iter_mut().for_each(|bump| bump.mirrored = true);
             return Ok(Material { two_sided: true, ..inner });
         }
         MaterialFile::Tinted { specular_reflectance, specular_transmittance, material: inner } => {
-            let reflectance = texture(specular_reflectance, loaded)?;
-            let tint = Tint { reflectance, transmittance: texture(specular_transmittance, loaded)? };
-            return Ok(Material { tint: Some(Box::new(tint)), ..material(inner, loaded)? });
+            let reflectance = texture(specular_reflectance, images)?;
+            let tint = Tint { reflectance, transmittance: texture(specular_transmittance, images)? };
+            return Ok(Material { tint: Some(Box::new(tint)), ..material(inner, images)? });
         }
         MaterialFile::Mask { opacity, material: inner } => {
-            return Ok(Material { opacity: Some(texture(opacity, loaded)?), ..material(inner, loaded)? });
+            return Ok(Material { opacity: Some(texture(opacity, images)?), ..material(inner, images)? });
         }
         MaterialFile::Null => Kind::Null,
         MaterialFile::BumpMap { texture: map, scale, material: inner } => {
-            let map = Map::Height(texture(map, loaded)?, *scale);
-            return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, loaded)? });
+            let map = Map::Height(texture(map, images)?, *scale);
+            return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, images)? });
         }
         MaterialFile::NormalMap { texture: map, material: inner } => {
-            let map = Map::Normals(texture(map, loaded)?);
-            return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, loaded)? });
+            let map = Map::Normals(texture(map, images)?);
+            return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, images)? });
         }
-        MaterialFile::Principled(file) => Kind::Principled(Box::new(Principled::new(parameters(file, loaded)?))),
+        MaterialFile::Principled(file) => Kind::Principled(Box::new(Principled::new(parameters(file, images)?))),
         MaterialFile::Blend { weight, materials } => Kind::Blend(Box::new(Blend {
-            weight: texture(weight, loaded)?,
-            parts: [material(&materials[0], loaded)?, material(&materials[1], loaded)?],
+            weight: texture(weight, images)?,
+            parts: [material(&materials[0], images)?, material(&materials[1], images)?],
         })),
-        MaterialFile::Diffuse { reflectance } => Kind::Diffuse(Diffuse { reflectance: texture(reflectance, loaded)? }),
+        MaterialFile::Diffuse { reflectance } => Kind::Diffuse(Diffuse { reflectance: texture(reflectance, images)? }),
         MaterialFile::RoughDiffuse { reflectance, alpha, .. } if *alpha < SMOOTH => {
-            Kind::Diffuse(Diffuse { reflectance: texture(reflectance, loaded)? })
+            Kind::Diffuse(Diffuse { reflectance: texture(reflectance, images)? })
         }
         MaterialFile::RoughDiffuse { reflectance, alpha, qualitative } => {
-            Kind::RoughDiffuse(Box::new(RoughDiffuse::new(texture(reflectance, loaded)?, *alpha, *qualitative)))
+            Kind::RoughDiffuse(Box::new(RoughDiffuse::new(texture(reflectance, images)?, *alpha, *qualitative)))
         }
         MaterialFile::Conductor { eta, k, specular_reflectance } => {
             Kind::Conductor(Conductor { metal: metal(eta, k, specular_reflectance)? })
@@ -298,8 +329,8 @@ fn material(file: &MaterialFile, loaded: &LoadedScene) -> Result<Material> {
             specular_reflectance,
             nonlinear,
         } => Kind::Plastic(Plastic::new(
-            texture(diffuse_reflectance, loaded)?,
-            texture(specular_reflectance, loaded)?,
+            texture(diffuse_reflectance, images)?,
+            texture(specular_reflectance, images)?,
             int_ior / ext_ior,
             *nonlinear,
             (*alpha >= SMOOTH).then(|| facets(*alpha, distribution)),
@@ -317,11 +348,11 @@ fn medium(file: &MediumFile) -> Medium {
 }
 
 /// The parameters of a principled material, with its textures.
-fn parameters(file: &PrincipledFile, loaded: &LoadedScene) -> Result<Parameters> {
+fn parameters(file: &PrincipledFile, images: &Images) -> Result<Parameters> {
     Ok(Parameters {
-        base_color: texture(&file.base_color, loaded)?,
-        roughness: texture(&file.roughness, loaded)?,
-        metallic: texture(&file.metallic, loaded)?,
+        base_color: texture(&file.base_color, images)?,
+        roughness: texture(&file.roughness, images)?,
+        metallic: texture(&file.metallic, images)?,
         eta: file.eta,
         spec_tint: file.spec_tint,
         sheen: file.sheen,

@@ -392,6 +392,9 @@ pub struct ShapeFile {
     /// Radiance that the front side emits, W·m⁻²·sr⁻¹ per channel.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub emission: Option<[f32; 3]>,
+    /// Factor on `emission` at the texture coordinates.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub emission_texture: Option<TextureFile>,
 }
 
 /// The geometry of a shape.

@@ -1,6 +1,7 @@
 //! Scenes: the file model, its readers, and the immutable scene that is rendered.
 
 pub mod build;
+mod dress;
 pub mod effects;
 pub mod file;
 pub mod media;

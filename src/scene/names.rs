@@ -74,6 +74,7 @@ mod tests {
             interior: None,
             exterior: None,
             emission: None,
+            emission_texture: None,
         };
         file.shapes = vec![
             shape("floor", Some("square")),

@@ -83,7 +83,8 @@ fn remove(scene: &mut SceneFile, kind: EffectKind) {
         }
         K::BumpMaps => scene.materials.values_mut().for_each(|m| take_off(m, is_bump)),
         K::Textures => {
-            scene.materials.values_mut().flat_map(MaterialFile::textures_mut).for_each(|(_, texture)| flatten(texture))
+            scene.materials.values_mut().flat_map(MaterialFile::textures_mut).for_each(|(_, texture)| flatten(texture));
+            scene.shapes.iter_mut().filter_map(|shape| shape.emission_texture.as_mut()).for_each(flatten);
         }
         K::Mirrors => make_diffuse(scene, is_mirror),
         K::Transmission => {
@@ -138,7 +139,7 @@ fn flatten(texture: &mut TextureFile) {
     let value = match texture {
         TextureFile::Rgb { .. } => return,
         TextureFile::Checkerboard { color0, color1, .. } => [0, 1, 2].map(|c| 0.5 * (color0[c] + color1[c])),
-        TextureFile::Bitmap { .. } => [0.5; 3],
+        TextureFile::Bitmap { .. } | TextureFile::Attribute { .. } => [0.5; 3],
     };
     *texture = TextureFile::rgb(value);
 }

@@ -121,6 +121,8 @@ fn filters_of_mitsuba() {
     for (filter, expected, warned) in [
         ("", FilterFile::GAUSSIAN, false),
         (r#"<rfilter type="box"/>"#, FilterFile::default(), false),
+        (r#"<rfilter type="box"><float name="radius" value="2"/></rfilter>"#, FilterFile::Box { radius: 2.0 }, false),
+        (r#"<rfilter type="sinc"/>"#, FilterFile::GAUSSIAN, true),
         (r#"<rfilter type="tent"/>"#, FilterFile::TENT, false),
         (r#"<rfilter type="tent"><float name="radius" value="2"/></rfilter>"#, FilterFile::Tent { radius: 2.0 }, false),
         (r#"<rfilter type="gaussian"/>"#, FilterFile::GAUSSIAN, false),
@@ -136,8 +138,8 @@ fn filters_of_mitsuba() {
         assert_eq!(says, warned, "{filter}: {:?}", loaded.warnings);
     }
     for (filter, words) in [
-        (r#"<rfilter type="sinc"/>"#, "gaussian"),
-        (r#"<rfilter type="box"><float name="radius" value="2"/></rfilter>"#, "radius"),
+        (r#"<rfilter type="guassian"/>"#, "gaussian"),
+        (r#"<rfilter type="box"><float name="radius" value="-2"/></rfilter>"#, "radius"),
         (r#"<rfilter type="tent"><float name="radius" value="-2"/></rfilter>"#, "radius"),
         (r#"<rfilter type="gaussian"><float name="stddev" value="1e9"/></rfilter>"#, "stddev"),
     ] {
@@ -215,7 +217,9 @@ fn unknown_or_wrong_xml_is_refused_with_its_line() {
     let folder = folder();
     load_xml(&folder, &xml_with("")).unwrap();
     for body in [
-        "<bsdf type='velvet' id='a'/>",
+        "<bsdf type='diffuze' id='a'/>",
+        "<shape type='sphere'><emitter type='aera'/></shape>",
+        "<emitter type='constnat'/>",
         "<bsdf type='diffuse'><float name='reflectence' value='1'/></bsdf>",
         "<bsdf type='diffuse'><rgb name='reflectance' value='0.1 0.2'/></bsdf>",
         "<bsdf type='diffuse'><rgb name='reflectance' value='nan'/></bsdf>",
@@ -230,13 +234,12 @@ fn unknown_or_wrong_xml_is_refused_with_its_line() {
         "<bsdf type='mask' id='a'/>",
         "<bsdf type='mask' id='a'><float name='opacity' value='2'/><bsdf type='diffuse'/></bsdf>",
         "<bsdf type='plastic' id='a'><float name='int_ior' value='-1'/></bsdf>",
-        "<bsdf type='plastic' id='a'><float name='intIor' value='1.1'/></bsdf>",
+        "<bsdf type='plastic' id='a'><float name='int_iro' value='1.1'/></bsdf>",
         "<bsdf type='roughplastic' id='a'><string name='alpha' value='rough'/></bsdf>",
         "<bsdf type='roughdielectric' id='a'><string name='distribution' value='cosine'/></bsdf>",
         "<shape type='cylinder'><float name='radius' value='-1'/></shape>",
-        "<shape type='cube'><float name='size'/><default name='a' value='b'/></shape><shape type='$a'/>",
         "<shape type='cube'><float name='size' value='1'><default name='a' value='b'/></float></shape>$a",
-        "<shape type='torus'/>",
+        "<shape type='cubo'/>",
         "<shape type='cube'><ref id='nothing'/></shape>",
         "<shape type='cube'><transform name='to_world'><matrix value='1 0 0 0 0 1 0 0 0 0 nan 0 0 0 0 1'/></transform></shape>",
         "<shape type='cube'><transform name='to_world'><matrix value='1 0 0 0 0 1'/></transform></shape>",
@@ -251,9 +254,8 @@ fn unknown_or_wrong_xml_is_refused_with_its_line() {
         "<shape type='cube' color='red'/>",
         "<emitter type='area'/>",
         "<emitter type='constant'/><emitter type='constant'/>",
-        "<medium type='homogeneous'/>",
+        "<shape type='cube'><medium type='homogeneus' name='interior'/></shape>",
         "<string name='a' value='$undefined'/>",
-        "<include filename='../outside.xml'/>",
         "<include filename='tested.xml'/>",
     ] {
         let message = refused(load_xml(&folder, &xml_with(body)), body).to_string();

@@ -12,3 +12,4 @@ mod gltf;
 mod gltf_damage;
 mod gltf_materials;
 mod pbrt;
+mod scenes;

@@ -20,8 +20,9 @@ use fanal::lights::sun::Sun;
 use fanal::lights::{BoundingSphere, Light, LightSet};
 use fanal::math::Frame;
 use fanal::picture::Image;
+use fanal::picture::texture::{Texture, Wrap};
 use fanal::sampling::discrete::Discrete;
-use glam::{Affine3A, Mat3, Quat, Vec3};
+use glam::{Affine2, Affine3A, Mat3, Quat, Vec2, Vec3};
 use statistics::{assert_chi2, chi2_quantile};
 
 /// Density of a shape's light as the tracer looks it up: by hitting the surface.
@@ -110,6 +111,87 @@ fn s01_mesh_lights_follow_their_density() {
         |random| light.sample(Vec3::ZERO, random.next_2d()).map(|s| s.wi),
     );
     assert!((mass - 1.0).abs() < 1e-3, "{mass}");
+}
+
+/// A picture of which a few pixels shine and a third is black, turned and repeated.
+fn glowing(width: usize, height: usize) -> Texture {
+    let mut random = Random::new(77, 0, 0);
+    let pixel = |i: usize| match i % 3 {
+        0 => Vec3::ZERO,
+        _ if i % 13 == 4 => Vec3::splat(40.0),
+        _ => Vec3::splat(random.range(0.0, 1.0)),
+    };
+    let pixels = (0..width * height).map(pixel).collect();
+    let image = Arc::new(Image { width, height, pixels }).into();
+    let to_uv = Affine2::from_scale_angle_translation(Vec2::new(1.3, 0.9), 0.4, Vec2::new(0.2, -0.7));
+    Texture::Bitmap { image, to_uv, scale: 2.0, wrap: Wrap::Mirror, nearest: false }
+}
+
+/// The same light with a picture: its density w.r.t. solid angle integrates to 1, samples follow it, and the radiance of a sample is
+/// that of the surface which a ray in its direction hits. Catches a grid that is cut elsewhere than it is looked up, and texture
+/// coordinates of pieces that are not those of their triangles.
+#[test]
+fn s01_textured_mesh_lights_follow_their_density() {
+    let shape = triangles();
+    let light = AreaLight::textured(shape.clone(), Vec3::new(1.0, 0.5, 2.0), glowing(4, 3));
+    let accel = Accel::new(std::slice::from_ref(&shape));
+    let density = |direction: Vec3| {
+        let ray = Ray { origin: Vec3::ZERO, direction };
+        let surface = accel.intersect(&ray).map(|hit| Surface::new(&ray, &hit, &shape));
+        surface.map_or(0.0, |surface| f64::from(light.pdf(Vec3::ZERO, &surface)))
+    };
+    let mass = Chart::around(Vec3::new(1.0, 0.5, 2.0).normalize(), 2.0).check(
+        "textured mesh light by direction",
+        [32, 32],
+        density,
+        |random| {
+            let sample = light.sample(Vec3::ZERO, random.next_2d())?;
+            let ray = Ray { origin: Vec3::ZERO, direction: sample.wi };
+            if let Some(hit) = accel.intersect(&ray) {
+                let surface = Surface::new(&ray, &hit, &shape);
+                let emitted = light.emitted(&surface, -sample.wi);
+                assert!(
+                    emitted.distance(sample.radiance) <= 0.02 + 1e-2 * emitted.length(),
+                    "{emitted} {}",
+                    sample.radiance
+                );
+            }
+            Some(sample.wi)
+        },
+    );
+    assert!((mass - 1.0).abs() < 2e-3, "{mass}");
+}
+
+/// Irradiance of a square lamp with that picture: the same whether its points are drawn by the picture or evenly, and by the picture
+/// with less than a third of the variance. 2¹⁸ samples: both means have a standard error below 1 %.
+#[test]
+fn textured_lamps_are_drawn_by_their_picture() {
+    let corners = [[-1.0, -1.0, 2.0], [-1.0, 1.0, 2.0], [1.0, 1.0, 2.0], [1.0, -1.0, 2.0]].map(Vec3::from_array);
+    let uvs = [[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]].map(Vec2::from_array);
+    let (positions, uvs, triangles) = (corners.to_vec(), uvs.to_vec(), vec![[0, 1, 2], [0, 2, 3]]);
+    let mesh = Mesh { positions, uvs, triangles, ..Mesh::default() };
+    let shape = Shape::mesh(Arc::new(mesh), Affine3A::IDENTITY, false);
+    let (by_picture, evenly) =
+        (AreaLight::textured(shape.clone(), Vec3::ONE, glowing(12, 9)), AreaLight::new(shape.clone(), Vec3::ONE));
+    let accel = Accel::new(std::slice::from_ref(&shape));
+    let moments = |light: &AreaLight, key: u64| {
+        let mut random = Random::new(31, key, 0);
+        let (mut sum, mut squares, n) = (0.0, 0.0, 1 << 18);
+        for _ in 0..n {
+            let Some(sample) = light.sample(Vec3::ZERO, random.next_2d()) else { continue };
+            let ray = Ray { origin: Vec3::ZERO, direction: sample.wi };
+            let Some(hit) = accel.intersect(&ray) else { continue };
+            let radiance = by_picture.emitted(&Surface::new(&ray, &hit, &shape), -sample.wi);
+            let value = f64::from(radiance.x * sample.wi.z / sample.pdf);
+            (sum, squares) = (sum + value, squares + value * value);
+        }
+        let mean = sum / f64::from(n);
+        (mean, squares / f64::from(n) - mean * mean)
+    };
+    let ((mean, variance), (even_mean, even_variance)) = (moments(&by_picture, 0), moments(&evenly, 1));
+    println!("variance {variance} by the picture, {even_variance} evenly");
+    assert!((mean / even_mean - 1.0).abs() < 0.04, "{mean} {even_mean}");
+    assert!(variance < even_variance / 3.0, "{variance} {even_variance}");
 }
 
 /// Radiance of a sample is what a ray in its direction finds, and its density what the look-up says.

@@ -54,7 +54,21 @@ pub fn xml() -> Documents {
          <bsdf type='roughplastic'><texture type='bitmap' name='alpha'><string name='filename' value='lost.exr'/></texture></bsdf></bsdf>\
          <emitter type='envmap'><string name='filename' value='lost.hdr'/></emitter>",
     );
+    let loose = files::xml_with(
+        "<bsdf type='velvet' id='a'><rgb name='reflectance' value='0.5'/></bsdf><bsdf type='hair' id='h'/>\
+         <bsdf type='principledthin' id='t'><float name='spec_trans' value='0.5'/></bsdf>\
+         <bsdf type='mixturebsdf' id='m'><string name='weights' value='1 2 3'/><ref id='a'/><ref id='h'/><bsdf type='diffuse'/></bsdf>\
+         <bsdf type='diffuse' id='v'><texture type='mesh_attribute' name='reflectance'><string name='name' value='vertex_color'/></texture></bsdf>\
+         <shape type='obj'><string name='filename' value='tetrahedron.obj'/><ref id='v'/></shape><shape type='Cube'><ref id='m'/></shape>\
+         <shape type='merge'><shape type='sphere'><animation name='toWorld'><transform time='0'><scale value='2'/></transform></animation></shape></shape>\
+         <shape type='rectangle'><bsdf type='null'/><emitter type='area'><texture type='bitmap' name='radiance'><string name='filename'\
+         value='grey.png'/></texture></emitter></shape><include filename='../a.xml'/><emitter type='collimated'/>\
+         <shape type='cube'><medium type='heterogeneous' name='interior'><string name='material' value='Coke'/>\
+         <volume name='albedo' type='gridvolume'><string name='filename' value='lost.vol'/></volume></medium></shape>",
+    );
     let seeds = vec![
+        loose.clone().into(),
+        loose.replace("3.0.0", "0.6.0").into(),
         files::XML.into(),
         files::xml_with(body).into(),
         old.into(),

@@ -396,6 +396,7 @@ fn compared(folder: &Path) -> Result<()> {
     let loaded = load(&root().join("scenes/cornell"))?;
     let neural = Neural::built_in()?;
     let experiment = Experiment {
+        denoiser: None,
         loaded: &loaded,
         path: "cornell".into(),
         load_seconds: 0.0,

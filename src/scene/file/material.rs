@@ -33,6 +33,14 @@ pub enum TextureFile {
         #[serde(default, skip_serializing_if = "is_default")]
         filter: Filter,
     },
+    /// What the mesh has for each vertex or face, such as `vertex_color` or `face_color`.
+    Attribute {
+        /// Its name; see the readers of meshes.
+        name: String,
+        /// Factor on every value.
+        #[serde(default = "one")]
+        scale: f32,
+    },
     /// Two colours in squares of half a texture unit.
     Checkerboard {
         /// Colour where the two half-unit indices are equal.

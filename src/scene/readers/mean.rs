@@ -24,6 +24,8 @@ pub(super) fn mean(
 ) -> Result<[f32; 3]> {
     Ok(match texture {
         TextureFile::Rgb { value } => *value,
+        // What a mesh has is not known here.
+        TextureFile::Attribute { scale, .. } => [missing::GREY * *scale; 3],
         TextureFile::Checkerboard { color0, color1, .. } => [0, 1, 2].map(|i| (color0[i] + color1[i]) / 2.0),
         TextureFile::Bitmap { file, raw, scale, .. } => {
             if let Some(texels) = ready.get(&image_key(file, *raw)) {

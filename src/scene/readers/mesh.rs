@@ -147,7 +147,7 @@ fn check(mesh: &Mesh, place: &Place) -> Result<()> {
 
 /// Whether a triangle has an area. Edges are subtracted in double precision, so only triangles that truly collapse are lost. The
 /// bound keeps triangles whose normals would underflow in single precision.
-fn has_area(corners: [Vec3; 3]) -> bool {
+pub fn has_area(corners: [Vec3; 3]) -> bool {
     const SMALLEST_CROSS: f64 = 1e-30;
     let [a, b, c]: [DVec3; 3] = corners.map(|p| p.as_dvec3());
     (b - a).cross(c - a).length() > SMALLEST_CROSS

@@ -140,6 +140,14 @@ fn replace_pictures(scene: &mut SceneFile, folder: &Path, places: &Places, held:
         straighten(material, &mut |texture| replace(texture, Some(STRAIGHT)));
         material.textures_mut().into_iter().for_each(|(_, texture)| replace(texture, None));
     }
+    for (index, shape) in scene.shapes.iter_mut().enumerate() {
+        let Some(TextureFile::Bitmap { file, scale, .. }) = &shape.emission_texture else { continue };
+        if absent(file) {
+            let color = [GREY * *scale; 3];
+            found.push(Absent::picture(file, places.of_picture(file, &format!("shapes[{index}]")), color));
+            shape.emission_texture = Some(TextureFile::rgb(color));
+        }
+    }
     for (index, light) in scene.lights.iter_mut().enumerate() {
         let LightFile::Envmap { file, scale, .. } = light else { continue };
         if absent(file) {

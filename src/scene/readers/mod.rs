@@ -3,6 +3,7 @@
 //! Every reader translates to the same [`SceneFile`], which is checked in one place. Sizes are compared with the file's own
 //! size or a stated limit before memory is asked for.
 
+mod attributes;
 mod builtin;
 mod cameras;
 mod cie;
@@ -16,12 +17,14 @@ mod json;
 mod left_out;
 mod lines;
 mod mean;
+mod measured;
 mod mesh;
 mod missing;
 mod mitsuba;
 mod normals;
 mod notes;
 mod obj;
+mod paint;
 mod path;
 mod pbrt;
 mod places;
@@ -47,8 +50,10 @@ use crate::scene::effects::Needs;
 use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
 use crate::scene::overrides::{self, Override};
 
+pub use attributes::Attributes;
 pub use json::save;
 pub use missing::Missing;
+pub use paint::{painted, painted_corners};
 pub use textures::image_key;
 
 use held::Held;
@@ -73,6 +78,8 @@ pub struct LoadedScene {
     pub meshes: BTreeMap<String, Arc<Mesh>>,
     /// Pictures by [`image_key`]: the `file` string of the scene file, with a mark where it is read as raw data.
     pub images: BTreeMap<String, Texels>,
+    /// What textures take from the corners of each triangle, by the names of mesh and attribute.
+    pub attributes: Attributes,
     /// Triangles left out because they have no area or use a vertex twice.
     pub skipped_triangles: usize,
     /// Meshes and pictures that were not there, as the scene names them; substitutes replace them.
@@ -98,7 +105,8 @@ impl LoadedScene {
             [positions, normals, bytemuck::cast_slice(&mesh.uvs), bytemuck::cast_slice(&mesh.triangles)]
         });
         let images = self.images.values().map(Texels::bytes);
-        crc32([file.as_slice(), needs.as_bytes()].into_iter().chain(meshes).chain(images))
+        let attributes = self.attributes.values().map(|corners| bytemuck::cast_slice(corners));
+        crc32([file.as_slice(), needs.as_bytes()].into_iter().chain(meshes).chain(images).chain(attributes))
     }
 }
 
@@ -211,6 +219,7 @@ fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
         warnings.push(format!("{skipped_triangles} triangles without area were left out"));
     }
     let images = load_images(&file, pictures, &places, &mut warnings)?;
+    let attributes = attributes::load(&file, &meshes, directory, &places, &mut warnings)?;
     for (index, shape) in file.shapes.iter().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
         if file.materials.get(&shape.material).is_some_and(MaterialFile::is_masked) {
             let place = places.at(&format!("shapes[{index}]"));
@@ -219,7 +228,7 @@ fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
     }
     left_out::take_out(&mut file, &meshes, &reasons, &places, &mut warnings)?;
     let directory = directory.to_owned();
-    Ok(LoadedScene { file, directory, meshes, images, skipped_triangles, missing, warnings, needs })
+    Ok(LoadedScene { file, directory, meshes, images, attributes, skipped_triangles, missing, warnings, needs })
 }
 
 /// Loads all meshes, some of which are `held`, but those that are missing for one of the `reasons`; returns them with the number of
@@ -268,6 +277,12 @@ fn read_pictures(scene: &SceneFile, held: BTreeMap<String, Texels>, directory: &
             }
         }
     }
+    for (index, shape) in scene.shapes.iter().enumerate() {
+        if let Some(TextureFile::Bitmap { file, raw, .. }) = &shape.emission_texture {
+            let place = || places.of_picture(file, &format!("shapes[{index}]"));
+            files.entry(image_key(file, *raw)).or_insert_with(|| (file, *raw, place()));
+        }
+    }
     for (index, light) in scene.lights.iter().enumerate() {
         if let LightFile::Envmap { file, .. } = light {
             let place = || places.at(&format!("lights[{index}]"));
@@ -304,6 +319,11 @@ fn load_images(
             if let TextureFile::Bitmap { file, raw, .. } = texture {
                 add(file, *raw)?;
             }
+        }
+    }
+    for shape in &scene.shapes {
+        if let Some(TextureFile::Bitmap { file, raw, .. }) = &shape.emission_texture {
+            add(file, *raw)?;
         }
     }
     for (index, light) in scene.lights.iter().enumerate() {

@@ -1,6 +1,7 @@
 //! PLY, text or binary: the usual layouts by our own code, others by the crate `ply-rs-bw`.
 
 mod binary;
+pub mod extra;
 mod text;
 
 use std::path::Path;

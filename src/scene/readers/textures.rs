@@ -38,6 +38,8 @@ impl Texture {
                     nearest: *filter == Filter::Nearest,
                 }
             }
+            // Where there are colours they have become a picture before; see `paint`.
+            TextureFile::Attribute { scale, .. } => Self::Constant(Vec3::splat(0.5 * *scale)),
             TextureFile::Checkerboard { color0, color1, to_uv } => Self::Checkerboard {
                 color0: Vec3::from_array(*color0),
                 color1: Vec3::from_array(*color1),

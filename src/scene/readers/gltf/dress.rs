@@ -12,14 +12,13 @@ use crate::geometry::mesh::Mesh;
 use crate::materials::texture::Texture;
 use crate::scene::file::{Filter, MaterialFile, MediumFile, TextureFile, Wrap, identity3};
 use crate::scene::readers::held::Held;
-use crate::scene::readers::image_key;
+use crate::scene::readers::{image_key, painted};
 
 use super::base::Paint;
 use super::glow;
 use super::handedness;
 use super::materials::{Emission, Surface, surface};
 use super::meshes::{Read, material};
-use super::paint::painted;
 use super::primitive::Drawn;
 use super::slots::{Slots, references};
 use super::textures::Textures;
@@ -38,6 +37,8 @@ pub struct Part {
     pub interior: Option<String>,
     /// Radiance that it emits.
     pub emission: Option<[f32; 3]>,
+    /// Factor on that.
+    pub emission_texture: Option<TextureFile>,
 }
 
 /// What was made so far.
@@ -115,12 +116,14 @@ impl Wardrobe {
 
     /// Keeps a piece whose material is called `name`; one with a normal map by how its triangles show pictures.
     fn keep(&mut self, name: &str, surface: &Surface, (mesh, piece, emission): Piece, parts: &mut Vec<Part>) {
-        let emission = emission.map(|radiance| radiance.to_array());
+        let (emission, emission_texture) =
+            emission.map_or((None, None), |(radiance, texture)| (Some(radiance.to_array()), texture));
         let interior = surface.medium.as_ref().map(|_| name.to_owned());
         let mut keep = |mesh: String, piece: Mesh, materials: [&str; 2]| {
             self.held.meshes.insert(mesh.clone(), piece);
             let materials = materials.map(str::to_owned);
-            parts.push(Part { mesh, materials, interior: interior.clone(), emission });
+            let (interior, emission_texture) = (interior.clone(), emission_texture.clone());
+            parts.push(Part { mesh, materials, interior, emission, emission_texture });
         };
         if !surface.material.is_bumped() {
             return keep(mesh, piece, [name, name]);
@@ -171,20 +174,18 @@ impl Wardrobe {
 }
 
 /// A piece of a mesh, its name, and what it emits.
-type Piece = (String, Mesh, Option<Vec3>);
+type Piece = (String, Mesh, Option<(Vec3, Option<TextureFile>)>);
 
 /// The pieces of a mesh that emits light.
 fn shining(textures: &mut Textures, part: &str, emission: &Emission, mesh: Mesh) -> Result<Vec<Piece>> {
     let Emission { radiance, texture } = emission;
-    let texture = match texture {
-        None => return Ok(vec![(part.to_owned(), mesh, Some(*radiance))]),
-        Some(texture) => Texture::new(texture, textures.pictures.made())?,
+    let Some(file) = texture else { return Ok(vec![(part.to_owned(), mesh, Some((*radiance, None)))]) };
+    let split = glow::split(&mesh, &Texture::new(file, textures.pictures.made())?);
+    let emitted = match split.is_even {
+        true => (*radiance * split.mean, None),
+        false => (*radiance, Some(file.clone())),
     };
-    let split = glow::split(&mesh, &texture);
-    if !split.is_even {
-        textures.warnings.add(part, "emission cannot vary: triangles that shine do so with the mean of its texture");
-    }
-    let emitted = (split.mean != Vec3::ZERO).then_some(split.mean * *radiance);
+    let emitted = (split.mean != Vec3::ZERO).then_some(emitted);
     if emitted.is_none() || split.lit.is_empty() {
         return Ok(vec![(part.to_owned(), mesh, None)]);
     }

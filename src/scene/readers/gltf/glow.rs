@@ -1,5 +1,4 @@
-//! Textured emission. A shape emits the same everywhere: triangles that the texture lights become a shape of their own, with the mean
-//! over their area, and the others stay dark.
+//! Textured emission: triangles that the texture lights become a shape of their own, and the others stay dark.
 
 use glam::{Vec2, Vec3};
 
@@ -10,7 +9,7 @@ use crate::materials::texture::Texture;
 const MOST_ROWS: usize = 24;
 /// Triangles below this part of the brightest are dark.
 const LEAST: f32 = 1e-3;
-/// Differences up to this part of the brightest are not worth a warning.
+/// Differences up to this part of the brightest are not worth a texture.
 const EVEN: f32 = 0.02;
 
 /// Triangles that shine, triangles that do not, and the mean colour over the area of the former.

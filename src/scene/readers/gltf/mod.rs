@@ -21,7 +21,6 @@ mod lobes;
 mod materials;
 mod meshes;
 mod nodes;
-mod paint;
 mod pictures;
 mod pose;
 mod primitive;
@@ -29,6 +28,8 @@ mod slots;
 mod textures;
 mod uri;
 mod warnings;
+
+pub(super) use cameras::framing;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -132,7 +133,7 @@ fn shapes(
     let mut shapes = Vec::new();
     for Shown { node, key, to_world } in shown {
         let mirrors = to_world.determinant() < 0.0;
-        for Part { mesh, materials, interior, emission } in parts.get(key).into_iter().flatten() {
+        for Part { mesh, materials, interior, emission, emission_texture } in parts.get(key).into_iter().flatten() {
             places.set(format!("shapes[{}]", shapes.len()), document.place(node.part()));
             shapes.push(ShapeFile {
                 name: node.node.name.clone().unwrap_or_default(),
@@ -143,6 +144,7 @@ fn shapes(
                 interior: interior.clone(),
                 exterior: None,
                 emission: *emission,
+                emission_texture: emission_texture.clone(),
             });
         }
     }

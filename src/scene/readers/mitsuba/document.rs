@@ -8,6 +8,7 @@ use crate::base::{Error, Place, Result};
 
 use super::super::path;
 use super::element::Element;
+use super::spectrum_file;
 use super::upgrade;
 
 /// Longest XML file.
@@ -40,13 +41,13 @@ impl Source<'_> {
     fn file(&mut self, path: &Path) -> Result<Element> {
         let bytes = read_bytes(path, LARGEST_FILE)?;
         self.spend(bytes.len() as u64, &Place::file(path))?;
-        let text = std::str::from_utf8(&bytes)
-            .map_err(|error| Error::malformed(Place::byte(path, error.valid_up_to() as u64), "not UTF-8 text"))?;
-        let document = roxmltree::Document::parse(text)
+        let text = self.text(bytes, path)?;
+        let document = roxmltree::Document::parse(&text)
             .map_err(|error| Error::malformed(Place::line(path, error.pos().row), format!("not sound XML: {error}")))?;
         self.open.push(path.to_owned());
-        let lines = Lines::new(path, text);
-        let mut root = self.element(document.root_element(), &lines, 0)?;
+        let lines = Lines::new(path, &text);
+        let root = self.element(document.root_element(), &lines, 0)?;
+        let mut root = root.ok_or_else(|| Error::malformed(Place::file(path), "nothing says what its names are"))?;
         self.open.pop();
         if root.tag != "scene" {
             return Err(root.unsupported(format!("<{}> as the outermost element", root.tag), &["scene"]));
@@ -54,6 +55,22 @@ impl Source<'_> {
         upgrade::document(&mut root, &mut self.warnings)?;
         root.children.iter_mut().for_each(|child| child.upgraded = true);
         Ok(root)
+    }
+
+    /// The text of a document; one that says it is in Latin-1 is taken so where it is not UTF-8.
+    fn text(&mut self, bytes: Vec<u8>, path: &Path) -> Result<String> {
+        let error = match String::from_utf8(bytes) {
+            Ok(text) => return Ok(text),
+            Err(error) => error,
+        };
+        let declaration: String =
+            error.as_bytes().iter().take(128).map(|byte| char::from(*byte).to_ascii_lowercase()).collect();
+        if !declaration.starts_with("<?xml") || !(declaration.contains("8859-1") || declaration.contains("latin")) {
+            let place = Place::byte(path, error.utf8_error().valid_up_to() as u64);
+            return Err(Error::malformed(place, "not UTF-8 text"));
+        }
+        self.warnings.push(format!("{}: read as Latin-1 text", Place::file(path)));
+        Ok(error.as_bytes().iter().map(|byte| char::from(*byte)).collect())
     }
 
     fn spend(&mut self, bytes: u64, place: &Place) -> Result<()> {
@@ -67,21 +84,33 @@ impl Source<'_> {
         Ok(())
     }
 
-    fn element(&mut self, node: roxmltree::Node, lines: &Lines, depth: usize) -> Result<Element> {
+    /// An element with all that is in it; none for a setting whose name nothing says.
+    fn element(&mut self, node: roxmltree::Node, lines: &Lines, depth: usize) -> Result<Option<Element>> {
         let place = lines.place(node.range().start);
         if depth > DEEPEST {
             return Err(Error::malformed(place, format!("elements are nested more than {DEEPEST} deep")));
         }
         let mut element = Element {
-            tag: node.tag_name().name().to_owned(),
+            tag: node.tag_name().name().to_ascii_lowercase(),
             attributes: Vec::new(),
             children: Vec::new(),
             place,
             upgraded: false,
         };
         for attribute in node.attributes() {
-            let value = self.replace(attribute.value(), &element.place)?;
-            element.attributes.push((attribute.name().to_owned(), value));
+            let name = attribute.name().to_ascii_lowercase();
+            let mut value = match self.replace(attribute.value(), &element.place) {
+                Err(error @ Error::Malformed { .. }) if is_setting(node) => {
+                    self.warnings.push(format!("{error}; the default is used"));
+                    return Ok(None);
+                }
+                other => other?,
+            };
+            // The kinds of objects; other attributes have values of their own.
+            if name == "type" {
+                value.make_ascii_lowercase();
+            }
+            element.attributes.push((name, value));
         }
         for child in node.children() {
             if child.is_text() && !child.text().unwrap_or_default().trim().is_empty() {
@@ -91,7 +120,7 @@ impl Source<'_> {
             if !child.is_element() {
                 continue;
             }
-            let inner = self.element(child, lines, depth + 1)?;
+            let Some(inner) = self.element(child, lines, depth + 1)? else { continue };
             match (inner.tag.as_str(), depth) {
                 // Inside any object, as in Mitsuba: it holds from there on to the end of the scene.
                 ("default", _) if !is_value(&element) => self.default(&inner)?,
@@ -99,7 +128,12 @@ impl Source<'_> {
                 _ => element.children.push(inner),
             }
         }
-        Ok(element)
+        if element.tag == "spectrum" {
+            let root = self.root;
+            spectrum_file::write_out(&mut element, root)?;
+            self.spend(element.attribute("value").map_or(0, str::len) as u64, &element.place)?;
+        }
+        Ok(Some(element))
     }
 
     fn default(&mut self, element: &Element) -> Result<()> {
@@ -117,7 +151,14 @@ impl Source<'_> {
     fn include(&mut self, element: &Element) -> Result<Vec<Element>> {
         element.only_attributes(&["filename"])?;
         element.no_children()?;
-        let path = path::resolve(self.root, element.required("filename")?, &element.place)?;
+        let path = match path::resolve(self.root, element.required("filename")?, &element.place) {
+            // Many scenes share the settings of integrators, which lie beside their folders.
+            Err(error @ Error::Malformed { .. }) => {
+                self.warnings.push(format!("{error}: the include is left out"));
+                return Ok(Vec::new());
+            }
+            other => other?,
+        };
         let same = |other: &PathBuf| other.canonicalize().ok() == path.canonicalize().ok();
         if self.open.iter().any(same) {
             return Err(element.malformed(format!("{} includes itself", path.display())));
@@ -175,6 +216,14 @@ impl<'a> Lines<'a> {
         let line = 1 + self.starts.partition_point(|start| *start <= offset);
         Place::line(self.path, u32::try_from(line).unwrap_or(u32::MAX))
     }
+}
+
+/// Whether an element is a number, word or truth that says how to render, whose default serves as well.
+fn is_setting(node: roxmltree::Node) -> bool {
+    let is =
+        |node: roxmltree::Node, tags: &[&str]| tags.iter().any(|tag| node.tag_name().name().eq_ignore_ascii_case(tag));
+    is(node, &["integer", "float", "boolean", "string"])
+        && node.parent().is_some_and(|parent| is(parent, &["sampler", "film", "integrator", "rfilter"]))
 }
 
 /// Whether an element, in any dialect, is a property and no object: only its own parts can stand inside.

@@ -1,27 +1,35 @@
 //! Emitters.
 
+use std::f64::consts::PI;
+
 use glam::{DMat4, DVec3};
 
 use crate::base::Result;
-use crate::scene::file::LightFile;
+use crate::scene::file::{FilmFile, FilterFile, LightFile, TextureFile};
 use crate::scene::readers::spectrum::Use;
 
 use super::Reader;
 use super::element::Element;
-use super::object::{Object, kind};
+use super::object::{Object, kind, refuse_slip_of_kind};
+use super::sensor::horizontal_fov;
 use super::upgrade::OLD_SUNSKY;
 
-const KINDS: [&str; 9] =
-    ["area (inside a shape)", "point", "spot", "directional", "constant", "envmap", "sunsky", "sky", "sun"];
+const KINDS: [&str; 10] =
+    ["area", "point", "spot", "directional", "projector", "constant", "envmap", "sunsky", "sky", "sun"];
 
 impl<'a> Reader<'a> {
-    /// The radiance of a shape's emitter.
-    pub(super) fn area_light(&mut self, element: &'a Element) -> Result<[f32; 3]> {
+    /// The radiance of a shape's emitter, and a factor on it.
+    pub(super) fn area_light(&mut self, element: &'a Element) -> Result<Option<([f32; 3], Option<TextureFile>)>> {
         if kind(element)? != "area" {
-            return Err(element.unsupported(format!("emitter \"{}\" inside a shape", kind(element)?), &["area"]));
+            refuse_slip_of_kind(element, &["area"])?;
+            self.warn(element, format_args!("the emitter \"{}\" inside a shape is left out", kind(element)?));
+            return Ok(None);
         }
         let object = Object::new(element, &self.ids, &["radiance", "sampling_weight"], &[])?;
-        Ok(self.mean_color(&object, "radiance", Use::Light)?.unwrap_or([1.0; 3]))
+        Ok(Some(match object.property("radiance") {
+            Some(texture) if texture.tag == "texture" => ([1.0; 3], Some(self.texture_object(texture)?)),
+            _ => (object.color_for("radiance", Use::Light)?.unwrap_or([1.0; 3]), None),
+        }))
     }
 
     pub(super) fn emitter(&mut self, element: &'a Element) -> Result<()> {
@@ -29,13 +37,19 @@ impl<'a> Reader<'a> {
             "point" => self.point(element)?,
             "spot" => self.spot(element)?,
             "directional" => self.directional(element)?,
+            "projector" => self.projector(element)?,
             "constant" => {
                 let object = Object::new(element, &self.ids, &["radiance", "sampling_weight"], &[])?;
                 LightFile::Constant { radiance: object.color_for("radiance", Use::Light)?.unwrap_or([1.0; 3]) }
             }
             "envmap" => self.envmap(element)?,
             "sunsky" | OLD_SUNSKY | "sky" | "sun" => return self.daylight(element),
-            other => return Err(element.unsupported(format!("emitter \"{other}\" here"), &KINDS)),
+            "area" => return Err(element.unsupported("emitter \"area\" outside of a shape", &KINDS)),
+            other => {
+                refuse_slip_of_kind(element, &KINDS)?;
+                self.warn(element, format_args!("the emitter \"{other}\" is left out"));
+                return Ok(());
+            }
         };
         self.add_light(element, light);
         Ok(())
@@ -81,13 +95,31 @@ impl<'a> Reader<'a> {
         Ok(LightFile::Directional { direction: direction.normalize_or_zero().as_vec3().to_array(), irradiance })
     }
 
+    /// A projector as a spot of its mean: where its picture ends there is no light, but between there is no picture.
+    fn projector(&mut self, element: &'a Element) -> Result<LightFile> {
+        let known = ["irradiance", "scale", "to_world", "fov", "fov_axis", "focal_length", "sampling_weight"];
+        let object = Object::new(element, &self.ids, &known, &[])?;
+        self.warn(element, "the projector is read as a spot of the mean of its picture");
+        let irradiance = self.mean_color(&object, "irradiance", Use::Light)?.unwrap_or([1.0; 3]);
+        let scale = (PI * object.float("scale")?.unwrap_or(1.0)) as f32;
+        let square = FilmFile { width: 1, height: 1, filter: FilterFile::default() };
+        // Beyond 1° of the horizon a spot would shine backwards.
+        let half = (0.5 * horizontal_fov(&object, &square)?).min(89.0) as f32;
+        Ok(LightFile::Spot {
+            to_world: object.to_world()?,
+            intensity: irradiance.map(|channel| channel * scale),
+            cutoff_angle: half,
+            beam_width: half,
+        })
+    }
+
     fn envmap(&self, element: &'a Element) -> Result<LightFile> {
         // mis_compensation and sampling_weight only change how directions are drawn.
         let known = ["filename", "scale", "to_world", "mis_compensation", "sampling_weight"];
         let object = Object::new(element, &self.ids, &known, &[])?;
         object.boolean("mis_compensation")?;
         Ok(LightFile::Envmap {
-            file: object.required_string("filename")?.to_owned(),
+            file: self.located(object.required_string("filename")?),
             scale: object.float("scale")?.unwrap_or(1.0) as f32,
             to_world: object.to_world()?,
         })

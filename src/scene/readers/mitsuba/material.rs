@@ -11,7 +11,8 @@ use super::Reader;
 use super::element::Element;
 use super::object::{Object, kind};
 
-const KINDS: [&str; 20] = [
+/// All of them, to find slips of the pen.
+pub(super) const KINDS: [&str; 27] = [
     "diffuse",
     "conductor",
     "roughconductor",
@@ -25,6 +26,7 @@ const KINDS: [&str; 20] = [
     "bumpmap",
     "normalmap",
     "principled",
+    "principledthin",
     "blendbsdf",
     "mixturebsdf",
     "roughdiffuse",
@@ -32,6 +34,12 @@ const KINDS: [&str; 20] = [
     "ward",
     "coating",
     "roughcoating",
+    "null",
+    "hair",
+    "pplastic",
+    "polarizer",
+    "retarder",
+    "circular",
 ];
 
 /// Deepest nesting of materials.
@@ -74,17 +82,21 @@ impl<'a> Reader<'a> {
             "conductor" => self.conductor(element),
             "roughconductor" => self.rough_conductor(element),
             "dielectric" | "thindielectric" | "roughdielectric" => self.dielectric(element),
-            "plastic" | "roughplastic" => self.plastic(element),
+            rough @ ("plastic" | "roughplastic") => self.plastic(element, rough == "roughplastic"),
             "null" => Object::new(element, &self.ids, &[], &[]).map(|_| MaterialFile::Null),
             "mask" => self.mask(element),
             "twosided" => self.two_sided(element),
             "bumpmap" | "normalmap" => self.bumped(element),
             "principled" => self.principled(element),
+            "principledthin" => self.principled_thin(element),
             "blendbsdf" | "mixturebsdf" => self.blend(element),
             "roughdiffuse" => self.rough_diffuse(element),
             "phong" | "ward" => self.glossy(element),
             "coating" | "roughcoating" => self.coating(element),
-            other => Err(element.unsupported(format!("bsdf \"{other}\""), &KINDS)),
+            "hair" => self.hair(element),
+            "pplastic" => self.polarized_plastic(element),
+            "polarizer" | "retarder" | "circular" => self.polarizer(element),
+            _ => self.stand_in(element),
         }
     }
 
@@ -175,8 +187,7 @@ impl<'a> Reader<'a> {
         Ok(MaterialFile::RoughConductor { alpha, distribution, eta, k, specular_reflectance })
     }
 
-    fn plastic(&mut self, element: &'a Element) -> Result<MaterialFile> {
-        let rough = kind(element)? == "roughplastic";
+    pub(super) fn plastic(&mut self, element: &'a Element, rough: bool) -> Result<MaterialFile> {
         let own = ["int_ior", "ext_ior", "diffuse_reflectance", "specular_reflectance", "nonlinear"];
         let known = [if rough { &ROUGHNESS[..] } else { &[] }, &own].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;

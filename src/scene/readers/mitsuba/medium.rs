@@ -2,11 +2,44 @@
 
 use crate::base::Result;
 use crate::scene::file::MediumFile;
-use crate::scene::readers::spectrum::Use;
+use crate::scene::readers::measured::{MEASURED, Measured, measured};
 
 use super::Reader;
 use super::element::Element;
-use super::object::{Object, follow, kind};
+use super::object::{Object, follow, kind, refuse_slip_of_kind};
+
+/// Which emitters are sampled, how channels are told apart and how steps are made is the renderer's own affair.
+const PROPERTIES: [&str; 12] = [
+    "albedo",
+    "sigma_t",
+    "sigma_a",
+    "sigma_s",
+    "scale",
+    "material",
+    "density",
+    "sample_emitters",
+    "has_spectral_extinction",
+    "method",
+    "step_size",
+    "majorant_resolution_factor",
+];
+
+/// Mitsuba's unit of the coefficients of measured media, per mm.
+const PER_UNIT: f32 = 100.0;
+
+/// The measured medium of the property `material`.
+fn preset(object: &Object) -> Result<&'static Measured> {
+    let name = object.string("material")?.unwrap_or_default();
+    let names = || MEASURED.iter().map(|medium| medium.name).collect::<Vec<_>>();
+    let unknown = || object.element.unsupported(format!("the measured medium \"{name}\""), &names());
+    measured(name).ok_or_else(unknown)
+}
+
+/// Extinction and albedo of absorption and scattering.
+fn extinction([a, s]: [[f32; 3]; 2]) -> ([f32; 3], [f32; 3]) {
+    let albedo = |c: usize| if s[c] > 0.0 { s[c] / (a[c] + s[c]) } else { 0.0 };
+    ([a[0] + s[0], a[1] + s[1], a[2] + s[2]], [0, 1, 2].map(albedo))
+}
 
 impl<'a> Reader<'a> {
     /// The names of the media inside `element`, one for each of `roles`.
@@ -49,40 +82,50 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn medium(&self, element: &'a Element) -> Result<MediumFile> {
-        if kind(element)? != "homogeneous" {
-            return Err(element.unsupported(format!("medium \"{}\"", kind(element)?), &["homogeneous"]));
+    fn medium(&mut self, element: &'a Element) -> Result<MediumFile> {
+        let kind = kind(element)?;
+        if kind != "homogeneous" {
+            refuse_slip_of_kind(element, &["homogeneous", "heterogeneous"])?;
+            self.warn(
+                element,
+                format_args!("the medium \"{kind}\" is read as homogeneous: the mean of what varies is used"),
+            );
         }
-        // Which emitters are sampled, and how channels are told apart, is the renderer's own affair.
-        let known = ["albedo", "sigma_t", "sigma_a", "sigma_s", "scale", "sample_emitters", "has_spectral_extinction"];
-        let object = Object::new(element, &self.ids, &known, &["phase"])?;
+        let object = Object::new(element, &self.ids, &PROPERTIES, &["phase"])?;
         let scale = object.float("scale")?.unwrap_or(1.0) as f32;
-        let g = object.single("phase")?.map_or(Ok(0.0), |phase| self.phase(phase))?;
-        let (mut sigma_t, albedo) =
-            match (object.color_for("sigma_a", Use::Index)?, object.color_for("sigma_s", Use::Index)?) {
-                (None, None) => (
-                    object.color_for("sigma_t", Use::Index)?.unwrap_or([1.0; 3]),
-                    object.color("albedo")?.unwrap_or([0.75; 3]),
-                ),
-                (absorption, scattering) => {
-                    if object.property("sigma_t").is_some() || object.property("albedo").is_some() {
-                        return Err(element.malformed("sigma_a, sigma_s and sigma_t, albedo exclude each other"));
-                    }
-                    let [a, s] = [absorption, scattering].map(|sigma| sigma.unwrap_or([0.0; 3]));
-                    let albedo = |c: usize| if s[c] > 0.0 { s[c] / (a[c] + s[c]) } else { 0.0 };
-                    ([a[0] + s[0], a[1] + s[1], a[2] + s[2]], [0, 1, 2].map(albedo))
+        let mut g = object.single("phase")?.map_or(Ok(None), |phase| self.phase(phase).map(Some))?;
+        let density = if object.property("density").is_some() { "density" } else { "sigma_t" };
+        let (mut sigma_t, albedo) = match [self.varying(&object, "sigma_a")?, self.varying(&object, "sigma_s")?] {
+            [None, None] if object.property("material").is_some() => {
+                let preset = preset(&object)?;
+                g = g.or(Some(preset.mean_cosine()));
+                extinction([preset.absorption, preset.scattering].map(|sigma| sigma.map(|x| PER_UNIT * x)))
+            }
+            [None, None] => {
+                let albedo = self.varying(&object, "albedo")?.unwrap_or([0.75; 3]).map(|x| x.clamp(0.0, 1.0));
+                (self.varying(&object, density)?.unwrap_or([1.0; 3]), albedo)
+            }
+            both => {
+                if object.property("sigma_t").is_some() || object.property("albedo").is_some() {
+                    return Err(element.malformed("sigma_a, sigma_s and sigma_t, albedo exclude each other"));
                 }
-            };
+                extinction(both.map(|sigma| sigma.unwrap_or([0.0; 3])))
+            }
+        };
         sigma_t.iter_mut().for_each(|sigma| *sigma *= scale);
-        Ok(MediumFile::Homogeneous { sigma_t, albedo, g })
+        Ok(MediumFile::Homogeneous { sigma_t, albedo, g: g.unwrap_or(0.0) })
     }
 
     /// The mean cosine of a phase function.
-    fn phase(&self, element: &'a Element) -> Result<f32> {
+    fn phase(&mut self, element: &'a Element) -> Result<f32> {
         match kind(element)? {
             "isotropic" => Object::new(element, &self.ids, &[], &[]).map(|_| 0.0),
             "hg" => Ok(Object::new(element, &self.ids, &["g"], &[])?.float("g")?.unwrap_or(0.8) as f32),
-            other => Err(element.unsupported(format!("phase function \"{other}\""), &["isotropic", "hg"])),
+            other => {
+                refuse_slip_of_kind(element, &["isotropic", "hg"])?;
+                self.warn(element, format_args!("the phase function \"{other}\" is read as isotropic"));
+                Ok(0.0)
+            }
         }
     }
 }

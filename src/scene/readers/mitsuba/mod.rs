@@ -1,6 +1,7 @@
 //! Mitsuba scenes in XML (3.x, and 0.4 to 0.6), the part that [`SceneFile`] can express. Nothing is ignored in silence: an unknown
-//! object is an error with file, line and what could stand there; a property that its object has no use for, and anything done in
-//! another way, is a warning.
+//! object becomes a near relation or is left out, a property that its object has no use for is left out, and anything else may be done in
+//! another way, each with a warning that names file and line. What looks like a slip of the pen is an error, and so is what leaves no
+//! picture to make.
 
 mod approximate;
 mod color;
@@ -8,6 +9,7 @@ mod daylight;
 mod document;
 mod element;
 mod emitter;
+mod everything;
 mod material;
 mod medium;
 mod object;
@@ -15,24 +17,28 @@ mod principled;
 mod sensor;
 mod shape;
 mod solar;
+mod spectrum_file;
 mod sunlight;
 mod texture;
+mod thin;
 mod transform;
 mod unused;
 mod upgrade;
+mod volume;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::base::Result;
+use crate::base::{Place, Result};
 use crate::scene::file::{CameraFile, IDENTITY, SceneFile};
 
 use super::Read;
 use super::held::Held;
-use super::missing::Absent;
+use super::missing::{Absent, is_absent};
+use super::path;
 use super::places::Places;
 use element::Element;
-use object::Ids;
+use object::{Ids, kind};
 use sensor::DEFAULT_FILM;
 
 /// Depth of integrators without limit (-1): light that has bounced this often is long gone.
@@ -73,6 +79,30 @@ fn collect_ids<'a>(element: &'a Element, ids: &mut Ids<'a>) -> Result<()> {
     Ok(())
 }
 
+/// What is read where it is used, if it is: objects, and the settings of Mitsuba itself.
+const USED_ELSEWHERE: [&str; 20] = [
+    "texture",
+    "rgb",
+    "srgb",
+    "spectrum",
+    "blackbody",
+    "film",
+    "sampler",
+    "transform",
+    "medium",
+    "rfilter",
+    "phase",
+    "volume",
+    "subsurface",
+    "field",
+    "float",
+    "integer",
+    "boolean",
+    "string",
+    "point",
+    "vector",
+];
+
 struct Reader<'a> {
     /// The scene's folder.
     folder: PathBuf,
@@ -84,6 +114,8 @@ struct Reader<'a> {
     absent: Vec<Absent>,
     /// Sensors read so far.
     sensors: usize,
+    /// Folders in which files are looked for beside the scene's own.
+    search: Vec<String>,
     has_integrator: bool,
     /// Names given to materials without an id, by their element.
     unnamed: BTreeMap<*const Element, String>,
@@ -91,6 +123,8 @@ struct Reader<'a> {
     depth: u32,
     /// Number of materials read so far.
     materials: u64,
+    /// Number of shapes met so far, those that are left out too.
+    met: usize,
 }
 
 impl<'a> Reader<'a> {
@@ -104,10 +138,12 @@ impl<'a> Reader<'a> {
             warnings: Vec::new(),
             absent: Vec::new(),
             sensors: 0,
+            search: Vec::new(),
             has_integrator: false,
             unnamed: BTreeMap::new(),
             depth: 0,
             materials: 0,
+            met: 0,
         }
     }
 
@@ -117,33 +153,37 @@ impl<'a> Reader<'a> {
             "sensor" => self.sensor(element),
             "bsdf" => self.named_material(element),
             // Read where it is used, if it is.
-            "texture" | "rgb" | "srgb" | "spectrum" | "blackbody" | "film" | "sampler" | "transform" | "medium"
-                if element.attribute("id").is_some() =>
-            {
+            "emitter" if element.attribute("id").is_some() && kind(element)? == "area" => Ok(()),
+            tag if USED_ELSEWHERE.contains(&tag) => {
+                if element.attribute("id").is_none() {
+                    self.ids.unused.note(element, format!("the <{tag}> inside <scene> is not used"));
+                }
                 Ok(())
             }
             "alias" => element.only_attributes(&["id", "as"]),
             "path" => {
-                self.warn(element, "files are looked for below the scene's folder only");
+                element.only_attributes(&["id", "value"])?;
+                self.search.push(element.required("value")?.to_owned());
                 Ok(())
             }
             "shape" => self.shape(element),
             "emitter" => self.emitter(element),
             other => {
-                let known = [
-                    "default",
-                    "include",
-                    "integrator",
-                    "sensor",
-                    "bsdf",
-                    "texture with an id",
-                    "medium with an id",
-                    "shape",
-                    "emitter",
-                ];
+                let known =
+                    ["default", "include", "integrator", "sensor", "bsdf", "texture", "medium", "shape", "emitter"];
                 Err(element.unsupported(format!("<{other}> inside <scene>"), &known))
             }
         }
+    }
+
+    /// A file's name from the scene's folder: where it is not there, the first `<path>` that has it goes before.
+    fn located(&self, file: &str) -> String {
+        let found = self
+            .search
+            .iter()
+            .map(|path| format!("{path}/{file}"))
+            .find(|found| path::resolve(&self.folder, found, &Place::file(&self.folder)).is_ok());
+        found.filter(|_| is_absent(&self.folder, file)).unwrap_or_else(|| file.to_owned())
     }
 
     /// Warns that something at `element` is done in another way.
@@ -153,9 +193,10 @@ impl<'a> Reader<'a> {
 
     fn integrator(&mut self, element: &'a Element) -> Result<()> {
         if std::mem::replace(&mut self.has_integrator, true) {
-            return Err(element.malformed("a second integrator"));
+            self.warn(element, "only the first integrator counts");
+            return Ok(());
         }
-        let kind = object::kind(element)?;
+        let kind = kind(element)?;
         // How paths end early and how they are sampled does not belong to a scene's radiance.
         let object = object::Object::lenient(element, &self.ids, &["max_depth", "hide_emitters"])?;
         // Integrators that measure other quantities beside radiance hold the one that computes it.
@@ -183,9 +224,13 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn finish(self, scene: &Element) -> Result<Read> {
+    fn finish(mut self, scene: &Element) -> Result<Read> {
         if self.sensors == 0 {
-            return Err(scene.malformed("the scene has no sensor"));
+            if self.file.shapes.is_empty() {
+                return Err(scene.malformed("the scene has neither sensor nor shapes"));
+            }
+            self.warn(scene, "the scene has no sensor: one that shows everything is used");
+            self.frame_everything();
         }
         let Self { file, places, mut warnings, absent, ids, .. } = self;
         warnings.extend(ids.unused.into_warnings());

@@ -8,7 +8,7 @@ use glam::DMat4;
 use crate::base::Result;
 use crate::scene::file::Matrix;
 use crate::scene::readers::frames::rounded;
-use crate::scene::readers::slips::meant;
+use crate::scene::readers::slips::{meant, same};
 use crate::scene::readers::spectrum::Use;
 
 use super::color;
@@ -18,6 +18,24 @@ use super::unused::Unused;
 
 const PROPERTY_TAGS: [&str; 11] =
     ["float", "integer", "boolean", "string", "rgb", "srgb", "spectrum", "blackbody", "point", "vector", "transform"];
+
+/// Objects that may stand inside others which have no use for them here.
+const OBJECT_TAGS: [&str; 14] = [
+    "sensor",
+    "subsurface",
+    "film",
+    "sampler",
+    "rfilter",
+    "phase",
+    "volume",
+    "integrator",
+    "medium",
+    "emitter",
+    "bsdf",
+    "texture",
+    "shape",
+    "field",
+];
 
 /// Elements by their id, and the unused properties that reading objects finds.
 #[derive(Default)]
@@ -45,7 +63,7 @@ pub struct Object<'a> {
     pub element: &'a Element,
     /// Objects inside it, references followed.
     pub nested: Vec<&'a Element>,
-    properties: BTreeMap<&'a str, &'a Element>,
+    properties: BTreeMap<String, &'a Element>,
 }
 
 /// The `type` of an object.
@@ -53,27 +71,48 @@ pub fn kind(element: &Element) -> Result<&str> {
     element.required("type")
 }
 
+/// Refuses an object whose type is one of `known` but for one letter or for what separates words: plugins of others often have
+/// names that are like Mitsuba's.
+pub fn refuse_slip_of_kind(element: &Element, known: &[&str]) -> Result<()> {
+    let kind = kind(element)?;
+    let near = |near: &&str| same(kind, &[*near]).is_some() || strsim::osa_distance(kind, near) <= 1;
+    match meant(kind, known).filter(near) {
+        Some(near) => {
+            Err(element.malformed(format!("there is no {} \"{kind}\"; \"{near}\" seems to be meant", element.tag)))
+        }
+        None => Ok(()),
+    }
+}
+
 impl<'a> Object<'a> {
     /// Sorts the children of `element`: `properties` are the names that it may have, `nested` the tags of objects. Textures may be
-    /// either. Other properties are noted as unused, but one that is a slip of the pen is an error.
+    /// either, and so may volumes. Names may have any case. Other properties and objects are noted as unused, but a property that is a
+    /// slip of the pen is an error. Of an animation there is the beginning.
     pub fn new(element: &'a Element, ids: &Ids<'a>, properties: &[&str], nested: &[&str]) -> Result<Self> {
         element.only_attributes(&["type", "id", "name"])?;
         let mut object = Self { element, nested: Vec::new(), properties: BTreeMap::new() };
         for child in &element.children {
             let target = follow(child, ids)?;
             let tag = target.tag.as_str();
-            let is_texture = tag == "texture" && !nested.contains(&tag);
-            if PROPERTY_TAGS.contains(&tag) || is_texture {
+            let is_varied = matches!(tag, "texture" | "volume") && !nested.contains(&tag);
+            if PROPERTY_TAGS.contains(&tag) || is_varied {
                 // A reference has a name of its own, not that of its target.
                 let name = child.required("name")?;
-                if properties.contains(&name) {
-                    object.add_property(name, target)?;
+                if let Some(known) = same(name, properties) {
+                    object.add_property(known, target)?;
                 } else {
                     object.refuse_slip(name, child, properties)?;
                     ids.unused.note(child, format!("the property \"{name}\" of {} is not used", object.called()));
                 }
             } else if nested.contains(&tag) {
                 object.nested.push(target);
+            } else if OBJECT_TAGS.contains(&tag) {
+                ids.unused.note(child, format!("the <{tag}> inside {} is not used", object.called()));
+            } else if tag == "animation" {
+                ids.unused.note(child, format!("nothing moves: {} stands where its animation begins", object.called()));
+                if let Some(first) = target.children.first().filter(|_| properties.contains(&"to_world")) {
+                    object.add_property("to_world", first)?;
+                }
             } else {
                 let what = format!("<{}> inside <{}>", target.tag, element.tag);
                 let known: Vec<&str> = nested.iter().copied().chain(["named properties"]).collect();
@@ -90,8 +129,11 @@ impl<'a> Object<'a> {
             let target = follow(child, ids)?;
             match child.attribute("name") {
                 Some(name) if PROPERTY_TAGS.contains(&target.tag.as_str()) => {
-                    object.refuse_slip(name, child, used)?;
-                    object.properties.insert(name, target);
+                    let known = same(name, used);
+                    if known.is_none() {
+                        object.refuse_slip(name, child, used)?;
+                    }
+                    object.properties.insert(known.unwrap_or(name).to_owned(), target);
                 }
                 _ => object.nested.push(target),
             }
@@ -99,8 +141,8 @@ impl<'a> Object<'a> {
         Ok(object)
     }
 
-    fn add_property(&mut self, name: &'a str, value: &'a Element) -> Result<()> {
-        match self.properties.insert(name, value) {
+    fn add_property(&mut self, name: &str, value: &'a Element) -> Result<()> {
+        match self.properties.insert(name.to_owned(), value) {
             Some(_) => Err(value.malformed(format!("property \"{name}\" is given twice"))),
             None => Ok(()),
         }
@@ -142,15 +184,17 @@ impl<'a> Object<'a> {
 
     /// A whole number.
     pub fn integer(&self, name: &str) -> Result<Option<i64>> {
-        self.typed(name, &["integer"], |element| {
+        self.typed(name, &["integer", "float"], |element| {
             let text = value(element)?;
-            text.trim().parse().map_err(|_| element.malformed(format!("\"{text}\" is not a whole number")))
+            let whole = || number(element, text).ok().filter(|x| x.fract() == 0.0 && x.abs() < 1e15).map(|x| x as i64);
+            let not_whole = || element.malformed(format!("\"{text}\" is not a whole number"));
+            text.trim().parse().ok().or_else(whole).ok_or_else(not_whole)
         })
     }
 
     /// True or false.
     pub fn boolean(&self, name: &str) -> Result<Option<bool>> {
-        self.typed(name, &["boolean"], |element| match value(element)?.to_ascii_lowercase().as_str() {
+        self.typed(name, &["boolean"], |element| match value(element)?.trim().to_ascii_lowercase().as_str() {
             "true" => Ok(true),
             "false" => Ok(false),
             other => Err(element.malformed(format!("\"{other}\" is neither true nor false"))),

@@ -29,19 +29,16 @@ const PROPERTIES: [&str; 17] = [
     "main_specular_rate",
 ];
 
+/// Most materials of a mixture: each is inside a blend with the ones before it.
+const MOST_MIXED: usize = 16;
+
 /// Warning that is given once, for the first principled material.
 const BOUNDED: &str = "principled is scaled down where its lobes together scatter more light than arrives";
 
 impl<'a> Reader<'a> {
     pub(super) fn principled(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let object = Object::new(element, &self.ids, &PROPERTIES, &[])?;
-        let mut number = |name: &str| -> Result<f32> {
-            let Some(property) = object.property(name).filter(|property| property.tag == "texture") else {
-                return Ok(object.float(name)?.unwrap_or(0.0) as f32);
-            };
-            let texture = self.texture_object(property)?;
-            Ok(luminance(self.mean(&texture, property, name)?.into()))
-        };
+        let mut number = |name: &str| self.amount(&object, name);
         let anisotropic = number("anisotropic")?;
         let [spec_tint, sheen, sheen_tint] = [number("spec_tint")?, number("sheen")?, number("sheen_tint")?];
         let [clearcoat, clearcoat_gloss] = [number("clearcoat")?, number("clearcoat_gloss")?];
@@ -73,29 +70,62 @@ impl<'a> Reader<'a> {
         }))
     }
 
-    /// Two materials by weight: a texture in Mitsuba 3, a list of numbers in 0.6.
+    /// A number; of a texture the mean, with a warning.
+    pub(super) fn amount(&mut self, object: &Object<'a>, name: &str) -> Result<f32> {
+        let Some(property) = object.property(name).filter(|property| property.tag == "texture") else {
+            return Ok(object.float(name)?.unwrap_or(0.0) as f32);
+        };
+        let texture = self.texture_object(property)?;
+        Ok(luminance(self.mean(&texture, property, name)?.into()))
+    }
+
+    /// Two materials by weight: a texture in Mitsuba 3, a list of numbers in 0.6, which may be of more.
     pub(super) fn blend(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let object = Object::new(element, &self.ids, &["weight", "weights"], &["bsdf"])?;
+        if let Some(text) = object.string("weights")? {
+            let weights = numbers(element, text)?;
+            return self.mixture(&object, &weights);
+        }
         let [first, second] = object.nested[..] else {
             let what = format!("a {} of {} bsdfs", kind(element)?, object.nested.len());
             return Err(element.unsupported(what, &["two bsdfs"]));
         };
-        let weight = match object.string("weights")? {
-            None => self.texture(&object, "weight", 0.5)?,
-            Some(text) => match numbers(element, text)?[..] {
-                [a, b] if a >= 0.0 && b >= 0.0 && a + b > 0.0 => {
-                    if (a + b - 1.0).abs() > 1e-6 {
-                        self.warn(element, "the weights are scaled to a sum of 1");
-                    }
-                    TextureFile::rgb([(b / (a + b)) as f32; 3])
-                }
-                _ => return Err(element.malformed("expected two weights")),
-            },
-        };
+        let weight = self.texture(&object, "weight", 0.5)?;
         let materials = [
             self.nested(first, |reader| reader.material(first))?,
             self.nested(second, |reader| reader.material(second))?,
         ];
         Ok(MaterialFile::Blend { weight, materials: Box::new(materials) })
+    }
+
+    /// Any number of materials by constant weights, as blends of blends.
+    fn mixture(&mut self, object: &Object<'a>, weights: &[f64]) -> Result<MaterialFile> {
+        let element = object.element;
+        let sum: f64 = weights.iter().sum();
+        let count = object.nested.len();
+        if count > MOST_MIXED {
+            let what = format!("a mixture of {count} bsdfs");
+            return Err(element.unsupported(what, &["at most 16"]));
+        }
+        if weights.len() != count || count == 0 || weights.iter().any(|weight| *weight < 0.0) || sum <= 0.0 {
+            let found = weights.len();
+            return Err(element.malformed(format!("expected {count} weights, one for each bsdf, found {found}")));
+        }
+        if (sum - 1.0).abs() > 1e-6 {
+            self.warn(element, "the weights are scaled to a sum of 1");
+        }
+        let (mut mixed, mut above) = (None, 0.0);
+        for (inner, weight) in object.nested.iter().zip(weights) {
+            let material = self.nested(inner, |reader| reader.material(inner))?;
+            above += weight;
+            mixed = Some(match mixed {
+                None => material,
+                Some(before) => MaterialFile::Blend {
+                    weight: TextureFile::rgb([if above > 0.0 { (weight / above) as f32 } else { 0.0 }; 3]),
+                    materials: Box::new([before, material]),
+                },
+            });
+        }
+        mixed.ok_or_else(|| element.malformed("expected a bsdf inside"))
     }
 }

@@ -6,13 +6,13 @@ use crate::scene::readers::cameras::add;
 
 use super::Reader;
 use super::element::{Element, number};
-use super::object::{Object, kind};
+use super::object::{Object, kind, refuse_slip_of_kind};
 
 /// Mitsuba's `far_clip`, which is also where a lens without `focus_distance` is focused.
 const FAR_CLIP: f64 = 1e4;
 
 /// The sensors that are read.
-const KINDS: [&str; 3] = ["perspective", "thinlens", "orthographic"];
+const KINDS: [&str; 4] = ["perspective", "thinlens", "orthographic", "batch"];
 
 /// Mitsuba's film where a sensor has none.
 pub const DEFAULT_FILM: FilmFile = FilmFile { width: 768, height: 576, filter: FilterFile::GAUSSIAN };
@@ -20,6 +20,9 @@ pub const DEFAULT_FILM: FilmFile = FilmFile { width: 768, height: 576, filter: F
 impl<'a> Reader<'a> {
     /// Reads a sensor. The first one's film and samples are those of the scene.
     pub(super) fn sensor(&mut self, element: &'a Element) -> Result<()> {
+        if kind(element)? == "batch" {
+            return self.batch(element);
+        }
         let known = KINDS.contains(&kind(element)?);
         if self.sensors > 0 && !known {
             self.warn(element, format_args!("the sensor \"{}\" is left out", kind(element)?));
@@ -50,7 +53,11 @@ impl<'a> Reader<'a> {
             "perspective" => (false, false),
             "thinlens" => (true, false),
             "orthographic" => (false, true),
-            other => return Err(element.unsupported(format!("sensor \"{other}\""), &KINDS)),
+            other => {
+                refuse_slip_of_kind(element, &KINDS)?;
+                self.warn(element, format_args!("the sensor \"{other}\" is not known: a perspective one is used"));
+                (false, false)
+            }
         };
         let mut known = vec!["to_world", "near_clip", "far_clip", "shutter_open", "shutter_close"];
         if !orthographic {
@@ -96,6 +103,16 @@ impl<'a> Reader<'a> {
         }
     }
 
+    /// Reads sensors that see the scene at once, one by one.
+    fn batch(&mut self, element: &'a Element) -> Result<()> {
+        let object = Object::lenient(element, &self.ids, &[])?;
+        let sensors: Vec<&Element> = object.nested.iter().copied().filter(|inner| inner.tag == "sensor").collect();
+        if sensors.is_empty() {
+            return Err(element.malformed("a batch needs sensors inside"));
+        }
+        sensors.into_iter().try_for_each(|inner| self.nested(inner, |reader| reader.sensor(inner)))
+    }
+
     fn sampler(&mut self, element: &'a Element) -> Result<()> {
         // Which numbers are drawn is the renderer's own affair; how many samples is the scene's wish.
         kind(element)?;
@@ -111,7 +128,10 @@ impl<'a> Reader<'a> {
     fn film(&mut self, element: &'a Element) -> Result<()> {
         match kind(element)? {
             "hdrfilm" | "ldrfilm" | "mfilm" | "tiledhdrfilm" => {}
-            other => return Err(element.unsupported(format!("film \"{other}\""), &["hdrfilm", "ldrfilm", "mfilm"])),
+            other => {
+                refuse_slip_of_kind(element, &["hdrfilm", "ldrfilm", "mfilm", "tiledhdrfilm"])?;
+                self.warn(element, format_args!("the film \"{other}\" is not known: it has colours in floating point"));
+            }
         }
         // How the file is written is chosen when rendering.
         let object = Object::lenient(element, &self.ids, &["width", "height"])?;
@@ -141,19 +161,16 @@ impl<'a> Reader<'a> {
             "gaussian" => &["stddev"],
             "mitchell" => &["A", "B", "C"],
             "lanczos" => &["lobes"],
-            other => {
-                let known = ["box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos"];
-                return Err(element.unsupported(format!("rfilter \"{other}\""), &known));
+            _ => {
+                refuse_slip_of_kind(element, &["box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos"])?;
+                &["radius", "lobes"]
             }
         };
         let object = Object::new(element, &self.ids, known, &[])?;
         self.set_place("film.filter", element);
         let number = |name: &str, default: f64| Ok(object.float(name)?.unwrap_or(default) as f32);
         Ok(match kind {
-            "box" if object.float("radius")?.is_some_and(|radius| radius != 0.5) => {
-                return Err(element.unsupported("a box filter with another radius than 0.5", &["tent", "gaussian"]));
-            }
-            "box" => FilterFile::default(),
+            "box" => FilterFile::Box { radius: number("radius", 0.5)? },
             "tent" => FilterFile::Tent { radius: number("radius", 1.0)? },
             "gaussian" => FilterFile::Gaussian { stddev: number("stddev", 0.5)?, radius: None },
             _ => {
@@ -166,7 +183,7 @@ impl<'a> Reader<'a> {
 }
 
 /// Horizontal field of view, degrees. Without `fov`, the focal length for a 36 mm × 24 mm film sets the angle of the diagonal.
-fn horizontal_fov(object: &Object, film: &FilmFile) -> Result<f64> {
+pub(super) fn horizontal_fov(object: &Object, film: &FilmFile) -> Result<f64> {
     let element = object.element;
     let aspect = f64::from(film.width) / f64::from(film.height.max(1));
     let half_tangent = |degrees: f64| {

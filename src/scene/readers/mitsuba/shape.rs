@@ -9,20 +9,29 @@ use crate::scene::readers::frames::rounded;
 
 use super::Reader;
 use super::element::Element;
-use super::object::{Object, kind};
+use super::object::{Object, kind, refuse_slip_of_kind};
 
-const KINDS: [&str; 10] =
-    ["obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder", "shapegroup", "instance"];
+const KINDS: [&str; 11] =
+    ["obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder", "shapegroup", "instance", "merge"];
 
 /// Most shapes of a scene: a short document with groups and instances must not grow without bound.
 const MOST_SHAPES: usize = 1 << 20;
 
 impl<'a> Reader<'a> {
     pub(super) fn shape(&mut self, element: &'a Element) -> Result<()> {
+        self.met += 1;
+        if self.met > MOST_SHAPES {
+            return Err(too_many(element, self.met));
+        }
         match kind(element)? {
             // Seen only through its instances.
             "shapegroup" => self.group(element).map(drop),
             "instance" => self.instance(element),
+            // Shapes that Mitsuba may put into one mesh.
+            "merge" => {
+                let members = Object::new(element, &self.ids, &[], &["shape"])?.nested;
+                members.into_iter().try_for_each(|member| self.nested(member, |reader| reader.shape(member)))
+            }
             _ => self.place(element, None),
         }
     }
@@ -64,19 +73,22 @@ impl<'a> Reader<'a> {
             "rectangle" | "disk" => &[],
             "cylinder" => &["p0", "p1", "radius"],
             "sphere" => &["center", "radius"],
-            other => return Err(element.unsupported(format!("shape \"{other}\""), &KINDS)),
+            other => {
+                refuse_slip_of_kind(element, &KINDS)?;
+                self.warn(element, format_args!("the shape \"{other}\" is not known: it is left out"));
+                return Ok(());
+            }
         });
         let object = Object::new(element, &self.ids, &known, &["bsdf", "emitter", "medium"])?;
         let index = self.file.shapes.len();
         if index >= MOST_SHAPES {
-            let (place, what) = (element.place.clone(), "number of shapes".to_owned());
-            return Err(Error::Limit { place, what, value: index as u64 + 1, limit: MOST_SHAPES as u64 });
+            return Err(too_many(element, index + 1));
         }
         if object.property("max_smooth_angle").is_some() {
             self.warn(element, "max_smooth_angle is left out: normals are smooth, or flat with face_normals");
         }
         let outer = instance.map_or(DMat4::IDENTITY, |(_, outer)| outer);
-        let emission = object.single("emitter")?.map(|emitter| self.area_light(emitter)).transpose()?;
+        let emission = object.single("emitter")?.map_or(Ok(None), |emitter| self.area_light(emitter))?;
         let [interior, exterior] = self.media(element, &format!("shape {index}"), ["interior", "exterior"])?;
         let shape = ShapeFile {
             interior,
@@ -86,7 +98,8 @@ impl<'a> Reader<'a> {
             to_world: rounded(outer * placement(&object)?),
             flip_normals: object.boolean("flip_normals")?.unwrap_or(false) != mirrored_sphere(&object, outer)?,
             material: self.material_of(&object, emission.is_some(), index)?,
-            emission,
+            emission: emission.as_ref().map(|(radiance, _)| *radiance),
+            emission_texture: emission.and_then(|(_, texture)| texture),
         };
         let place = instance.map_or(element, |(instance, _)| instance).place.clone();
         self.places.set(format!("shapes[{index}]"), place);
@@ -96,7 +109,7 @@ impl<'a> Reader<'a> {
 
     fn geometry(&mut self, object: &Object<'a>) -> Result<GeometryFile> {
         let face_normals = object.boolean("face_normals")?.unwrap_or(false);
-        let file = || object.required_string("filename").map(str::to_owned);
+        let file = || object.required_string("filename").map(|file| self.located(file));
         let mesh = match kind(object.element)? {
             "sphere" => {
                 let center = object.vector("center")?.unwrap_or([0.0; 3]).map(|x| x as f32);
@@ -135,13 +148,14 @@ impl<'a> Reader<'a> {
 
     /// The name of the shape's material. Without one, Mitsuba's default: grey, or black on an emitter.
     fn material_of(&mut self, object: &Object<'a>, emits: bool, index: usize) -> Result<String> {
-        let Some(element) = object.single("bsdf")? else {
+        let mut materials = object.nested.iter().copied().filter(|inner| inner.tag == "bsdf");
+        let Some(element) = materials.next() else {
             let (name, grey) = if emits { ("default emitter", 0.0) } else { ("default", 0.5) };
-            let name = self.free_name(name);
-            let reflectance = TextureFile::rgb([grey; 3]);
-            self.file.materials.entry(name.clone()).or_insert(MaterialFile::Diffuse { reflectance });
-            return Ok(name);
+            return Ok(self.plain(name, grey));
         };
+        if let Some(second) = materials.next() {
+            self.warn(second, "a second material of a shape: the first one is used everywhere");
+        }
         let name = match element.attribute("id") {
             Some(id) => id.to_owned(),
             // The instances of a group share its materials.
@@ -152,7 +166,19 @@ impl<'a> Reader<'a> {
         };
         self.unnamed.insert(element, name.clone());
         self.add_material(name.clone(), element)?;
+        if emits && matches!(self.file.materials[&name].innermost(), MaterialFile::Null) {
+            self.warn(object.element, "what emits light lets none through: its \"null\" material is read as black");
+            return Ok(self.plain("default emitter", 0.0));
+        }
         Ok(name)
+    }
+
+    /// The name of a diffuse material of this grey, which is added if it is not there.
+    fn plain(&mut self, name: &str, grey: f32) -> String {
+        let name = self.free_name(name);
+        let reflectance = TextureFile::rgb([grey; 3]);
+        self.file.materials.entry(name.clone()).or_insert(MaterialFile::Diffuse { reflectance });
+        name
     }
 
     /// A name that no id of the document takes.
@@ -163,6 +189,11 @@ impl<'a> Reader<'a> {
         }
         name
     }
+}
+
+fn too_many(element: &Element, count: usize) -> Error {
+    let (place, what) = (element.place.clone(), "number of shapes".to_owned());
+    Error::Limit { place, what, value: count as u64, limit: MOST_SHAPES as u64 }
 }
 
 /// `to_world`; for a cylinder after the transform of the unit cylinder to its axis and radius.

@@ -7,13 +7,15 @@ use glam::Vec3;
 use crate::base::Result;
 use crate::scene::file::{Filter, TextureFile, Wrap, identity3};
 use crate::scene::readers::mean;
+use crate::scene::readers::slips::meant;
 use crate::scene::readers::spectrum::Use;
 
 use super::Reader;
+use super::color;
 use super::element::Element;
-use super::object::{Object, kind};
+use super::object::{Object, follow, kind, refuse_slip_of_kind};
 
-const KINDS: [&str; 3] = ["bitmap", "checkerboard", "scale"];
+const KINDS: [&str; 5] = ["bitmap", "checkerboard", "scale", "mesh_attribute", "vertexcolors"];
 
 impl<'a> Reader<'a> {
     /// A colour or texture, `default` in all channels if absent.
@@ -55,8 +57,39 @@ impl<'a> Reader<'a> {
                 })
             }
             "scale" => self.scaled(element),
-            other => Err(element.unsupported(format!("texture \"{other}\""), &KINDS)),
+            "mesh_attribute" => {
+                let object = Object::new(element, &self.ids, &["name", "scale"], &[])?;
+                let scale = object.float("scale")?.unwrap_or(1.0) as f32;
+                Ok(TextureFile::Attribute { name: object.required_string("name")?.to_owned(), scale })
+            }
+            "vertexcolors" => {
+                Object::new(element, &self.ids, &[], &[])?;
+                Ok(TextureFile::Attribute { name: "vertex_color".to_owned(), scale: 1.0 })
+            }
+            _ => self.stand_in_texture(element),
         }
+    }
+
+    /// A texture of an unknown kind: the one inside it, or the mean of its colours.
+    fn stand_in_texture(&mut self, element: &'a Element) -> Result<TextureFile> {
+        refuse_slip_of_kind(element, &KINDS)?;
+        let kind = kind(element)?;
+        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+        for child in &element.children {
+            let target = follow(child, &self.ids)?;
+            if target.tag == "texture" {
+                self.warn(element, format_args!("the texture \"{kind}\" is not known: the one inside is used"));
+                return self.nested(target, |reader| reader.texture_object(target));
+            }
+            if matches!(target.tag.as_str(), "rgb" | "srgb" | "spectrum") {
+                sum += Vec3::from_array(color::read(target, Use::Reflectance)?);
+                count += 1.0;
+            }
+        }
+        let mean = if count > 0.0 { (sum / count).to_array() } else { [0.5; 3] };
+        let told = if count > 0.0 { "the mean of its colours" } else { "the constant 0.5" };
+        self.warn(element, format_args!("the texture \"{kind}\" is not known: {told} is used"));
+        Ok(TextureFile::rgb(mean))
     }
 
     /// A texture times a number or colour.
@@ -70,6 +103,12 @@ impl<'a> Reader<'a> {
             TextureFile::Rgb { value } => TextureFile::rgb(times(value)),
             TextureFile::Checkerboard { color0, color1, to_uv } => {
                 TextureFile::Checkerboard { color0: times(color0), color1: times(color1), to_uv }
+            }
+            TextureFile::Attribute { name, scale } => {
+                if factor != Vec3::splat(factor.x) {
+                    self.warn(element, "a coloured scale: the mean of its channels is used");
+                }
+                TextureFile::Attribute { name, scale: scale * factor.element_sum() / 3.0 }
             }
             TextureFile::Bitmap { file, to_uv, raw, scale, wrap, filter } => {
                 if factor != Vec3::splat(factor.x) {
@@ -94,7 +133,9 @@ impl<'a> Reader<'a> {
                 Filter::Bilinear
             }
             other => {
-                return Err(element.unsupported(format!("filter_type \"{other}\""), &["bilinear", "nearest"]));
+                refuse_slip(element, "filter_type", other, &["bilinear", "nearest", "trilinear", "ewa"])?;
+                self.warn(element, format_args!("filter_type bilinear is used instead of \"{other}\""));
+                Filter::Bilinear
             }
         };
         let both = object.string("wrap_mode")?;
@@ -112,10 +153,12 @@ impl<'a> Reader<'a> {
                 Wrap::Clamp
             }
             other => {
-                return Err(element.unsupported(format!("wrap_mode \"{other}\""), &["repeat", "mirror", "clamp"]));
+                refuse_slip(element, "wrap_mode", other, &["repeat", "mirror", "clamp", "zero", "one"])?;
+                self.warn(element, format_args!("wrap_mode repeat is used instead of \"{other}\""));
+                Wrap::Repeat
             }
         };
-        let file = object.required_string("filename")?.to_owned();
+        let file = self.located(object.required_string("filename")?);
         self.places.set_picture(&file, element.place.clone());
         Ok(TextureFile::Bitmap {
             file,
@@ -125,6 +168,14 @@ impl<'a> Reader<'a> {
             wrap,
             filter,
         })
+    }
+}
+
+/// Refuses a word that is nearly one of `known`.
+fn refuse_slip(element: &Element, name: &str, word: &str, known: &[&str]) -> Result<()> {
+    match meant(word, known) {
+        Some(near) => Err(element.malformed(format!("{name} is \"{word}\"; \"{near}\" seems to be meant"))),
+        None => Ok(()),
     }
 }
 

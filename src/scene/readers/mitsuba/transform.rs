@@ -9,7 +9,8 @@ use super::element::{Element, number, numbers, xyz};
 
 /// Reads a `<transform>`.
 pub fn read(element: &Element) -> Result<DMat4> {
-    element.only_attributes(&["id", "name"])?;
+    // The time of an animation's transform.
+    element.only_attributes(&["id", "name", "time"])?;
     element.children.iter().try_fold(DMat4::IDENTITY, |before, child| {
         child.no_children()?;
         Ok(step(child)? * before)

@@ -3,16 +3,31 @@
 
 use crate::base::Result;
 
-use super::element::Element;
+use super::element::{Element, numbers};
 
 /// Type that the `sunsky` of Mitsuba 0.6 gets in the upgrade.
 pub const OLD_SUNSKY: &str = "sunsky 0.6";
 
 /// Renamed elements: the old and the new tag.
-const TAGS: [(&str, &str); 3] = [("lookAt", "lookat"), ("luminaire", "emitter"), ("camera", "sensor")];
+const TAGS: [(&str, &str); 2] = [("luminaire", "emitter"), ("camera", "sensor")];
+
+/// Element, and a type that other versions and other programs call otherwise.
+const TYPES: [(&str, &str, &str); 8] = [
+    ("bsdf", "lambertian", "diffuse"),
+    ("bsdf", "roughglass", "roughdielectric"),
+    ("bsdf", "disneybsdf", "principled"),
+    ("bsdf", "disney", "principled"),
+    ("texture", "ldrtexture", "bitmap"),
+    ("texture", "exrtexture", "bitmap"),
+    ("sensor", "perspective_rdist", "perspective"),
+    ("sensor", "telecentric", "orthographic"),
+];
 
 /// Element, its type (empty for any), the property's old name in snake case, and its new name.
-const PROPERTIES: [(&str, &str, &str, &str); 7] = [
+const PROPERTIES: [(&str, &str, &str, &str); 10] = [
+    ("bsdf", "principled", "specular_transmission", "spec_trans"),
+    ("bsdf", "principled", "specular_tint", "spec_tint"),
+    ("bsdf", "principled", "subsurface", "flatness"),
     ("bsdf", "diffuse", "diffuse_reflectance", "reflectance"),
     ("bsdf", "roughdiffuse", "diffuse_reflectance", "reflectance"),
     ("emitter", "area", "intensity", "radiance"),
@@ -27,12 +42,13 @@ const WITHOUT_MEANING: [(&str, &[&str]); 4] = [
     ("texture", &["cache", "max_anisotropy"]),
     ("emitter", &["cache", "sampling_weight"]),
     ("shape", &["collapse"]),
-    ("sensor", &["kc", "aperture_blades"]),
+    ("sensor", &["kc", "aperture_blades", "blades"]),
 ];
 
 /// Upgrades the document `scene` if its version asks for that.
 pub fn document(scene: &mut Element, warnings: &mut Vec<String>) -> Result<()> {
-    scene.only_attributes(&["version"])?;
+    scene.only_attributes(&["version", "type", "id"])?;
+    rename_types(scene);
     match scene.attribute("version").map(|version| version.split('.').next().unwrap_or_default()) {
         Some("2" | "3") => return Ok(()),
         Some("0") => {}
@@ -44,6 +60,17 @@ pub fn document(scene: &mut Element, warnings: &mut Vec<String>) -> Result<()> {
     }
     upgrade(scene, warnings);
     Ok(())
+}
+
+/// Gives objects of `element` the types that they have here.
+fn rename_types(element: &mut Element) {
+    for child in &mut element.children {
+        let known = |(tag, old, _): &&(&str, &str, &str)| *tag == child.tag && child.attribute("type") == Some(*old);
+        if let Some((.., new)) = TYPES.iter().find(known) {
+            child.set("type", (*new).to_owned());
+        }
+        rename_types(child);
+    }
 }
 
 /// Upgrades `element` and all that is in it; warns of what cannot be kept.
@@ -69,7 +96,13 @@ fn upgrade(element: &mut Element, warnings: &mut Vec<String>) {
             texture_transform(element);
         }
         ("texture", _) => texture_transform(element),
-        ("bsdf", "conductor" | "roughconductor") => copper(element),
+        ("bsdf", "conductor" | "roughconductor") => {
+            copper(element);
+            conserve(element, warnings);
+        }
+        ("bsdf", _) => conserve(element, warnings),
+        ("shape", _) => matched_border(element),
+        ("medium", "homogeneous") => skin(element),
         // The same name, but another frame, another sun and other defaults.
         ("emitter", "sunsky") => element.set("type", OLD_SUNSKY.to_owned()),
         ("spectrum", "") => plain_numbers(element),
@@ -152,6 +185,49 @@ fn copper(element: &mut Element) {
         let mut material = element.like("string");
         material.set("name", "material".to_owned());
         material.set("value", "Cu".to_owned());
+        element.children.push(material);
+    }
+}
+
+/// Scales reflectances above 1 down, as Mitsuba 0.6 does.
+fn conserve(element: &mut Element, warnings: &mut Vec<String>) {
+    for child in &mut element.children {
+        let name = child.attribute("name").unwrap_or_default();
+        let is_part = name.ends_with("reflectance") || name.ends_with("transmittance");
+        if !is_part || !matches!(child.tag.as_str(), "rgb" | "spectrum" | "float") {
+            continue;
+        }
+        let Ok(numbers) = numbers(child, child.attribute("value").unwrap_or_default()) else { continue };
+        let most = numbers.iter().fold(1.0f64, |most, number| most.max(*number));
+        if most > 1.0 && most.is_finite() {
+            warnings.push(format!("{}: {name} is scaled down to 1, since it is above", child.place));
+            let scaled: Vec<String> = numbers.iter().map(|number| (number / most).to_string()).collect();
+            child.set("value", scaled.join(" "));
+        }
+    }
+}
+
+/// Makes a shape with a medium but without any material the border of that medium and nothing else.
+fn matched_border(element: &mut Element) {
+    let is_medium = |child: &Element| matches!(child.attribute("name"), Some("interior" | "exterior"));
+    let others =
+        |child: &Element| matches!(child.tag.as_str(), "bsdf" | "ref" | "emitter" | "subsurface") && !is_medium(child);
+    if element.children.iter().any(is_medium) && !element.children.iter().any(others) {
+        let mut border = element.like("bsdf");
+        border.set("type", "null".to_owned());
+        element.children.push(border);
+    }
+}
+
+/// Adds the default medium of Mitsuba 0.6, skin, where none is given.
+fn skin(element: &mut Element) {
+    let given = |child: &Element| {
+        matches!(child.attribute("name"), Some("material" | "sigma_a" | "sigma_s" | "sigma_t" | "albedo"))
+    };
+    if !element.children.iter().any(given) {
+        let mut material = element.like("string");
+        material.set("name", "material".to_owned());
+        material.set("value", "Skin1".to_owned());
         element.children.push(material);
     }
 }

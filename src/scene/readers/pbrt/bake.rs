@@ -94,7 +94,7 @@ impl Reader {
                 let color = |part| Vec3::from_array(between(a, b, (luminance(part) * scale).clamp(0.0, 1.0)));
                 self.baked(picture, &mark, place, color)
             }
-            TextureFile::Rgb { .. } => Ok(first),
+            TextureFile::Rgb { .. } | TextureFile::Attribute { .. } => Ok(first),
         }
     }
 

@@ -2,27 +2,12 @@
 
 use crate::base::Result;
 use crate::scene::file::MediumFile;
+use crate::scene::readers::measured::measured;
 use crate::scene::readers::spectrum::Use;
 
 use super::Reader;
 use super::parameters::Parameters;
 use super::tokens::{Token, Tokens};
-
-/// Name, reduced scattering and absorption per mm of measured media (Jensen et al. 2001, fig. 5).
-const MEASURED: [(&str, [f32; 3], [f32; 3]); 12] = [
-    ("Apple", [2.29, 2.39, 1.97], [0.0030, 0.0034, 0.046]),
-    ("Chicken1", [0.15, 0.21, 0.38], [0.015, 0.077, 0.19]),
-    ("Chicken2", [0.19, 0.25, 0.32], [0.018, 0.088, 0.20]),
-    ("Cream", [7.38, 5.47, 3.15], [0.0002, 0.0028, 0.0163]),
-    ("Ketchup", [0.18, 0.07, 0.03], [0.061, 0.97, 1.45]),
-    ("Marble", [2.19, 2.62, 3.00], [0.0021, 0.0041, 0.0071]),
-    ("Potato", [0.68, 0.70, 0.55], [0.0024, 0.0090, 0.12]),
-    ("Skimmilk", [0.70, 1.22, 1.90], [0.0014, 0.0025, 0.0142]),
-    ("Skin1", [0.74, 0.88, 1.01], [0.032, 0.17, 0.48]),
-    ("Skin2", [1.09, 1.59, 1.79], [0.013, 0.070, 0.145]),
-    ("Spectralon", [11.6, 20.4, 14.9], [0.0, 0.0, 0.0]),
-    ("Wholemilk", [2.55, 3.21, 3.77], [0.0011, 0.0024, 0.014]),
-];
 
 impl Reader {
     /// Keeps a medium by its name.
@@ -62,14 +47,16 @@ impl Reader {
     /// Absorption and scattering per unit, of a medium or of what is under a surface.
     pub(super) fn coefficients(&mut self, parameters: &Parameters) -> Result<[[f32; 3]; 2]> {
         let preset = parameters.string("preset")?.or(parameters.string("name")?).unwrap_or_default().to_owned();
-        let found = MEASURED.iter().find(|(name, ..)| *name == preset);
+        let found = measured(&preset);
         if found.is_none() && !preset.is_empty() {
             self.warn(&parameters.place, format!("the measured medium \"{preset}\" is not known: whole milk is used"));
         }
-        let (_, scattering, absorption) = found.unwrap_or(&MEASURED[11]);
-        let read = |name, default: &[f32; 3]| -> Result<[f32; 3]> {
+        let found = found.or(measured("Wholemilk"));
+        let (scattering, absorption) =
+            found.map_or(([1.0; 3], [0.0; 3]), |medium| (medium.reduced(), medium.absorption));
+        let read = |name, default: [f32; 3]| -> Result<[f32; 3]> {
             let found = parameters.find(name);
-            found.map_or(Ok(*default), |found| self.palette(parameters).color(found, Use::Index))
+            found.map_or(Ok(default), |found| self.palette(parameters).color(found, Use::Index))
         };
         let scale = parameters.float_or("scale", 1.0)? as f32;
         let both = [read("sigma_a", absorption)?, read("sigma_s", scattering)?];

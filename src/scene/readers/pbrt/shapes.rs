@@ -266,6 +266,7 @@ impl Reader {
             interior,
             exterior,
             emission: piece.emission,
+            emission_texture: None,
         });
         Ok(())
     }

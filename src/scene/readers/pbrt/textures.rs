@@ -259,5 +259,6 @@ pub fn within(texture: TextureFile) -> TextureFile {
         TextureFile::Bitmap { file, to_uv, raw, scale, wrap, filter } => {
             TextureFile::Bitmap { file, to_uv, raw, scale: scale.max(0.0), wrap, filter }
         }
+        attribute @ TextureFile::Attribute { .. } => attribute,
     }
 }

@@ -144,10 +144,24 @@ fn index_of_metal(check: &Checker, key: &str, eta: &[f32; 3], k: &[f32; 3]) -> R
     check.finite(&format!("{key}.k"), k)
 }
 
-/// Checks a texture. All textures so far are factors on reflected light, hence at most 1.
+/// Checks a texture of emitted light.
+pub fn emission(check: &Checker, key: &str, file: &TextureFile) -> Result<()> {
+    match file {
+        TextureFile::Rgb { value } => check.color(key, value),
+        TextureFile::Checkerboard { color0, color1, to_uv } => {
+            check.color(&format!("{key}.color0"), color0)?;
+            check.color(&format!("{key}.color1"), color1)?;
+            to_uv_matrix(check, key, to_uv)
+        }
+        other => texture(check, key, other),
+    }
+}
+
+/// Checks a texture of a material: a factor on reflected light, hence at most 1.
 fn texture(check: &Checker, key: &str, texture: &TextureFile) -> Result<()> {
     match texture {
         TextureFile::Rgb { value } => check.albedo(key, value),
+        TextureFile::Attribute { scale, .. } => check.at_least(&format!("{key}.scale"), *scale, 0.0),
         TextureFile::Bitmap { to_uv, scale, .. } => {
             to_uv_matrix(check, key, to_uv)?;
             check.at_least(&format!("{key}.scale"), *scale, 0.0)

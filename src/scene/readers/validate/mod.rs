@@ -189,6 +189,13 @@ fn shape(check: &Checker, key: &str, shape: &ShapeFile, file: &SceneFile) -> Res
             return check.fail(&format!("{key}.emission"), "what is no surface cannot emit; give it a black material");
         }
     }
+    if let Some(texture) = &shape.emission_texture {
+        let key = format!("{key}.emission_texture");
+        if shape.emission.is_none() {
+            return check.fail(&key, "a factor on an emission that there is not");
+        }
+        materials::emission(check, &key, texture)?;
+    }
     match &shape.geometry {
         GeometryFile::Mesh { mesh } if !file.meshes.contains_key(mesh) => {
             check.fail(&format!("{key}.geometry.mesh"), format!("there is no mesh \"{mesh}\""))

@@ -2,7 +2,7 @@
 
 use glam::{Affine2, Vec2, Vec3};
 
-use crate::picture::Texels;
+use super::Texels;
 
 /// A colour as a function of texture coordinates.
 #[derive(Debug, Clone)]
