@@ -132,7 +132,8 @@ fn our_own_cameras_are_read_saved_and_checked() {
     let copy = folder.path().join("copy.json");
     save(&found.file, &copy).unwrap();
     assert_eq!(load(&copy).unwrap().file, found.file);
-    let damaged: [(&str, fn(&mut Value)); 7] = [
+    type Damage = (&'static str, fn(&mut Value));
+    let damaged: [Damage; 7] = [
         ("cameras.door.fov", |json| json["cameras"]["door"]["fov"] = json!(180.0)),
         ("cameras.door.medium", |json| json["cameras"]["door"]["medium"] = json!("fog")),
         ("cameras.door.size", |json| json["cameras"]["door"]["size"] = json!([0, 5])),

@@ -140,7 +140,7 @@ fn colors(bytes: &[u8]) -> HashMap<[u32; 3], Vec3> {
         if words.next() != Some(b"v") {
             continue;
         }
-        let numbers: Vec<f32> = words.map_while(|word| number(word)).take(7).collect();
+        let numbers: Vec<f32> = words.map_while(number).take(7).collect();
         if let [x, y, z, r, g, b] = numbers[..] {
             let color = Vec3::new(r, g, b);
             if color.is_finite() {
