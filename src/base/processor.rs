@@ -25,6 +25,7 @@ static WIDEST: LazyLock<std::result::Result<Set, String>> =
         other => Err(format!("{LANES} is '{other}'; it can be portable, avx2 or avx512")),
     });
 
+#[cfg(target_arch = "x86_64")]
 fn allows(set: Set) -> bool {
     WIDEST.as_ref().is_ok_and(|widest| set <= *widest)
 }

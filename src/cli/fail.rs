@@ -1,24 +1,23 @@
 //! Errors as a user sees them: one paragraph on stderr, and an exit code.
 
 use std::io::Write;
-use std::process::ExitCode;
 
 use super::interrupt::EXIT_EARLY;
 use crate::base::Error;
 
 /// Prints a parser's message. Help and version go to stdout and are no failure.
-pub fn usage(error: &clap::Error) -> ExitCode {
+pub fn usage(error: &clap::Error) -> u8 {
     if !error.use_stderr() {
         // Help that nobody reads any more is no failure either.
         let _ = error.print();
-        return ExitCode::SUCCESS;
+        return 0;
     }
     paragraph(&usage_message(&error.to_string()));
-    ExitCode::from(2)
+    2
 }
 
 /// The parser's message up to its usage lines, on one line.
-fn usage_message(text: &str) -> String {
+pub fn usage_message(text: &str) -> String {
     let told = text.split("\n\nUsage:").next().unwrap_or(text).split("\n\nFor more information").next().unwrap_or(text);
     let told = told.strip_prefix("error: ").unwrap_or(told);
     let words: Vec<&str> = told.split_whitespace().collect();
@@ -26,7 +25,7 @@ fn usage_message(text: &str) -> String {
 }
 
 /// Prints an error with its contexts, outermost first. The exit code is 1, or that of an early end where it tells of one.
-pub fn report(error: &anyhow::Error) -> ExitCode {
+pub fn report(error: &anyhow::Error) -> u8 {
     let mut message = String::new();
     for cause in error.chain() {
         if !message.is_empty() {
@@ -40,8 +39,8 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
     }
     paragraph(&message);
     match error.downcast_ref() {
-        Some(Error::Interrupted(_)) => ExitCode::from(EXIT_EARLY),
-        _ => ExitCode::FAILURE,
+        Some(Error::Interrupted(_)) => EXIT_EARLY,
+        _ => 1,
     }
 }
 

@@ -1,6 +1,5 @@
 //! Signals that ask a command to end, as a flag: the work looks at it, stops early and still writes what it has.
 
-use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -22,11 +21,12 @@ pub enum Ended {
     Early,
 }
 
-impl From<Ended> for ExitCode {
-    fn from(ended: Ended) -> Self {
-        match ended {
-            Ended::Whole => Self::SUCCESS,
-            Ended::Early => Self::from(EXIT_EARLY),
+impl Ended {
+    /// The exit code that tells of it.
+    pub fn code(self) -> u8 {
+        match self {
+            Self::Whole => 0,
+            Self::Early => EXIT_EARLY,
         }
     }
 }

@@ -11,6 +11,7 @@ pub mod progress;
 pub mod resolve;
 pub mod views;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use anyhow::Context;
@@ -20,15 +21,20 @@ use crate::base::processor;
 use args::{Cli, Command};
 use interrupt::Ended;
 
-/// Runs the command line of this process. The exit code is 0 for whole results, 75 where a signal ended the work early, 2 for wrong
-/// usage, 1 for everything else.
+/// Runs the command line of this process, see [`run`].
 pub fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    run(std::env::args_os()).into()
+}
+
+/// Runs a command line, which begins with the program's name, and handles signals while it runs. The exit code is 0 for whole results,
+/// 75 where a signal ended the work early, 2 for wrong usage, 1 for everything else.
+pub fn run(words: impl IntoIterator<Item = OsString>) -> u8 {
+    let cli = match Cli::try_parse_from(words) {
         Ok(cli) => cli,
         Err(error) => return fail::usage(&error),
     };
     match execute(cli.command) {
-        Ok(ended) => ended.into(),
+        Ok(ended) => ended.code(),
         Err(error) => fail::report(&error),
     }
 }

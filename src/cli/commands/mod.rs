@@ -23,7 +23,10 @@ fn load_scene(path: &std::path::Path, effects: &[Override], missing: Missing, co
 }
 
 /// Does work on as many threads as asked for.
-fn in_pool<T: Send>(common: &Common, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+///
+/// # Errors
+/// [`Error::Options`] where the system gives no threads, and those of the work.
+pub fn in_pool<T: Send>(common: &Common, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(common.threads.map_or(0, usize::from))
         .build()

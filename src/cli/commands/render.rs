@@ -15,6 +15,7 @@ use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::views::View;
 use crate::cli::{interrupt, print, progress, views};
 use crate::film::{Denoiser, measure};
+use crate::guiding::sample::field::GuideField;
 use crate::guiding::sample::file;
 use crate::picture::{
     Attribute, Canvas, Channel, Display, Image, Picture, Viewer, Window, check_folder, check_writable, matched,
@@ -22,8 +23,8 @@ use crate::picture::{
 };
 use crate::reconstruct::{Neural, Reconstructor};
 use crate::render::{
-    self, Aov, Checkpointing, Control, ErrorPoint, Refresh, RenderSettings, Snapshot, Statistics, StopRule, aov,
-    checkpoint,
+    self, Aov, Checkpointing, Control, ErrorPoint, Outcome, Refresh, RenderSettings, Snapshot, Statistics, StopRule,
+    aov, checkpoint,
 };
 use crate::scene::Scene;
 use crate::scene::overrides::decide;
@@ -102,8 +103,9 @@ const FEATURES: f64 = 16e-7;
 /// Time to find what mattes show, in seconds per pixel on one thread.
 const MATTES: f64 = 40e-7;
 
-/// Time needed after rendering to find features and mattes, to denoise and to write the picture, in seconds per pixel.
-fn afterwards(aovs: &[Aov], denoiser: Option<&Denoiser>) -> Result<f64> {
+/// Time needed after rendering to find features and mattes, to denoise and, where it `writes`, to write the picture, in
+/// seconds per pixel.
+fn afterwards(aovs: &[Aov], denoiser: Option<&Denoiser>, writes: bool) -> Result<f64> {
     let noisy = if denoiser.is_some() { denoised::NOISY.len() } else { 0 };
     let channels: usize = noisy + aovs.iter().map(|aov| aov.channels().len()).sum::<usize>();
     // The denoiser's are others than those of layers.
@@ -111,7 +113,8 @@ fn afterwards(aovs: &[Aov], denoiser: Option<&Denoiser>) -> Result<f64> {
     let mattes = if aovs.iter().any(|aov| aov.is_matte()) { MATTES } else { 0.0 };
     let seen = (f64::from(kinds) * FEATURES + mattes) / rayon::current_num_threads() as f64;
     let denoising = denoiser.map_or(Ok(0.0), Denoiser::seconds_per_pixel)?;
-    Ok(WRITING + LAYER_WRITING * channels as f64 + seen + denoising)
+    let writing = if writes { WRITING + LAYER_WRITING * channels as f64 } else { 0.0 };
+    Ok(writing + seen + denoising)
 }
 
 /// Stop rule of a render that starts `elapsed` seconds after the command and ends `afterwards` seconds before it: `--time` is
@@ -133,6 +136,84 @@ pub fn settled(request: &RenderRequest, loaded: &LoadedScene) -> (EffectPlan, Re
     let settings = request.settings.clone().following(&plan);
     settings.note(&mut plan);
     (plan, settings)
+}
+
+/// A request with everything that it names read and built.
+pub struct Prepared {
+    /// Settings that follow from the request and from the scene's plan.
+    pub settings: RenderSettings,
+    plan: EffectPlan,
+    guide: Option<GuideField>,
+    reconstructor: Box<dyn Reconstructor>,
+    checkpoint: Option<Checkpointing>,
+    scene: Scene,
+    /// Seconds that it took to build the scene.
+    build: f64,
+}
+
+impl Prepared {
+    /// Reads and builds what a request needs. The scene has the request's depth already.
+    ///
+    /// # Errors
+    /// Errors of reading the guide and the network, and of building the scene.
+    pub fn new(request: &RenderRequest, loaded: &LoadedScene) -> Result<Self> {
+        let (plan, settings) = settled(request, loaded);
+        let guide = request.load_guide.as_deref().map(file::load).transpose()?.map(|(field, _)| field);
+        let (reconstructor, model) = reconstructor(request, &settings)?;
+        let checkpoint = checkpointing(request, &settings, loaded, &model)?;
+        let begun = Instant::now();
+        let scene = Scene::build_views(loaded, request.size)?;
+        Ok(Self { settings, plan, guide, reconstructor, checkpoint, scene, build: begun.elapsed().as_secs_f64() })
+    }
+
+    /// Makes `--time` that of the whole command, which began at `started` and ends with denoising the picture, where there is a
+    /// `denoiser`, and with writing it, where it `writes`.
+    ///
+    /// # Errors
+    /// Those of measuring how long denoising takes.
+    pub fn end_in_time(
+        &mut self,
+        request: &RenderRequest,
+        started: Instant,
+        denoiser: Option<&Denoiser>,
+        writes: bool,
+    ) -> Result<()> {
+        if let StopRule::Time(_) = self.settings.stop {
+            let pixels = (self.settings.window(request.size).pixels() * self.scene.views() as u64) as f64;
+            let left = pixels * afterwards(&request.aovs, denoiser, writes)?;
+            self.settings.stop = stop_rule(self.settings.stop, started.elapsed().as_secs_f64(), left);
+        }
+        Ok(())
+    }
+
+    /// Renders the picture, and finds the layers beside it.
+    ///
+    /// # Errors
+    /// Errors of rendering.
+    pub fn render(
+        &self,
+        request: &RenderRequest,
+        loaded: &LoadedScene,
+        progress: &dyn Progress,
+        stop: &AtomicBool,
+        refresh: Option<Refresh>,
+    ) -> Result<(Outcome, Vec<Channel>)> {
+        let Self { settings, plan, guide, reconstructor, checkpoint, scene, build } = self;
+        let control = Control { progress, stop, refresh, checkpoint: checkpoint.as_ref() };
+        let mut outcome = match guide {
+            Some(field) => render::render_with_field(scene, settings, field.clone(), &control)?,
+            None => render::render_watched(scene, settings, reconstructor.as_ref(), &control)?,
+        };
+        let channels = aov::channels(scene, settings, &outcome, &request.aovs)?;
+        let statistics = &mut outcome.statistics;
+        statistics.scene = request.scene.display().to_string();
+        statistics.views = request.views.iter().filter_map(|view| view.camera.clone()).collect();
+        statistics.seconds.build = *build;
+        statistics.effects.clone_from(&plan.effects);
+        statistics.skipped_triangles = loaded.skipped_triangles;
+        statistics.missing_files.clone_from(&loaded.missing);
+        Ok((outcome, channels))
+    }
 }
 
 /// Result of a render.
@@ -167,21 +248,11 @@ fn render(
     progress: &dyn Progress,
     stop: &AtomicBool,
 ) -> Result<Made> {
-    let (plan, mut settings) = settled(request, loaded);
-    let loaded_guide = request.load_guide.as_deref().map(file::load).transpose()?;
-    let (reconstructor, model) = reconstructor(request, &settings)?;
-    let checkpoint = checkpointing(request, &settings, loaded, &model)?;
-    let begun = Instant::now();
-    let scene = Scene::build_views(loaded, request.size)?;
-    let build = begun.elapsed().as_secs_f64();
-    let header = attributes(request, &settings);
-    let pixels = (settings.window(request.size).pixels() * scene.views() as u64) as f64;
-    if let StopRule::Time(_) = settings.stop {
-        let left = pixels * afterwards(&request.aovs, denoiser)?;
-        settings.stop = stop_rule(settings.stop, started.elapsed().as_secs_f64(), left);
-    }
+    let mut prepared = Prepared::new(request, loaded)?;
+    let header = attributes(request, &prepared.settings);
+    prepared.end_in_time(request, started, denoiser, true)?;
     let name = request.views.first().map_or(String::new(), |view| view.output.display().to_string());
-    let canvas = Canvas { name, size: scene.size, window: request.placed() };
+    let canvas = Canvas { name, size: prepared.scene.size, window: request.placed() };
     let live = viewer.map(|viewer| viewer.open(canvas)).transpose()?;
     let written = Cell::new(Instant::now());
     let show = |Snapshot { image, spp, seconds }: Snapshot| {
@@ -198,25 +269,15 @@ fn render(
         error.flatten()
     };
     let refresh = Some(Refresh { every: if live.is_some() { LIVE } else { REFRESH }, show: &show });
-    let control = Control { progress, stop, refresh, checkpoint: checkpoint.as_ref() };
-    let outcome = match loaded_guide {
-        Some((field, _)) => render::render_with_field(&scene, &settings, field, &control)?,
-        None => render::render_watched(&scene, &settings, reconstructor.as_ref(), &control)?,
-    };
-    let mut channels = aov::channels(&scene, &settings, &outcome, &request.aovs)?;
+    let (outcome, mut channels) = prepared.render(request, loaded, progress, stop, refresh)?;
+    let Prepared { scene, settings, .. } = &prepared;
     let mut statistics = outcome.statistics;
-    statistics.scene = request.scene.display().to_string();
-    statistics.views = request.views.iter().filter_map(|view| view.camera.clone()).collect();
-    statistics.seconds.build = build;
-    statistics.effects = plan.effects;
-    statistics.skipped_triangles = loaded.skipped_triangles;
-    statistics.missing_files.clone_from(&loaded.missing);
     if let Some(reference) = reference {
         let measures = measure(&outcome.image, reference)?;
         statistics.errors.push(ErrorPoint::new(statistics.seconds.total, statistics.spp, &measures));
     }
     let Denoised { image, noisy, attribute, failure, seconds } =
-        denoised::finish(denoiser, &scene, &settings, outcome.image);
+        denoised::finish(denoiser, scene, settings, outcome.image);
     statistics.seconds.denoise = seconds;
     if let Some(reference) = reference.filter(|_| attribute.is_some()) {
         let measures = measure(&image, reference)?;
@@ -226,7 +287,7 @@ fn render(
     live.iter().for_each(|live| live.show(image.clone()));
     channels.extend(noisy);
     let begun = Instant::now();
-    let mattes = aov::header(&scene, &request.aovs, &channels);
+    let mattes = aov::header(scene, &request.aovs, &channels);
     let header: Vec<Attribute> =
         header.into_iter().chain(results(&statistics)).chain(attribute).chain(mattes).collect();
     let written = write_views(request, &image, &channels, &header, write_or_rescue);
