@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes the README's pictures and plot again, and with --time a table of equal times: five minutes of a machine that does nothing else,
+"""Makes the README's picture and those of docs/measurements.md again, and with --time a table of equal times: five minutes of a machine that does nothing else,
 with the table about an hour.
 
     pip install numpy OpenEXR pillow
@@ -8,7 +8,7 @@ with the table about an hour.
 
 Comparisons go to OUT and go on where they were interrupted, so the same command after a change of the program needs another OUT. FOLDER
 holds the imported scenes `torus`, `veach-bidir` and `veach-mis`, each with its scene.xml and reference.exr; without it their picture
-stays as it is. What is told goes between two comments of the README.
+stays as it is. What is told goes between two comments of docs/measurements.md.
 """
 
 import argparse
@@ -127,13 +127,13 @@ def main():
 trimmed relMSE of `none` after 8 seconds, and {told(early)} times after 2 (2 seeds)."""
     if args.imported:
         imported(args.out, args.imported)
-    readme = ROOT / "README.md"
+    page = ROOT / "docs/measurements.md"
     begin, end = "<!-- tests/bench/figures.py: begin -->", "<!-- end -->"
     block = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
-    before = readme.read_text()
+    before = page.read_text()
     if not block.search(before):
-        sys.exit(f"README.md has no place for the table: {begin} … {end}")
-    readme.write_text(block.sub(lambda _: f"{begin}\n{text}\n{end}", before))
+        sys.exit(f"{page} has no place for the table: {begin} … {end}")
+    page.write_text(block.sub(lambda _: f"{begin}\n{text}\n{end}", before))
 
 
 if __name__ == "__main__":
