@@ -268,7 +268,7 @@ fn layers_are_written_beside_the_picture() {
     };
     let (_, _, plain) = render("plain.exr", &[]);
     let (width, height, all) = render("all.exr", &["--aov", "all"]);
-    assert_eq!((width, height, all.len()), (20, 15, 3 + 15));
+    assert_eq!((width, height, all.len()), (20, 15, 3 + 15 + 2 * 12), "features, and two mattes of six ids");
     let find = |name: &str| all.iter().find(|(other, _)| other == name);
     assert!(plain.iter().all(|channel| find(&channel.0) == Some(channel)));
     assert!(find("samples.Y").unwrap().1.iter().all(|&n| n == 4.0));

@@ -61,7 +61,7 @@ pub fn xml() -> Documents {
          <bsdf type='diffuse' id='v'><texture type='mesh_attribute' name='reflectance'><string name='name' value='vertex_color'/></texture></bsdf>\
          <shape type='obj'><string name='filename' value='tetrahedron.obj'/><ref id='v'/></shape><shape type='Cube'><ref id='m'/></shape>\
          <shape type='merge'><shape type='sphere'><animation name='toWorld'><transform time='0'><scale value='2'/></transform></animation></shape></shape>\
-         <shape type='rectangle'><bsdf type='null'/><emitter type='area'><texture type='bitmap' name='radiance'><string name='filename'\
+         <shape type='rectangle'><bsdf type='null'/><emitter type='area'><texture type='bitmap' name='radiance'><string name='filename' \
          value='grey.png'/></texture></emitter></shape><include filename='../a.xml'/><emitter type='collimated'/>\
          <shape type='cube'><medium type='heterogeneous' name='interior'><string name='material' value='Coke'/>\
          <volume name='albedo' type='gridvolume'><string name='filename' value='lost.vol'/></volume></medium></shape>",
