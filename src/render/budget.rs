@@ -125,15 +125,16 @@ const SMALL_PART: f64 = 0.25;
 
 /// Variance of a sample with a guide over that without it, see [`Verdict`].
 ///
-/// `variance` is that of a sample while learning, relative to the pixel's squared value; `moments`, in the same unit, were measured
-/// on `paths` samples. Means are the same whatever guides, so variances differ as second moments do; what lies between the pixels
-/// of an edge is in the variance alone. A path's vertices are counted as if their gains added up, which promises too much, hence
-/// the power.
-pub fn judged(variance: f64, moments: &PictureMoments, paths: f64) -> Verdict {
+/// `variance` is that of a sample while learning, relative to the pixel's squared value, none where it is not known; `moments`, in the
+/// same unit, were measured on `paths` samples. Means are the same whatever guides, so variances differ as second moments do; what lies
+/// between the pixels of an edge is in the variance alone. A path's vertices are counted as if their gains added up, which promises too
+/// much, hence the power.
+pub fn judged(variance: Option<f64>, moments: &PictureMoments, paths: f64) -> Verdict {
     let PictureMoments { learning, guided, unguided, onward, effective, unseen } = *moments;
     if unseen > MOST_UNSEEN {
         return Verdict::Unseen;
     }
+    let Some(variance) = variance else { return Verdict::Unknown };
     let [with, without] = [guided, unguided].map(|moment| variance + (moment - learning) / paths);
     if !(with.is_finite() && without.is_finite() && without > 0.0) {
         return Verdict::Unknown;
@@ -174,11 +175,14 @@ mod tests {
     fn guiding_pays_where_it_changes_most_of_the_variance() {
         let verdict = |variance, [learning, guided, unguided]: [f64; 3], effective| {
             let onward = learning;
-            judged(variance, &PictureMoments { learning, guided, unguided, onward, effective, unseen: 0.1 }, 1.0)
+            judged(Some(variance), &PictureMoments { learning, guided, unguided, onward, effective, unseen: 0.1 }, 1.0)
         };
         let ones = PictureMoments { learning: 1.0, guided: 1.0, unguided: 1.0, ..PictureMoments::default() };
         let unseen = PictureMoments { effective: 1e3, unseen: 0.5, ..ones };
-        assert_eq!(judged(10.0, &unseen, 1.0), Verdict::Unseen, "photons know of light that no path has found");
+        for variance in [None, Some(10.0)] {
+            assert_eq!(judged(variance, &unseen, 1.0), Verdict::Unseen, "photons know of light that no path has found");
+        }
+        assert_eq!(judged(None, &ones, 1.0), Verdict::Unknown);
         let pays = |verdict: Verdict, cost: f64| verdict.gain().is_some_and(|_| verdict.pays(cost));
         assert!(pays(verdict(10.0, [8.0, 4.0, 30.0], 1e3), GUIDED_COST));
         assert!(pays(verdict(10.0, [8.0, 4.0, 30.0], 1e3), 5.0), "a large gain at any price");

@@ -128,8 +128,7 @@ impl Run<'_> {
         let worst = outliers(finished.samples().min(self.pixels()) as usize);
         let moments = learning.learner.picture_moments(worst);
         let variance = part.pass.variance_relative_to(picture.as_deref());
-        let judged = |v| judged(v, &moments, finished.samples() as f64);
-        self.state.trend.verdict = variance.map_or(Verdict::Unknown, judged);
+        self.state.trend.verdict = judged(variance, &moments, finished.samples() as f64);
         if let StopRule::Time(budget) = self.settings.stop
             && t > 0
             && !self.is_always_guided()
