@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use fanal::base::Error;
 use fanal::film::measure;
-use fanal::picture::{self, Image};
+use fanal::picture::{self, Display, Image, Picture, write_picture};
 use glam::Vec3;
 use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -39,7 +39,9 @@ pub fn read_image(py: Python<'_>, path: PathBuf, data: bool) -> PyResult<Bound<'
 pub fn write_image(py: Python<'_>, path: PathBuf, pixels: PyReadonlyArray3<'_, f32>, exposure: f32) -> PyResult<()> {
     let image = image(&pixels)?;
     let attributes = [("software".to_owned(), format!("fanal {}", env!("CARGO_PKG_VERSION")))];
-    py.detach(|| picture::write(&path, &image, &attributes, exposure)).map_err(|error| raised(&error))
+    let display = Display { exposure, ..Display::default() };
+    let written = py.detach(|| write_picture(&path, &Picture::plain(&image, &attributes), display));
+    written.map_err(|error| raised(&error))
 }
 
 /// Errors of a picture against a reference, as JSON.
