@@ -12,7 +12,7 @@ ENDLESS = 1 << 22
 """Samples per pixel that no test waits for."""
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def scene():
     """The path of one of our scenes."""
     return lambda name: str(SCENES / name)

@@ -17,10 +17,8 @@ DRAWS = 40_000
 
 
 @pytest.fixture(scope="module")
-def learned():
-    from conftest import SCENES
-
-    return fanal.render_full(SCENES / "door-ajar", spp=128, size=(48, 36), guide="gaussian", aovs=["position", "normal"])
+def learned(scene):
+    return fanal.render_full(scene("door-ajar"), spp=128, size=(48, 36), guide="gaussian", aovs=["position", "normal"])
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +144,7 @@ def test_arrays_that_are_refused(guide):
         ((one, up, [[1j, 0, 0]]), TypeError, "directions: .*complex"),
         ((one, up, [[True, False, True]]), TypeError, "directions: .*bool"),
         ((one, up, None), TypeError, "directions"),
-        ((one, up, [[1, 2, 3], [1, 2]]), ValueError, ""),
+        ((one, up, [[1, 2, 3], [1, 2]]), ValueError, "."),
     ]:
         with pytest.raises(kind, match=told):
             guide.pdf(*wrong)

@@ -19,7 +19,11 @@ def same(a, b):
         ("door-ajar", {}, []),
         ("door-ajar", {"guide": "variance", "max_depth": 4}, ["--guide", "variance", "--max-depth", "4"]),
         ("glass-caustic", {"adaptive": True, "pixel_filter": "tent"}, ["--adaptive", "on", "--pixel-filter", "tent"]),
-        ("lamp-room", {"light_sampling": False, "roulette": "off"}, ["--light-sampling", "off", "--roulette", "off"]),
+        (
+            "lamp-room",
+            {"guide": "gaussian", "light_sampling": False, "roulette": "off"},
+            ["--guide", "gaussian", "--light-sampling", "off", "--roulette", "off"],
+        ),
         ("cornell", {"crop": (3, 5, 17, 9), "effects": "-photons"}, ["--crop", "3,5,17,9", "--effects=-photons"]),
     ],
 )
@@ -63,6 +67,7 @@ def test_layers_are_arrays(scene):
         "samples": one,
         "variance": three,
         "guiding": one,
+        **{f"crypto_{kind}{rank:02}": (20, 24, 4) for kind in ("object", "material") for rank in range(3)},
     }
     assert all(layer.dtype == np.float32 and layer.flags.c_contiguous for layer in result.aovs.values())
     assert (result.aovs["samples"] == 16).all() and (result.aovs["guiding"] == 0).all()
