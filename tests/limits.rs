@@ -7,17 +7,20 @@ mod memory;
 #[allow(dead_code, reason = "shared with other tests of light transport")]
 mod scenes;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use fanal::base::progress::Silent;
 use fanal::base::random::Random;
+use fanal::film::{Block, Pass};
 use fanal::generate::build::{Builder, diffuse};
 use fanal::guiding::learn::fraction::FractionRule;
 use fanal::lights::envmap::Envmap;
 use fanal::picture::read_texels;
-use fanal::render::{Outcome, RenderSettings, Statistics, render};
+use fanal::render::merge::merge;
+use fanal::render::part_file::{self, PartHead, Totals};
+use fanal::render::{Outcome, PartOf, RenderSettings, Statistics, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{MeshFile, SceneFile};
 use fanal::scene::readers::resolve;
@@ -193,4 +196,49 @@ fn limit_of_a_full_field() {
     println!("{bytes} bytes, {guide:?}; {most} bytes at most in all");
     assert!(bytes <= 24 * MB, "{bytes} bytes");
     assert!(bytes > 22 * MB && guide.trees > 10_000, "{bytes} bytes do not reach the ceiling: {guide:?}");
+}
+
+/// Of parts only stripes are held, however many they are and however large: eight take no more than two.
+#[test]
+fn parts_are_put_together_in_stripes() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let size = [1024u32, 512];
+    let pixels = (size[0] * size[1]) as usize;
+    let mut pass = Pass::new(size[0] as usize, size[1] as usize);
+    (0..pixels).for_each(|pixel| pass.add(pixel, 0, Vec3::splat(pixel as f32)));
+    let block = [Block::of(&pass, false)];
+    drop(pass);
+    let parts = |count: u32| -> Vec<PathBuf> {
+        let part = |index: u32| {
+            let path = folder.path().join(format!("{index}-{count}.part"));
+            let head = PartHead {
+                part: PartOf::new(index, count).unwrap(),
+                in_common: "a picture".into(),
+                size,
+                window: [0, 0, size[0], size[1]],
+                samples: 64 * count,
+                spp: 64 * count,
+                detailed: false,
+                film_layers: [false; 2],
+                channels: Vec::new(),
+                attributes: Vec::new(),
+                layer_attributes: Vec::new(),
+                totals: Totals::default(),
+            };
+            part_file::write(&path, &head, &block, &[]).unwrap();
+            path
+        };
+        (1..=count).map(part).collect()
+    };
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let took = |count: u32| {
+        let parts = parts(count);
+        let (merged, most) = one_thread.install(|| peak(|| merge(&parts, false, &Silent).unwrap()));
+        assert_eq!(merged.image.pixels[pixels - 1].x, (pixels - 1) as f32);
+        most
+    };
+    let [two, eight] = [2, 8].map(took);
+    println!("2 parts: {} MB, 8 parts: {} MB", two / MB, eight / MB);
+    assert!(eight < 30 * pixels + 32 * MB && eight < two + MB, "{two} and {eight} bytes");
 }

@@ -60,6 +60,19 @@ impl fmt::Display for Place {
     }
 }
 
+/// Why files are not the parts of one whole.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unfit {
+    /// Some are not there.
+    Missing,
+    /// Two are the same part, or parts of the same pixels.
+    Double,
+    /// One is of another whole.
+    Foreign,
+    /// One is not finished.
+    Unfinished,
+}
+
 /// Everything that can go wrong in the library.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -136,6 +149,16 @@ pub enum Error {
         address: String,
         /// The system's own error.
         source: std::io::Error,
+    },
+    /// Files that are not the parts of one whole.
+    #[error("{message}")]
+    Parts {
+        /// Why not.
+        fault: Unfit,
+        /// Those that are at fault; of missing parts none.
+        files: Vec<PathBuf>,
+        /// The same in words, with the names.
+        message: String,
     },
     /// The work was stopped, as asked for, before there was anything to keep.
     #[error("{0}")]

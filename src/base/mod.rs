@@ -8,7 +8,8 @@ pub mod processor;
 pub mod progress;
 pub mod random;
 mod sobol;
+pub mod streamed;
 pub mod tensors;
 
-pub use error::{At, Error, Place, Result};
+pub use error::{At, Error, Place, Result, Unfit};
 pub use progress::{Progress, Silent};

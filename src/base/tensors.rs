@@ -7,6 +7,7 @@ use std::path::Path;
 
 pub use safetensors::Dtype;
 use safetensors::SafeTensors;
+use safetensors::tensor::Metadata;
 
 use super::files::{crc32, write_atomically};
 use super::{Error, Place, Result};
@@ -109,6 +110,48 @@ fn header(path: &Path, version: u32, crc: u32, tensors: &[&Tensor]) -> Result<St
     Ok(format!("{text:length$}"))
 }
 
+/// An entry of a header's metadata.
+pub(super) fn entry<'m>(header: &'m Metadata, key: &str) -> &'m str {
+    header.metadata().as_ref().and_then(|entries| entries.get(key)).map_or("none", String::as_str)
+}
+
+/// Refuses the header of a file of this `kind` that has not this `version`.
+pub(super) fn checked_version(path: &Path, header: &Metadata, kind: &str, version: u32) -> Result<()> {
+    let found = entry(header, "version");
+    if found == version.to_string() {
+        return Ok(());
+    }
+    let what = format!("{kind} version {found}");
+    Err(Error::Unsupported { place: Place::file(path), what, supported: version.to_string() })
+}
+
+/// Arrays that can be read by their names, wherever they are.
+pub trait Arrays {
+    /// The file.
+    fn path(&self) -> &Path;
+
+    /// Reads the elements of an array whose trailing dimension is `columns` (1: a vector) and whose length is `rows`, if given.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] where it is missing or has another type or shape, [`Error::Io`].
+    fn read<const B: usize, T>(
+        &self,
+        name: &str,
+        dtype: Dtype,
+        rows: Option<usize>,
+        columns: usize,
+        decode: impl Fn([u8; B]) -> T,
+    ) -> Result<Vec<T>>;
+
+    /// An error about a part of the file.
+    ///
+    /// # Errors
+    /// Always [`Error::Malformed`].
+    fn fail<T>(&self, part: impl Into<String>, message: impl Into<String>) -> Result<T> {
+        Err(Error::malformed(Place::part(self.path(), part), message))
+    }
+}
+
 /// The arrays of a file.
 pub struct Tensors<'a> {
     file: SafeTensors<'a>,
@@ -123,14 +166,9 @@ impl<'a> Tensors<'a> {
     pub fn open(path: &'a Path, bytes: &'a [u8], kind: &str, version: u32) -> Result<Self> {
         let broken = |e| Error::malformed(Place::file(path), format!("not a safetensors file: {e}"));
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(broken)?;
-        let entry =
-            |key: &str| header.metadata().as_ref().and_then(|m| m.get(key)).map(String::as_str).unwrap_or("none");
-        if entry("version") != version.to_string() {
-            let what = format!("{kind} version {}", entry("version"));
-            return Err(Error::Unsupported { place: Place::file(path), what, supported: version.to_string() });
-        }
+        checked_version(path, &header, kind, version)?;
         let tensors = Self { file: SafeTensors::deserialize(bytes).map_err(broken)?, path };
-        tensors.check_crc(entry("crc32"))?;
+        tensors.check_crc(entry(&header, "crc32"))?;
         Ok(tensors)
     }
 
@@ -170,7 +208,7 @@ impl<'a> Tensors<'a> {
         dtype: Dtype,
         rows: Option<usize>,
         columns: usize,
-        decode: fn([u8; B]) -> T,
+        decode: impl Fn([u8; B]) -> T,
     ) -> Result<Vec<T>> {
         let Ok(tensor) = self.file.tensor(name) else { return self.fail(name, "the tensor is missing") };
         let shape_ok = match tensor.shape() {
@@ -200,5 +238,22 @@ impl<'a> Tensors<'a> {
     /// Whether there is a tensor of this name.
     pub fn has(&self, name: &str) -> bool {
         self.file.tensor(name).is_ok()
+    }
+}
+
+impl Arrays for Tensors<'_> {
+    fn path(&self) -> &Path {
+        self.path
+    }
+
+    fn read<const B: usize, T>(
+        &self,
+        name: &str,
+        dtype: Dtype,
+        rows: Option<usize>,
+        columns: usize,
+        decode: impl Fn([u8; B]) -> T,
+    ) -> Result<Vec<T>> {
+        Tensors::read(self, name, dtype, rows, columns, decode)
     }
 }

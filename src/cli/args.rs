@@ -11,10 +11,9 @@ use crate::guiding::learn::fraction::FractionRule;
 use crate::guiding::target::{DirectLight, Target};
 use crate::integrators::Roulette;
 use crate::picture::{Address, View, Window};
-use crate::render::{Aov, GuideMode, Reconstruction, Sample, SampleKinds};
+use crate::render::{Aov, GuideMode, PartOf, Reconstruction, Sample, SampleKinds};
 use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;
-use crate::scene::orbit;
 use crate::scene::overrides::Override;
 use crate::scene::readers::Missing;
 
@@ -25,6 +24,12 @@ macro_rules! exit_codes {
          A second such signal ends the program at once; under nohup SIGHUP is ignored (on Linux)."
     };
 }
+
+mod parts;
+mod scene;
+
+pub use parts::{LearnArgs, MergeArgs};
+pub use scene::SceneArgs;
 
 /// A physically based renderer that learns where light comes from.
 #[derive(Debug, Parser)]
@@ -47,6 +52,10 @@ pub struct Cli {
 pub enum Command {
     /// Render a scene to a picture
     Render(Box<RenderArgs>),
+    /// Learn where light comes from, and write a guide file
+    Learn(Box<LearnArgs>),
+    /// Put the parts of a picture, guides, or a data set together
+    Merge(MergeArgs),
     /// Say which effects a scene calls for, which are off, and why
     Plan(PlanArgs),
     /// Compare methods on a scene: what accuracy costs in time
@@ -261,7 +270,8 @@ const RENDER_EXAMPLES: &str = concat!(
   fanal render scenes/lamp-room -o out.exr --spp 4096 --resume lamp.part
   fanal render scene.xml --guide none --replay 120,45,17
   fanal render scene.glb -o out.exr --camera all
-  fanal render scene.glb -o turn.png --orbit 36 --spp 64",
+  fanal render scene.glb -o turn.png --orbit 36 --spp 64
+  fanal render scenes/lamp-room --load-guide lamp.guide --spp 4096 --part 3/64 -o parts/3.part",
     exit_codes!()
 );
 
@@ -269,26 +279,18 @@ const RENDER_EXAMPLES: &str = concat!(
 #[derive(Debug, Clone, Args)]
 #[command(after_help = RENDER_EXAMPLES)]
 pub struct RenderArgs {
-    /// Scene: our JSON, Mitsuba XML, pbrt, glTF, or a folder that holds one of them called scene
-    pub scene: PathBuf,
-    /// Picture to write, .exr or .png
+    /// What is rendered.
+    #[command(flatten)]
+    pub of: SceneArgs,
+    /// Picture to write, .exr or .png; with --part the file of the part, of any name
     #[arg(short, long, value_name = "FILE", required_unless_present = "replay")]
     pub output: Option<PathBuf>,
-    /// How camera rays find light
-    #[arg(long, value_enum, default_value = "neural")]
-    pub guide: GuideMode,
     /// Write the guiding field, for --load-guide and for `fanal inspect`
     #[arg(long, value_name = "FILE", conflicts_with = "load_guide")]
     pub save_guide: Option<PathBuf>,
     /// Guide by a field that an earlier render saved; nothing is learned
     #[arg(long, value_name = "FILE", conflicts_with_all = ["samples", "target", "reconstruct", "model", "direct", "fraction", "filter", "simple_iterations", "past"])]
     pub load_guide: Option<PathBuf>,
-    /// Ceiling of the sampling field in MB
-    #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]
-    pub guide_memory: u32,
-    /// How paths end that are not worth going on with [default: window; throughput for --guide ppg]
-    #[arg(long, value_enum)]
-    pub roulette: Option<Roulette>,
     /// Samples per pixel, camera and light paths together [default: the scene's]
     #[arg(long, value_name = "N", group = "stop", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     pub spp: Option<u32>,
@@ -301,39 +303,11 @@ pub struct RenderArgs {
     /// Whether noisy pixels get more samples than others, once a fifth of all has told where they are [default: on with --time]
     #[arg(long, value_enum)]
     pub adaptive: Option<Switch>,
-    /// Effects to switch on (+) or off (-) against `fanal plan`, whose names they have
-    #[arg(long, value_name = "+NAME,-NAME,…", value_delimiter = ',', allow_hyphen_values = true)]
-    pub effects: Vec<Override>,
-    /// What to do about meshes and pictures that the scene names and that are not there
-    #[arg(long, value_enum, default_value = "refuse")]
-    pub missing: Missing,
-    /// Light sampling (next event estimation)
-    #[arg(long, alias = "nee", value_enum, default_value = "on")]
-    pub light_sampling: Switch,
-    /// 1 = emission only, 2 = direct light, n = n-1 bounces [default: the scene's]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
-    pub max_depth: Option<u32>,
-    /// Size of the picture in pixels [default: the scene's]
-    #[arg(long, value_name = "WxH", value_parser = size)]
-    pub size: Option<[u32; 2]>,
-    /// Camera to render, by its name [default: the first]; or several with commas between them, or `all`: each view has a file
-    /// then, out.NAME.exr beside out.exr, and one guide learns from what all of them see. `fanal plan` lists them
-    #[arg(long, value_name = "NAME|all", allow_hyphen_values = true)]
-    pub camera: Option<String>,
-    /// A turntable: so many views from all around, out.000.exr and so on, which share one guide. The camera goes around the point of
-    /// its viewing axis that is nearest to the middle of the scene, anticlockwise about the vertical axis; the first view is its own
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(orbit::MOST)))]
-    pub orbit: Option<u32>,
-    /// Another point for --orbit to go around
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "orbit")]
-    pub around: Option<Vec3>,
-    /// Render only this part of the picture: columns to the left of it, rows above it, its columns and rows. Its pixels get the
-    /// samples that they get in the whole picture; an EXR file says where in it they are, a PNG file holds them alone
-    #[arg(long, value_name = "X,Y,W,H", value_parser = window)]
-    pub crop: Option<Window>,
-    /// What of the light around it a pixel shows [default: the scene's]
-    #[arg(long, value_enum, value_name = "FILTER")]
-    pub pixel_filter: Option<PixelFilter>,
+    /// Render only this part of the samples, for example 3/64: whole blocks of 64 samples of each pixel. The parts of one picture, which
+    /// other machines may render, are put together by `fanal merge`, which gives the bits of the picture that the same command gives
+    /// without --part. Under --guide none and --load-guide. A part keeps its state in a file beside it, from which the same command goes on
+    #[arg(long, value_name = "K/N", conflicts_with_all = ["time", "target_error", "save_guide", "display", "denoise", "checkpoint", "resume", "replay", "reference", "exposure", "view"])]
+    pub part: Option<PartOf>,
     /// Show the picture while it is rendered in tev, or in HDRView where it listens for image updates; without a port 14158
     #[arg(long, value_name = "HOST[:PORT]")]
     pub display: Option<Address>,
@@ -351,15 +325,6 @@ pub struct RenderArgs {
     /// How a PNG file shows what is brighter than a screen, after --exposure [default: srgb]
     #[arg(long, value_enum)]
     pub view: Option<View>,
-    /// Seed of all random numbers
-    #[arg(long, value_name = "N", default_value = "0")]
-    pub seed: u64,
-    /// Folder of the network's model, for --guide neural [default: the model inside this program]
-    #[arg(long, value_name = "DIR")]
-    pub model: Option<PathBuf>,
-    /// Who executes the network, for --guide neural
-    #[arg(long, value_enum, default_value = "embedded")]
-    pub backend: Backend,
     /// Write the state of the render to this file from time to time and when a signal ends it, for --resume
     #[arg(long, value_name = "FILE")]
     pub checkpoint: Option<PathBuf>,
@@ -592,6 +557,7 @@ const DATASET_EXAMPLES: &str = concat!(
     "Examples:
   fanal dataset datasets/small.toml -o data/small
   fanal dataset --check data/small
+  fanal dataset datasets/small.toml -o data/small --part 3/16
 What was made is kept: the same command goes on after the last scene.",
     exit_codes!()
 );
@@ -606,6 +572,10 @@ pub struct DatasetArgs {
     /// Folder to write; what is there already is kept, what is missing is made
     #[arg(short, long, value_name = "DIR", conflicts_with = "check")]
     pub output: Option<PathBuf>,
+    /// Make only this part of the scenes, for example 3/16. Parts may be made in one folder by several machines at once, and are put
+    /// together by `fanal merge DIR`
+    #[arg(long, value_name = "K/N", conflicts_with = "check")]
+    pub part: Option<PartOf>,
     /// Check a folder of data instead
     #[arg(long, value_name = "DIR")]
     pub check: Option<PathBuf>,

@@ -44,12 +44,17 @@ fn execute(command: Command) -> anyhow::Result<Ended> {
     let whole = |()| Ended::Whole;
     match command {
         Command::Render(args) => {
-            let done = match args.replay {
-                Some(sample) => commands::replay::run(&args, sample).map(whole),
-                None => commands::render::run(&args),
+            let done = match (args.replay, args.part) {
+                (Some(sample), _) => commands::replay::run(&args, sample).map(whole),
+                (None, Some(part)) => commands::part::run(&args, part),
+                (None, None) => commands::render::run(&args),
             };
-            done.with_context(|| format!("cannot render {}", args.scene.display()))
+            done.with_context(|| format!("cannot render {}", args.of.scene.display()))
         }
+        Command::Learn(args) => {
+            commands::learn::run(&args).with_context(|| format!("cannot learn {}", args.of.scene.display()))
+        }
+        Command::Merge(args) => commands::merge::run(&args).map(whole).context("cannot merge"),
         Command::Plan(args) => commands::plan::run(&args).map(whole).context("cannot plan"),
         Command::Compare(args) => {
             commands::compare::run(&args).with_context(|| format!("cannot compare methods on {}", args.scene.display()))

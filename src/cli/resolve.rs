@@ -68,29 +68,30 @@ impl RenderRequest {
 /// # Errors
 /// [`Error::Options`] naming the options that contradict one another or the value that is out of range.
 pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
-    let size = args.size.unwrap_or([scene.film.width, scene.film.height]);
+    let size = args.of.size.unwrap_or([scene.film.width, scene.film.height]);
     let views = views(args, scene)?;
     check_sheet(size, views.len())?;
-    if let Some(window) = args.crop {
+    if let Some(window) = args.of.crop {
         window.check_inside(size).map_err(|e| Error::Options(format!("--crop: {e}")))?;
     }
     check_guide(args)?;
+    check_part(args)?;
     let every = Duration::try_from_secs_f64(args.every).unwrap_or(Duration::MAX);
     let aovs = aovs(args)?;
     Ok(RenderRequest {
-        scene: args.scene.clone(),
+        scene: args.of.scene.clone(),
         views,
         size,
         settings: settings(args, scene, &aovs)?,
         samples: args.learning.samples,
-        effects: args.effects.clone(),
+        effects: args.of.effects.clone(),
         aovs,
         denoise: args.denoise,
         display: display(args)?,
         save_guide: args.save_guide.clone(),
         load_guide: args.load_guide.clone(),
-        model: args.model.clone(),
-        backend: args.backend,
+        model: args.of.model.clone(),
+        backend: args.of.backend,
         checkpoint: args.checkpoint.as_ref().or(args.resume.as_ref()).map(|path| (path.clone(), every)),
         resume: args.resume.clone(),
         stats: args.stats.clone(),
@@ -100,11 +101,11 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
 
 /// Defaults of the mode with the options that were given.
 fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<RenderSettings> {
-    let defaults = RenderSettings::new(args.guide, stop(args, scene)?);
+    let defaults = RenderSettings::new(args.of.guide, stop(args, scene)?);
     let transport = TransportSettings {
-        max_depth: args.max_depth.unwrap_or(scene.render.max_depth),
-        light_sampling: args.light_sampling.is_on(),
-        roulette: args.roulette.unwrap_or(defaults.transport.roulette),
+        max_depth: args.of.max_depth.unwrap_or(scene.render.max_depth),
+        light_sampling: args.of.light_sampling.is_on(),
+        roulette: args.of.roulette.unwrap_or(defaults.transport.roulette),
     };
     if transport.max_depth == 0 {
         return Err(Error::Options("the scene asks for depth 0; give --max-depth".into()));
@@ -112,7 +113,7 @@ fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<Render
     let LearningArgs { samples, target, direct, fraction, filter, simple_iterations, past, reconstruct } =
         args.learning;
     let learner = LearnerSettings {
-        memory: usize::try_from(u64::from(args.guide_memory) * 1_000_000).unwrap_or(usize::MAX),
+        memory: usize::try_from(u64::from(args.of.guide_memory) * 1_000_000).unwrap_or(usize::MAX),
         keeps_evidence: args.save_guide.is_some(),
         target: target.unwrap_or(defaults.learner.target),
         direct: direct.unwrap_or(defaults.learner.direct),
@@ -128,11 +129,12 @@ fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<Render
     let settings = RenderSettings {
         transport,
         learner,
-        filter: args.pixel_filter.map_or(scene.film.filter, PixelFilter::file),
-        crop: args.crop,
+        filter: args.of.pixel_filter.map_or(scene.film.filter, PixelFilter::file),
+        crop: args.of.crop,
+        part: args.part,
         adaptive: adaptive(args, &defaults)?,
         keeps_spread: aovs.iter().any(|aov| aov.is_of_film()),
-        seed: args.seed,
+        seed: args.of.seed,
         samples: samples.unwrap_or(defaults.samples),
         ..defaults
     };
@@ -194,11 +196,11 @@ fn check_guide(args: &RenderArgs) -> Result<()> {
         }
         Err(Error::Options(format!("{why}; leave {} out", found.join(", "))))
     };
-    if args.guide == GuideMode::None {
+    if args.of.guide == GuideMode::None {
         refused("--guide none learns nothing", &given.map(|(name, _)| name))?;
     }
-    if args.guide.model() != ModelKind::Trees {
-        let why = format!("--guide {} has no trees", args.guide.name());
+    if args.of.guide.model() != ModelKind::Trees {
+        let why = format!("--guide {} has no trees", args.of.guide.name());
         refused(&why, &["--filter", "--past", "--reconstruct"])?;
     }
     if simple_iterations.is_some() && target != Some(Target::VariancePixel) {
@@ -209,8 +211,29 @@ fn check_guide(args: &RenderArgs) -> Result<()> {
     Ok(())
 }
 
+/// Refuses what parts cannot hold.
+fn check_part(args: &RenderArgs) -> Result<()> {
+    if args.part.is_none() {
+        return Ok(());
+    }
+    if args.of.guide != GuideMode::None && args.load_guide.is_none() {
+        return Err(Error::Options(
+            "--part: parts do not learn, or each would be guided by another guide; give --load-guide with a guide of `fanal learn`, or \
+             --guide none"
+                .into(),
+        ));
+    }
+    if args.adaptive.is_some_and(Switch::is_on) {
+        return Err(Error::Options(
+            "--adaptive on: where noise is depends on samples of other parts; leave it out, or leave --part out".into(),
+        ));
+    }
+    Ok(())
+}
+
 fn is_png(args: &RenderArgs) -> bool {
-    args.output.as_ref().and_then(|output| output.extension()).is_some_and(|e| e.eq_ignore_ascii_case("png"))
+    let picture = args.output.as_ref().filter(|_| args.part.is_none());
+    picture.and_then(|output| output.extension()).is_some_and(|e| e.eq_ignore_ascii_case("png"))
 }
 
 /// The layers, refused where they could not be written.

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use super::args::RenderArgs;
+use super::args::{RenderArgs, SceneArgs};
 use crate::base::{Error, Result};
 use crate::scene::file::SceneFile;
 use crate::scene::orbit::{ahead, orbit};
@@ -27,7 +27,7 @@ const LONGEST: usize = 100;
 ///
 /// # Errors
 /// [`Error::Options`] for cameras that are not there, or that cannot go around.
-pub fn select(args: &RenderArgs, loaded: &mut LoadedScene) -> Result<()> {
+pub fn select(args: &SceneArgs, loaded: &mut LoadedScene) -> Result<()> {
     choose(&mut loaded.file, args.camera.as_deref())?;
     let Some(count) = args.orbit else { return Ok(()) };
     if !loaded.file.cameras.is_empty() {
@@ -46,12 +46,13 @@ pub fn select(args: &RenderArgs, loaded: &mut LoadedScene) -> Result<()> {
 pub fn views(args: &RenderArgs, scene: &SceneFile) -> Result<Vec<View>> {
     let output = args.output.clone().unwrap_or_default();
     let several = !scene.cameras.is_empty();
-    if !several && args.orbit.is_none() && args.camera.as_deref() != Some(ALL) {
-        let camera = args.camera.as_ref().map(|_| scene.camera_name.clone());
+    if !several && args.of.orbit.is_none() && args.of.camera.as_deref() != Some(ALL) {
+        let camera = args.of.camera.as_ref().map(|_| scene.camera_name.clone());
         return Ok(vec![View { camera, output }]);
     }
     let one = [
-        ("--crop", args.crop.is_some()),
+        ("--crop", args.of.crop.is_some()),
+        ("--part", args.part.is_some()),
         ("--reference", args.reference.is_some()),
         ("--replay", args.replay.is_some()),
     ];
@@ -60,7 +61,7 @@ pub fn views(args: &RenderArgs, scene: &SceneFile) -> Result<Vec<View>> {
     }
     let first = [scene.film.width, scene.film.height];
     let other = scene.cameras.iter().find_map(|(name, camera)| Some((name, camera.size?)));
-    if let (None, Some((name, [width, height]))) = (args.size, other) {
+    if let (None, Some((name, [width, height]))) = (args.of.size, other) {
         return Err(Error::Options(format!(
             "the picture of the camera {name:?} has {width}x{height} pixels, that of {:?} {}x{}: give --size for all of them, or render \
              them one by one",

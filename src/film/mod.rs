@@ -8,10 +8,13 @@ pub mod expected;
 pub mod filter;
 pub mod spread;
 
-pub use accumulator::{FinishedPass, Pass, Pixel, check_sheet, check_size, combine, combine_sheet, combine_weighted};
+pub use accumulator::{
+    BLOCK, Block, FinishedPass, Pass, Pixel, Sum, Summed, check_sheet, check_size, combine, combine_sheet,
+    combine_weighted,
+};
 pub use adaptive::densities;
 pub use denoise::{Denoiser, Features};
 pub use error::{Measures, mean_and_variance, measure, measure_noisy, outliers, pixel_error, relative_variance};
 pub use expected::{expected_values, roulette_values};
 pub use filter::PixelFilter;
-pub use spread::{PixelSpread, pixel_spread};
+pub use spread::{PixelSpread, pixel_spread, spread_of_sum};

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::accumulator::{FinishedPass, check_alike, tile_of, weights};
+use super::accumulator::{FinishedPass, Summed, check_alike, tile_of, weights};
 use crate::base::Result;
 
 /// Sample count and variance of each pixel of a picture, row by row.
@@ -64,6 +64,14 @@ pub fn pixel_spread(passes: &[FinishedPass], fixed: Option<&[f64]>) -> Result<Pi
     };
     let (samples, variance) = (0..pixels).into_par_iter().map(pixel).unzip();
     Ok(PixelSpread { samples, variance })
+}
+
+/// Sample counts and variances of the picture of `sum`, which has so many columns; none where it was not made for them.
+///
+/// # Errors
+/// Those of [`pixel_spread`]; there are none for a sum.
+pub fn spread_of_sum(sum: Summed, width: usize) -> Result<Option<PixelSpread>> {
+    sum.into_pass(width).map(|pass| pixel_spread(&[pass], Some(&[1.0]))).transpose()
 }
 
 /// By tile: squared difference of the pass's halves over that expected of independent samples with the pixels' spread.

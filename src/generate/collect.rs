@@ -9,9 +9,10 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::dataset::{DatasetIndex, INDEX_FILE, ShardEntry};
+use super::parts::{self, PartIndex};
 use super::recipe::{Job, Recipe, Source};
 use super::shard::{TreeSample, write_shard};
-use crate::base::files::{read_json, write_json};
+use crate::base::files::{crc32, read_json, write_json};
 use crate::base::random::Random;
 use crate::base::{Error, Place, Progress, Result};
 use crate::film::{FinishedPass, Pass, PixelFilter, combine, expected_values};
@@ -26,7 +27,7 @@ use crate::guiding::tree::{CountedTree, Trees};
 use crate::network::config::Mode;
 use crate::picture::Window;
 use crate::reconstruct::gaussian::Gaussian;
-use crate::render::{GuideMode, Learning, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
+use crate::render::{GuideMode, Learning, PartOf, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
 use crate::scene::{Scene, readers};
 
 /// ρ of the targets: finer than that of the inputs, since they have the samples for it.
@@ -46,25 +47,78 @@ const RECIPE_FILE: &str = "recipe.json";
 /// Largest accepted file of that name, bytes.
 const RECIPE_LIMIT: u64 = 1 << 20;
 
-/// Follows `recipe` into `folder`: one shard per scene and an index. Shards that the index already lists are kept, so an
-/// interrupted run goes on where it stopped, and a recipe may get more scenes. A folder that is refused stays as it was. Returns
-/// the number of scenes that are missing because it was stopped.
+/// The shards that were made so far: of all scenes, or of those of a part.
+enum Made {
+    Whole(DatasetIndex),
+    Part(PartIndex),
+}
+
+impl Made {
+    fn read(recipe: &Recipe, jobs: u64, part: Option<PartOf>, folder: &Path) -> Result<Self> {
+        let Some(part) = part else {
+            let begun = folder.join(INDEX_FILE).exists();
+            return Ok(Self::Whole(if begun { DatasetIndex::read(folder)? } else { DatasetIndex::default() }));
+        };
+        parts::check_unfinished(folder)?;
+        let text = serde_json::to_vec(recipe).map_err(|e| Error::Options(format!("the recipe is no JSON: {e}")))?;
+        let recipe = format!("{:08x}", crc32([text.as_slice()]));
+        PartIndex::begun(folder, part, recipe, jobs).map(Self::Part)
+    }
+
+    fn shards(&mut self) -> &mut Vec<ShardEntry> {
+        match self {
+            Self::Whole(index) => &mut index.shards,
+            Self::Part(index) => &mut index.shards,
+        }
+    }
+
+    fn write(&self, folder: &Path) -> Result<()> {
+        match self {
+            Self::Whole(index) => index.write(folder),
+            Self::Part(index) => index.write(folder),
+        }
+    }
+}
+
+/// Follows `recipe` into `folder`, see [`generate_part`].
 ///
 /// # Errors
-/// Errors of building a scene, rendering it and writing; [`Error::Malformed`] for a folder that another recipe made.
+/// As [`generate_part`].
 pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &AtomicBool) -> Result<usize> {
-    let mut index =
-        if folder.join(INDEX_FILE).exists() { DatasetIndex::read(folder)? } else { DatasetIndex::default() };
+    generate_part(recipe, folder, None, progress, stop)
+}
+
+/// Follows `recipe` into `folder`: one shard per scene and an index; of a `part`, if there is one, the scenes that are dealt to it (see
+/// [`parts`]). Shards that the index already lists are kept, so an interrupted run goes on where it stopped, and a recipe may get more
+/// scenes. A folder that is refused stays as it was. Returns the number of scenes that are missing because it was stopped.
+///
+/// # Errors
+/// Errors of building a scene, rendering it and writing; [`Error::Malformed`] for a folder that another recipe made; [`Error::Parts`] for a
+/// part of data that are whole, or of others.
+pub fn generate_part(
+    recipe: &Recipe,
+    folder: &Path,
+    part: Option<PartOf>,
+    progress: &dyn Progress,
+    stop: &AtomicBool,
+) -> Result<usize> {
     let (jobs, mode) = (recipe.jobs(), render_settings(recipe).mode());
-    check_folder(recipe, &jobs, &mode, &index, folder)?;
+    let mut made = Made::read(recipe, jobs.len() as u64, part, folder)?;
+    check_folder(recipe, &jobs, &mode, made.shards(), folder)?;
     if !folder.join(RECIPE_FILE).exists() {
         write_json(&folder.join(RECIPE_FILE), &of_scenes(recipe))?;
     }
-    progress.start(jobs.len() as u64, "scenes");
+    let own: Vec<(u32, &Job)> =
+        (0u32..).zip(&jobs).filter(|(number, _)| part.is_none_or(|part| part.takes((*number).into()))).collect();
+    progress.start(own.len() as u64, "scenes");
+    // A part without scenes is done too.
+    if own.is_empty() {
+        made.write(folder)?;
+    }
     let mut missing = 0;
-    for (number, job) in (0u32..).zip(&jobs) {
+    for (number, job) in own {
         let file = shard_name(number, job);
-        let known = index.shards.iter().position(|shard| shard.file == file);
+        let known = made.shards().iter().position(|shard| shard.file == file);
         if known.is_none() || !folder.join(&file).is_file() {
             if stop.load(std::sync::atomic::Ordering::Relaxed) {
                 missing += 1;
@@ -84,10 +138,10 @@ pub fn generate(recipe: &Recipe, folder: &Path, progress: &dyn Progress, stop: &
                 mode: mode.clone(),
             };
             match known {
-                Some(at) => index.shards[at] = entry,
-                None => index.shards.push(entry),
+                Some(at) => made.shards()[at] = entry,
+                None => made.shards().push(entry),
             }
-            index.write(folder)?;
+            made.write(folder)?;
         }
         progress.advance(1);
     }
@@ -105,19 +159,19 @@ fn of_scenes(recipe: &Recipe) -> Recipe {
 }
 
 /// Refuses a folder whose data were made with other settings than `recipe` has, or of other scenes than its `jobs`.
-fn check_folder(recipe: &Recipe, jobs: &[Job], mode: &Mode, index: &DatasetIndex, folder: &Path) -> Result<()> {
+fn check_folder(recipe: &Recipe, jobs: &[Job], mode: &Mode, shards: &[ShardEntry], folder: &Path) -> Result<()> {
     let note = folder.join(RECIPE_FILE);
     if note.exists() && read_json::<Recipe>(&note, RECIPE_LIMIT)? != of_scenes(recipe) {
         let message = "the data were made by a recipe that says other things of its scenes; choose another folder";
         return Err(Error::malformed(Place::file(note), message));
     }
     let refuse = |message: String| Err(Error::malformed(Place::file(folder.join(INDEX_FILE)), message));
-    if index.shards.first().is_some_and(|first| first.mode != *mode) {
+    if shards.first().is_some_and(|first| first.mode != *mode) {
         return refuse(format!("was made in another mode than {mode:?}; choose another folder"));
     }
     for (number, job) in (0..).zip(jobs) {
         let file = shard_name(number, job);
-        let mut known = index.shards.iter().filter(|shard| shard.file == file);
+        let mut known = shards.iter().filter(|shard| shard.file == file);
         if let Some(other) = known.find(|shard| (shard.seed, shard.held_out) != (job.seed, job.held_out)) {
             return refuse(format!("{file} was made by another recipe: it has the seed {}", other.seed));
         }

@@ -38,6 +38,14 @@ pub struct ShardEntry {
     pub mode: Mode,
 }
 
+impl ShardEntry {
+    /// Whether the file is inside of the data folder.
+    pub(super) fn is_inside(&self) -> bool {
+        let mut parts = Path::new(&self.file).components();
+        !self.file.is_empty() && parts.all(|part| matches!(part, Component::Normal(_)))
+    }
+}
+
 /// Keys that an index line of any version has.
 #[derive(Deserialize)]
 struct Versioned {
@@ -72,8 +80,7 @@ impl DatasetIndex {
                 return Err(fail(format!("version {version}, this program reads version {VERSION}")));
             }
             let entry: ShardEntry = serde_json::from_slice(text).map_err(|e| fail(e.to_string()))?;
-            let inside = Path::new(&entry.file).components().all(|c| matches!(c, Component::Normal(_)));
-            if !inside || entry.file.is_empty() {
+            if !entry.is_inside() {
                 return Err(fail(format!("file {:?} is not inside the data folder", entry.file)));
             }
             if index.shards.first().is_some_and(|first| first.mode != entry.mode) {

@@ -14,6 +14,7 @@ pub mod furniture;
 pub mod lamps;
 pub mod outdoors;
 pub mod own;
+pub mod parts;
 pub mod primitives;
 pub mod recipe;
 pub mod revolve;

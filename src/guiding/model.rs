@@ -5,6 +5,7 @@
 //! Enums and not traits: which model guides is decided once per render, and asking it costs a branch that is always the same.
 
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 use super::jensen::{Histogram, Histograms, histogram_arrays, read_histograms};
 use super::samples::{Around, Told};
@@ -18,7 +19,8 @@ use crate::math::cylindrical;
 use crate::math::lanes::LANES;
 
 /// Kind of the model of directions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum ModelKind {
     /// Directional quadtrees.
     Trees,

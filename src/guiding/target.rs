@@ -46,7 +46,8 @@ impl Target {
 ///
 /// Learning nothing of it leaves the sky behind the slits of a blind to light sampling, which hardly ever finds it, and to
 /// BSDF samples, of which a guide leaves few.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum DirectLight {
     /// Nothing: light sampling handles it.
     Nothing,

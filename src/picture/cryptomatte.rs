@@ -71,6 +71,16 @@ pub fn attributes<'a>(matte: &str, channels: &[Channel], things: impl IntoIterat
         .map(|(entry, value)| (format!("cryptomatte/{}/{entry}", &key[..7]), value.to_owned()))
 }
 
+/// The manifest of what one of two pictures shows, given those of both; the first where they are none.
+pub fn united(one: &str, other: &str) -> String {
+    let parsed = |text| serde_json::from_str::<BTreeMap<String, String>>(text).ok();
+    let (Some(mut all), Some(more)) = (parsed(one), parsed(other)) else { return one.to_owned() };
+    all.extend(more);
+    let bits = |(name, bits): (&'_ String, &String)| Some((name.clone(), u32::from_str_radix(bits, 16).ok()?));
+    let all: BTreeMap<String, u32> = all.iter().filter_map(bits).collect();
+    manifest(all.iter().map(|(name, bits)| (name.as_str(), *bits)).collect())
+}
+
 /// Names with the bits of their ids as JSON. A header's texts hold no more than Latin-1, so characters beyond ASCII are escaped.
 fn manifest(things: BTreeMap<&str, u32>) -> String {
     let entry = |(name, id): (&str, u32)| format!("{}:\"{id:08x}\"", serde_json::Value::from(name));
@@ -146,5 +156,10 @@ mod tests {
         let expected =
             ["bunny", "say \"灯\" 🗼\n"].map(|name| (name.to_owned(), format!("{:08x}", id(name).to_bits())));
         assert_eq!(read, BTreeMap::from(expected));
+        assert_eq!(united(&manifest.1, &manifest.1), manifest.1);
+        assert_eq!(
+            united("{\"b\":\"0000000b\"}", "{\"ä\":\"0000000c\",\"a\":\"0000000a\"}"),
+            "{\"a\":\"0000000a\",\"b\":\"0000000b\",\"\\u00e4\":\"0000000c\"}"
+        );
     }
 }

@@ -162,7 +162,7 @@ pub fn header(scene: &Scene, aovs: &[Aov], channels: &[Channel]) -> Vec<Attribut
 
 fn features(scene: &Scene, settings: &RenderSettings, outcome: &Outcome) -> Result<Vec<Features>> {
     let filter = PixelFilter::new(settings.filter)?;
-    let samples = outcome.statistics.spp.clamp(1, MOST_SAMPLES);
+    let samples = outcome.samples_of_all(settings).clamp(1, MOST_SAMPLES);
     let window = settings.window(scene.size);
     let pixels = outcome.image.pixels.len();
     let field = Some(&outcome.field).filter(|field| !field.voxels().is_empty());

@@ -3,7 +3,7 @@
 //! A safetensors file (see [`crate::base::tensors`]), written between two chunks of a pass. It holds the passes so far (see
 //! [`FinishedPass::arrays`]), named `pass0`, `early0` and so on; the pass that is being made, `now`; while learning the learner (see
 //! [`Learner::arrays`](crate::guiding::learn::learner::Learner::arrays)) and where photons start (see [`emission::arrays`]), afterwards the
-//! field as in a guide file; `half0`, `half1`, `done0`, `done1` of a render to a target error; and
+//! field as in a guide file; of a final pass that goes by blocks (see [`Block`]) their `sum`, or for a part of a render `block0` and so on; `half0`, `half1`, `done0`, `done1` of a render to a target error; and
 //!
 //! | name | type | |
 //! |---|---|---|
@@ -25,20 +25,19 @@ use std::time::Duration;
 use super::budget::Verdict;
 use super::learning::Learning;
 use super::settings::{RenderSettings, StopRule};
-use super::state::{Division, Half, Part, Phase, Position, State, Trend};
+use super::state::{Blocks, Division, Half, Part, Phase, Position, State, Trend};
 use super::statistics::{Dropped, ErrorPoint, Iteration, Statistics};
 use crate::base::files::read_bytes;
 use crate::base::tensors::{self, Dtype, Tensor, Tensors, borrowed, doubles, vector};
 use crate::base::{Error, Place, Result};
-use crate::film::{FinishedPass, Pass};
+use crate::film::{BLOCK, Block, FinishedPass, Pass, Sum};
 use crate::guiding::learn::emission;
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 8: what photons bring to the picture, and what
-/// unguided roulette goes by.
-pub const VERSION: u32 = 8;
+/// The version of checkpoints that this program reads and writes. 9: blocks of samples.
+pub const VERSION: u32 = 9;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;
@@ -128,6 +127,13 @@ impl Moment<'_> {
         };
         all.extend(finished("pass", &state.passes));
         all.extend(finished("early", &state.early));
+        match &state.blocks {
+            Some(Blocks::Summed(sum)) => all.extend(sum.arrays("sum")),
+            Some(Blocks::Kept(blocks)) => {
+                all.extend(blocks.iter().enumerate().flat_map(|(i, block)| block.arrays(&format!("block{i}"))));
+            }
+            None => {}
+        }
         for (i, half) in state.halves.iter().enumerate() {
             all.extend(half.done.iter().flat_map(|pass| pass.arrays(&format!("done{i}"))));
             if i != state.position.half {
@@ -145,8 +151,23 @@ impl Moment<'_> {
     }
 
     fn state_numbers(&self) -> [f64; STATE] {
-        let State { passes, early, gave_up, spent, rendered, sequences_from, trend, position, halves, division } =
-            self.state;
+        let State {
+            passes,
+            early,
+            gave_up,
+            spent,
+            rendered,
+            sequences_from,
+            trend,
+            position,
+            halves,
+            division,
+            blocks,
+        } = self.state;
+        let blocks = blocks.as_ref().map_or(-1.0, |blocks| match blocks {
+            Blocks::Summed(_) => 0.0,
+            Blocks::Kept(blocks) => blocks.len() as f64,
+        });
         let Trend { seconds, making, camera_part, verdict, relative, guided_cost, caustics, .. } = *trend;
         let flag = |flag: bool| f64::from(u8::from(flag));
         let phase = Phase::ALL.iter().position(|phase| *phase == position.phase).unwrap_or(0);
@@ -182,12 +203,13 @@ impl Moment<'_> {
             flag(caustics),
             division.as_ref().map_or(0.0, |division| f64::from(division.even)),
             making,
+            blocks,
         ]
     }
 }
 
 /// Length of the array `state`.
-const STATE: usize = 29;
+const STATE: usize = 30;
 
 /// A number as a count. Conversion saturates, and NaN is 0.
 fn count(number: f64) -> u32 {
@@ -215,7 +237,7 @@ impl Resumed {
         let size = size.map(|n| n as usize);
         let numbers = file.read("state", Dtype::F64, Some(STATE), 1, f64::from_le_bytes)?;
         let mut state = read_state(&file, &numbers, size)?;
-        let [.., kind, spp, start, elapsed, guided_cost, caustics, even, making] = numbers[..] else {
+        let [.., kind, spp, start, elapsed, guided_cost, caustics, even, making, blocks] = numbers[..] else {
             return file.fail("state", "numbers are missing");
         };
         if !(guided_cost > 0.0 && guided_cost.is_finite()) {
@@ -223,9 +245,13 @@ impl Resumed {
         }
         (state.trend.guided_cost, state.trend.caustics, state.trend.making) = (guided_cost, caustics == 1.0, making);
         state.division = read_division(&file, [even, spp], &state.position, size)?;
+        state.blocks = read_blocks(&file, blocks, settings, &state.position, size)?;
         let part = Part { pass: Pass::from_arrays(size, &file, "now")?, spp: count(spp), start: start as u64 };
         let most = match settings.stop {
-            StopRule::Spp(spp) => spp,
+            // Shares of learning are samples beyond those of one process.
+            StopRule::Spp(spp) => {
+                spp.saturating_mul(settings.part.map_or(1, |part| part.count() + 1)).min(MOST_SAMPLES)
+            }
             StopRule::Time(_) | StopRule::TargetError(_) => MOST_SAMPLES,
         };
         let before = state.rendered.checked_sub(part.spp).filter(|_| state.rendered <= most);
@@ -235,7 +261,7 @@ impl Resumed {
         if !follows || part.start == 0 || part.start > pixels * at_most {
             return file.fail("state", format!("sample {} of {} per pixel", part.start, part.spp));
         }
-        let learns = state.position.phase == Phase::Learning;
+        let learns = matches!(state.position.phase, Phase::Learning | Phase::Share);
         let learning = if kind == 1.0 { Some(Learning::from_arrays(settings, emitted, &file)?) } else { None };
         let field = if kind == 2.0 { Some(file::from_arrays(&file)?) } else { None };
         if learns != learning.is_some() {
@@ -258,16 +284,20 @@ fn check_same(path: &Path, found: &str, wanted: &str) -> Result<()> {
     if found == wanted {
         return Ok(());
     }
-    let mut pairs = found.lines().zip(wanted.lines());
-    let (found, wanted) = pairs.find(|(a, b)| a != b).unwrap_or(("fewer settings", "more"));
-    let tidy = |line: &str| line.trim().trim_end_matches(',').to_owned();
+    let (found, wanted) = difference(found, wanted);
     Err(Error::Options(format!(
-        "{}: the checkpoint is of another render: it was made with \"{}\", this one has \"{}\"; give the same scene and options, \
-         or leave --resume out",
+        "{}: the checkpoint is of another render: it was made with \"{found}\", this one has \"{wanted}\"; give the same scene and \
+         options, or do without it (remove it, or leave --resume out)",
         path.display(),
-        tidy(found),
-        tidy(wanted)
     )))
+}
+
+/// The first line in which two texts of [`made_for`] differ.
+pub(super) fn difference(found: &str, wanted: &str) -> (String, String) {
+    let mut pairs = found.lines().zip(wanted.lines());
+    let (found, wanted) = pairs.find(|(a, b)| a != b).unwrap_or(("other settings", "others"));
+    let tidy = |line: &str| line.trim().trim_end_matches(',').to_owned();
+    (tidy(found), tidy(wanted))
 }
 
 fn text(file: &Tensors, name: &str) -> Result<String> {
@@ -336,6 +366,7 @@ fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State
         trend,
         position,
         division: None,
+        blocks: None,
         halves: if both { vec![read_half(0)?, read_half(1)?] } else { Vec::new() },
     })
 }
@@ -364,6 +395,28 @@ fn read_division(
         return file.fail("roulette", "pixel values that no render has");
     }
     Ok(Some(Division { densities, values, even }))
+}
+
+/// The blocks of a final pass: none for a `number` below 0, else their sum, or of a part so many of them.
+fn read_blocks(
+    file: &Tensors,
+    number: f64,
+    settings: &RenderSettings,
+    position: &Position,
+    [width, height]: [usize; 2],
+) -> Result<Option<Blocks>> {
+    let (pixels, detailed) = (width * height, settings.keeps_spread);
+    if position.phase != Phase::Final || number.is_nan() || number < 0.0 {
+        return Ok(None);
+    }
+    if settings.part.is_none() {
+        return Sum::from_arrays(pixels, detailed, file, "sum").map(|sum| Some(Blocks::Summed(sum)));
+    }
+    if number > f64::from(position.batches.div_ceil(BLOCK)) {
+        return file.fail("state", format!("{number} blocks of {} samples", position.batches));
+    }
+    let blocks = (0..count(number)).map(|i| Block::read(file, &format!("block{i}"), pixels, detailed));
+    Ok(Some(Blocks::Kept(blocks.collect::<Result<_>>()?)))
 }
 
 fn read_statistics(file: &Tensors) -> Result<Statistics> {

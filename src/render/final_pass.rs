@@ -3,8 +3,8 @@
 use super::Outcome;
 use super::checkpoint::MOST_SAMPLES;
 use super::run::{Rendered, Run};
-use super::settings::StopRule;
-use super::state::{Division, Part, Phase, Position};
+use super::settings::{RenderSettings, StopRule};
+use super::state::{Blocks, Division, Part, Phase, Position};
 use super::statistics::GuideStatistics;
 use crate::base::{Error, Result};
 use crate::film::{Pass, combine_sheet, densities, roulette_values};
@@ -18,6 +18,18 @@ const EVEN: f64 = 0.2;
 /// Fewest samples per pixel that tell where noise is.
 const TELLING: u32 = 4;
 
+/// Samples per pixel of that pass, of so many.
+fn look_of(spp: u32) -> u32 {
+    (spp / 16).min(LOOK)
+}
+
+/// Samples per pixel of all parts of a picture together, guided by `field`, if there is one: those of `spp` that are no first look.
+pub fn samples_of_parts(settings: &RenderSettings, spp: u32, size: [u32; 2], field: Option<&GuideField>) -> u32 {
+    let window = settings.window(size);
+    let looks = field.is_some_and(|field| field.pixel_values().and_then(|known| known.within(window)).is_none());
+    spp - if looks { look_of(spp) } else { 0 }
+}
+
 impl Run<'_> {
     /// Renders the picture with the field as it is, and ends the render.
     pub(super) fn finish(mut self, field: Option<GuideField>) -> Result<Outcome> {
@@ -26,8 +38,11 @@ impl Run<'_> {
         self.watcher.control.progress.message("rendering");
         let (image, spread) = match self.settings.stop {
             StopRule::TargetError(error) => self.render_to(error, field.as_ref())?,
+            StopRule::Spp(spp) if self.goes_by_blocks() => self.block_pass(spp, field.as_ref())?,
             StopRule::Spp(_) | StopRule::Time(_) => self.final_pass(field.as_ref())?,
         };
+        let keeps = self.settings.learner.keeps_evidence && self.statistics.guide.trees > 0;
+        let pixel_values = if keeps { self.values_of(&image) } else { None };
         self.watcher.control.progress.finish();
         let pixels = self.pixels() as f64;
         let mut statistics = self.statistics;
@@ -42,15 +57,24 @@ impl Run<'_> {
             statistics,
             field: field.unwrap_or_else(GuideField::empty),
             evidence: self.evidence,
+            pixel_values,
+            blocks: match self.state.blocks {
+                Some(Blocks::Kept(blocks)) => blocks,
+                _ => Vec::new(),
+            },
             unkept: self.watcher.unkept,
             interrupted: self.interrupted,
         })
     }
 
-    /// Renders a first pass with a given field, which estimates the pixel values that roulette judges the rest by.
+    /// Renders a first pass with a given field, which estimates the pixel values that roulette judges the rest by, where the field does
+    /// not know them. It is no part of the picture, so that processes that render parts of one can all make the same.
     pub(super) fn look(&mut self, field: &GuideField, resumed: Option<Part>) {
+        if self.known.is_some() {
+            return;
+        }
         let spp = match self.settings.stop {
-            StopRule::Spp(spp) => (spp / 16).min(LOOK),
+            StopRule::Spp(spp) => look_of(spp),
             StopRule::Time(seconds) => {
                 self.watcher.deadline = Some(seconds / 16.0);
                 LOOK
@@ -62,7 +86,7 @@ impl Run<'_> {
             let mut part = resumed.unwrap_or_else(|| self.begin_pass(spp));
             self.trace(&mut part, Some(field), None, None);
             let finished = self.finished(&part.pass);
-            self.state.passes.push(finished);
+            self.state.early.push(finished);
         }
     }
 
@@ -109,6 +133,11 @@ impl Run<'_> {
             // Passes of a guide that was given up stay: their samples decided that, and what is kept must not depend on samples.
             self.state.passes.push(finished);
         }
+        self.of_passes()
+    }
+
+    /// The picture of the passes so far.
+    pub(super) fn of_passes(&mut self) -> Result<Rendered> {
         if self.state.passes.is_empty() {
             // Stopped early: they are all there is.
             self.state.passes = std::mem::take(&mut self.state.early);

@@ -2,13 +2,14 @@
 
 use std::time::Instant;
 
+use super::Learned;
 use super::budget::{Outlook, Verdict, judged, learns_on};
 use super::learning::{Learning, MUCH};
 use super::pass::{CHUNK, PassTracer};
 use super::run::Run;
 use super::settings::StopRule;
 use super::state::{Part, Phase, Position, Trend};
-use super::statistics::{Iteration, Statistics};
+use super::statistics::{GuideStatistics, Iteration, Statistics};
 use crate::base::Result;
 use crate::film::{FinishedPass, outliers};
 use crate::guiding::learn::learner::Use;
@@ -33,29 +34,9 @@ const LEAST_COST: f64 = 1.1;
 impl Run<'_> {
     /// Iterations, each with twice the paths of the one before, while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
     pub(super) fn learn(&mut self, reconstructor: &dyn Reconstructor) -> Result<GuideField> {
-        let emitted = &self.scene.lights.emission;
-        let learned = self.resumed.as_mut().and_then(|resumed| resumed.learning.take());
-        let mut learning = learned.unwrap_or_else(|| Learning::new(self.settings, emitted));
-        let mut resumed = self.resume(Phase::Learning);
-        let first = resumed.as_ref().map_or(0, |_| self.state.position.iteration);
-        for t in first..31 {
-            let mut part = match resumed.take() {
-                Some(part) => part,
-                None if self.goes_on_learning(t, learning.photon_share) => self.begin_iteration(t, &learning),
-                None => break,
-            };
-            self.watcher.control.progress.message(&format!("learning, iteration {t}"));
-            let Some(finished) = self.iterate(&mut part, &mut learning, reconstructor)? else {
-                // Too many pixels for the time: what little there is left is better spent on samples than on trees.
-                return Ok(GuideField::empty());
-            };
-            let (finished, complete) = finished;
-            // Passes of a guide that knows little are not worth their noise, but they are all there is of a render stopped early.
-            if self.learned_before(t) > 1.0 || !complete {
-                self.state.passes.push(finished);
-            } else {
-                self.state.early.push(finished);
-            }
+        let mut learning = self.begin_learning();
+        if !self.iterations_of(&mut learning, reconstructor)? {
+            return Ok(GuideField::empty());
         }
         self.state.gave_up = !self.is_always_guided() && !self.state.trend.pays();
         let (trend, iterations) = (&self.state.trend, &self.statistics.iterations);
@@ -67,6 +48,50 @@ impl Run<'_> {
             Verdict::Few if !self.is_always_guided() => learning.learner.field(Use::WhereTold),
             _ => learning.learner.field(Use::Rendering),
         })
+    }
+
+    /// What an earlier process has learned, or nothing yet.
+    pub(super) fn begin_learning(&mut self) -> Learning {
+        let learned = self.resumed.as_mut().and_then(|resumed| resumed.learning.take());
+        learned.unwrap_or_else(|| Learning::new(self.settings, &self.scene.lights.emission))
+    }
+
+    /// Iterations while learning pays; returns whether there was time for the first.
+    pub(super) fn iterations_of(&mut self, learning: &mut Learning, reconstructor: &dyn Reconstructor) -> Result<bool> {
+        let mut resumed = self.resume(Phase::Learning);
+        let first = resumed.as_ref().map_or(0, |_| self.state.position.iteration);
+        for t in first..31 {
+            let mut part = match resumed.take() {
+                Some(part) => part,
+                None if self.goes_on_learning(t, learning.photon_share) => self.begin_iteration(t, learning),
+                None => break,
+            };
+            self.watcher.control.progress.message(&format!("learning, iteration {t}"));
+            let Some(finished) = self.iterate(&mut part, learning, reconstructor)? else {
+                // Too many pixels for the time: what little there is left is better spent on samples than on trees.
+                return Ok(false);
+            };
+            let (finished, complete) = finished;
+            // Passes of a guide that knows little are not worth their noise, but they are all there is of a render stopped early.
+            if self.learned_before(t) > 1.0 || !complete {
+                self.state.passes.push(finished);
+            } else {
+                self.state.early.push(finished);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Ends a render that only learned this field.
+    pub(super) fn learned(self, field: GuideField) -> Learned {
+        let (pixel_values, stopped) = (self.pixel_values(), self.watcher.stopped());
+        let mut statistics = self.statistics;
+        statistics.guide = GuideStatistics::of(&field);
+        statistics.seconds.total = self.watcher.elapsed();
+        statistics.describe(self.scene, self.settings, self.state.spent.ceil() as u32);
+        // Between two passes nothing was left out, but more would have been learned.
+        let interrupted = self.interrupted || stopped;
+        Learned { field, evidence: self.evidence, pixel_values, statistics, unkept: self.watcher.unkept, interrupted }
     }
 
     /// Whether iteration `t` is to be rendered and learned from.
@@ -245,7 +270,9 @@ impl Run<'_> {
             }
         };
         if self.learn_only {
-            outlook.cost <= outlook.left
+            // Parts learn in common with half of the budget, and share what the other half learns.
+            let kept = if self.settings.part.is_some() { 0.5 * outlook.budget } else { 0.0 };
+            outlook.cost <= outlook.left - kept
         } else {
             // Variances of the first iterations are no trend; what is always guided is learned whatever is known.
             let iterations = trend.variances.len();

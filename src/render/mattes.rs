@@ -80,7 +80,7 @@ pub(super) fn channels(
     let ids = Matte::ALL.map(|matte| mattes.contains(&matte).then(|| matte.ids(scene)));
     let filter = PixelFilter::new(settings.filter)?;
     let window = settings.window(scene.size);
-    let most = outcome.statistics.spp.clamp(1, EDGE_SAMPLES);
+    let most = outcome.samples_of_all(settings).clamp(1, EDGE_SAMPLES);
     let pixel = |seen: &mut Vec<Option<u32>>, pixel: usize| {
         let see = |number: u32| {
             let place = window.place(pixel as u64);

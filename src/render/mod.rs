@@ -1,19 +1,25 @@
 //! Rendering: passes of growing size that learn, then a final pass; budgets; statistics.
 
 pub mod aov;
+mod blocks;
 mod budget;
 pub mod checkpoint;
 mod control;
 mod features;
 mod final_pass;
+pub mod guide_part;
 mod iterations;
 mod learning;
 mod mattes;
+pub mod merge;
 mod order;
+mod part;
+pub mod part_file;
 mod pass;
 mod replay;
 mod run;
 mod settings;
+mod share;
 mod state;
 mod statistics;
 mod target;
@@ -22,7 +28,9 @@ pub use aov::Aov;
 pub use checkpoint::Checkpointing;
 pub use control::{Control, Refresh, Snapshot};
 pub use features::features;
+pub use final_pass::samples_of_parts;
 pub use learning::{Learning, Records};
+pub use part::PartOf;
 pub use pass::{CHUNK, Chunk, PassTracer};
 pub use replay::{Sample, replay};
 pub use settings::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
@@ -30,13 +38,14 @@ pub use statistics::{Dropped, Drops, ErrorPoint, GuideStatistics, Iteration, Sec
 
 use std::sync::atomic::AtomicBool;
 
-use crate::base::Result;
 use crate::base::progress::Progress;
-use crate::film::PixelSpread;
+use crate::base::{Error, Result};
+use crate::film::{Block, PixelSpread};
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::picture::Image;
 use crate::reconstruct::Reconstructor;
 use crate::scene::Scene;
+use guide_part::PartLearned;
 use run::Run;
 use state::Phase;
 
@@ -52,10 +61,25 @@ pub struct Outcome {
     pub field: GuideField,
     /// Counted distributions and gains behind the field, per voxel, where the settings ask for them.
     pub evidence: Evidence,
+    /// Values that the pixels of such a picture are expected to have, for guides that are kept: where the settings ask for evidence, and
+    /// there is a guide.
+    pub pixel_values: Option<Vec<f32>>,
+    /// The blocks of samples of a part of a render, in their order; empty where all of it was rendered.
+    pub blocks: Vec<Block>,
     /// Why the last checkpoint could not be written; none where it could.
     pub unkept: Option<String>,
     /// Whether the stop flag ended the render early.
     pub interrupted: bool,
+}
+
+impl Outcome {
+    /// Samples per pixel of the picture that was rendered with `settings`: those of all parts, where this is one of them.
+    fn samples_of_all(&self, settings: &RenderSettings) -> u32 {
+        match (settings.part, settings.stop) {
+            (Some(_), StopRule::Spp(spp)) => spp,
+            _ => self.statistics.spp,
+        }
+    }
 }
 
 /// Renders `scene`. `reconstructor` makes the distributions of the guided modes and is not used by [`GuideMode::None`].
@@ -88,6 +112,11 @@ pub fn render_watched(
 ) -> Result<Outcome> {
     let mut run = Run::begin(scene, settings, control)?;
     let resumed = run.resumed.as_mut().and_then(|resumed| resumed.field.take());
+    if settings.part.is_some() && settings.guide != GuideMode::None {
+        return Err(Error::Options(
+            "parts do not learn: give --load-guide with a guide of `fanal learn`, or --guide none".into(),
+        ));
+    }
     let field = match (settings.guide, resumed) {
         (GuideMode::None, _) => None,
         (_, Some((field, evidence))) => {
@@ -99,7 +128,8 @@ pub fn render_watched(
     run.finish(field)
 }
 
-/// Renders `scene` guided by a given field: the whole budget goes into the picture. With a field from
+/// Renders `scene` guided by a given field: the whole budget goes into the picture, but for a few samples that tell what its pixels will
+/// be where the field does not know that. With a field from
 /// [`learn`] and a much larger budget this is the oracle, which shows what any reconstruction could reach at most.
 ///
 /// # Errors
@@ -111,11 +141,28 @@ pub fn render_with_field(
     control: &Control,
 ) -> Result<Outcome> {
     let mut run = Run::begin(scene, settings, control)?;
+    run.known = field.pixel_values().and_then(|known| known.within(run.window));
     let resumed = run.resume(Phase::Look);
     if resumed.is_some() || run.resumed.is_none() {
         run.look(&field, resumed);
     }
     run.finish(Some(field))
+}
+
+/// What learning alone gives.
+pub struct Learned {
+    /// The field, which guides whatever its gain.
+    pub field: GuideField,
+    /// Counted distributions and gains behind the field, per voxel, where the settings ask for them.
+    pub evidence: Evidence,
+    /// Values that pixels are expected to have; none while no light was found.
+    pub pixel_values: Option<Vec<f32>>,
+    /// Statistics of time and samples spent.
+    pub statistics: Statistics,
+    /// Why the last checkpoint could not be written; none where it could.
+    pub unkept: Option<String>,
+    /// Whether the stop flag ended it early.
+    pub interrupted: bool,
 }
 
 /// Spends the budget on learning alone and returns the field.
@@ -128,9 +175,45 @@ pub fn learn(
     reconstructor: &dyn Reconstructor,
     control: &Control,
 ) -> Result<GuideField> {
+    learn_whole(scene, settings, reconstructor, control).map(|learned| learned.field)
+}
+
+/// As [`learn`], with all that is known besides.
+///
+/// # Errors
+/// As [`render`].
+pub fn learn_whole(
+    scene: &Scene,
+    settings: &RenderSettings,
+    reconstructor: &dyn Reconstructor,
+    control: &Control,
+) -> Result<Learned> {
+    if settings.part.is_some() {
+        return Err(Error::Options("a part learns a share: see learn_part".into()));
+    }
     let mut run = Run::begin(scene, settings, control)?;
     run.learn_only = true;
     let field = run.learn(reconstructor)?;
     control.progress.finish();
-    Ok(field)
+    Ok(run.learned(field))
+}
+
+/// Learns a part's share of what several processes learn, see [`guide_part`].
+///
+/// # Errors
+/// As [`render`]; [`Error::Options`] where the settings name no part, or a budget that cannot be shared.
+pub fn learn_part(
+    scene: &Scene,
+    settings: &RenderSettings,
+    reconstructor: &dyn Reconstructor,
+    control: &Control,
+) -> Result<PartLearned> {
+    let (Some(part), StopRule::Spp(spp)) = (settings.part, settings.stop) else {
+        return Err(Error::Options(
+            "a share of learning is one of samples that are counted: give a part and --spp".into(),
+        ));
+    };
+    let mut run = Run::begin(scene, settings, control)?;
+    run.learn_only = true;
+    run.learn_part(part, spp, reconstructor)
 }

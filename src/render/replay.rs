@@ -42,6 +42,7 @@ pub fn replay(
     let mut run = Run::begin(scene, settings, control)?;
     let mut picture = None;
     if let Some(field) = &field {
+        run.known = field.pixel_values().and_then(|known| known.within(run.window));
         run.look(field, None);
         if run.interrupted {
             return Err(Error::Interrupted("the replay was stopped before it knew what the render knew".into()));

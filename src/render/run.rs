@@ -11,7 +11,7 @@ use super::state::{Part, Phase, Position, State};
 use super::statistics::{ErrorPoint, Statistics};
 use crate::base::{Error, Result};
 use crate::film::{
-    FinishedPass, Pass, PixelFilter, PixelSpread, check_sheet, combine_sheet, expected_values, pixel_spread,
+    Block, FinishedPass, Pass, PixelFilter, PixelSpread, check_sheet, combine_sheet, expected_values, pixel_spread,
 };
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::picture::{Image, Window};
@@ -37,6 +37,8 @@ pub(super) struct Run<'a> {
     /// Whether no picture is wanted, so that the whole budget may go into learning.
     pub learn_only: bool,
     pub evidence: Evidence,
+    /// Pixel values that the guide knows of the window; none where they are estimated.
+    pub known: Option<Vec<f32>>,
     pub state: State,
     /// Checkpoint of an earlier process, until its unfinished pass is taken up.
     pub resumed: Option<Resumed>,
@@ -62,6 +64,7 @@ impl<'a> Run<'a> {
             statistics: Statistics::default(),
             learn_only: false,
             evidence: Evidence::default(),
+            known: None,
             state: State::default(),
             resumed: None,
             interrupted: false,
@@ -156,7 +159,15 @@ impl<'a> Run<'a> {
         let field = field.map(|field| (field, evidence));
         watcher.begin_chunk();
         let views = self.scene.views();
-        let so_far = |pass: &Pass| combine_sheet(&[state.passes.as_slice(), &[pass.finish()]].concat(), views).ok();
+        let (width, detailed) = (self.window.width as usize, self.settings.keeps_spread);
+        let so_far = |pass: &Pass| match &state.blocks {
+            None => combine_sheet(&[state.passes.as_slice(), &[pass.finish()]].concat(), views).ok(),
+            Some(blocks) => {
+                let mut sum = blocks.sum(pixels as usize, detailed);
+                sum.add(&Block::of(pass, detailed));
+                Some(sum.finish().image(width, views))
+            }
+        };
         let mut go_on = |chunk: &Chunk| {
             let Chunk { pass, samples, end: start, learning, statistics } = *chunk;
             let reached = statistics.samples.div_ceil(pixels) as u32;
@@ -184,11 +195,18 @@ impl<'a> Run<'a> {
         if phase == Phase::Learning { self.iteration_size(iteration).0 } else { self.pixels() }
     }
 
-    /// Estimated value (channel mean) of each pixel, by the passes so far; none while no light was found.
+    /// Value (channel mean) that each pixel is expected to have: as the guide knows it, or else by the passes so far; none while no light
+    /// was found.
     pub fn pixel_values(&self) -> Option<Vec<f32>> {
         let State { passes, early, .. } = &self.state;
-        let image = combine_sheet(if passes.is_empty() { early } else { passes }, self.scene.views()).ok()?;
-        let mut values = expected_values(&image)?;
+        let estimated =
+            || self.values_of(&combine_sheet(if passes.is_empty() { early } else { passes }, self.scene.views()).ok()?);
+        self.known.clone().or_else(estimated)
+    }
+
+    /// Value that each pixel is expected to have by a noisy picture; none where that shows no light.
+    pub fn values_of(&self, image: &Image) -> Option<Vec<f32>> {
+        let mut values = expected_values(image)?;
         if self.scene.views() > 1 {
             // A pixel is worth what it is in its own picture; where light was found in others only, nothing better is known.
             let pixels = values.len() / self.scene.views();

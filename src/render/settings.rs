@@ -1,5 +1,8 @@
 //! Settings of a render, resolved once.
 
+use serde::{Deserialize, Serialize};
+
+use super::part::PartOf;
 use crate::base::{Error, Result};
 use crate::guiding::learn::fraction::FractionRule;
 use crate::guiding::learn::learner::LearnerSettings;
@@ -103,7 +106,8 @@ impl SampleKinds {
 }
 
 /// Reconstructions: how distributions are made of counted trees.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Reconstruction {
     /// No reconstruction: trees as counted.
     None,
@@ -175,6 +179,9 @@ pub struct RenderSettings {
     /// Window of the picture that is rendered; none for all of it. Every pixel gets the samples that it gets in the whole picture,
     /// but guides learn from what the window shows.
     pub crop: Option<Window>,
+    /// The part of the samples that is rendered, for a picture of which other processes render the rest; none for all. Only under
+    /// [`StopRule::Spp`] with samples divided evenly, unguided or by a given field.
+    pub part: Option<PartOf>,
     /// Whether the outcome has the sample count and variance of each pixel.
     pub keeps_spread: bool,
     /// Whether noisy pixels get more samples than others in the final pass; not for a target error.
@@ -226,6 +233,7 @@ impl RenderSettings {
             reconstruction_share: 0.15,
             filter: FilterFile::default(),
             crop: None,
+            part: None,
             keeps_spread: false,
             // Samples that are asked for by their number are those of each pixel.
             adaptive: matches!(stop, StopRule::Time(_)),
@@ -318,6 +326,12 @@ impl RenderSettings {
         if !usable {
             return Err(Error::Options(
                 "the budget is zero: give at least 1 sample per pixel, a positive time or a positive error".into(),
+            ));
+        }
+        if self.part.is_some() && (self.adaptive || !matches!(self.stop, StopRule::Spp(_))) {
+            return Err(Error::Options(
+                "parts are ranges of samples that are counted and divided evenly: give --spp, and leave --adaptive out"
+                    .into(),
             ));
         }
         if self.transport.max_depth == 0 {

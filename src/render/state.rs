@@ -1,7 +1,7 @@
 //! State of a render between two chunks, apart from what is learned: a checkpoint holds both.
 
 use super::budget::{GUIDED_COST, Verdict};
-use crate::film::{FinishedPass, Pass};
+use crate::film::{Block, FinishedPass, Pass, Sum};
 
 /// State of a render from which the rest of it follows.
 #[derive(Default)]
@@ -21,8 +21,45 @@ pub(super) struct State {
     pub position: Position,
     /// How the rest of the final pass is divided among pixels; none while all get as many samples.
     pub division: Option<Division>,
+    /// The finished blocks of a final pass that goes by blocks.
+    pub blocks: Option<Blocks>,
     /// The halves of a render to a target error, otherwise empty. The half that is being traced has an empty pass here.
     pub halves: Vec<Half>,
+}
+
+/// Finished blocks of samples.
+pub(super) enum Blocks {
+    /// Added up.
+    Summed(Sum),
+    /// One by one, for those who add them to the blocks of other parts.
+    Kept(Vec<Block>),
+}
+
+impl Blocks {
+    /// None yet, of so many pixels, `kept` one by one or added up, with what variances are made of where they are `detailed`.
+    pub fn new(pixels: usize, kept: bool, detailed: bool) -> Self {
+        if kept { Self::Kept(Vec::new()) } else { Self::Summed(Sum::new(pixels, detailed)) }
+    }
+
+    /// Takes the next block.
+    pub fn push(&mut self, block: Block) {
+        match self {
+            Self::Summed(sum) => sum.add(&block),
+            Self::Kept(blocks) => blocks.push(block),
+        }
+    }
+
+    /// All of so many pixels added up.
+    pub fn sum(&self, pixels: usize, detailed: bool) -> Sum {
+        match self {
+            Self::Summed(sum) => sum.clone(),
+            Self::Kept(blocks) => {
+                let mut sum = Sum::new(pixels, detailed);
+                blocks.iter().for_each(|block| sum.add(block));
+                sum
+            }
+        }
+    }
 }
 
 /// An uneven division of samples among pixels.
@@ -87,10 +124,12 @@ pub(super) enum Phase {
     Final,
     /// The halves of a render to a target error.
     Target,
+    /// The share of a part in the samples of the last iteration of learning.
+    Share,
 }
 
 impl Phase {
-    pub const ALL: [Self; 4] = [Self::Learning, Self::Look, Self::Final, Self::Target];
+    pub const ALL: [Self; 5] = [Self::Learning, Self::Look, Self::Final, Self::Target, Self::Share];
 }
 
 /// Position of a render: its phase, and how far that has come.

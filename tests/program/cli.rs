@@ -31,12 +31,14 @@ fn fails(code: i32, arguments: &[&str], output: Option<&Path>, words: &[&str]) {
 
 #[test]
 fn every_help_has_examples() {
-    for command in [&[][..], &["render"], &["plan"], &["compare"], &["error"], &["dataset"], &["inspect"]] {
-        let result = fanal(&[command, &["--help"]].concat());
+    let commands =
+        ["render", "learn", "merge", "plan", "compare", "error", "dataset", "inspect"].map(|name| vec![name]);
+    for command in std::iter::once(vec![]).chain(commands) {
+        let result = fanal(&[&command[..], &["--help"]].concat());
         let text = String::from_utf8_lossy(&result.stdout);
         assert!(result.status.success());
         assert!(text.contains("Examples:\n  fanal "), "{command:?}: {text}");
-        let ends_early = matches!(command, [] | ["render" | "compare" | "dataset"]);
+        let ends_early = matches!(command[..], [] | ["render" | "learn" | "compare" | "dataset"]);
         assert_eq!(text.contains("75 ended early by Ctrl-C, SIGTERM or SIGHUP"), ends_early, "{command:?}: {text}");
     }
 }

@@ -10,6 +10,7 @@ mod display;
 mod file_circles;
 mod mattes;
 mod module_order;
+mod parts;
 mod report;
 mod resume;
 mod signals;

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use fanal::base::progress::Silent;
 use fanal::base::random::Random;
 use fanal::base::{Error, Result};
-use fanal::guiding::sample::field::GuideField;
+use fanal::guiding::sample::field::{GuideField, PixelValues};
 use fanal::guiding::tree::CountedTree;
 use fanal::guiding::tree::proposal::Proposal;
 use fanal::picture::Image;
@@ -21,7 +21,8 @@ use fanal::picture::read_image;
 use fanal::reconstruct::Reconstructor;
 use fanal::render::checkpoint::made_for;
 use fanal::render::{
-    Checkpointing, Control, GuideMode, Outcome, RenderSettings, StopRule, learn, render_watched, render_with_field,
+    Checkpointing, Control, GuideMode, Outcome, PartOf, RenderSettings, StopRule, learn, render_watched,
+    render_with_field,
 };
 use fanal::scene::Scene;
 use fanal::scene::orbit::orbit;
@@ -81,6 +82,7 @@ fn interrupted(scene: &Scene, settings: &RenderSettings, field: Option<&GuideFie
     let what = (settings.guide, settings.stop, step);
     assert!(bits(&outcome.image) == bits(&whole.image), "{what:?}: another picture");
     assert_eq!(outcome.spread, whole.spread, "{what:?}");
+    assert!(outcome.blocks == whole.blocks && outcome.blocks.is_empty() == settings.part.is_none(), "{what:?}");
     let counts = |o: &Outcome| {
         let s = &o.statistics;
         let iterations: Vec<_> = s.iterations.iter().map(|i| (i.t, i.spp, i.voxels, i.nodes)).collect();
@@ -137,6 +139,24 @@ fn f01_windows_target_errors_and_loaded_guides() {
     let learning = settings(GUIDES[1], 64, 1);
     let field = learn(&scene, &learning, reconstructor(learning.guide).as_ref(), &Control::new(&Silent, &stop));
     assert!(interrupted(&scene, &settings(GUIDES[1], 256, 4), Some(&field.unwrap()), 1) >= 2);
+}
+
+/// A part of a render, unguided and by a given guide, after a first look and without.
+#[test]
+fn f01_parts_of_a_render() {
+    let scene = committed("door-ajar", [64, 48]);
+    let part = Some(PartOf::new(2, 2).unwrap());
+    let plain = RenderSettings { part, keeps_spread: true, ..settings(GUIDES[0], 320, 1) };
+    assert!(interrupted(&scene, &plain, None, 1) >= 2);
+    let stop = AtomicBool::new(false);
+    let learning = settings(GUIDES[5], 32, 1);
+    let field =
+        learn(&scene, &learning, reconstructor(learning.guide).as_ref(), &Control::new(&Silent, &stop)).unwrap();
+    let known = PixelValues { of: "it".into(), window: Window::whole(scene.size), values: vec![0.5; 64 * 48] };
+    let guided = RenderSettings { part, ..settings(GUIDES[5], 320, 4) };
+    for field in [field.clone(), field.with_pixel_values(Some(known))] {
+        assert!(interrupted(&scene, &guided, Some(&field), 1) >= 2);
+    }
 }
 
 /// Several views on one sheet, by one guide.

@@ -10,14 +10,17 @@ use fanal::base::{Error, Result};
 use fanal::generate::dataset::DatasetIndex;
 use fanal::generate::recipe::Recipe;
 use fanal::generate::shard::{read_shard, write_shard};
-use fanal::guiding::sample::field::Evidence;
+use fanal::guiding::sample::field::{Evidence, GuideField};
 use fanal::guiding::sample::file;
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::{Model, Weights};
 use fanal::picture::{read_exr_channels, read_image};
 use fanal::reconstruct::Neural;
 use fanal::reconstruct::neural::reconstruct_batch;
-use fanal::render::{Control, render, render_watched};
+use fanal::render::guide_part::{self, LearnedHead, merge_guides};
+use fanal::render::merge::merge;
+use fanal::render::part_file::{self, PartHead, Totals};
+use fanal::render::{Aov, Control, PartOf, RenderSettings, aov, learn_part, render, render_watched};
 use fanal::report::{Budget, Experiment, Method, Results, page};
 use fanal::scene::Scene;
 use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking, resolve};
@@ -190,6 +193,8 @@ pub fn reader(name: &str, folder: &Path) -> Reader {
         "model_config" | "model_weights" => model(name == "model_weights", folder),
         "checkpoint" => checkpoint(folder),
         "guide" => guide(folder),
+        "part" => part(folder),
+        "guide_part" => guide_part(folder),
         "comparison_run" => comparison(folder),
         "results" => {
             compared(folder).unwrap();
@@ -365,6 +370,43 @@ fn checkpoint(folder: &Path) -> Reader {
     Reader::new("checkpoint", "a.part", seeds, 6_000, Box::new(read)).with(Container::Tensors, TENSORS)
 }
 
+/// Parts with and without layers and variances, which are put together with what is there.
+fn part(folder: &Path) -> Reader {
+    let scene = committed("cornell", [8, 6]);
+    let path = folder.join("a.part");
+    let seeds = [(1, false), (1, true), (2, true)].map(|(index, detailed)| {
+        let part = PartOf::new(index, 2).unwrap();
+        let settings = RenderSettings { part: Some(part), keeps_spread: detailed, ..settings(GUIDES[0], 150, 1) };
+        let stop = AtomicBool::new(false);
+        let outcome = render(&scene, &settings, reconstructor(settings.guide).as_ref(), &Silent, &stop).unwrap();
+        let layers = aov::channels(&scene, &settings, &outcome, &[Aov::Depth]).unwrap();
+        let head = PartHead {
+            part,
+            in_common: "a scene\nsettings".into(),
+            size: [8, 6],
+            window: [0, 0, 8, 6],
+            samples: 150,
+            spp: 150,
+            detailed,
+            film_layers: [detailed; 2],
+            channels: vec!["depth.Z".into()],
+            attributes: vec![("software".into(), "fanal".into())],
+            layer_attributes: Vec::new(),
+            totals: Totals::of(&outcome.statistics),
+        };
+        part_file::write(&path, &head, &outcome.blocks, if index == 1 { &layers } else { &[] }).unwrap();
+        std::fs::read(&path).unwrap()
+    });
+    let read = |path: &Path| {
+        let merged = merge(&[path.to_owned()], true, &Silent)?;
+        assert!(merged.image.pixels.iter().all(|pixel| pixel.is_finite()), "a pixel is not finite");
+        Ok(())
+    };
+    let tokens = "part in_common window samples detailed film_layers channels totals block0.means block1.counts layer0";
+    Reader::new("part", "a.part", seeds.to_vec(), 30_000, Box::new(read))
+        .with(Container::Tensors, &format!("{TENSORS} {tokens}"))
+}
+
 /// What is read is sampled everywhere.
 fn guide(folder: &Path) -> Reader {
     let scene = committed("door-ajar", [8, 6]);
@@ -375,20 +417,53 @@ fn guide(folder: &Path) -> Reader {
         file::save(&path, &outcome.unwrap().field, &Evidence::default()).unwrap();
         std::fs::read(&path).unwrap()
     });
+    let read = |path: &Path| file::load(path).map(|(field, _)| sampled(&field));
+    Reader::new("guide", "a.guide", seeds.to_vec(), 40_000, Box::new(read)).with(Container::Tensors, TENSORS)
+}
+
+fn sampled(field: &GuideField) {
+    let mut random = Random::new(1, 2, 3);
+    for i in 0..64 {
+        let point = Vec3::new(random.range(-5.0, 5.0), random.range(-5.0, 5.0), random.range(-5.0, 5.0));
+        let Some(directions) = field.at(point, Vec3::Y).and_then(|voxel| voxel.at(point)) else { continue };
+        let (direction, pdf) = directions.sample(random.next_2d_f64());
+        let again = directions.pdf(direction);
+        let sound = direction.is_finite() && pdf.is_finite() && pdf >= 0.0 && again.is_finite() && again >= 0.0;
+        assert!(sound, "sample {i}: {direction} with density {pdf}, then {again}");
+    }
+}
+
+/// What one process has learned becomes a guide, which is sampled everywhere.
+fn guide_part(folder: &Path) -> Reader {
+    let scene = committed("door-ajar", [8, 6]);
+    let path = folder.join("a.guide");
+    let seeds = [GUIDES[1], GUIDES[5]].map(|guide| {
+        let part = PartOf::new(1, 1).unwrap();
+        let settings = RenderSettings { part: Some(part), ..settings(guide, 16, 1) };
+        let stop = AtomicBool::new(false);
+        let control = Control::new(&Silent, &stop);
+        let learned = learn_part(&scene, &settings, reconstructor(guide.0).as_ref(), &control).unwrap();
+        let head = LearnedHead {
+            part,
+            in_common: "a scene".into(),
+            voxels: learned.voxels,
+            rays: learned.rays,
+            settings: settings.learner.clone(),
+            reconstruction: settings.reconstruction,
+            mode: settings.mode(),
+        };
+        guide_part::write(&path, &head, &learned.learner, None).unwrap();
+        std::fs::read(&path).unwrap()
+    });
     let read = |path: &Path| {
-        let (field, _) = file::load(path)?;
-        let mut random = Random::new(1, 2, 3);
-        for i in 0..64 {
-            let point = Vec3::new(random.range(-5.0, 5.0), random.range(-5.0, 5.0), random.range(-5.0, 5.0));
-            let Some(directions) = field.at(point, Vec3::Y).and_then(|voxel| voxel.at(point)) else { continue };
-            let (direction, pdf) = directions.sample(random.next_2d_f64());
-            let again = directions.pdf(direction);
-            let sound = direction.is_finite() && pdf.is_finite() && pdf >= 0.0 && again.is_finite() && again >= 0.0;
-            assert!(sound, "sample {i}: {direction} with density {pdf}, then {again}");
-        }
+        let none = || Err(Error::Options("there is no network".into()));
+        let (field, _) = merge_guides(&[path.to_owned()], |reconstruction, _| reconstruction.reconstructor(none))?;
+        sampled(&field);
         Ok(())
     };
-    Reader::new("guide", "a.guide", seeds.to_vec(), 40_000, Box::new(read)).with(Container::Tensors, TENSORS)
+    let tokens = "learned in_common voxels rays settings reconstruction mode tree voxel_samples resolution memory";
+    Reader::new("guide_part", "a.guide", seeds.to_vec(), 6_000, Box::new(read))
+        .with(Container::Tensors, &format!("{TENSORS} {tokens}"))
 }
 
 /// A comparison of two methods in this folder, with its page; runs that are there and sound are kept.

@@ -81,7 +81,7 @@ struct Job {
 /// Renders on the threads of the current pool, as `fanal render` does.
 fn rendered(args: &RenderArgs, job: Job, watched: &Watched) -> Result<Rendered> {
     let Job { mut loaded, started, keeps_guide } = job;
-    views::select(args, &mut loaded)?;
+    views::select(&args.of, &mut loaded)?;
     let mut request = resolve(args, &loaded.file)?;
     if request.views.len() > 1 {
         return Err(Error::Options("one picture at a time: choose a camera".into()));

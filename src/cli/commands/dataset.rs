@@ -5,7 +5,7 @@ use crate::base::{Error, Result};
 use crate::cli::args::DatasetArgs;
 use crate::cli::interrupt::Ended;
 use crate::cli::{interrupt, print, progress};
-use crate::generate::collect::generate;
+use crate::generate::collect::generate_part;
 use crate::generate::dataset::{Summary, check};
 use crate::generate::recipe::Recipe;
 use crate::picture::check_folder;
@@ -23,7 +23,7 @@ pub fn run(args: &DatasetArgs) -> Result<Ended> {
             std::fs::create_dir_all(output).map_err(|e| Error::io(output, e))?;
             check_folder(&output.join("index.jsonl"))?;
             let stop = interrupt::flag()?;
-            let missing = in_pool(&args.common, || generate(&recipe, output, &*watcher, &stop))?;
+            let missing = in_pool(&args.common, || generate_part(&recipe, output, args.part, &*watcher, &stop))?;
             if missing == 0 {
                 return Ok(Ended::Whole);
             }
@@ -35,7 +35,11 @@ pub fn run(args: &DatasetArgs) -> Result<Ended> {
     }
 }
 
-fn told(found: &Summary) -> Result<()> {
+/// Prints what is in sound data.
+///
+/// # Errors
+/// Those of printing.
+pub fn told(found: &Summary) -> Result<()> {
     print::line(&format!(
         "{} shards of {} scenes in {} families are sound",
         found.shards, found.scenes, found.families

@@ -15,16 +15,18 @@ use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::views::View;
 use crate::cli::{interrupt, print, progress, views};
 use crate::film::{Denoiser, measure};
-use crate::guiding::sample::field::GuideField;
+use crate::guiding::sample::field::{GuideField, PixelValues};
 use crate::guiding::sample::file;
 use crate::picture::{
     Attribute, Canvas, Channel, Display, Image, Picture, Viewer, Window, check_folder, check_writable, matched,
     read_image, window_of, write_or_rescue, write_picture,
 };
 use crate::reconstruct::{Neural, Reconstructor};
+use crate::render::guide_part::PartLearned;
+use crate::render::part_file::Totals;
 use crate::render::{
-    self, Aov, Checkpointing, Control, ErrorPoint, Outcome, Refresh, RenderSettings, Snapshot, Statistics, StopRule,
-    aov, checkpoint,
+    self, Aov, Checkpointing, Control, ErrorPoint, Learned, Outcome, Refresh, RenderSettings, Snapshot, Statistics,
+    StopRule, aov, checkpoint, merge,
 };
 use crate::scene::Scene;
 use crate::scene::overrides::decide;
@@ -54,9 +56,9 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
         let begun = Instant::now();
         // First of all: who waits for a picture should not learn at its end that this is missing.
         let denoiser = args.denoise.then(Denoiser::new).transpose()?;
-        let mut loaded = load_scene(&args.scene, &args.effects, args.missing, &args.common)?;
+        let mut loaded = load_scene(&args.of.scene, &args.of.effects, args.of.missing, &args.common)?;
         let load = begun.elapsed().as_secs_f64();
-        views::select(args, &mut loaded)?;
+        views::select(&args.of, &mut loaded)?;
         let request = resolve(args, &loaded.file)?;
         request.views.iter().try_for_each(|view| check_writable(&view.output))?;
         loaded.file.render.max_depth = request.settings.transport.max_depth;
@@ -146,9 +148,16 @@ pub struct Prepared {
     guide: Option<GuideField>,
     reconstructor: Box<dyn Reconstructor>,
     checkpoint: Option<Checkpointing>,
+    identity: Identity,
     scene: Scene,
     /// Seconds that it took to build the scene.
     build: f64,
+}
+
+/// Texts that stand for the contents of the files that a picture depends on.
+struct Identity {
+    scene: String,
+    guide: String,
 }
 
 impl Prepared {
@@ -158,12 +167,95 @@ impl Prepared {
     /// Errors of reading the guide and the network, and of building the scene.
     pub fn new(request: &RenderRequest, loaded: &LoadedScene) -> Result<Self> {
         let (plan, settings) = settled(request, loaded);
-        let guide = request.load_guide.as_deref().map(file::load).transpose()?.map(|(field, _)| field);
+        let scene_crc = format!("{:08x}", loaded.crc32());
+        let guide = request.load_guide.as_deref().map(|path| load_guide(path, &picture_of(&scene_crc, request.size)));
         let (reconstructor, model) = reconstructor(request, &settings)?;
-        let checkpoint = checkpointing(request, &settings, loaded, &model)?;
+        let (guide, guide_identity) = guide.transpose()?.map_or((None, model), |(field, crc)| (Some(field), crc));
+        let identity = Identity { scene: scene_crc, guide: guide_identity };
+        let checkpoint = request.checkpoint.clone().map(|write| Checkpointing {
+            made_for: checkpoint::made_for(&settings, request.size, &identity.scene, &identity.guide),
+            write: Some(write),
+            resume: request.resume.clone(),
+        });
         let begun = Instant::now();
         let scene = Scene::build_views(loaded, request.size)?;
-        Ok(Self { settings, plan, guide, reconstructor, checkpoint, scene, build: begun.elapsed().as_secs_f64() })
+        let build = begun.elapsed().as_secs_f64();
+        Ok(Self { settings, plan, guide, reconstructor, checkpoint, identity, scene, build })
+    }
+
+    /// What the parts of a picture must have in common, as text.
+    pub fn in_common(&self, request: &RenderRequest) -> String {
+        let settings = RenderSettings { part: None, crop: None, ..self.settings.clone() };
+        let all = checkpoint::made_for(&settings, request.size, &self.identity.scene, &self.identity.guide);
+        format!("{all}\nlayers: {:?}", request.aovs)
+    }
+
+    /// What the parts of a guide must have in common, as text.
+    pub fn learned_in_common(&self, request: &RenderRequest) -> String {
+        let settings = RenderSettings { part: None, ..self.settings.clone() };
+        checkpoint::made_for(&settings, request.size, &self.identity.scene, &self.identity.guide)
+    }
+
+    /// Learns a part's share.
+    ///
+    /// # Errors
+    /// Errors of rendering.
+    pub fn learn_part(
+        &self,
+        request: &RenderRequest,
+        loaded: &LoadedScene,
+        progress: &dyn Progress,
+        stop: &AtomicBool,
+    ) -> Result<PartLearned> {
+        let control = Control { checkpoint: self.checkpoint.as_ref(), ..Control::new(progress, stop) };
+        let mut learned = render::learn_part(&self.scene, &self.settings, self.reconstructor.as_ref(), &control)?;
+        self.describe(&mut learned.statistics, request, loaded);
+        Ok(learned)
+    }
+
+    /// `values` that pixels are expected to have, for a guide file.
+    pub fn pixel_values(&self, request: &RenderRequest, values: Option<Vec<f32>>) -> Option<PixelValues> {
+        let of = picture_of(&self.identity.scene, request.size);
+        // Those of all views lie on one sheet.
+        let window = self.settings.window(self.scene.size);
+        values.map(|values| PixelValues { of, window, values })
+    }
+
+    /// Spends the budget on learning alone.
+    ///
+    /// # Errors
+    /// Errors of rendering.
+    pub fn learn(
+        &self,
+        request: &RenderRequest,
+        loaded: &LoadedScene,
+        progress: &dyn Progress,
+        stop: &AtomicBool,
+    ) -> Result<Learned> {
+        let control = Control { checkpoint: self.checkpoint.as_ref(), ..Control::new(progress, stop) };
+        let mut learned = render::learn_whole(&self.scene, &self.settings, self.reconstructor.as_ref(), &control)?;
+        self.describe(&mut learned.statistics, request, loaded);
+        Ok(learned)
+    }
+
+    /// Tells the statistics of what a render does not know.
+    fn describe(&self, statistics: &mut Statistics, request: &RenderRequest, loaded: &LoadedScene) {
+        statistics.scene = request.scene.display().to_string();
+        statistics.views = request.views.iter().filter_map(|view| view.camera.clone()).collect();
+        statistics.seconds.build = self.build;
+        statistics.effects.clone_from(&self.plan.effects);
+        statistics.skipped_triangles = loaded.skipped_triangles;
+        statistics.missing_files.clone_from(&loaded.missing);
+    }
+
+    /// The guide that was loaded.
+    pub fn guide(&self) -> Option<&GuideField> {
+        self.guide.as_ref()
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
     }
 
     /// Makes `--time` that of the whole command, which began at `started` and ends with denoising the picture, where there is a
@@ -198,20 +290,18 @@ impl Prepared {
         stop: &AtomicBool,
         refresh: Option<Refresh>,
     ) -> Result<(Outcome, Vec<Channel>)> {
-        let Self { settings, plan, guide, reconstructor, checkpoint, scene, build } = self;
+        let Self { settings, guide, reconstructor, checkpoint, scene, .. } = self;
         let control = Control { progress, stop, refresh, checkpoint: checkpoint.as_ref() };
         let mut outcome = match guide {
             Some(field) => render::render_with_field(scene, settings, field.clone(), &control)?,
             None => render::render_watched(scene, settings, reconstructor.as_ref(), &control)?,
         };
         let channels = aov::channels(scene, settings, &outcome, &request.aovs)?;
-        let statistics = &mut outcome.statistics;
-        statistics.scene = request.scene.display().to_string();
-        statistics.views = request.views.iter().filter_map(|view| view.camera.clone()).collect();
-        statistics.seconds.build = *build;
-        statistics.effects.clone_from(&plan.effects);
-        statistics.skipped_triangles = loaded.skipped_triangles;
-        statistics.missing_files.clone_from(&loaded.missing);
+        self.describe(&mut outcome.statistics, request, loaded);
+        let values = self.pixel_values(request, outcome.pixel_values.take());
+        if values.is_some() {
+            outcome.field = outcome.field.with_pixel_values(values);
+        }
         Ok((outcome, channels))
     }
 }
@@ -325,33 +415,29 @@ fn write_views(
 }
 
 /// Writes the statistics where they are wanted.
-fn report(request: &RenderRequest, statistics: &Statistics) -> Result<()> {
+pub(super) fn report(request: &RenderRequest, statistics: &Statistics) -> Result<()> {
     let Some(path) = &request.stats else { return Ok(()) };
     write_json(path, statistics)
 }
 
-/// Checkpoints to write and to resume from, where asked for. `model` identifies the reconstructor.
-fn checkpointing(
-    request: &RenderRequest,
-    settings: &RenderSettings,
-    loaded: &LoadedScene,
-    model: &str,
-) -> Result<Option<Checkpointing>> {
-    if request.checkpoint.is_none() {
-        return Ok(None);
-    }
-    let crc = |path: &Path| Ok(format!("file {:08x}", crc32([read_bytes(path, file::GUIDE_LIMIT)?.as_slice()])));
-    let guide = request.load_guide.as_deref().map(crc).transpose()?.unwrap_or_else(|| model.to_owned());
-    let scene = format!("{:08x}", loaded.crc32());
-    let made_for = checkpoint::made_for(settings, request.size, &scene, &guide);
-    Ok(Some(Checkpointing { made_for, write: request.checkpoint.clone(), resume: request.resume.clone() }))
+/// Text that stands for a picture of `size` of a scene, whose camera is a part of it.
+fn picture_of(scene: &str, [width, height]: [u32; 2]) -> String {
+    format!("scene {scene}, {width}x{height}")
+}
+
+/// The guide at `path`, and a text that stands for the file. What it knows of another picture than `picture` is left out.
+fn load_guide(path: &Path, picture: &str) -> Result<(GuideField, String)> {
+    let crc = crc32([read_bytes(path, file::GUIDE_LIMIT)?.as_slice()]);
+    let (field, _) = file::load(path)?;
+    let known = field.pixel_values().filter(|known| known.of == picture).cloned();
+    Ok((field.with_pixel_values(known), format!("file {crc:08x}")))
 }
 
 /// Reconstructor for the mode asked for, and a text that identifies it.
 fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<(Box<dyn Reconstructor>, String)> {
     let mut identity = settings.reconstruction.name().to_owned();
     let reconstructor = settings.reconstruction.reconstructor(|| {
-        let neural = network(request)?;
+        let neural = network(request.model.as_deref(), request.backend)?;
         neural.check_mode(&settings.mode())?;
         let weights = crc32([neural.model.weights.to_bytes()?.as_slice()]);
         identity = format!("model {weights:08x} {:?}, {:?} backend", neural.model.config, request.backend);
@@ -361,8 +447,11 @@ fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<(
 }
 
 /// The model that was asked for, with its backend.
-fn network(request: &RenderRequest) -> Result<Neural> {
-    match (&request.model, request.backend) {
+///
+/// # Errors
+/// Those of reading the model and of starting the backend.
+pub fn network(model: Option<&Path>, backend: Backend) -> Result<Neural> {
+    match (model, backend) {
         (None, Backend::Embedded) => Neural::built_in(),
         (Some(folder), Backend::Embedded) => Neural::embedded(folder),
         #[cfg(feature = "onnx")]
@@ -376,7 +465,7 @@ fn network(request: &RenderRequest) -> Result<Neural> {
 
 /// Attributes of an EXR file's header that are known before rendering. No name may be one that EXR reserves for other types,
 /// such as `version`.
-fn attributes(request: &RenderRequest, settings: &RenderSettings) -> Vec<Attribute> {
+pub(super) fn attributes(request: &RenderRequest, settings: &RenderSettings) -> Vec<Attribute> {
     let [width, height] = request.size;
     let stop = match settings.stop {
         StopRule::Spp(spp) => format!("spp {spp}"),
@@ -400,18 +489,5 @@ fn attributes(request: &RenderRequest, settings: &RenderSettings) -> Vec<Attribu
 /// Attributes that are known after rendering. Of all attributes only `seconds` and `threads` differ between two renders of the
 /// same picture.
 fn results(statistics: &Statistics) -> Vec<Attribute> {
-    let causes: Vec<String> = statistics.dropped.counted().map(|(cause, count)| format!("{cause} {count}")).collect();
-    let missing = statistics.missing_files.len();
-    let missing = (missing > 0).then(|| ("missingFiles", missing.to_string()));
-    [
-        ("spp", statistics.spp.to_string()),
-        ("droppedSamples", statistics.dropped_samples.to_string()),
-        ("droppedCauses", if causes.is_empty() { "none".into() } else { causes.join(", ") }),
-        ("seconds", format!("{:.3}", statistics.seconds.total)),
-        ("threads", statistics.threads.to_string()),
-    ]
-    .into_iter()
-    .chain(missing)
-    .map(|(key, value)| (key.to_owned(), value))
-    .collect()
+    merge::results(&Totals::of(statistics), statistics.spp)
 }

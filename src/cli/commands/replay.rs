@@ -19,14 +19,14 @@ use crate::scene::readers::LoadedScene;
 /// # Errors
 /// Errors of reading and rendering; [`Error::Options`] for a guide that is learned while rendering.
 pub fn run(args: &RenderArgs, sample: Sample) -> Result<()> {
-    if args.guide != GuideMode::None && args.load_guide.is_none() {
+    if args.of.guide != GuideMode::None && args.load_guide.is_none() {
         return Err(Error::Options(
             "--replay does not learn: give --guide none, or --load-guide with the guide that the render loaded".into(),
         ));
     }
     in_pool(&args.common, || {
-        let mut loaded = load_scene(&args.scene, &args.effects, args.missing, &args.common)?;
-        views::select(args, &mut loaded)?;
+        let mut loaded = load_scene(&args.of.scene, &args.of.effects, args.of.missing, &args.common)?;
+        views::select(&args.of, &mut loaded)?;
         let request = resolve(args, &loaded.file)?;
         loaded.file.render.max_depth = request.settings.transport.max_depth;
         let (_, settings) = settled(&request, &loaded);

@@ -4,7 +4,8 @@
 //!
 //! | name | type | shape | |
 //! |---|---|---|---|
-//! | `pixels` | f64 | [2 P, 6] | a pass that is being made: means and squared deviations, halves one after the other |
+//! | `pixels` | f64 | [2 P, 6] | a pass that is being made: means and squared deviations, halves one after the other; of a sum of blocks
+//! | | | | [P, 6] or [2 P, 6]: all samples, and those with even numbers |
 //! | `counts` | u32 | [2 P] | its samples |
 //! | `means`, `counts` | f32, u32 | [P, 3], [P] | of a finished pass's half |
 //! | `tiles` | f64 | [T, 2] | degrees of freedom and squared deviations of its tiles |
@@ -23,15 +24,7 @@ const MOST_SAMPLES: u32 = 1 << 26;
 impl Pass {
     /// The arrays of a pass `name`.
     pub fn arrays<'a>(&self, name: &str) -> Vec<Tensor<'a>> {
-        let pixels = || self.halves.iter().flatten();
-        let numbers = |pixel: &Pixel| {
-            let ([a, b, c], [d, e, f]) = (pixel.mean, pixel.spread);
-            [a, b, c, d, e, f]
-        };
-        vec![
-            doubles(format!("{name}.pixels"), pixels().map(numbers)),
-            vector(format!("{name}.counts"), Dtype::U32, pixels().map(|pixel| pixel.count.to_le_bytes())),
-        ]
+        pixel_arrays(name, self.halves.iter().flatten())
     }
 
     /// The pass of so many columns and rows that [`Pass::arrays`] were made of.
@@ -39,24 +32,39 @@ impl Pass {
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
     pub fn from_arrays([width, height]: [usize; 2], file: &Tensors, name: &str) -> Result<Self> {
-        let pixels = width * height;
-        let [numbers_name, counts_name] = ["pixels", "counts"].map(|part| format!("{name}.{part}"));
-        let numbers = file.read(&numbers_name, Dtype::F64, Some(2 * pixels), 6, f64::from_le_bytes)?;
-        let counts = read_counts(file, &counts_name, 2 * pixels)?;
-        // Means of singles, and sums of squares.
-        let in_range = |numbers: &[f64; 6]| {
-            let (means, squares) = numbers.split_at(3);
-            means.iter().all(|x| x.abs() <= f64::from(f32::MAX)) && squares.iter().all(|x| x.is_finite() && *x >= 0.0)
-        };
-        if !numbers.as_chunks::<6>().0.iter().all(in_range) {
-            return file.fail(numbers_name, "numbers that no samples have");
-        }
-        let pixel =
-            |(&[a, b, c, d, e, f], &count): (&[f64; 6], &u32)| Pixel { mean: [a, b, c], spread: [d, e, f], count };
-        let mut all: Vec<Pixel> = numbers.as_chunks::<6>().0.iter().zip(&counts).map(pixel).collect();
-        let second = all.split_off(pixels);
+        let mut all = read_pixels(file, name, 2 * width * height)?;
+        let second = all.split_off(width * height);
         Ok(Self { width, halves: [all, second] })
     }
+}
+
+/// The arrays of these pixels, all their sums in full.
+pub(super) fn pixel_arrays<'a, 'p>(name: &str, pixels: impl Iterator<Item = &'p Pixel> + Clone) -> Vec<Tensor<'a>> {
+    let numbers = |pixel: &Pixel| {
+        let ([a, b, c], [d, e, f]) = (pixel.mean, pixel.spread);
+        [a, b, c, d, e, f]
+    };
+    vec![
+        doubles(format!("{name}.pixels"), pixels.clone().map(numbers)),
+        vector(format!("{name}.counts"), Dtype::U32, pixels.map(|pixel| pixel.count.to_le_bytes())),
+    ]
+}
+
+/// So many pixels that [`pixel_arrays`] were made of.
+pub(super) fn read_pixels(file: &Tensors, name: &str, pixels: usize) -> Result<Vec<Pixel>> {
+    let [numbers_name, counts_name] = ["pixels", "counts"].map(|part| format!("{name}.{part}"));
+    let numbers = file.read(&numbers_name, Dtype::F64, Some(pixels), 6, f64::from_le_bytes)?;
+    let counts = read_counts(file, &counts_name, pixels)?;
+    // Means of singles, and sums of squares.
+    let in_range = |numbers: &[f64; 6]| {
+        let (means, squares) = numbers.split_at(3);
+        means.iter().all(|x| x.abs() <= f64::from(f32::MAX)) && squares.iter().all(|x| x.is_finite() && *x >= 0.0)
+    };
+    if !numbers.as_chunks::<6>().0.iter().all(in_range) {
+        return file.fail(numbers_name, "numbers that no samples have");
+    }
+    let pixel = |(&[a, b, c, d, e, f], &count): (&[f64; 6], &u32)| Pixel { mean: [a, b, c], spread: [d, e, f], count };
+    Ok(numbers.as_chunks::<6>().0.iter().zip(&counts).map(pixel).collect())
 }
 
 impl FinishedPass {

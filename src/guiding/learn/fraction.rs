@@ -1,7 +1,10 @@
 //! Rules for the fraction of BSDF samples, the rest being drawn from the guide.
 
+use serde::{Deserialize, Serialize};
+
 /// Rule for the fraction of BSDF samples once learning is over; while learning it is one half.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum FractionRule {
     /// One half (Müller 2017 §3.3).
     Half,

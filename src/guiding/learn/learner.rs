@@ -5,6 +5,7 @@
 
 use glam::Vec3;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::LEARNING_FRACTION;
 use super::adjoint::Adjoint;
@@ -25,7 +26,8 @@ use crate::guiding::tree::sampler::SamplingTree;
 use crate::guiding::tree::{CountedTree, Propose, TreeSettings};
 
 /// Settings of a [`Learner`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct LearnerSettings {
     /// Cells along the diagonal of the scene's visited part, r_init (Zhu 2021 §7).
     pub resolution: f32,
@@ -167,6 +169,30 @@ impl Learner {
     /// Keeps the spheres that directions refer to from now on.
     pub fn freeze_spheres(&mut self) {
         self.keeps_spheres = true;
+    }
+
+    /// Forgets the samples of this iteration, and keeps from now on the shapes that they gave trees and spheres: samples of several
+    /// learners can be added up then.
+    pub fn begin_share(&mut self) {
+        self.clear();
+        self.freeze_spheres();
+        if let Some(trees) = self.model.trees_mut() {
+            trees.freeze_shapes();
+        }
+    }
+
+    /// Adds the samples that another learner has taken of the first `voxels` voxels since both were the same at
+    /// [`Learner::begin_share`]; returns whether they were.
+    pub fn add(&mut self, other: &Self, voxels: usize) -> bool {
+        let enough = self.voxels.len() >= voxels && other.voxels.len() >= voxels;
+        let (Some(own), Some(trees), true) = (self.model.trees_mut(), other.model.trees(), enough) else {
+            return false;
+        };
+        let same = own.add(trees, voxels);
+        self.voxels.iter_mut().zip(&other.voxels).take(voxels).for_each(|(own, other)| own.add(other));
+        self.outliers.add(&other.outliers, voxels);
+        self.chosen = false;
+        same
     }
 
     /// Adds one chunk of records. Path samples make voxels where there are none; photons only enter voxels that exist. The first

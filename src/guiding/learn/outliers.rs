@@ -38,6 +38,12 @@ impl Outliers {
         }
     }
 
+    /// Adds those of another learner in the first `voxels` voxels.
+    pub fn add(&mut self, other: &Self, voxels: usize) {
+        self.found.extend(other.found.iter().filter(|outlier| (outlier.voxel as usize) < voxels));
+        self.least = self.least.max(other.least);
+    }
+
     fn keep(&mut self, most: usize) {
         if self.found.len() > most {
             self.found.select_nth_unstable_by(most, |a, b| b.squares[1].total_cmp(&a.squares[1]));

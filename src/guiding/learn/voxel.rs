@@ -166,6 +166,21 @@ impl Voxel {
         self.eighths.iter().sum()
     }
 
+    /// Adds the samples of the same voxel of another learner.
+    pub fn add(&mut self, other: &Self) {
+        self.begun |= other.begun;
+        self.lit |= other.lit;
+        self.eighths.iter_mut().zip(other.eighths).for_each(|(own, more)| *own = own.saturating_add(more));
+        self.photons = self.photons.saturating_add(other.photons);
+        self.power += other.power;
+        self.importance += other.importance;
+        self.contribution += other.contribution;
+        self.squares.merge(&other.squares);
+        self.all_squares += other.all_squares;
+        self.fractions.merge(&other.fractions);
+        self.adjoint.merge(&other.adjoint);
+    }
+
     /// Forgets the samples of the iteration.
     pub fn clear(&mut self) {
         (self.begun, self.eighths, self.photons, self.power, self.lit) = (false, [0; 8], 0, 0.0, false);

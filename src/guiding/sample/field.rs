@@ -7,6 +7,7 @@ use crate::guiding::cache::SpatialCache;
 use crate::guiding::cache::parallax::Parallax;
 use crate::guiding::model::Directions;
 use crate::math::lanes::LANES;
+use crate::picture::Window;
 
 /// Guide of one voxel.
 #[derive(Debug, Clone, PartialEq)]
@@ -93,17 +94,55 @@ pub struct Evidence {
     pub gain: Vec<f32>,
 }
 
+/// Values that the pixels of a picture will about have, over which guided paths are judged.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PixelValues {
+    /// The picture that they are of, as text: they are of use for no other.
+    pub of: String,
+    /// The part of the picture that they are of.
+    pub window: Window,
+    /// Expected channel mean of each pixel of the window, row by row, above 0.
+    pub values: Vec<f32>,
+}
+
+impl PixelValues {
+    /// Those of a part of the picture; none where they are not known.
+    pub fn within(&self, part: Window) -> Option<Vec<f32>> {
+        let Window { x, y, width, height } = self.window;
+        let (right, down) = (part.x.checked_sub(x)?, part.y.checked_sub(y)?);
+        let inside = right.checked_add(part.width)? <= width && down.checked_add(part.height)? <= height;
+        let row = |row: u32| {
+            let begin = (row as usize + down as usize) * width as usize + right as usize;
+            self.values.get(begin..begin + part.width as usize)
+        };
+        let rows: Option<Vec<&[f32]>> = (0..part.height).map(row).collect();
+        rows.filter(|_| inside).map(|rows| rows.concat())
+    }
+}
+
 /// Voxels with their guides.
 #[derive(Debug, Clone)]
 pub struct GuideField {
     cache: SpatialCache,
     voxels: Vec<VoxelGuide>,
+    pixel_values: Option<PixelValues>,
 }
 
 impl GuideField {
     /// A field with one guide per voxel of `cache`.
     pub fn new(cache: SpatialCache, voxels: Vec<VoxelGuide>) -> Self {
-        Self { cache, voxels }
+        Self { cache, voxels, pixel_values: None }
+    }
+
+    /// The field with what is known of the picture that it was learned for, or without.
+    pub fn with_pixel_values(mut self, values: Option<PixelValues>) -> Self {
+        self.pixel_values = values;
+        self
+    }
+
+    /// What is known of the picture that it was learned for.
+    pub fn pixel_values(&self) -> Option<&PixelValues> {
+        self.pixel_values.as_ref()
     }
 
     /// The field without voxels.

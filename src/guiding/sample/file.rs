@@ -18,22 +18,31 @@
 //! | `guide_uniform`, `counted_uniform` | f32 | [V] | the uniform part; 0 where there is no tree |
 //! | `guide_offset`, `counted_offset` | u64 | [V + 1] | index of each voxel's first node |
 //! | `guide_shares`, `counted_shares` | u16 | [.., 4] | where children 1 to 3 begin, of 2¹⁶; a bit for each inner child |
+//! | `pixel_values` | f32 | [P] | expected values of the pixels of the picture that it was learned for; missing where they are not known |
+//! | `pixel_values_of` | u8 | | that picture as text, see [`PixelValues`] |
+//! | `pixel_values_window` | u32 | [4] | columns to the left, rows above, columns, rows |
 //! | `guide_bins` | f32 | [V, 128] | instead of nodes the masses of histograms, zeros for none; missing where there are none |
 //!
 //! `guide` is the distribution that is sampled (Q_r), `counted` the accumulated one (Q_h).
 
 use std::path::Path;
 
-use super::field::{Evidence, GuideField, VoxelGuide};
+use super::field::{Evidence, GuideField, PixelValues, VoxelGuide};
 use super::roulette::AdjointRoulette;
-use crate::base::Result;
 use crate::base::files::read_bytes;
 use crate::base::tensors::{self, Dtype, Tensor, Tensors, floats, vector};
+use crate::base::{Error, Result, Unfit};
 use crate::guiding::cache::arrays::{cache_arrays, read_cache, read_parallax};
 use crate::guiding::model::Directions;
+use crate::picture::Window;
 
 /// The version of guide files that this program reads.
 pub const VERSION: u32 = 3;
+
+/// The version of files in which parts of guides are kept until they are added up, and the name of the array that tells them from guides.
+pub const PART_VERSION: u32 = 1;
+/// See [`PART_VERSION`].
+pub const PART_HEAD: &str = "learned";
 
 /// Largest accepted guide file in bytes.
 pub const GUIDE_LIMIT: u64 = 1 << 31;
@@ -61,7 +70,40 @@ pub fn arrays<'a>(field: &GuideField, evidence: &Evidence) -> Vec<Tensor<'a>> {
         vector("gain", Dtype::F32, gains.map(f32::to_le_bytes)),
         floats("parallax", voxels.iter().map(|v| v.parallax.to_array())),
     ]);
+    all.extend(field.pixel_values().iter().flat_map(|values| pixel_value_arrays(values)));
     all
+}
+
+/// The arrays of what is known of a picture.
+pub fn pixel_value_arrays<'a>(PixelValues { of, window, values }: &PixelValues) -> [Tensor<'a>; 3] {
+    let Window { x, y, width, height } = *window;
+    [
+        vector("pixel_values", Dtype::F32, values.iter().map(|value| value.to_le_bytes())),
+        vector("pixel_values_of", Dtype::U8, of.bytes().map(|byte| [byte])),
+        vector("pixel_values_window", Dtype::U32, [x, y, width, height].into_iter().map(u32::to_le_bytes)),
+    ]
+}
+
+/// What is known of the picture that a guide was learned for; none where the file does not tell.
+///
+/// # Errors
+/// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
+pub fn read_pixel_values(file: &Tensors) -> Result<Option<PixelValues>> {
+    if !file.has("pixel_values") {
+        return Ok(None);
+    }
+    let values = file.read("pixel_values", Dtype::F32, None, 1, f32::from_le_bytes)?;
+    let of = String::from_utf8(file.read("pixel_values_of", Dtype::U8, None, 1, |[byte]| byte)?)
+        .or_else(|_| file.fail("pixel_values_of", "this is not text"))?;
+    let sides = file.read("pixel_values_window", Dtype::U32, Some(4), 1, u32::from_le_bytes)?;
+    let window = Window { x: sides[0], y: sides[1], width: sides[2], height: sides[3] };
+    if window.pixels() != values.len() as u64 {
+        return file.fail("pixel_values", format!("{} values of {} pixels", values.len(), window.pixels()));
+    }
+    if let Some(bad) = values.iter().find(|value| !(**value > 0.0 && value.is_finite())) {
+        return file.fail("pixel_values", format!("{bad} is not above 0"));
+    }
+    Ok(Some(PixelValues { of, window, values }))
 }
 
 /// Reads a guide file.
@@ -69,9 +111,15 @@ pub fn arrays<'a>(field: &GuideField, evidence: &Evidence) -> Vec<Tensor<'a>> {
 /// # Errors
 /// [`Error::Io`](crate::base::Error::Io); [`Error::Limit`](crate::base::Error::Limit) for a file above [`GUIDE_LIMIT`];
 /// [`Error::Unsupported`](crate::base::Error::Unsupported) for another version;
-/// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor for everything else that is wrong with it.
+/// [`Error::Parts`] for a part of a guide; [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor for everything else that is
+/// wrong with it.
 pub fn load(path: &Path) -> Result<(GuideField, Evidence)> {
     let bytes = read_bytes(path, GUIDE_LIMIT)?;
+    if Tensors::open(path, &bytes, "part of a guide", PART_VERSION).is_ok_and(|part| part.has(PART_HEAD)) {
+        let message =
+            format!("{}: this is a part of a guide; `fanal merge` makes a guide of all parts", path.display());
+        return Err(Error::Parts { fault: Unfit::Unfinished, files: vec![path.to_owned()], message });
+    }
     from_arrays(&Tensors::open(path, &bytes, "guide file", VERSION)?)
 }
 
@@ -102,7 +150,7 @@ pub fn from_arrays(file: &Tensors) -> Result<(GuideField, Evidence)> {
         roulette,
     };
     let guides = guides.into_iter().zip(fractions).zip(effort).zip(parallax).map(guide);
-    let field = GuideField::new(cache, guides.collect());
+    let field = GuideField::new(cache, guides.collect()).with_pixel_values(read_pixel_values(file)?);
     Ok((field, Evidence { counted, gain: floats("gain")? }))
 }
 
@@ -142,7 +190,9 @@ mod tests {
             })
             .collect();
         let gain = (0..cache.len()).map(|v| 1.0 / (1.0 + v as f32)).collect();
-        (GuideField::new(cache, guides), Evidence { counted, gain })
+        let window = Window { x: 3, y: 2, width: 2, height: 3 };
+        let values = PixelValues { of: "a picture".into(), window, values: (1..7u8).map(f32::from).collect() };
+        (GuideField::new(cache, guides).with_pixel_values(Some(values)), Evidence { counted, gain })
     }
 
     /// The field, saved in a folder of its own.
@@ -160,6 +210,14 @@ mod tests {
         let (loaded, found) = load(&path).unwrap();
         assert_eq!(found, evidence);
         assert_eq!((loaded.bytes(), loaded.nodes()), (field.bytes(), field.nodes()));
+        let values = loaded.pixel_values().unwrap();
+        assert_eq!(Some(values), field.pixel_values());
+        let within = |x, y, width, height| values.within(Window { x, y, width, height });
+        assert_eq!((within(4, 3, 1, 2), within(3, 2, 2, 1)), (Some(vec![4.0, 6.0]), Some(vec![1.0, 2.0])));
+        assert_eq!(
+            [within(2, 2, 1, 1), within(3, 2, 3, 1), within(3, 4, 1, 2), within(5, 2, u32::MAX, 1)],
+            [None, None, None, None]
+        );
         let mut random = Random::new(5, 0, 0);
         let mut guided = 0;
         for _ in 0..2000 {

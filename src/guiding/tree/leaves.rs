@@ -2,12 +2,15 @@
 
 use std::f64::consts::PI;
 
+use serde::{Deserialize, Serialize};
+
 use super::distribution::Distribution;
 use super::topology::Topology;
 use crate::guiding::target::Target;
 
 /// Sums that are kept per leaf. Channels 0 to 3 of both layouts are ΣV and the number of path samples, and the same of photons.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Layout {
     /// These channels alone, which are all that counting needs.
     Values,

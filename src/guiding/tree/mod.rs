@@ -26,6 +26,7 @@ mod stored;
 mod voxel;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use self::context::{Block, Counted, with_context};
 use self::distribution::Distribution;
@@ -42,7 +43,8 @@ use super::target::Target;
 use crate::base::Result;
 
 /// Settings of the quadtrees that samples are counted in.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct TreeSettings {
     /// Share of a tree's energy above which a node is split, ρ.
     pub split_share: f64,
@@ -115,6 +117,12 @@ impl Trees {
     /// Makes trees keep their shapes from now on: samples of several passes can be compared leaf by leaf.
     pub fn freeze_shapes(&mut self) {
         self.keeps_shapes = true;
+    }
+
+    /// Adds the samples of the first `voxels` voxels of trees of the same shapes; returns whether they are of those.
+    pub(super) fn add(&mut self, other: &Self, voxels: usize) -> bool {
+        let enough = self.voxels.len() >= voxels && other.voxels.len() >= voxels;
+        enough && self.voxels.iter_mut().zip(&other.voxels).take(voxels).all(|(own, other)| own.add(other))
     }
 
     /// The quadtrees Q_h, one per voxel.

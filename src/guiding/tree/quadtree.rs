@@ -166,6 +166,23 @@ impl Quadtree {
         ])
     }
 
+    /// Adds the samples of a tree of the same shape and kind; returns whether it is of that. Sums are those of both, up to the rounding of
+    /// singles.
+    pub(super) fn add_samples_of(&mut self, other: &Self) -> bool {
+        if self.topology != other.topology || self.layout != other.layout || self.target != other.target {
+            return false;
+        }
+        let mut other = other.clone();
+        for kind in 0..2 {
+            let scale = self.scales[kind].max(other.scales[kind]);
+            self.grow_scale(kind, std::iter::once(scale));
+            other.grow_scale(kind, std::iter::once(scale));
+            self.counts[kind] = self.counts[kind].saturating_add(other.counts[kind]);
+        }
+        self.sums.iter_mut().zip(&other.sums).for_each(|(sum, more)| *sum += more);
+        true
+    }
+
     /// An empty tree of the same shape for another target.
     pub fn emptied_for(&self, target: Target) -> Self {
         Self::new(self.topology.clone(), self.layout, target)

@@ -68,6 +68,15 @@ impl TreeVoxel {
         }
     }
 
+    /// Adds the samples of a voxel whose tree has the same shape; returns whether it has.
+    pub fn add(&mut self, other: &Self) -> bool {
+        self.normals += other.normals;
+        self.kind_moments.merge(&other.kind_moments);
+        self.proposal_moments.merge(&other.proposal_moments);
+        self.shaped |= other.shaped;
+        self.tree.add_samples_of(&other.tree)
+    }
+
     /// Judges the trees and proposals of the last iteration by a path sample that was drawn with their guide.
     pub fn judge(&mut self, record: &PathRecord, guide: &Parallax) {
         if self.kind_trees.is_some() || self.last_proposals.is_some() {

@@ -1,0 +1,69 @@
+//! `fanal merge`.
+
+use std::path::Path;
+
+use super::render::network;
+use super::{dataset, in_pool};
+use crate::base::streamed::Streamed;
+use crate::base::{Error, Result};
+use crate::cli::args::MergeArgs;
+use crate::cli::{print, progress};
+use crate::generate::dataset::check;
+use crate::generate::parts;
+use crate::guiding::sample::file;
+use crate::picture::{Display, Picture, check_folder, check_writable, write_or_rescue};
+use crate::render::guide_part::merge_guides;
+use crate::render::merge::{Merged, merge};
+
+/// Puts the parts of a picture, of a guide or of a data set together.
+///
+/// # Errors
+/// Errors of reading the parts and of writing the whole; [`Error::Options`] where it is not clear what is wanted.
+pub fn run(args: &MergeArgs) -> Result<()> {
+    match (&args.inputs[..], &args.output) {
+        ([folder], None) if folder.is_dir() => data(folder, args),
+        (_, None) => Err(Error::Options("give -o FILE for the picture; without it, the folder of one data set".into())),
+        (inputs, Some(_)) if inputs.iter().any(|input| input.is_dir()) => Err(Error::Options(
+            "a data set is put together in its folder: leave -o out, and give the folder alone".into(),
+        )),
+        ([first, ..], Some(output)) if Streamed::open(first)?.has(file::PART_HEAD) => guide(output, args),
+        (_, Some(output)) => picture(output, args),
+    }
+}
+
+fn guide(output: &Path, args: &MergeArgs) -> Result<()> {
+    check_folder(output)?;
+    if args.allow_missing {
+        return Err(Error::Options("--allow-missing is for pictures: a guide of some parts is another guide".into()));
+    }
+    in_pool(&args.common, || {
+        let (field, evidence) = merge_guides(&args.inputs, |reconstruction, mode| {
+            reconstruction.reconstructor(|| {
+                let neural = network(args.model.as_deref(), args.backend)?;
+                neural.check_mode(mode)?;
+                Ok(Box::new(neural))
+            })
+        })?;
+        file::save(output, &field, &evidence)
+    })
+}
+
+fn picture(output: &Path, args: &MergeArgs) -> Result<()> {
+    check_writable(output)?;
+    in_pool(&args.common, || {
+        let Merged { image, channels, attributes, placed, missing } =
+            merge(&args.inputs, args.allow_missing, &*progress::progress(args.common.quiet))?;
+        let told = (!missing.is_empty()).then(|| format!("parts are missing: {}", missing.join(", ")));
+        print::warnings(&told.into_iter().collect::<Vec<_>>(), args.common.quiet);
+        let picture = Picture { image: &image, channels: &channels, window: placed, attributes: &attributes };
+        write_or_rescue(output, &picture, Display::default())
+    })
+}
+
+fn data(folder: &Path, args: &MergeArgs) -> Result<()> {
+    match parts::merge(folder)? {
+        0 => print::line(&format!("{}: the data are whole", folder.display()))?,
+        count => print::line(&format!("{}: {count} parts are put together", folder.display()))?,
+    }
+    if args.check { dataset::told(&in_pool(&args.common, || check(folder))?) } else { Ok(()) }
+}

@@ -1,0 +1,257 @@
+//! Part files: what one process has rendered of a picture, for [`merge`](super::merge).
+//!
+//! A safetensors file (see [`crate::base::tensors`]), written once the part is complete. It holds the part's blocks of samples in their
+//! order, named `block0` and so on (see [`Block`]), of which each can be read by itself, and rows of each too; and
+//!
+//! | name | type | |
+//! |---|---|---|
+//! | `part` | u8 | JSON, see [`PartHead`] |
+//! | `layer0` and so on | f32 | channels of features and mattes, in the first part of a picture or window alone |
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::part::PartOf;
+use super::statistics::Statistics;
+use crate::base::streamed::{Checked, Streamed};
+use crate::base::tensors::{self, Arrays, Dtype, Tensor, borrowed};
+use crate::base::{Error, Place, Result, Unfit};
+use crate::film::{BLOCK, Block, check_size};
+use crate::integrators::path::Cause;
+use crate::picture::{Attribute, Channel, Window};
+
+/// The version of part files that this program reads and writes.
+pub const VERSION: u32 = 1;
+/// Name of the array that tells what the file is.
+pub const HEAD: &str = "part";
+/// Largest accepted head in bytes: mostly the names of what mattes show.
+const HEAD_LIMIT: usize = 64 << 20;
+/// Most layers of a part.
+const MOST_LAYERS: usize = 256;
+
+/// What a part is, and of which picture.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartHead {
+    /// Which part of how many.
+    pub part: PartOf,
+    /// What all parts of the picture must have in common: contents of the scene and the guide, settings, version of the program; a line
+    /// of text each.
+    pub in_common: String,
+    /// Columns and rows of the whole picture.
+    pub size: [u32; 2],
+    /// The part of it that was rendered: columns to the left, rows above, columns, rows.
+    pub window: [u32; 4],
+    /// Samples per pixel of all parts together, and those spent before the picture.
+    pub samples: u32,
+    /// Samples per pixel that the picture was asked for.
+    pub spp: u32,
+    /// Whether blocks have what variances are made of.
+    pub detailed: bool,
+    /// Whether there is a layer of sample counts, and one of variances.
+    pub film_layers: [bool; 2],
+    /// Names of the channels that all parts together have beside those, in the order of the picture's.
+    pub channels: Vec<String>,
+    /// Attributes of the picture that are known beforehand.
+    pub attributes: Vec<Attribute>,
+    /// Attributes of the layers, where the file has them.
+    pub layer_attributes: Vec<Attribute>,
+    /// Where samples and time went.
+    pub totals: Totals,
+}
+
+/// Sums over the parts of a picture.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Totals {
+    /// Dropped camera samples.
+    pub dropped_samples: u64,
+    /// Those whose cause is known, by cause in the order of [`Cause::ALL`].
+    pub dropped: Vec<u64>,
+    /// Meshes and pictures of the scene that were not found.
+    pub missing_files: usize,
+    /// Wall time of rendering.
+    pub seconds: f64,
+    /// Threads.
+    pub threads: usize,
+}
+
+impl Totals {
+    /// Those of one process.
+    pub fn of(statistics: &Statistics) -> Self {
+        Self {
+            dropped_samples: statistics.dropped_samples,
+            dropped: statistics.dropped.causes.to_vec(),
+            missing_files: statistics.missing_files.len(),
+            seconds: statistics.seconds.total,
+            threads: statistics.threads,
+        }
+    }
+
+    /// Adds those of another process.
+    pub fn add(&mut self, other: &Self) {
+        self.dropped_samples = self.dropped_samples.saturating_add(other.dropped_samples);
+        self.dropped.resize(Cause::ALL.len(), 0);
+        self.dropped.iter_mut().zip(&other.dropped).for_each(|(sum, more)| *sum = sum.saturating_add(*more));
+        // The same scene lacks the same files.
+        self.missing_files = self.missing_files.max(other.missing_files);
+        self.seconds += other.seconds;
+        self.threads = self.threads.max(other.threads);
+    }
+}
+
+impl PartHead {
+    /// The part of the picture that was rendered.
+    pub fn window(&self) -> Window {
+        let [x, y, width, height] = self.window;
+        Window { x, y, width, height }
+    }
+
+    /// Its number of blocks.
+    ///
+    /// # Errors
+    /// [`Error::Options`] where there is no such part.
+    pub fn blocks(&self) -> Result<u32> {
+        Ok(self.part.samples(self.samples)?.len().div_ceil(BLOCK as usize) as u32)
+    }
+}
+
+/// Name of a block.
+fn block_name(number: u32) -> String {
+    format!("block{number}")
+}
+
+/// Writes a part atomically: its `blocks` in their order, and its `layers`.
+///
+/// # Errors
+/// [`Error::Io`] naming `path`; [`Error::Options`] for a head that JSON cannot express.
+pub fn write(path: &Path, head: &PartHead, blocks: &[Block], layers: &[Channel]) -> Result<()> {
+    let text = serde_json::to_vec(head).map_err(|e| Error::Options(format!("{}: {e}", path.display())))?;
+    let mut all: Vec<Tensor> = vec![(HEAD.into(), Dtype::U8, vec![text.len()], text.into())];
+    all.extend((0..).zip(blocks).flat_map(|(number, block)| block.arrays(&block_name(number))));
+    for (number, layer) in layers.iter().enumerate() {
+        all.push(borrowed::<_, 4>(format!("layer{number}"), (Dtype::F32, 1), &layer.values));
+    }
+    tensors::write(path, VERSION, &all)
+}
+
+/// A part file whose head was read and held against its arrays.
+pub struct PartFile {
+    /// The head.
+    pub head: PartHead,
+    /// Number of its blocks.
+    pub blocks: u32,
+    file: Streamed,
+    checked: Vec<Checked>,
+}
+
+impl PartFile {
+    /// Opens a part file.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Malformed`], [`Error::Unsupported`], [`Error::Limit`], naming file and place; [`Error::Parts`] for the
+    /// checkpoint of a part that is not finished.
+    pub fn open(path: &Path) -> Result<Self> {
+        let file = Streamed::open(path)?;
+        if file.has("made_for") && file.has("state") {
+            let message = format!(
+                "{}: this is a checkpoint of a part that is not finished; the command that began it goes on from there",
+                path.display()
+            );
+            return Err(Error::Parts { fault: Unfit::Unfinished, files: vec![path.to_owned()], message });
+        }
+        if !file.has(HEAD) {
+            return Err(Error::malformed(Place::file(path), "this is no part of a picture"));
+        }
+        file.check_version("part", VERSION)?;
+        if file.bytes(HEAD) > HEAD_LIMIT {
+            let (place, what) = (Place::part(path, HEAD), "size in bytes".into());
+            return Err(Error::Limit { place, what, value: file.bytes(HEAD) as u64, limit: HEAD_LIMIT as u64 });
+        }
+        let rows = file.rows(None)?;
+        let text = rows.read(HEAD, Dtype::U8, None, 1, |[byte]: [u8; 1]| byte)?;
+        let checked = rows.checked();
+        let fail = |message: String| Error::malformed(Place::part(path, HEAD), message);
+        let head: PartHead = serde_json::from_slice(&text).map_err(|e| fail(e.to_string()))?;
+        let sound = || -> Result<u32> {
+            check_size(head.size[0], head.size[1])?;
+            head.window().check_inside(head.size)?;
+            head.blocks()
+        };
+        let blocks = sound().map_err(|e| fail(e.to_string()))?;
+        if head.channels.len() > MOST_LAYERS || head.detailed != head.film_layers.contains(&true) {
+            return Err(fail(format!("{} layers, or others than the blocks are made for", head.channels.len())));
+        }
+        let pixels = head.window().pixels() as usize;
+        (0..blocks).try_for_each(|number| Block::expect(&file, &block_name(number), pixels, head.detailed))?;
+        let part = Self { head, blocks, file, checked };
+        (0..part.layers()).try_for_each(|number| part.file.expect(&format!("layer{number}"), Dtype::F32, pixels, 1))?;
+        Ok(part)
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        self.file.path()
+    }
+
+    /// Number of layers that this file has: the first part has those of all.
+    pub fn layers(&self) -> usize {
+        if self.head.part.index() == 1 { self.head.channels.len() } else { 0 }
+    }
+
+    /// Some pixels of each block, one after the other, given to `take`; returns the checksums of what was read.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Malformed`].
+    pub fn blocks_within(&self, pixels: std::ops::Range<usize>, mut take: impl FnMut(&Block)) -> Result<Vec<Checked>> {
+        let count = pixels.len();
+        let rows = self.file.rows(Some(pixels))?;
+        for number in 0..self.blocks {
+            take(&Block::read(&rows, &block_name(number), count, self.head.detailed)?);
+        }
+        Ok(rows.checked())
+    }
+
+    /// The values of a layer.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Malformed`].
+    pub fn layer(&mut self, number: usize) -> Result<Vec<f32>> {
+        let rows = self.file.rows(None)?;
+        let values = rows.read(&format!("layer{number}"), Dtype::F32, None, 1, f32::from_le_bytes)?;
+        self.checked.extend(rows.checked());
+        Ok(values)
+    }
+
+    /// Takes the checksums of what was read.
+    pub fn read(&mut self, checked: Vec<Checked>) {
+        self.checked.extend(checked);
+    }
+
+    /// Holds all that was read against the file's checksum.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] where it is damaged, or was not read as a whole.
+    pub fn check(&mut self) -> Result<()> {
+        self.file.check(std::mem::take(&mut self.checked))
+    }
+}
+
+/// Whether the file at `path` is a whole part with this head, whatever its totals and attributes.
+pub fn is_done(path: &Path, head: &PartHead) -> bool {
+    let whole = || -> Result<bool> {
+        let mut file = PartFile::open(path)?;
+        for number in 0..file.layers() {
+            file.layer(number)?;
+        }
+        let pixels = file.head.window().pixels() as usize;
+        let checked = file.blocks_within(0..pixels, |_| {})?;
+        file.read(checked);
+        file.check()?;
+        let found = &file.head;
+        Ok((&found.in_common, found.part, found.window, found.samples)
+            == (&head.in_common, head.part, head.window, head.samples))
+    };
+    whole().unwrap_or(false)
+}
