@@ -1,0 +1,126 @@
+"""What a job asks of Slurm: memory and time, from a probe of the scene and from constants that docs/cluster.md says how to measure."""
+
+import json
+import math
+import subprocess
+import tempfile
+from pathlib import Path
+
+MB = 1e6
+
+# Samples per pixel in a block, which is the least that a part renders: `BLOCK` of the program.
+SAMPLES_PER_BLOCK = 64
+# What a part keeps of each of its blocks until it is written (13 where no variances are wanted), and a checkpoint while it is written.
+BLOCK_BYTES_PER_PIXEL = 38
+CHECKPOINT_BYTES_PER_PIXEL = 100
+# Merging: what the program itself takes, and what a pixel does (the sum of all parts and the part that is being read), without and with layers.
+MERGE_BASE = 64 * MB
+MERGE_BYTES_PER_PIXEL = 50
+MERGE_BYTES_PER_PIXEL_AND_LAYERS = 400
+# Seconds that a part takes to be read and added, for a pixel.
+MERGE_SECONDS_PER_PIXEL = 6e-8
+# A thread's buffers of paths and records.
+BYTES_PER_THREAD = 8 * MB
+# A guide in memory, over the size of its file; the ceiling of learning (--guide-memory, in bytes) where there is no file yet.
+GUIDE_BYTES_PER_FILE_BYTE = 4
+GUIDE_CEILING = 24 * MB
+# Seconds of a guided sample over those of a plain one, where a guide is worth most.
+GUIDED = 3.5
+# Making data: scenes are small, whatever the recipe.
+DATASET_MEMORY = 500 * MB
+# Training: the program, network and steps; the data in memory over the size of their files.
+TRAIN_BASE = 500 * MB
+TRAIN_BYTES_PER_FILE_BYTE = 3
+# What is asked for, over what is expected. A part that needs longer is requeued and goes on, so that a wrong guess of time costs minutes; a part
+# that needs more memory is killed, and would be again.
+SPARE_MEMORY = 1.5
+SPARE_TIME = 2.0
+# Seconds from a job's start to the program's, and the warning before the time limit with Slurm's resolution of it.
+START = 60.0
+WARNING = 180.0
+
+
+class Probe:
+    """What one sample per pixel has shown of a scene."""
+
+    def __init__(self, width, height, peak_bytes, threads, load, build, write, samples_per_second):
+        self.width = width
+        self.height = height
+        self.pixels = width * height
+        self.peak_bytes = peak_bytes
+        self.threads = threads
+        self.once = load + build + write
+        self.rate = samples_per_second / threads
+
+
+def probe(fanal, scene, options, threads):
+    """Renders one sample per pixel, without a guide.
+
+    Raises subprocess.CalledProcessError where the program refuses the scene or the options.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        stats = Path(folder) / "stats.json"
+        command = [fanal, "render", scene, *options, "--guide", "none", "--spp", "1", "--threads", threads, "--quiet"]
+        command += ["-o", Path(folder) / "probe.exr", "--stats", stats]
+        subprocess.run([str(word) for word in command], check=True)
+        found = json.loads(stats.read_text())
+    seconds = found["seconds"]
+    rate = found["samples"] / max(seconds["trace"], 1e-3)
+    return Probe(found["width"], found["height"], found["peak_rss_bytes"], threads, seconds["load"], seconds["build"], seconds["write"], rate)
+
+
+def blocks(spp):
+    """Blocks of so many samples per pixel."""
+    return math.ceil(spp / SAMPLES_PER_BLOCK)
+
+
+def division(spp, parts):
+    """How a picture is divided into about so many parts: windows, and parts of each, which are no more than its blocks."""
+    windows = math.ceil(parts / blocks(spp))
+    return windows, math.ceil(parts / windows)
+
+
+def guide_bytes(file):
+    """Memory of a guide: of a file, or of what is still to be learned where there is none yet."""
+    return GUIDE_BYTES_PER_FILE_BYTE * (file.stat().st_size if file else GUIDE_CEILING)
+
+
+def render_memory(probed, threads, guide, own_blocks=0):
+    """Bytes of a task that renders or learns: what the probe took, threads that it did not have, the guide, blocks of a part, a checkpoint."""
+    more = max(threads - probed.threads, 0) * BYTES_PER_THREAD
+    pixel = CHECKPOINT_BYTES_PER_PIXEL + own_blocks * BLOCK_BYTES_PER_PIXEL
+    return SPARE_MEMORY * (probed.peak_bytes + more + guide + pixel * probed.pixels)
+
+
+def render_seconds(probed, spp, threads, guided):
+    """Seconds of a task that renders or learns by `spp` samples per pixel."""
+    tracing = probed.pixels * spp / (probed.rate * threads) * (GUIDED if guided else 1)
+    return START + WARNING + SPARE_TIME * (probed.once + tracing)
+
+
+def merge_memory(pixels, layers=False):
+    """Bytes of merging: parts are read one by one, so that their number does not matter."""
+    pixel = MERGE_BYTES_PER_PIXEL_AND_LAYERS if layers else MERGE_BYTES_PER_PIXEL
+    return SPARE_MEMORY * (MERGE_BASE + pixel * pixels)
+
+
+def merge_seconds(pixels, parts):
+    """Seconds of merging."""
+    return START + WARNING + SPARE_TIME * parts * pixels * MERGE_SECONDS_PER_PIXEL
+
+
+def train_memory(data):
+    """Bytes of training or of an evaluation, which hold all data."""
+    size = sum(file.stat().st_size for file in data.glob("*.safetensors"))
+    return SPARE_MEMORY * (TRAIN_BASE + TRAIN_BYTES_PER_FILE_BYTE * size)
+
+
+def megabytes(size):
+    """Memory as Slurm's --mem has it, where M is 2^20 bytes; no less than 256."""
+    return f"{max(math.ceil(size / 2**20), 256)}M"
+
+
+def limit(seconds):
+    """Time as Slurm's --time has it; no less than ten minutes."""
+    minutes = max(math.ceil(seconds / 60), 10)
+    return f"{minutes // 60}:{minutes % 60:02}:00"

@@ -1,0 +1,160 @@
+"""What integrations/cluster/submit asks Slurm for, with a program that only answers the probe."""
+
+import os
+import pathlib
+import shlex
+import subprocess
+import sys
+import tempfile
+import unittest
+
+CLUSTER = pathlib.Path(__file__).resolve().parents[2] / "integrations/cluster"
+sys.path.insert(0, str(CLUSTER))
+
+import resources  # noqa: E402 (the folder has to be on the path before)
+from jobs import Job  # noqa: E402
+
+# 1000 x 500 pixels at 50,000 samples per second and thread, in 100 MB.
+PROGRAM = """#!/usr/bin/env python3
+import json, sys
+if "--help" in sys.argv:
+    print("--size --seed")
+else:
+    seconds = {"load": 1.0, "build": 2.0, "write": 3.0, "trace": 10.0}
+    stats = {"width": 1000, "height": 500, "samples": 500000, "peak_rss_bytes": 100000000, "seconds": seconds}
+    open(sys.argv[sys.argv.index("--stats") + 1], "w").write(json.dumps(stats))
+"""
+
+
+class Submitted(unittest.TestCase):
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp())
+        self.addCleanup(lambda: subprocess.run(["rm", "-rf", str(self.folder)], check=True))
+        self.program = self.folder / "fanal"
+        self.program.write_text(PROGRAM)
+        self.program.chmod(0o755)
+        # In place of the script that runs the program.
+        (self.folder / "requeue").symlink_to("/bin/echo")
+
+    def submit(self, *words):
+        command = [sys.executable, CLUSTER / "submit", words[0], "--dry-run", *words[1:]]
+        environment = {**os.environ, "FANAL": str(self.program), "FANAL_TRAINING": str(self.program)}
+        answer = subprocess.run([str(word) for word in command], env=environment, check=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        calls = [shlex.split(line.split("=$(")[1][:-1]) for line in answer.stdout.splitlines() if "=$(" in line]
+        return calls, answer.stderr
+
+    def scripts(self, calls):
+        return [next(pathlib.Path(word).name for word in call if word.endswith(".sbatch")) for call in calls]
+
+    def test_learns_renders_and_merges(self):
+        calls, _ = self.submit("room", "--spp", 4096, "--parts", 64, "--guide", "neural", "-o", "out.exr", "--", "--size", "10x10", "--aov", "all")
+        self.assertEqual(self.scripts(calls), ["learn.sbatch", "render.sbatch", "merge.sbatch"])
+        learn, render, merge = calls
+        self.assertFalse(any(word.startswith("--dependency") for word in learn))
+        self.assertIn("--dependency=afterok:$fanal_learn", render)
+        self.assertIn("--dependency=afterok:$fanal_render", merge)
+        self.assertIn("--array=1-64", render)
+        self.assertEqual(learn[-2:], ["--size", "10x10"])
+        self.assertEqual(render[-4:], ["--size", "10x10", "--aov", "all"])
+        self.assertIn(str(pathlib.Path("out.exr.parts/1.guide").resolve()), render)
+
+    def test_several_learn(self):
+        calls, _ = self.submit("room", "--spp", 4096, "--parts", 2, "--learn-parts", 4, "-o", "out.exr")
+        self.assertEqual(self.scripts(calls), ["learn.sbatch", "merge.sbatch", "render.sbatch", "merge.sbatch"])
+        self.assertIn("--dependency=afterok:$fanal_guide", calls[2])
+        self.assertEqual(calls[1][-2:], ["guide", "4"])
+
+    def test_nothing_is_learned(self):
+        guide = self.folder / "some.guide"
+        guide.write_bytes(b"guide")
+        for how in (["--guide", "none"], ["--load-guide", guide]):
+            calls, _ = self.submit("room", "--spp", 4096, "--parts", 2, *how, "-o", "out.exr")
+            self.assertEqual(self.scripts(calls), ["render.sbatch", "merge.sbatch"])
+            self.assertTrue(set(map(str, how[1:])) <= set(calls[0]))
+
+    def test_more_parts_than_blocks_are_windows(self):
+        calls, _ = self.submit("room", "--spp", 1024, "--parts", 64, "--guide", "none", "-o", "out.exr")
+        self.assertIn("--array=1-64", calls[0])
+        begin = calls[0].index(next(word for word in calls[0] if word.endswith("render.sbatch")))
+        self.assertEqual(calls[0][begin + 1 : begin + 4], ["16", "4", "1000x500"])
+        self.assertEqual(calls[1][-2:], ["part", "64"])
+        with self.assertRaises(subprocess.CalledProcessError):
+            self.submit("room", "--spp", 1024, "--parts", 64, "--guide", "none", "-o", "out.exr", "--", "--crop", "0,0,10,10")
+
+    def test_windows_are_all_rows_once(self):
+        """What render.sbatch makes of its task, with `echo` in place of the program."""
+        runs = []
+        for task in range(1, 13):
+            environment = {**os.environ, "FANAL_CLUSTER": str(self.folder), "FANAL": "fanal", "SLURM_ARRAY_TASK_ID": str(task)}
+            command = ["bash", str(CLUSTER / "render.sbatch"), "4", "3", "640x100", "parts", "room"]
+            runs.append(subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout.split())
+        options = [{name: words[words.index(name) + 1] for name in ("--crop", "--part", "-o")} for words in runs]
+        self.assertEqual([option["-o"] for option in options], [f"parts/{task}.part" for task in range(1, 13)])
+        self.assertEqual([option["--part"] for option in options], ["1/4", "2/4", "3/4", "4/4"] * 3)
+        self.assertEqual([option["--crop"] for option in options[::4]], ["0,0,640,33", "0,33,640,33", "0,66,640,34"])
+
+    def test_more_parts_than_an_array_takes(self):
+        calls, _ = self.submit("room", "--spp", 200000, "--parts", 2500, "--guide", "none", "-o", "out.exr")
+        self.assertEqual([word for call in calls for word in call if word.startswith("--array")], ["--array=1-1000", "--array=1-1000", "--array=1-500"])
+        self.assertEqual([call[0] for call in calls[:3]], ["sbatch", "FANAL_TASKS_BEFORE=1000", "FANAL_TASKS_BEFORE=2000"])
+        self.assertIn("--dependency=afterok:$fanal_render:$fanal_render1000:$fanal_render2000", calls[3])
+
+    def test_names_with_spaces(self):
+        calls, _ = self.submit("a room", "--spp", 64, "--parts", 1, "--guide", "none", "-o", "an output/out.exr")
+        self.assertIn(str(pathlib.Path("a room").resolve()), calls[0])
+        self.assertIn(str(pathlib.Path("an output/out.exr").resolve()), calls[1])
+
+    def test_data_set_and_sweep(self):
+        calls, _ = self.submit("dataset", "recipe.toml", "--parts", 16, "-o", "data")
+        self.assertEqual(self.scripts(calls), ["dataset.sbatch", "merge.sbatch"])
+        self.assertIn("--array=1-16", calls[0])
+        calls, _ = self.submit("train", self.folder, "--seeds", "1,2,3", "--widths", "16,32", "-o", "models", "--", "--epochs", 3)
+        self.assertEqual(self.scripts(calls), ["train.sbatch", "pick.sbatch"])
+        self.assertIn("--array=1-6", calls[0])
+        self.assertEqual(calls[0][-6:], ["1 2 3", "16 32", "--minutes", "30", "--epochs", "3"])
+
+    def test_what_is_asked_for_wins(self):
+        calls, _ = self.submit("room", "--spp", 64, "--parts", 1, "--guide", "none", "--mem", 5000, "--time", "2:00:00", "--cpus", 8, "--sbatch=--partition=long", "-o", "out.exr")
+        self.assertTrue({"--mem=5000M", "--time=2:00:00", "--cpus-per-task=8", "--partition=long"} <= set(calls[0]))
+
+
+class Formulas(unittest.TestCase):
+    def setUp(self):
+        self.probe = resources.Probe(1000, 500, 100e6, 2, 1.0, 2.0, 3.0, 100e3)
+
+    def test_time(self):
+        # 64 samples for each of 500,000 pixels at 50,000 a second and thread, on 4 threads; 6 s besides.
+        expected = resources.START + resources.WARNING + resources.SPARE_TIME * (6 + 160)
+        self.assertAlmostEqual(resources.render_seconds(self.probe, 64, 4, False), expected)
+        self.assertAlmostEqual(resources.render_seconds(self.probe, 64, 4, True), expected + resources.SPARE_TIME * 160 * (resources.GUIDED - 1))
+
+    def test_memory(self):
+        plain = resources.render_memory(self.probe, 2, 0)
+        self.assertAlmostEqual(plain, resources.SPARE_MEMORY * (100e6 + resources.CHECKPOINT_BYTES_PER_PIXEL * 500000))
+        blocks = resources.render_memory(self.probe, 2, 0, 3) - plain
+        self.assertAlmostEqual(blocks, resources.SPARE_MEMORY * 3 * resources.BLOCK_BYTES_PER_PIXEL * 500000)
+        threads = resources.render_memory(self.probe, 10, 0) - plain
+        self.assertAlmostEqual(threads, resources.SPARE_MEMORY * 8 * resources.BYTES_PER_THREAD)
+
+    def test_merging(self):
+        plain = resources.merge_memory(10**6)
+        self.assertAlmostEqual(plain - resources.merge_memory(0), resources.SPARE_MEMORY * resources.MERGE_BYTES_PER_PIXEL * 1e6)
+        self.assertGreater(resources.merge_memory(10**6, layers=True), 3 * plain)
+        self.assertGreater(resources.merge_seconds(10**7, 1000), resources.merge_seconds(10**7, 10))
+
+    def test_division(self):
+        for spp, parts, expected in [(4096, 64, (1, 64)), (4096, 10, (1, 10)), (1024, 64, (4, 16)), (1024, 20, (2, 10)), (1, 3, (3, 1))]:
+            self.assertEqual(resources.division(spp, parts), expected)
+
+    def test_as_slurm_has_them(self):
+        self.assertEqual([resources.megabytes(size) for size in (1, 2**30, 2**30 + 1)], ["256M", "1024M", "1025M"])
+        self.assertEqual([resources.limit(time) for time in (1, 600, 601, 90000)], ["0:10:00", "0:10:00", "0:11:00", "25:00:00"])
+
+    def test_arrays(self):
+        job = Job("render.sbatch", [], "render", "1M", "1", tasks=2001)
+        self.assertEqual(job.arrays(1000), [(0, 1000), (1000, 1000), (2000, 1)])
+        self.assertEqual(Job("merge.sbatch", [], "merge", "1M", "1").arrays(1000), [(0, None)])
+
+
+if __name__ == "__main__":
+    unittest.main()
