@@ -19,10 +19,12 @@ use crate::guiding::record::{PathRecord, Radiance};
 use crate::guiding::sample::field::{DirectionGuide, GuideField};
 use crate::guiding::sample::roulette::AdjointRoulette;
 use crate::lights::Light;
+use crate::lights::seen::{ANYWHERE, SkySampling, SkyView, facing};
 use crate::materials::medium::MediumId;
 use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::{Material, Variant};
 use crate::math::channel_mean;
+use crate::math::lanes::LANES;
 use crate::sampling::mis;
 use crate::scene::Scene;
 use crate::scene::effects::Effects;
@@ -38,6 +40,8 @@ pub struct PathTracer<'a> {
     pub settings: TransportSettings,
     /// The guiding field; none for plain path tracing.
     pub field: Option<&'a GuideField>,
+    /// How the sky is sampled.
+    pub sky: SkySampling<'a>,
 }
 
 /// The beginning of a camera path.
@@ -103,6 +107,8 @@ struct Arrival {
     phase: Option<HenyeyGreenstein>,
     /// Whether the shading normal is turned by bumps.
     bumped: bool,
+    /// Which way the surface faces, as the sky is sampled by it.
+    facing: u8,
     /// Whether only delta lobes scatter here.
     smooth: bool,
     /// Whether a light is sampled.
@@ -181,6 +187,8 @@ struct Previous {
     pdf: f32,
     /// Probability with which light sampling was tried there; 0 where it never is.
     light_probability: f32,
+    /// Which way the surface faces.
+    facing: u8,
 }
 
 /// Totals of a worker.
@@ -241,6 +249,7 @@ impl PathTracer<'_> {
             variant: if phase.is_some() { Variant::PHASE } else { self.scene.variant(surface) },
             phase,
             bumped,
+            facing: if self.sky.asks_facing() { facing(normal) } else { ANYWHERE },
             smooth,
             connects: self.connects::<E>(path, worth.light),
             worth,
@@ -367,7 +376,7 @@ impl PathTracer<'_> {
             path.reflected /= survival;
         }
         let light_probability = if sample.delta { 0.0 } else { at.worth.light };
-        path.previous = Some(Previous { point: surface.point, pdf: sample.pdf, light_probability });
+        path.previous = Some(Previous { point: surface.point, pdf: sample.pdf, light_probability, facing: at.facing });
         if E::MEDIA && at.phase.is_none() {
             path.medium = self.scene.medium_beyond(surface, sample.direction, path.medium);
         }
@@ -423,7 +432,9 @@ impl PathTracer<'_> {
 
     #[inline(always)]
     fn background(&self, path: &PathState) -> Emission {
-        let (radiance, light_pdf) = self.scene.lights.background(path.ray.direction);
+        let facing = path.previous.as_ref().map_or(ANYWHERE, |previous| previous.facing);
+        let sky = SkyView { learned: self.sky.learned(), facing: [facing; LANES] };
+        let (radiance, light_pdf) = self.scene.lights.background(path.ray.direction, &sky);
         match path.previous {
             Some(p) if p.light_probability > 0.0 => {
                 let weight = mis::balance(p.pdf, light_pdf * p.light_probability);
@@ -449,6 +460,7 @@ impl PathTracer<'_> {
         }
         shadows.connections.push(Connection {
             vertex: at.vertex,
+            facing: at.facing,
             value: sampled.light,
             pdf: sampled.pdf * at.worth.light,
             bsdf_pdf: if sampled.delta { 0.0 } else { sampled.bsdf_pdf },

@@ -10,6 +10,7 @@ use glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
 use super::distant::{cross_section, ray_through};
+use super::seen::SkyView;
 use super::{BoundingSphere, Emission, LightSample, LightSamples};
 use crate::base::processor::prefetch;
 use crate::math::lanes::functions::{atan2, sin_cos};
@@ -17,6 +18,7 @@ use crate::math::lanes::{Bits, Mask, Real, V3};
 use crate::math::{Frames, channel_mean};
 use crate::picture::Image;
 use crate::sampling::grid::Grid;
+use crate::sampling::tiles::Tiling;
 
 /// An environment map.
 #[derive(Debug, Clone)]
@@ -36,6 +38,7 @@ pub struct Envmap {
     to_world: Mat3,
     to_local: Mat3,
     grid: Arc<Grid>,
+    tiling: Arc<Tiling>,
     mean: Vec3,
 }
 
@@ -110,6 +113,7 @@ impl Envmap {
             scale,
             to_world,
             to_local: to_world.transpose(),
+            tiling: Arc::new(Tiling::new(&grid)),
             grid: Arc::new(grid),
         }
     }
@@ -146,17 +150,20 @@ impl Envmap {
 
     /// The four texels around a cell, channel by channel in the order of rows, and the density of the cell.
     #[inline(always)]
-    fn read(&self, [x, y]: [usize; 2]) -> [f32; 13] {
+    fn read(&self, [x, y]: [usize; 2], lane: usize, sky: &SkyView) -> [f32; 13] {
         let next = if x + 1 < self.image.width { x + 1 } else { 0 };
         let [top, bottom] = [y, y + 1].map(|y| row(&self.image, y));
         let [a, b, c, d] = [top[x], top[next], bottom[x], bottom[next]];
-        let density = self.grid.density([x, y]) as f32;
+        let mut density = self.grid.density([x, y]) as f32;
+        if let Some(weights) = sky.weights(lane) {
+            density *= weights.ratio(self.tiling.tile([x, y]));
+        }
         [a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z, d.x, d.y, d.z, density]
     }
 
     /// Radiance from the directions `wi`, and densities of [`Envmap::sample`] w.r.t. solid angle.
     #[inline(always)]
-    pub(super) fn seen<R: Real>(&self, wi: V3<R>) -> (V3<R>, R) {
+    pub(super) fn seen<R: Real>(&self, wi: V3<R>, sky: &SkyView) -> (V3<R>, R) {
         let position = self.position(wi);
         // Lanes wait for memory together; one alone would wait twice.
         if size_of::<R>() > size_of::<f32>() {
@@ -167,14 +174,14 @@ impl Envmap {
                 []
             });
         }
-        self.seen_at(position)
+        self.seen_at(position, sky)
     }
 
     /// [`Envmap::seen`] at positions.
     #[inline(always)]
-    fn seen_at<R: Real>(&self, position: Position<R>) -> (V3<R>, R) {
+    fn seen_at<R: Real>(&self, position: Position<R>, sky: &SkyView) -> (V3<R>, R) {
         let Position { cell, inside: [right, below], sin, covered } = position;
-        let texels = R::by_lane(cell, |_, cell| self.read(cell.map(|place| place as usize)));
+        let texels = R::by_lane(cell, |lane, cell| self.read(cell.map(|place| place as usize), lane, sky));
         let [ar, ag, ab, br, bg, bb, cr, cg, cb, dr, dg, db, density] = texels;
         let top = mix(V3::new(ar, ag, ab), V3::new(br, bg, bb), right);
         let bottom = mix(V3::new(cr, cg, cb), V3::new(dr, dg, db), right);
@@ -194,14 +201,27 @@ impl Envmap {
 
     /// [`Envmap::radiance`] and [`Envmap::pdf`], in less time than both take.
     pub fn radiance_and_pdf(&self, wi: Vec3) -> (Vec3, f32) {
-        let (radiance, pdf) = self.seen(V3::from(wi));
+        let (radiance, pdf) = self.seen(V3::from(wi), &SkyView::PLAIN);
         (radiance.into(), pdf)
+    }
+
+    /// The tile that a direction is in.
+    pub fn tile(&self, wi: Vec3) -> usize {
+        self.tiling.tile(self.position(V3::from(wi)).cell.map(|place| place as usize))
+    }
+
+    /// Probabilities with which tiles are chosen where nothing is learned.
+    pub fn shares(&self) -> &[f32] {
+        self.tiling.shares()
     }
 
     /// Directions chosen in proportion to radiance.
     #[inline(always)]
-    pub(super) fn directions<R: Real>(&self, u: [R; 2]) -> V3<R> {
-        let (cell, [right, below]) = self.grid.choose(u);
+    pub(super) fn directions<R: Real>(&self, u: [R; 2], sky: &SkyView) -> V3<R> {
+        let (cell, [right, below]) = match sky.learned {
+            Some(_) => self.tiling.choose(&self.grid, u, |lane| sky.weights(lane)),
+            None => self.grid.choose(u),
+        };
         let [] = R::by_lane(cell, |_, cell| {
             self.prefetch_texels(cell.map(|place| place as usize));
             []
@@ -214,16 +234,16 @@ impl Envmap {
 
     /// Samples directions in proportion to radiance.
     #[inline(always)]
-    pub(super) fn samples<R: Real>(&self, u: [R; 2]) -> LightSamples<R> {
-        let wi = self.directions(u);
+    pub(super) fn samples<R: Real>(&self, u: [R; 2], sky: &SkyView) -> LightSamples<R> {
+        let wi = self.directions(u, sky);
         // Looking the density up again keeps it equal to that of `seen` for the rounded direction.
-        let (radiance, pdf) = self.seen_at(self.position(wi));
+        let (radiance, pdf) = self.seen_at(self.position(wi), sky);
         LightSamples { found: pdf.above(0.0), ..LightSamples::distant(wi, radiance, pdf) }
     }
 
     /// Samples a direction in proportion to radiance.
     pub fn sample(&self, u: [f32; 2]) -> Option<LightSample> {
-        self.samples(u).one()
+        self.samples(u, &SkyView::PLAIN).one()
     }
 
     /// Samples a photon through the scene.
@@ -304,7 +324,7 @@ mod tests {
                 for _ in 0..200 {
                     let u = random.next_2d();
                     let (cell, inside) = map.grid.choose(u);
-                    let wi = map.directions::<f32>(u);
+                    let wi = map.directions::<f32>(u, &SkyView::PLAIN);
                     let found = map.position(wi);
                     let [across, down] = [0, 1].map(|i| {
                         f64::from(found.cell[i]) + f64::from(found.inside[i])

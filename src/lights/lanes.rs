@@ -2,6 +2,7 @@
 
 use super::area::{self, AreaLight};
 use super::point::{self, Point, Spot};
+use super::seen::SkyView;
 use super::{Light, LightSample, LightSet};
 use crate::math::lanes::{Bits, LANES, Mask, Real, V3, Wide};
 
@@ -168,6 +169,7 @@ impl LightSet {
         points: &V3<W::Real>,
         choices: &[f64; LANES],
         u: &[[f32; 2]; LANES],
+        sky: &SkyView,
     ) -> LightSamples<W::Real> {
         let u = wide.points(u);
         let (indices, probability) = self.choose_lanes(wide, points, choices);
@@ -190,7 +192,7 @@ impl LightSet {
             samples = LightSamples::choose(mask, found, samples);
         }
         samples.pdf = samples.pdf * probability;
-        self.add_distant(&chosen, probability, u, samples)
+        self.add_distant(&chosen, probability, u, samples, sky)
     }
 
     /// Adds the samples of lights without a place.
@@ -201,6 +203,7 @@ impl LightSet {
         probability: R,
         u: [R; 2],
         mut samples: LightSamples<R>,
+        sky: &SkyView,
     ) -> LightSamples<R> {
         let mut together = probability.lt(probability);
         // These lights are few: one after the other, in all lanes that have chosen it.
@@ -210,10 +213,10 @@ impl LightSet {
             let (mask, light) = (chosen.is(index), &self.lights[index as usize]);
             left &= !mask.answers();
             if self.together(light) {
-                samples.wi = V3::choose(mask, light.directions(u), samples.wi);
+                samples.wi = V3::choose(mask, light.directions(u, sky), samples.wi);
                 together = together | mask;
             } else {
-                let mut found = light.sample_distant(u);
+                let mut found = light.sample_distant(u, sky);
                 found.pdf = found.pdf * probability;
                 samples = LightSamples::choose(mask, found, samples);
             }
@@ -221,7 +224,7 @@ impl LightSet {
         if !together.any() {
             return samples;
         }
-        LightSamples::choose(together, self.sample_around(samples.wi, chosen.lanes[0]), samples)
+        LightSamples::choose(together, self.sample_around(samples.wi, chosen.lanes[0], sky), samples)
     }
 
     /// [`LightSet::choose`] for sixteen points: indices, of none where there is no light, and probabilities.

@@ -7,6 +7,7 @@ pub mod envmap;
 mod glow;
 mod lanes;
 pub mod point;
+pub mod seen;
 pub mod sky;
 pub mod sun;
 #[cfg(test)]
@@ -25,6 +26,7 @@ use distant::{Constant, Directional};
 use envmap::Envmap;
 pub use lanes::LightSamples;
 use point::{Point, Spot};
+use seen::SkyView;
 use sun::Sun;
 use tree::{LightBounds, LightTree};
 
@@ -85,18 +87,18 @@ pub enum Light {
 impl Light {
     /// Samples the light as seen from `point`.
     #[inline(always)]
-    pub fn sample(&self, point: Vec3, u: [f32; 2]) -> Option<LightSample> {
+    pub fn sample(&self, point: Vec3, u: [f32; 2], sky: &SkyView) -> Option<LightSample> {
         match self {
             Self::Area(light) => light.sample(point, u),
             Self::Point(light) => point::sample_points(|_| light, point.into()).one(),
             Self::Spot(light) => point::sample_spots(|_| light, point.into()).one(),
-            _ => self.sample_distant(u).one(),
+            _ => self.sample_distant(u, sky).one(),
         }
     }
 
     /// Samples a light that has no position, in lanes.
     #[inline(always)]
-    fn sample_distant<R: Real>(&self, u: [R; 2]) -> LightSamples<R> {
+    fn sample_distant<R: Real>(&self, u: [R; 2], sky: &SkyView) -> LightSamples<R> {
         match self {
             Self::Directional(light) => light.samples(u[0]),
             Self::Sun(light) => {
@@ -108,17 +110,17 @@ impl Light {
                 let (radiance, pdf) = light.seen(wi);
                 LightSamples::distant(wi, radiance, pdf)
             }
-            Self::Envmap(light) => light.samples(u),
+            Self::Envmap(light) => light.samples(u, sky),
             Self::Area(_) | Self::Point(_) | Self::Spot(_) => LightSamples::none(u[0]),
         }
     }
 
     /// Directions to the light, which is around the scene.
     #[inline(always)]
-    fn directions<R: Real>(&self, u: [R; 2]) -> V3<R> {
+    fn directions<R: Real>(&self, u: [R; 2], sky: &SkyView) -> V3<R> {
         match self {
             Self::Sun(light) => light.directions(u),
-            Self::Envmap(light) => light.directions(u),
+            Self::Envmap(light) => light.directions(u, sky),
             _ => Constant::directions(u),
         }
     }
@@ -140,20 +142,20 @@ impl Light {
 
     /// Radiance from infinitely far away in direction `wi`, zero for lights that are not there.
     pub fn background(&self, wi: Vec3) -> Vec3 {
-        self.seen(V3::from(wi)).0.into()
+        self.seen(V3::from(wi), &SkyView::PLAIN).0.into()
     }
 
     /// Density with which [`Light::sample`] chooses the background direction `wi`, w.r.t. solid angle.
     pub fn background_pdf(&self, wi: Vec3) -> f32 {
-        self.seen(V3::from(wi)).1
+        self.seen(V3::from(wi), &SkyView::PLAIN).1
     }
 
     /// [`Light::background`] and [`Light::background_pdf`] in lanes.
     #[inline(always)]
-    fn seen<R: Real>(&self, wi: V3<R>) -> (V3<R>, R) {
+    fn seen<R: Real>(&self, wi: V3<R>, sky: &SkyView) -> (V3<R>, R) {
         match self {
             Self::Constant(light) => light.seen(wi),
-            Self::Envmap(light) => light.seen(wi),
+            Self::Envmap(light) => light.seen(wi, sky),
             Self::Sun(light) => light.seen(wi),
             _ => (V3::splat(wi.x.all(0.0)), wi.x.all(0.0)),
         }
@@ -285,17 +287,23 @@ impl LightSet {
         })
     }
 
+    /// The environment map of a scene that has one alone.
+    pub fn only_map(&self) -> Option<&Envmap> {
+        let is_map = |light: &&Light| matches!(light, Light::Envmap(_));
+        self.map().filter(|_| self.lights.iter().filter(is_map).count() == 1)
+    }
+
     /// Samples a chosen light; the density includes the choice. Lights at infinity that rays can hit are sampled together.
-    pub fn sample(&self, point: Vec3, choice: f64, u: [f32; 2]) -> Option<LightSample> {
+    pub fn sample(&self, point: Vec3, choice: f64, u: [f32; 2], sky: &SkyView) -> Option<LightSample> {
         if self.lights.is_empty() {
             return None;
         }
         let (index, probability) = self.choose(point, choice)?;
         let light = &self.lights[index];
         if self.together(light) {
-            return self.sample_around(light.directions(u), index as i32).one();
+            return self.sample_around(light.directions(u, sky), index as i32, sky).one();
         }
-        let sample = light.sample(point, u)?;
+        let sample = light.sample(point, u, sky)?;
         Some(LightSample { pdf: sample.pdf * probability, ..sample })
     }
 
@@ -308,33 +316,33 @@ impl LightSet {
     /// Samples of all lights around the scene, in directions that were chosen for one of them. A ray that leaves the scene meets all of
     /// them at once, so a sample of one is one of their sum.
     #[inline(always)]
-    fn sample_around<R: Real>(&self, wi: V3<R>, chosen: R::Bits) -> LightSamples<R> {
-        let (radiance, pdf, own) = self.background_and_own(wi, chosen);
+    fn sample_around<R: Real>(&self, wi: V3<R>, chosen: R::Bits, sky: &SkyView) -> LightSamples<R> {
+        let (radiance, pdf, own) = self.background_and_own(wi, chosen, sky);
         LightSamples { found: pdf.above(0.0) & own.above(0.0), ..LightSamples::distant(wi, radiance, pdf) }
     }
 
     /// Radiance of all background lights in direction `wi`, and the density with which [`LightSet::sample`] chooses it.
     #[inline]
-    pub fn background(&self, wi: Vec3) -> (Vec3, f32) {
-        let (radiance, pdf) = self.background_lanes(V3::from(wi));
+    pub fn background(&self, wi: Vec3, sky: &SkyView) -> (Vec3, f32) {
+        let (radiance, pdf) = self.background_lanes(V3::from(wi), sky);
         (radiance.into(), pdf)
     }
 
     /// [`LightSet::background`] in lanes.
     #[inline(always)]
-    pub fn background_lanes<R: Real>(&self, wi: V3<R>) -> (V3<R>, R) {
+    pub fn background_lanes<R: Real>(&self, wi: V3<R>, sky: &SkyView) -> (V3<R>, R) {
         let none = wi.x.bits();
-        let (radiance, pdf, _) = self.background_and_own(wi, none.all(-1));
+        let (radiance, pdf, _) = self.background_and_own(wi, none.all(-1), sky);
         (radiance, pdf)
     }
 
     /// [`LightSet::background`], and the density with which each lane's `chosen` light alone has its direction.
     #[inline(always)]
-    fn background_and_own<R: Real>(&self, wi: V3<R>, chosen: R::Bits) -> (V3<R>, R, R) {
+    fn background_and_own<R: Real>(&self, wi: V3<R>, chosen: R::Bits, sky: &SkyView) -> (V3<R>, R, R) {
         let zero = wi.x.all(0.0);
         let (mut sum, mut density, mut own) = (V3::splat(zero), zero, zero);
         for &(index, probability) in &self.around {
-            let (radiance, pdf) = self.lights[index as usize].seen(wi);
+            let (radiance, pdf) = self.lights[index as usize].seen(wi, sky);
             sum = sum + radiance;
             density = density + pdf * (1.0 - self.placed) * probability;
             own = chosen.same(chosen.all(index as i32)).choose(pdf, own);

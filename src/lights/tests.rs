@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{Affine2, Affine3A, Mat3, Quat, Vec2, Vec3};
 
+use super::seen::{LearnedSky, SkyCounts, SkyView};
 use super::*;
 use crate::base::processor::{Avx2, Avx512};
 use crate::base::random::Random;
@@ -126,6 +127,16 @@ fn place(lights: &LightSet, random: &mut Random) -> Vec3 {
     }
 }
 
+/// What is learned of a sky that is mostly seen on one side; none where there is no map, or several.
+fn learned(lights: &LightSet, random: &mut Random) -> Option<LearnedSky> {
+    let (map, counts) = (lights.only_map()?, SkyCounts::default());
+    for _ in 0..200 {
+        let wi = vector(random, 1.0).normalize_or(Vec3::X);
+        counts.add(map, random.below(7) as u8, if random.below(4) == 0 { wi } else { wi.with_x(wi.x.abs()) });
+    }
+    counts.learned(map)
+}
+
 /// Compares lanes with single points; says in how many lanes something was found and in how many nothing.
 struct Compare<'a>(&'a LightSet, u64);
 
@@ -137,13 +148,17 @@ impl Kernel for Compare<'_> {
         let Self(lights, key) = self;
         let mut random = Random::new(91, key, 0);
         let mut counts = [0; 2];
+        let learned = learned(lights, &mut random);
         for _ in 0..if cfg!(miri) { 1 } else { 30 } {
             let points: [Vec3; LANES] = std::array::from_fn(|_| place(lights, &mut random));
             let choices: [f64; LANES] = std::array::from_fn(|_| random.next_f64());
             let u: [[f32; 2]; LANES] = std::array::from_fn(|_| random.next_2d());
+            let facing: [u8; LANES] = std::array::from_fn(|_| random.below(7) as u8);
+            let sky = SkyView { learned: learned.as_ref(), facing };
+            let alone_sky = |lane: usize| SkyView { facing: [facing[lane]; LANES], ..sky };
             let lanes = |i: usize| wide.load(&points.map(|point| point[i]));
-            let samples = lights.sample_lanes(wide, &V3::new(lanes(0), lanes(1), lanes(2)), &choices, &u);
-            let (radiance, pdf) = lights.background_lanes(samples.wi);
+            let samples = lights.sample_lanes(wide, &V3::new(lanes(0), lanes(1), lanes(2)), &choices, &u, &sky);
+            let (radiance, pdf) = lights.background_lanes(samples.wi, &sky);
             let numbers = [samples.wi, samples.radiance, radiance].map(|v| [v.x, v.y, v.z].map(|x| wide.store(x)));
             let others = [samples.distance, samples.pdf, pdf].map(|x| wide.store(x));
             let masks = [samples.found, samples.delta].map(|mask| mask.answers());
@@ -152,11 +167,11 @@ impl Kernel for Compare<'_> {
                 let [distance, pdf, seen_pdf] = others.map(|x| x[lane]);
                 let [found, delta] = masks.map(|mask| mask >> lane & 1 == 1);
                 let sample = found.then_some(LightSample { wi, distance, radiance, pdf, delta });
-                let alone = lights.sample(points[lane], choices[lane], u[lane]);
+                let alone = lights.sample(points[lane], choices[lane], u[lane], &alone_sky(lane));
                 assert_eq!(sample.map(bits), alone.map(bits), "{alone:?} {sample:?}");
                 counts[usize::from(found)] += 1;
                 if found {
-                    let (alone, alone_pdf) = lights.background(wi);
+                    let (alone, alone_pdf) = lights.background(wi, &alone_sky(lane));
                     let bits = |v: Vec3, pdf: f32| (v.to_array().map(f32::to_bits), pdf.to_bits());
                     assert_eq!(bits(seen, seen_pdf), bits(alone, alone_pdf), "{seen} {alone}");
                 }

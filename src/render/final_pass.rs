@@ -50,6 +50,10 @@ impl Run<'_> {
         statistics.errors = self.watcher.errors;
         // A pass is spent when it begins.
         let traced = if self.interrupted { statistics.samples as f64 / pixels } else { f64::INFINITY };
+        statistics.decisions.extend(self.sky.as_ref().map(|sky| {
+            let gain = sky.gain();
+            format!("sky sampled as it is seen from surfaces: {gain:.2} times the second moment of its light")
+        }));
         statistics.describe(self.scene, self.settings, self.state.spent.min(traced).ceil() as u32);
         Ok(Outcome {
             image,

@@ -220,6 +220,7 @@ impl Run<'_> {
             let guided = trial % 2;
             let tracer = PassTracer {
                 field: (guided == 1).then_some(field),
+                sky: (&self.sky).into(),
                 picture,
                 first_sample: self.state.rendered,
                 chunk: samples.clamp(1 << 12, CHUNK),

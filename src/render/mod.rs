@@ -20,6 +20,7 @@ mod replay;
 mod run;
 mod settings;
 mod share;
+mod sky;
 mod state;
 mod statistics;
 mod target;

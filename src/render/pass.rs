@@ -22,6 +22,7 @@ use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::GuideField;
 use crate::integrators::path::{CameraPath, PathTracer};
 use crate::integrators::photon::PhotonTracer;
+use crate::lights::seen::SkySampling;
 use crate::picture::Window;
 use crate::scene::Scene;
 
@@ -47,6 +48,8 @@ pub struct PassTracer<'a> {
     pub filter: &'a PixelFilter,
     /// The guiding field; none without guiding.
     pub field: Option<&'a GuideField>,
+    /// How the sky is sampled.
+    pub sky: SkySampling<'a>,
     /// Values that pixels will about have, without a guide over what vertices are expected to send back; none where nothing is known of
     /// them.
     pub picture: Option<&'a [f32]>,
@@ -88,6 +91,7 @@ impl<'a> PassTracer<'a> {
             window,
             filter,
             field: None,
+            sky: SkySampling::Plain,
             picture: None,
             first_sample: 0,
             sequences_from: None,
@@ -153,7 +157,8 @@ impl PassTracer<'_> {
     ) {
         let begun = Instant::now();
         let start = range.start;
-        let tracer = PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field };
+        let tracer =
+            PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field, sky: self.sky };
         let begin = |index| {
             let (pixel, sample) = self.camera_sample(index, places);
             let (ray, random) = camera_ray(self.scene, self.settings, self.filter, sample);

@@ -7,6 +7,7 @@ use super::learning::Learning;
 use super::order::Uneven;
 use super::pass::{CHUNK, Chunk, PassTracer};
 use super::settings::{RenderSettings, StopRule};
+use super::sky::learned_sky;
 use super::state::{Part, Phase, Position, State};
 use super::statistics::{ErrorPoint, Statistics};
 use crate::base::{Error, Result};
@@ -14,6 +15,7 @@ use crate::film::{
     Block, FinishedPass, Pass, PixelFilter, PixelSpread, check_sheet, combine_sheet, expected_values, pixel_spread,
 };
 use crate::guiding::sample::field::{Evidence, GuideField};
+use crate::lights::seen::LearnedSky;
 use crate::picture::{Image, Window};
 use crate::scene::Scene;
 
@@ -32,6 +34,8 @@ pub(super) struct Run<'a> {
     /// Window of the picture that is rendered.
     pub window: Window,
     pub filter: PixelFilter,
+    /// What is known of the sky; none where the map alone decides how it is sampled.
+    pub sky: Option<LearnedSky>,
     pub watcher: Watcher<'a>,
     pub statistics: Statistics,
     /// Whether no picture is wanted, so that the whole budget may go into learning.
@@ -55,11 +59,14 @@ impl<'a> Run<'a> {
         }
         let window = settings.window(scene.size);
         window.check_inside(scene.size)?;
+        let filter = PixelFilter::new(settings.filter)?;
+        let sky = learned_sky(scene, settings, &filter);
         let mut run = Self {
             scene,
             settings,
             window,
-            filter: PixelFilter::new(settings.filter)?,
+            filter,
+            sky,
             watcher: Watcher::new(control),
             statistics: Statistics::default(),
             learn_only: false,
@@ -146,6 +153,7 @@ impl<'a> Run<'a> {
         let tracer = PassTracer {
             // One without voxels, of a guide that was given up or not begun, would only be looked up in vain.
             field: field.filter(|field| !field.voxels().is_empty()),
+            sky: (&self.sky).into(),
             picture: picture.or(told),
             first_sample: begun.unwrap_or(self.state.rendered - *spp),
             uneven,

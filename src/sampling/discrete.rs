@@ -1,5 +1,7 @@
 //! Sampling of finite sets in proportion to weights.
 
+use std::ops::Range;
+
 use super::cutpoints;
 
 /// A probability distribution over the indices 0..n.
@@ -56,6 +58,26 @@ pub fn sample(cdf: &[f64], table: &[u32], u: f64) -> (usize, f64) {
     (i, inside.clamp(0.0, 1.0 - f64::EPSILON))
 }
 
+/// Longest range that is searched by counting, without branches.
+const COUNTED: usize = 64;
+
+/// [`sample`] of the indices of a range alone, which is not empty: found without a table, as ranges are short.
+#[inline(always)]
+pub fn sample_within(cdf: &[f64], range: Range<usize>, u: f64) -> (usize, f64) {
+    let (begin, last) = (before(cdf, range.start), range.end - 1);
+    let u = begin + u * (cdf[last] - begin);
+    let within = &cdf[range.start..last];
+    let below = match within.len() {
+        0..=COUNTED => within.iter().filter(|&&c| c <= u).count(),
+        _ => within.partition_point(|&c| c <= u),
+    };
+    let i = range.start + below;
+    let low = before(cdf, i);
+    let width = cdf[i] - low;
+    let inside = if width > 0.0 { (u - low) / width } else { 0.5 };
+    (i, inside.clamp(0.0, 1.0 - f64::EPSILON))
+}
+
 impl Discrete {
     /// A distribution from non-negative weights; uniform where all are zero.
     pub fn new(weights: impl IntoIterator<Item = f64>) -> Self {
@@ -85,6 +107,12 @@ impl Discrete {
     #[inline(always)]
     pub fn probability(&self, i: usize) -> f64 {
         probability(&self.cdf, i)
+    }
+
+    /// [`Discrete::sample`] of the indices of a range alone, which is not empty.
+    #[inline(always)]
+    pub fn sample_within(&self, range: Range<usize>, u: f64) -> (usize, f64) {
+        sample_within(&self.cdf, range, u)
     }
 
     /// The index that `u` in [0, 1) selects, and `u` rescaled to [0, 1) within it. Needs at least one index.

@@ -1,5 +1,7 @@
 //! Sampling of a piecewise-constant density on a grid over the unit square: rows by their sums, then columns.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::cutpoints;
@@ -48,6 +50,30 @@ impl Grid {
     fn table(&self, y: usize) -> &[u32] {
         let entries = cutpoints::table_len(self.width);
         &self.tables[y * entries..][..entries]
+    }
+
+    /// Columns and rows.
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.rows.len()]
+    }
+
+    /// Probability of the cells of row `y` in a range of columns.
+    pub fn mass(&self, y: usize, columns: Range<usize>) -> f64 {
+        self.rows.probability(y) * columns.map(|x| discrete::probability(self.row(y), x)).sum::<f64>()
+    }
+
+    /// Samples a column of row `y` in a range of them, and where in the cell the point lies.
+    #[inline(always)]
+    pub fn sample_row(&self, y: usize, columns: Range<usize>, u: f64) -> (usize, f64) {
+        discrete::sample_within(self.row(y), columns, u)
+    }
+
+    /// Brings near what [`Grid::sample_row`] reads.
+    #[inline(always)]
+    pub fn prefetch_row(&self, y: usize, columns: Range<usize>) {
+        const LINE: usize = 8;
+        let first = columns.start.saturating_sub(1);
+        self.row(y)[first..columns.end].iter().step_by(LINE).take(LINE).for_each(prefetch);
     }
 
     /// Brings near what [`Grid::density`] reads for a cell.

@@ -4,4 +4,5 @@ pub mod cutpoints;
 pub mod discrete;
 pub mod grid;
 pub mod mis;
+pub mod tiles;
 pub mod warp;

@@ -15,6 +15,7 @@ use fanal::lights::area::AreaLight;
 use fanal::lights::distant::{Constant, Directional};
 use fanal::lights::envmap::Envmap;
 use fanal::lights::point::{Point, Spot};
+use fanal::lights::seen::SkyView;
 use fanal::lights::sky::{Atmosphere, Sky};
 use fanal::lights::sun::Sun;
 use fanal::lights::{BoundingSphere, Light, LightSet};
@@ -197,7 +198,7 @@ fn textured_lamps_are_drawn_by_their_picture() {
 
 /// Radiance of a sample is what a ray in its direction finds, and its density what the look-up says.
 fn background(light: &Light, random: &mut Random) -> Option<Vec3> {
-    let sample = light.sample(Vec3::ZERO, random.next_2d())?;
+    let sample = light.sample(Vec3::ZERO, random.next_2d(), &SkyView::PLAIN)?;
     let pdf = light.background_pdf(sample.wi);
     assert!((pdf - sample.pdf).abs() <= 1e-4 * pdf && pdf > 0.0);
     assert!((light.background(sample.wi) - sample.radiance).length() <= 1e-5 * sample.radiance.length());

@@ -16,6 +16,7 @@ use fanal::lights::area::AreaLight;
 use fanal::lights::distant::{Constant, Directional};
 use fanal::lights::envmap::Envmap;
 use fanal::lights::point::{Point, Spot};
+use fanal::lights::seen::{SkyCounts, SkySampling};
 use fanal::lights::sun::Sun;
 use fanal::lights::{BoundingSphere, Light};
 use fanal::math::{Frame, channel_mean};
@@ -104,8 +105,13 @@ fn lit_floor(light: Option<LightFile>) -> Scene {
 
 /// Flux into the floor by path tracing: π/albedo · the mean radiance over the floor · its area.
 fn traced_flux(scene: &Scene, light_sampling: bool) -> f64 {
+    traced_fluxes(scene, light_sampling, SkySampling::Plain).iter().sum::<f64>() / PARTS as f64
+}
+
+/// The same of each part.
+fn traced_fluxes(scene: &Scene, light_sampling: bool, sky: SkySampling) -> Vec<f64> {
     let settings = TransportSettings { max_depth: 2, light_sampling, roulette: Roulette::Off };
-    let tracer = PathTracer { scene, settings, field: None };
+    let tracer = PathTracer { scene, settings, field: None, sky };
     let part = |part: u64| {
         let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
         let mut sum = 0.0;
@@ -116,9 +122,9 @@ fn traced_flux(scene: &Scene, light_sampling: bool) -> f64 {
             let ray = Ray { origin: Vec3::new(x, 0.01, z), direction: Vec3::NEG_Y };
             sum += f64::from(tracer.trace(CameraPath { ray, random, pixel: None }, &mut scratch, None, &mut count).x);
         }
-        sum / PART as f64
+        sum / PART as f64 * std::f64::consts::PI / 0.5 * 4.0
     };
-    mean_of_parts(part) * std::f64::consts::PI / 0.5 * 4.0
+    (0..PARTS).into_par_iter().map(part).collect()
 }
 
 /// Samples of a part, and parts.
@@ -329,4 +335,35 @@ fn s04_a_sky_lights_by_its_integral() {
     });
     assert!((10.0..13.0).contains(&irradiance), "{irradiance}");
     direct("sky", &scene, irradiance, true);
+}
+
+/// A floor under a roof sees the sky on one side alone. Light sampling by where the sky was seen brings the same light as by the map, with less
+/// noise. The means of 32 parts of 100,000 paths differ by less than five standard errors: a false alarm in 1.7 million seeds.
+#[test]
+fn s04_a_sky_seen_past_a_roof_is_sampled_without_bias() {
+    let pixels = (0..48 * 24).map(|i| Vec3::splat(if i == 5 * 48 + 9 { 60.0 } else { 1.0 + (i % 7) as f32 })).collect();
+    let image = Image { width: 48, height: 24, pixels };
+    let mut b = floor([32, 32], 1.0);
+    let black = b.add_material("black", diffuse([0.0; 3]));
+    b.add_quad("roof", Vec3::new(-1.0, 0.4, 0.0), [Vec3::X * 2.0, Vec3::Z * 5.0], &black, None);
+    let sky = LightFile::Envmap { file: "sky".into(), scale: 1.0, to_world: matrix(Mat4::IDENTITY) };
+    let scene = built_with(b.finish(), |loaded| {
+        loaded.file.lights.push(sky);
+        loaded.images.insert("sky".into(), Arc::new(image).into());
+    });
+    let counts = SkyCounts::default();
+    let counted = traced_fluxes(&scene, true, SkySampling::Counted(&counts));
+    let plain = traced_fluxes(&scene, true, SkySampling::Plain);
+    assert_eq!(counted, plain, "counting changes nothing");
+    let map = scene.lights.only_map().expect("there is one");
+    let learned = Some(counts.learned(map).expect("less than half of it is seen"));
+    let sampled = traced_fluxes(&scene, true, (&learned).into());
+    let [(mean, variance), (found, lower)] = [&plain, &sampled].map(|parts| {
+        let mean = parts.iter().sum::<f64>() / PARTS as f64;
+        (mean, parts.iter().map(|part| (part - mean).powi(2)).sum::<f64>() / (PARTS - 1) as f64)
+    });
+    let error = ((variance + lower) / PARTS as f64).sqrt();
+    assert!((mean - found).abs() < 5.0 * error, "{mean} {found}, standard error {error}");
+    // Of pairs of 32 parts that have the same variance, one in 15 have a ratio below 0.75.
+    assert!(lower < 0.75 * variance, "{variance} {lower}");
 }

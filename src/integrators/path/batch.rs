@@ -12,6 +12,7 @@ use crate::base::processor::Avx2;
 use crate::geometry::{Hit, Met, Ray, RayKind, Scratch, Surface};
 use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::DirectionGuide;
+use crate::lights::seen::SkySampling;
 use crate::materials::medium::MediumId;
 use crate::math::lanes::LANES;
 use crate::scene::effects::{Effects, Everything, With};
@@ -80,6 +81,8 @@ impl Vertices {
 pub(super) struct Connection {
     /// Index of the vertex.
     pub vertex: u32,
+    /// Which way its surface faces.
+    pub facing: u8,
     /// f·L.
     pub value: Vec3,
     /// Density of light sampling.
@@ -301,6 +304,7 @@ impl PathTracer<'_> {
         let densities = if E::GUIDING { DirectionGuide::pdf_lanes(&asked) } else { [0.0; LANES] };
         for (lane, number) in numbers.enumerate().filter(|(lane, _)| passed[*lane] != Vec3::ZERO) {
             let connection = &connections[number];
+            self.count_sky(connection, &shadows.rays[number]);
             let guide = asked[lane].map(|(guide, _)| (guide.bsdf_fraction, densities[lane]));
             let deltas = if E::GUIDING { guided[number].deltas } else { 0.0 };
             let (factor, direct) = Self::weigh(connection, deltas, guide);
@@ -309,6 +313,18 @@ impl PathTracer<'_> {
             if RECORDS {
                 vertices.details[vertex].direct = Direct { value, ..direct };
             }
+        }
+    }
+
+    /// Counts a connection to the sky that nothing is in the way of, where that is wanted.
+    #[inline(always)]
+    fn count_sky(&self, connection: &Connection, (ray, length): &(Ray, f32)) {
+        if let SkySampling::Counted(counts) = self.sky
+            && length.is_infinite()
+            && connection.bsdf_pdf > 0.0
+            && let Some(map) = self.scene.lights.map()
+        {
+            counts.add(map, connection.facing, ray.direction);
         }
     }
 

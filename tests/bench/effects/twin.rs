@@ -13,6 +13,7 @@ use crate::geometry::{Hit, Origins, Ray, RayKind, Scratch as Queries, Surface};
 use crate::integrators::path::CameraPath;
 use crate::lights::Light;
 use crate::lights::area::AreaLight;
+use crate::lights::seen::SkyView;
 use crate::materials::diffuse::{self, Diffuse};
 use crate::materials::{Kind, Scatter, Transport};
 use crate::math::Frames;
@@ -360,7 +361,13 @@ impl Kernel for Sixteen<'_> {
         let draws = |dimension| Draws::new(&self.randoms, dimension);
         let lights = &self.scene.lights;
         let choices = if lights.has_choice() { draws(Dimension::LIGHT).doubles() } else { [0.0; LANES] };
-        let light = lights.sample_lanes(wide, &origins.point, &choices, &draws(Dimension::LIGHT_POINT).points());
+        let light = lights.sample_lanes(
+            wide,
+            &origins.point,
+            &choices,
+            &draws(Dimension::LIGHT_POINT).points(),
+            &SkyView::PLAIN,
+        );
         let wi = frames.to_local(light.wi);
         let (value, bsdf_pdf) = bsdf.eval_and_pdf(wo, V3::choose(turned, -wi, wi));
         let shadow = origins.towards(light.wi, light.distance);
