@@ -1,6 +1,7 @@
 //! Light sources: the light that arrives from them at a point, and the emission of photons.
 
 pub mod area;
+pub mod counted;
 mod cut;
 pub mod distant;
 pub mod envmap;

@@ -1,36 +1,16 @@
-//! The environment map as surfaces see it: a room does so through its windows, a floor above the horizon only. How often a part of the sky
-//! is seen from surfaces that face one way is counted beforehand, and light sampling chooses parts by that.
-//!
-//! Parts are the [`tiles`](crate::sampling::tiles) of the map. With s the probability with which the map's power chooses a tile and m the second
-//! moment of what its samples bring, the variance of all samples together is least where the tile is chosen in proportion to s·√m (Rath et al.
-//! 2020, *Variance-aware path guiding*, eq. 8, for directions). Radiance over density is about the same in all of the map, so m is here
-//! the mean of cos²θ where the sky is seen, and 0 elsewhere.
-
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+//! The environment map as surfaces see it: a room does so through its windows, a floor above the horizon only. Light sampling chooses parts of the
+//! sky by how often they are seen from surfaces that face one way, which is [counted](super::counted) beforehand. Parts are the
+//! [`tiles`](crate::sampling::tiles) of the map.
 
 use glam::Vec3;
 
-use super::envmap::Envmap;
 use crate::math::lanes::LANES;
-use crate::sampling::tiles::{COLUMNS, ROWS, TILES, Weights};
+use crate::sampling::tiles::Weights;
 
 /// Number of facings: the six axis directions that a normal may be nearest to, and [`ANYWHERE`].
-const FACINGS: usize = 7;
+pub(super) const FACINGS: usize = 7;
 /// Facing of points in media, which have no normal.
 pub const ANYWHERE: u8 = 6;
-/// Part of the samples that tiles get by their power alone, whatever was counted.
-const DEFENSIVE: f64 = 0.25;
-/// Weights of what was counted around a tile, of two samples of all facings, and of a ten-thousandth of all facings, beside what was counted
-/// in the tile: few samples that saw nothing do not show that nothing is seen.
-const AROUND: f64 = 0.05;
-const FEW: f64 = 2.0;
-const OTHERS: f64 = 1e-4;
-/// Second moment with what was counted over that without, above which it is not worth knowing.
-const WORTH: f64 = 0.95;
-/// Least cosine that counts: the facing is that of an axis, not of the surface.
-const LEAST_COSINE: f32 = 0.1;
-/// Parts of 1 in which squared cosines are counted.
-const UNIT: f64 = 65536.0;
 
 /// Facing of a surface with a unit `normal`: +x, −x, +y, −y, +z, −z are 0 to 5; [`ANYWHERE`] for the normal zero.
 #[inline(always)]
@@ -50,6 +30,11 @@ pub struct LearnedSky {
 }
 
 impl LearnedSky {
+    /// Probabilities of tiles for each of [`FACINGS`], and what they gain.
+    pub(super) fn new(facings: Vec<Weights>, gain: f64) -> Self {
+        Self { facings, gain }
+    }
+
     /// Second moment of the light that samples of the sky bring, over that without what was learned, in (0, 1).
     pub fn gain(&self) -> f64 {
         self.gain
@@ -76,170 +61,9 @@ impl SkyView<'_> {
     }
 }
 
-/// How light sampling treats the sky.
-#[derive(Debug, Clone, Copy, Default)]
-pub enum SkySampling<'a> {
-    /// By the map alone.
-    #[default]
-    Plain,
-    /// By the map alone, and it is counted where the sky is seen.
-    Counted(&'a SkyCounts),
-    /// By what was learned.
-    Learned(&'a LearnedSky),
-}
-
-impl<'a> From<&'a Option<LearnedSky>> for SkySampling<'a> {
-    fn from(learned: &'a Option<LearnedSky>) -> Self {
-        learned.as_ref().map_or(Self::Plain, Self::Learned)
-    }
-}
-
-impl<'a> SkySampling<'a> {
-    /// What was learned.
-    #[inline(always)]
-    pub fn learned(self) -> Option<&'a LearnedSky> {
-        if let Self::Learned(sky) = self { Some(sky) } else { None }
-    }
-
-    /// Whether it matters which way surfaces face.
-    #[inline(always)]
-    pub fn asks_facing(self) -> bool {
-        !matches!(self, Self::Plain)
-    }
-}
-
-/// Where samples have seen the sky: sums of squared cosines by facing and tile. Whole numbers, which no order of adding changes.
-#[derive(Debug)]
-pub struct SkyCounts {
-    sums: Vec<AtomicU64>,
-}
-
-impl Default for SkyCounts {
-    fn default() -> Self {
-        Self { sums: (0..FACINGS * TILES).map(|_| AtomicU64::new(0)).collect() }
-    }
-}
-
-impl SkyCounts {
-    /// Counts a direction of light sampling in which the sky is seen.
-    pub fn add(&self, map: &Envmap, facing: u8, direction: Vec3) {
-        let along = direction[usize::from(facing / 2).min(2)];
-        let cosine = match facing {
-            ANYWHERE => 1.0,
-            _ if facing % 2 == 1 => -along,
-            _ => along,
-        };
-        // What comes through a surface counts a little.
-        let cosine = f64::from(cosine.clamp(LEAST_COSINE, 1.0));
-        let place = usize::from(facing) * TILES + map.tile(direction);
-        self.sums[place].fetch_add((cosine * cosine * UNIT) as u64, Relaxed);
-    }
-
-    /// What they tell of the sky; none where it is not worth knowing.
-    pub fn learned(&self, map: &Envmap) -> Option<LearnedSky> {
-        let shares = map.shares();
-        let sums: Vec<f64> = self.sums.iter().map(|sum| sum.load(Relaxed) as f64 / UNIT).collect();
-        let all: Vec<f64> = (0..TILES).map(|tile| sums[tile..].iter().step_by(TILES).sum()).collect();
-        let total: f64 = all.iter().sum();
-        if total <= 0.0 {
-            return None;
-        }
-        let (mut before, mut after) = (0.0, 0.0);
-        let facing = |own: &[f64]| {
-            let count: f64 = own.iter().sum();
-            let weights = weights(own, shares, |tile| all[tile] / total * (FEW + OTHERS * count));
-            before += count;
-            after +=
-                own.iter().enumerate().map(|(tile, sum)| sum / f64::from(weights.ratio(tile)).max(1e-3)).sum::<f64>();
-            weights
-        };
-        let facings = sums.chunks(TILES).map(facing).collect();
-        let gain = after / before;
-        (gain < WORTH).then_some(LearnedSky { facings, gain })
-    }
-}
-
-/// Probabilities of tiles, by what was counted in them and a prior in the same unit.
-fn weights(own: &[f64], shares: &[f32], prior: impl Fn(usize) -> f64) -> Weights {
-    let seen = |tile: usize| {
-        let near = around(tile).iter().map(|&near| own[near]).sum::<f64>() / 8.0;
-        own[tile] + AROUND * near + prior(tile)
-    };
-    // Counts are the second moments times the shares of the samples that tiles had.
-    let roots: Vec<f64> = (0..TILES).map(|tile| (seen(tile) * f64::from(shares[tile])).sqrt()).collect();
-    let sum: f64 = roots.iter().sum();
-    let mixed = |(root, &share): (&f64, &f32)| {
-        let share = f64::from(share);
-        DEFENSIVE * share + (1.0 - DEFENSIVE) * if sum > 0.0 { root / sum } else { share }
-    };
-    Weights::new(&roots.iter().zip(shares).map(mixed).collect::<Vec<_>>(), shares)
-}
-
-/// The tiles around a tile; those above the first row and below the last are of that row.
-fn around(tile: usize) -> [usize; 8] {
-    let (row, column) = (tile / COLUMNS, tile % COLUMNS);
-    let [up, down] = [row.saturating_sub(1), (row + 1).min(ROWS - 1)];
-    let [left, right] = [(column + COLUMNS - 1) % COLUMNS, (column + 1) % COLUMNS];
-    [(up, left), (up, column), (up, right), (row, left), (row, right), (down, left), (down, column), (down, right)]
-        .map(|(row, column)| row * COLUMNS + column)
-}
-
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
-    use glam::Mat3;
-
     use super::*;
-    use crate::base::random::Random;
-    use crate::picture::Image;
-
-    /// A floor that sees a quarter of the sky has its samples there, and all else keeps some; a ceiling that sees nothing is sampled as all are.
-    #[test]
-    fn samples_go_where_the_sky_is_seen() {
-        let map = Envmap::new(
-            Arc::new(Image { width: 64, height: 32, pixels: vec![Vec3::ONE; 64 * 32] }),
-            1.0,
-            Mat3::IDENTITY,
-        );
-        let counts = SkyCounts::default();
-        let mut random = Random::new(5, 0, 0);
-        let is_seen = |wi: Vec3| wi.x > 0.0 && wi.y > 0.0;
-        for _ in 0..20_000 {
-            let wi = map.sample(random.next_2d()).expect("all of it shines").wi;
-            if is_seen(wi) {
-                counts.add(&map, facing(Vec3::Y), wi);
-            }
-        }
-        let sky = counts.learned(&map).expect("it is worth knowing");
-        assert!((0.2..0.6).contains(&sky.gain()), "{}", sky.gain());
-        let view = |normal| SkyView { learned: Some(&sky), facing: [facing(normal); LANES] };
-        let share = |normal: Vec3| {
-            let mut random = Random::new(6, 0, 0);
-            let seen = |_| is_seen(map.samples::<f32>(random.next_2d(), &view(normal)).wi.into());
-            (0..4000).map(seen).filter(|&seen| seen).count() as f64 / 4000.0
-        };
-        // 0.75 and a quarter of 0.25, of which tiles on the horizon take a little; the prior of all facings is that of the floor.
-        assert!(share(Vec3::Y) > 0.7, "{}", share(Vec3::Y));
-        assert!((0.25..0.95).contains(&share(Vec3::NEG_Y)), "{}", share(Vec3::NEG_Y));
-        assert!(map.samples::<f32>([0.5, 0.999], &view(Vec3::Y)).pdf > 0.0);
-    }
-
-    #[test]
-    fn nothing_is_learned_where_nothing_is_gained() {
-        let map = Envmap::new(
-            Arc::new(Image { width: 64, height: 32, pixels: vec![Vec3::ONE; 64 * 32] }),
-            1.0,
-            Mat3::IDENTITY,
-        );
-        assert!(SkyCounts::default().learned(&map).is_none(), "nothing was seen");
-        let counts = SkyCounts::default();
-        let mut random = Random::new(7, 0, 0);
-        for _ in 0..20_000 {
-            counts.add(&map, ANYWHERE, map.sample(random.next_2d()).expect("all of it shines").wi);
-        }
-        assert!(counts.learned(&map).is_none(), "all is seen alike");
-    }
 
     #[test]
     fn facings_are_those_of_the_nearest_axis() {

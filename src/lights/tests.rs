@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use glam::{Affine2, Affine3A, Mat3, Quat, Vec2, Vec3};
 
-use super::seen::{LearnedSky, SkyCounts, SkyView};
+use super::counted::SkyCounts;
+use super::seen::{LearnedSky, SkyView};
 use super::*;
 use crate::base::processor::{Avx2, Avx512};
 use crate::base::random::Random;

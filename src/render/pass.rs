@@ -22,7 +22,7 @@ use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::GuideField;
 use crate::integrators::path::{CameraPath, PathTracer};
 use crate::integrators::photon::PhotonTracer;
-use crate::lights::seen::SkySampling;
+use crate::lights::counted::SkySampling;
 use crate::picture::Window;
 use crate::scene::Scene;
 

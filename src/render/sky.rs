@@ -11,7 +11,8 @@ use super::pass::{CameraSample, camera_ray};
 use super::settings::{RenderSettings, StopRule};
 use crate::film::PixelFilter;
 use crate::integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
-use crate::lights::seen::{LearnedSky, SkyCounts, SkySampling};
+use crate::lights::counted::{SkyCounts, SkySampling};
+use crate::lights::seen::LearnedSky;
 use crate::scene::Scene;
 
 /// Paths, unless the picture has fewer pixels. Whatever the budget: a sample that is replayed knows nothing of that.

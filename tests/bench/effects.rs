@@ -50,7 +50,7 @@ use geometry::{Pace, Way};
 use guiding::target::{DirectLight, Target};
 use integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
 use integrators::{Roulette, TransportSettings};
-use lights::seen::SkySampling;
+use lights::counted::SkySampling;
 use scene::Scene;
 use scene::readers::load;
 use twin::Twin;

@@ -11,7 +11,7 @@ use fanal::guiding::learn::emission::EmissionGuide;
 use fanal::integrators::path::{CameraPath, PathScratch, PathTracer};
 use fanal::integrators::photon::{PhotonScratch, PhotonTracer};
 use fanal::integrators::{Roulette, TransportSettings};
-use fanal::lights::seen::SkySampling;
+use fanal::lights::counted::SkySampling;
 use fanal::render::{RenderSettings, render};
 use fanal::scene::{Scene, readers};
 use scenes::{GUIDES, Guide, committed, reconstructor, settings};

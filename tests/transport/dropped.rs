@@ -17,7 +17,7 @@ use fanal::guiding::sample::roulette::AdjointRoulette;
 use fanal::guiding::tree::distribution::Distribution;
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::integrators::path::{CameraPath, Cause, PathTracer};
-use fanal::lights::seen::SkySampling;
+use fanal::lights::counted::SkySampling;
 use fanal::picture::Window;
 use fanal::render::{Control, GuideMode, Outcome, RenderSettings, Sample, render, render_with_field, replay};
 use fanal::scene::Scene;

@@ -26,7 +26,7 @@ use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::guiding::tree::topology::Topology;
 use fanal::integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
 use fanal::integrators::{Roulette, TransportSettings};
-use fanal::lights::seen::SkySampling;
+use fanal::lights::counted::SkySampling;
 use fanal::materials::{Kind, Material, Transport};
 use fanal::math::cylindrical;
 use fanal::reconstruct::{AsCounted, Reconstructor};

@@ -12,7 +12,7 @@ use crate::base::processor::Avx2;
 use crate::geometry::{Hit, Met, Ray, RayKind, Scratch, Surface};
 use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::DirectionGuide;
-use crate::lights::seen::SkySampling;
+use crate::lights::counted::SkySampling;
 use crate::materials::medium::MediumId;
 use crate::math::lanes::LANES;
 use crate::scene::effects::{Effects, Everything, With};
