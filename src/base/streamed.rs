@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use flate2::Crc;
 use safetensors::tensor::Metadata;
 
-use super::tensors::{Arrays, Dtype, checked_version, entry};
+use super::tensors::{Arrays, Dtype, checked_version, entry, length};
 use super::{Error, Place, Result};
 
 /// Largest accepted header in bytes: some ten thousand arrays.
@@ -166,20 +166,13 @@ impl Arrays for Rows<'_> {
         decode: impl Fn([u8; B]) -> T,
     ) -> Result<Vec<T>> {
         let Some(info) = self.of.metadata.info(name) else { return self.fail(name, "the array is missing") };
-        let length = match info.shape[..] {
-            [n] if columns == 1 => Some(n),
-            [n, c] if c == columns => Some(n),
-            _ => None,
-        };
+        let length = length(&info.shape, columns);
         let range = length.map(|length| self.rows.clone().unwrap_or(0..length));
         let fits = |range: &Range<usize>| {
             range.end <= length.unwrap_or(0) && rows.is_none_or(|rows| rows == range.len()) && range.start <= range.end
         };
         let Some(range) = range.filter(|range| info.dtype == dtype && fits(range)) else {
-            return self.fail(
-                name,
-                format!("{:?} {:?}, expected {dtype:?} of {rows:?} rows and {columns} columns", info.dtype, info.shape),
-            );
+            return self.unlike(name, (info.dtype, &info.shape), (dtype, rows, columns));
         };
         let row = dtype.bitsize() / 8 * columns;
         let begin = (range.start * row) as u64;

@@ -125,6 +125,15 @@ pub(super) fn checked_version(path: &Path, header: &Metadata, kind: &str, versio
     Err(Error::Unsupported { place: Place::file(path), what, supported: version.to_string() })
 }
 
+/// Rows of an array of this shape whose trailing dimension is `columns` (1: a vector); none where that is another.
+pub(super) fn length(shape: &[usize], columns: usize) -> Option<usize> {
+    match *shape {
+        [rows] if columns == 1 => Some(rows),
+        [rows, found] if found == columns => Some(rows),
+        _ => None,
+    }
+}
+
 /// Arrays that can be read by their names, wherever they are.
 pub trait Arrays {
     /// The file.
@@ -142,6 +151,20 @@ pub trait Arrays {
         columns: usize,
         decode: impl Fn([u8; B]) -> T,
     ) -> Result<Vec<T>>;
+
+    /// An error about an array of another type or shape than is wanted: type, rows if they are given, columns.
+    ///
+    /// # Errors
+    /// Always [`Error::Malformed`].
+    fn unlike<T>(
+        &self,
+        name: &str,
+        (found, shape): (Dtype, &[usize]),
+        (dtype, rows, columns): (Dtype, Option<usize>, usize),
+    ) -> Result<T> {
+        let wanted = format!("{dtype:?} of {rows:?} rows and {columns} columns");
+        self.fail(name, format!("{found:?} {shape:?}, expected {wanted}"))
+    }
 
     /// An error about a part of the file.
     ///
@@ -172,19 +195,6 @@ impl<'a> Tensors<'a> {
         Ok(tensors)
     }
 
-    /// The file.
-    pub fn path(&self) -> &Path {
-        self.path
-    }
-
-    /// An error about a part of the file.
-    ///
-    /// # Errors
-    /// Always [`Error::Malformed`].
-    pub fn fail<T>(&self, part: impl Into<String>, message: impl Into<String>) -> Result<T> {
-        Err(Error::malformed(Place::part(self.path, part), message))
-    }
-
     fn check_crc(&self, expected: &str) -> Result<()> {
         let mut tensors = self.file.tensors();
         tensors.sort_by(|a, b| a.0.cmp(&b.0));
@@ -196,31 +206,6 @@ impl<'a> Tensors<'a> {
             "crc32",
             format!("the content's checksum is {found}, the header says {expected}: the file is damaged"),
         )
-    }
-
-    /// Reads the elements of a tensor whose trailing dimension is `columns` (1: a vector) and whose length is `rows`, if given.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] where it is missing or has another type or shape.
-    pub fn read<const B: usize, T>(
-        &self,
-        name: &str,
-        dtype: Dtype,
-        rows: Option<usize>,
-        columns: usize,
-        decode: impl Fn([u8; B]) -> T,
-    ) -> Result<Vec<T>> {
-        let Ok(tensor) = self.file.tensor(name) else { return self.fail(name, "the tensor is missing") };
-        let shape_ok = match tensor.shape() {
-            [n] => columns == 1 && rows.is_none_or(|r| r == *n),
-            [n, c] => columns == *c && rows.is_none_or(|r| r == *n),
-            _ => false,
-        };
-        if tensor.dtype() != dtype || !shape_ok {
-            let found = format!("{:?} {:?}", tensor.dtype(), tensor.shape());
-            return self.fail(name, format!("{found}, expected {dtype:?} of {rows:?} rows and {columns} columns"));
-        }
-        Ok(tensor.data().as_chunks::<B>().0.iter().map(|&b| decode(b)).collect())
     }
 
     /// Reads the beginnings of `count` consecutive parts, and the end of the last: rising from 0.
@@ -254,6 +239,11 @@ impl Arrays for Tensors<'_> {
         columns: usize,
         decode: impl Fn([u8; B]) -> T,
     ) -> Result<Vec<T>> {
-        Tensors::read(self, name, dtype, rows, columns, decode)
+        let Ok(tensor) = self.file.tensor(name) else { return self.fail(name, "the tensor is missing") };
+        let length = length(tensor.shape(), columns).filter(|length| rows.is_none_or(|rows| rows == *length));
+        if tensor.dtype() != dtype || length.is_none() {
+            return self.unlike(name, (tensor.dtype(), tensor.shape()), (dtype, rows, columns));
+        }
+        Ok(tensor.data().as_chunks::<B>().0.iter().map(|&b| decode(b)).collect())
     }
 }

@@ -24,7 +24,7 @@
 use std::path::Path;
 
 use crate::base::files::read_bytes;
-use crate::base::tensors::{self, Dtype, Tensor, Tensors, vector};
+use crate::base::tensors::{self, Arrays, Dtype, Tensor, Tensors, vector};
 use crate::base::{Error, Place, Result};
 use glam::Vec3;
 

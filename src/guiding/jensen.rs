@@ -12,7 +12,7 @@ use super::cache::parallax::Carried;
 use super::samples::{Around, Told};
 use super::target::Target;
 use crate::base::Result;
-use crate::base::tensors::{Dtype, Tensor, Tensors, floats};
+use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, floats};
 use crate::math::cylindrical;
 use crate::sampling::grid::Grid;
 

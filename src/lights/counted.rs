@@ -147,14 +147,16 @@ mod tests {
     use crate::math::lanes::LANES;
     use crate::picture::Image;
 
-    /// A floor that sees a quarter of the sky has its samples there, and all else keeps some; a ceiling that sees nothing is sampled as all are.
+    /// A sky that shines alike everywhere.
+    fn white() -> Envmap {
+        let image = Image { width: 64, height: 32, pixels: vec![Vec3::ONE; 64 * 32] };
+        Envmap::new(Arc::new(image), 1.0, Mat3::IDENTITY)
+    }
+
+    /// A floor that sees a quarter of the sky has its samples there, and all else keeps some; a ceiling that has seen nothing is sampled as all facings are.
     #[test]
     fn samples_go_where_the_sky_is_seen() {
-        let map = Envmap::new(
-            Arc::new(Image { width: 64, height: 32, pixels: vec![Vec3::ONE; 64 * 32] }),
-            1.0,
-            Mat3::IDENTITY,
-        );
+        let map = white();
         let counts = SkyCounts::default();
         let mut random = Random::new(5, 0, 0);
         let is_seen = |wi: Vec3| wi.x > 0.0 && wi.y > 0.0;
@@ -180,11 +182,7 @@ mod tests {
 
     #[test]
     fn nothing_is_learned_where_nothing_is_gained() {
-        let map = Envmap::new(
-            Arc::new(Image { width: 64, height: 32, pixels: vec![Vec3::ONE; 64 * 32] }),
-            1.0,
-            Mat3::IDENTITY,
-        );
+        let map = white();
         assert!(SkyCounts::default().learned(&map).is_none(), "nothing was seen");
         let counts = SkyCounts::default();
         let mut random = Random::new(7, 0, 0);

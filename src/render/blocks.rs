@@ -33,14 +33,9 @@ impl Run<'_> {
         loop {
             if !goes_on {
                 part.spp = self.own(spp)?.min(BLOCK);
-                if part.spp == 0 {
+                if !self.begins(part.spp) {
                     break;
                 }
-                if self.watcher.stopped_between() {
-                    self.interrupted = true;
-                    break;
-                }
-                self.state.position.batches += part.spp;
             }
             goes_on = false;
             let complete = self.trace(&mut part, field, None, picture.as_deref());

@@ -28,7 +28,7 @@ use super::settings::{RenderSettings, StopRule};
 use super::state::{Blocks, Division, Half, Part, Phase, Position, State, Trend};
 use super::statistics::{Dropped, ErrorPoint, Iteration, Statistics};
 use crate::base::files::read_bytes;
-use crate::base::tensors::{self, Dtype, Tensor, Tensors, borrowed, doubles, vector};
+use crate::base::tensors::{self, Arrays, Dtype, Tensor, Tensors, borrowed, doubles, vector};
 use crate::base::{Error, Place, Result};
 use crate::film::{BLOCK, Block, FinishedPass, Pass, Sum};
 use crate::guiding::learn::emission;

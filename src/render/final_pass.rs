@@ -114,14 +114,9 @@ impl Run<'_> {
                     StopRule::Spp(spp) => self.rest(spp),
                     _ => self.batch(self.state.position.batches),
                 };
-                if part.spp == 0 {
+                if !self.begins(part.spp) {
                     break;
                 }
-                if self.watcher.stopped_between() {
-                    self.interrupted = true;
-                    break;
-                }
-                self.state.position.batches += part.spp;
             }
             goes_on = false;
             self.watcher.deadline = match self.settings.stop {
@@ -138,6 +133,19 @@ impl Run<'_> {
             self.state.passes.push(finished);
         }
         self.of_passes()
+    }
+
+    /// Begins a batch of `spp` samples per pixel of the final pass; says no where these are none, or a signal ends the render.
+    pub(super) fn begins(&mut self, spp: u32) -> bool {
+        if spp == 0 {
+            return false;
+        }
+        if self.watcher.stopped_between() {
+            self.interrupted = true;
+            return false;
+        }
+        self.state.position.batches += spp;
+        true
     }
 
     /// The picture of the passes so far.

@@ -22,7 +22,7 @@ use super::part::PartOf;
 use super::settings::Reconstruction;
 use super::statistics::Statistics;
 use crate::base::files::read_bytes;
-use crate::base::tensors::{self, Dtype, Tensors, vector};
+use crate::base::tensors::{self, Arrays, Dtype, Tensors, vector};
 use crate::base::{Error, Place, Result, Unfit};
 use crate::guiding::learn::learner::{Learner, LearnerSettings, Use};
 use crate::guiding::sample::field::{Evidence, GuideField, PixelValues};

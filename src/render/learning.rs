@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::settings::{RenderSettings, SampleKinds};
 use super::statistics::{Iteration, Seconds};
 use crate::base::Result;
-use crate::base::tensors::{Dtype, Tensors};
+use crate::base::tensors::{Arrays, Dtype, Tensors};
 use crate::guiding::cache::VoxelId;
 use crate::guiding::learn::emission::{self, EmissionGuide, EmissionLearner, Start};
 use crate::guiding::learn::learner::{Learner, Use};

@@ -1,15 +1,13 @@
 //! The `fanal` program from outside: help, exit codes, and what a user reads when something is wrong.
 
+use crate::files::scene;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Output};
 
 fn fanal(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_fanal")).args(arguments).output().expect("the program was built for this test")
-}
-
-fn scene(name: &str) -> String {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).display().to_string()
 }
 
 /// Runs a command that must fail with `code` and one paragraph without panic that holds all of `words`; `output` must not exist

@@ -8,6 +8,7 @@ mod cli;
 mod denoise;
 mod display;
 mod file_circles;
+mod files;
 mod mattes;
 mod module_order;
 mod parts;

@@ -1,6 +1,7 @@
 //! Parts of a picture that several processes render, and what puts them together: the picture has the bits that one process gives it, or
 //! there is none.
 
+use crate::files::{Files, scene};
 use crate::support::scenes;
 
 use std::collections::BTreeMap;
@@ -14,7 +15,6 @@ use fanal::base::{Error, Unfit};
 use fanal::picture::read_exr_channels;
 use fanal::render::merge::{Merged, merge};
 use scenes::{GUIDES, committed, reconstructor, settings};
-use tempfile::TempDir;
 
 /// Three blocks of samples, of which the last is not whole.
 const SPP: &str = "150";
@@ -38,26 +38,7 @@ fn refused(arguments: &[&str]) -> String {
     told
 }
 
-fn scene(name: &str) -> String {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).display().to_string()
-}
-
-/// A folder, and the paths of files in it.
-struct Files(TempDir);
-
 impl Files {
-    fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn text(&self, name: &str) -> String {
-        self.path(name).display().to_string()
-    }
-
     /// Renders `options` to a file of this name.
     fn render(&self, options: &[&str], name: &str, more: &[&str]) -> PathBuf {
         works(&[&["render"], options, more, &["--quiet", "-o", &self.text(name)]].concat());

@@ -2,14 +2,15 @@
 //! command goes on.
 #![cfg(unix)]
 
-use std::path::{Path, PathBuf};
+use crate::files::{Files, scene};
+
+use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use fanal::base::process::ignores;
 use fanal::cli::interrupt::EXIT_EARLY;
 use fanal::picture::read_image;
-use tempfile::TempDir;
 
 const SIGHUP: i32 = 1;
 /// What shells report for a process that SIGTERM ended.
@@ -50,27 +51,6 @@ fn ended_early(child: Child, signal: &str) -> Output {
     assert_eq!(output.status.code(), Some(i32::from(EXIT_EARLY)), "{signal}: {told}");
     assert!(!told.contains("panicked"), "{told}");
     output
-}
-
-fn scene(name: &str) -> String {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).display().to_string()
-}
-
-/// A folder, and the paths of files in it.
-struct Files(TempDir);
-
-impl Files {
-    fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn text(&self, name: &str) -> String {
-        self.path(name).display().to_string()
-    }
 }
 
 /// An endless render; it is under way once a picture is there.

@@ -16,7 +16,7 @@ use glam::Vec3;
 
 use super::{FinishedPass, Half, Pass, Pixel, Spread, TILE};
 use crate::base::Result;
-use crate::base::tensors::{Dtype, Tensor, Tensors, borrowed, doubles, vector};
+use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, borrowed, doubles, vector};
 
 /// Most samples of a pixel: as many passes as a render makes can be added up without an overflow.
 const MOST_SAMPLES: u32 = 1 << 26;

@@ -6,7 +6,7 @@ use glam::Vec3;
 use super::parallax::Parallax;
 use super::{CacheParts, SpatialCache};
 use crate::base::Result;
-use crate::base::tensors::{Dtype, Tensor, Tensors, vector};
+use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, vector};
 
 /// The arrays of a cache.
 pub(in crate::guiding) fn cache_arrays<'a>(cache: &SpatialCache) -> Vec<Tensor<'a>> {

@@ -7,7 +7,7 @@
 
 use crate::base::Result;
 use crate::base::random::Random;
-use crate::base::tensors::{Dtype, Tensor, Tensors, offsets, vector};
+use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, offsets, vector};
 use crate::guiding::tree::arrays::{read_trees, tree_arrays};
 use crate::guiding::tree::distribution::Distribution;
 use crate::guiding::tree::sampler::SamplingTree;

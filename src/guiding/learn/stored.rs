@@ -18,7 +18,7 @@ use super::learner::{Learner, LearnerSettings};
 use super::outliers::{Outlier, Outliers};
 use super::voxel::Voxel;
 use crate::base::Result;
-use crate::base::tensors::{Dtype, Tensor, Tensors, doubles, vector};
+use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, doubles, vector};
 use crate::guiding::cache::SpatialCache;
 use crate::guiding::cache::arrays::{cache_arrays, read_cache};
 use crate::guiding::cache::parallax::Parallax;

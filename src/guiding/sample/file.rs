@@ -30,7 +30,7 @@ use std::path::Path;
 use super::field::{Evidence, GuideField, PixelValues, VoxelGuide};
 use super::roulette::AdjointRoulette;
 use crate::base::files::read_bytes;
-use crate::base::tensors::{self, Dtype, Tensor, Tensors, floats, vector};
+use crate::base::tensors::{self, Arrays, Dtype, Tensor, Tensors, floats, vector};
 use crate::base::{Error, Result, Unfit};
 use crate::guiding::cache::arrays::{cache_arrays, read_cache, read_parallax};
 use crate::guiding::model::Directions;

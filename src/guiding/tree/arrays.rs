@@ -2,7 +2,7 @@
 
 use super::sampler::{Node, SamplingTree};
 use crate::base::Result;
-use crate::base::tensors::{Dtype, Tensor, Tensors, vector};
+use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, vector};
 
 /// The arrays `kind_offset`, `kind_shares` and `kind_uniform` of trees, some of which may be missing.
 pub(in crate::guiding) fn tree_arrays<'a>(kind: &str, trees: &[Option<&SamplingTree>]) -> [Tensor<'a>; 3] {

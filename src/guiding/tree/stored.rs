@@ -25,7 +25,7 @@ use super::topology::Topology;
 use super::voxel::TreeVoxel;
 use super::{TreeSettings, Trees};
 use crate::base::Result;
-use crate::base::tensors::{Dtype, Tensor, Tensors, offsets, vector};
+use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, offsets, vector};
 use crate::guiding::moments::Moments;
 use crate::guiding::target::Target;
 
