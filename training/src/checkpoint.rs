@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use burn::tensor::{Device, Tensor, TensorData};
 use fanal::base::files::read_bytes;
-use fanal::base::tensors::{self, Dtype, Tensors, vector};
+use fanal::base::tensors::{self, Arrays, Dtype, Tensors, vector};
 use fanal::network::config::Config;
 use fanal::network::weights::{LayerWeights, Weights};
 use serde::{Deserialize, Serialize};
