@@ -36,8 +36,8 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 9: blocks of samples.
-pub const VERSION: u32 = 9;
+/// The version of checkpoints that this program reads and writes. 10: costs of guided samples.
+pub const VERSION: u32 = 10;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;

@@ -26,8 +26,8 @@ const STRONG: f64 = 0.5;
 const MAKING_GROWTH: f64 = 1.5;
 
 /// Part of the time for a render in which is measured what a guided sample costs, and how often in turns with others.
-const TRIAL_SHARE: f64 = 0.005;
-const TRIALS: usize = 2;
+const TRIAL_SHARE: f64 = 0.01;
+const TRIALS: usize = 3;
 /// Least cost of a guided sample over another; a clock that says less was disturbed.
 const LEAST_COST: f64 = 1.1;
 
@@ -112,8 +112,16 @@ impl Run<'_> {
 
     /// Whether the iterations before `next` have shown that guiding will not pay.
     fn is_hopeless(&self, next: u32) -> bool {
-        let Trend { verdict, guided_cost, .. } = self.state.trend;
-        next >= self.patience() && !self.is_always_guided() && !verdict.may_pay(guided_cost)
+        let Trend { verdict, guided_cost, making, .. } = self.state.trend;
+        // Guides have to win back the time in which they are made.
+        let making = match self.settings.stop {
+            StopRule::Time(budget) => {
+                let left = budget - self.watcher.elapsed();
+                left / (left - MAKING_GROWTH * making).max(1e-9)
+            }
+            _ => 1.0,
+        };
+        next >= self.patience() && !self.is_always_guided() && !verdict.may_pay(guided_cost * making)
     }
 
     fn begin_iteration(&mut self, t: u32, learning: &Learning) -> Part {
@@ -154,16 +162,11 @@ impl Run<'_> {
         let moments = learning.learner.picture_moments(worst);
         let variance = part.pass.variance_relative_to(picture.as_deref());
         self.state.trend.verdict = judged(variance, &moments, finished.samples() as f64);
-        if let StopRule::Time(budget) = self.settings.stop
-            && t > 0
-            && !self.is_always_guided()
-        {
-            // With each iteration more voxels are guided, and so samples cost more.
-            let field = learning.learner.field_of(voxels, Use::Rendering);
-            self.state.trend.guided_cost = self.guided_cost(&field, picture.as_deref(), budget);
-        }
+        // With each iteration more voxels are guided, and so samples cost more.
+        self.try_cost(learning, voxels);
         // Of a guide that does not pay no better one is made: that takes longer than all else that was learned.
-        let iteration = if self.is_hopeless(t + 1) {
+        let hopeless = self.is_hopeless(t + 1);
+        let iteration = if hopeless {
             Iteration {
                 voxels: learning.learner.voxels(),
                 nodes: learning.learner.model().nodes(),
@@ -173,6 +176,10 @@ impl Run<'_> {
             let rays = self.reconstruction_rays();
             learning.end_iteration(part.spp, rays, reconstructor, &mut self.statistics.seconds)?
         };
+        if !hopeless {
+            // Judged were the last guides, but these are rendered with.
+            self.try_cost(learning, learning.learner.voxels());
+        }
         let seconds = self.watcher.elapsed() - began;
         let trend = &mut self.state.trend;
         trend.variances.extend(finished.sample_variance());
@@ -188,6 +195,7 @@ impl Run<'_> {
             seconds,
             mean_variance: finished.sample_variance().map_or(f64::NAN, |v| v / f64::from(part.spp)),
             gain: trend.verdict.gain(),
+            cost: trend.guided_cost,
             photon_share,
             ..iteration
         });
@@ -210,28 +218,34 @@ impl Run<'_> {
         self.learn_only || !self.settings.gives_up
     }
 
-    /// Cost of a sample with a guide over that without it, by the clock: both trace the same samples in turns, which are in no picture,
-    /// for about a two-hundredth of the time for the whole render.
-    fn guided_cost(&self, field: &GuideField, picture: Option<&[f32]>, budget: f64) -> f64 {
+    /// Measures the cost of a sample with the guides of the first `voxels` voxels over that without them, where the verdict on guiding
+    /// depends on it. Both trace the same samples in turns, which are in no picture, for about a hundredth of the time for the render.
+    fn try_cost(&mut self, learning: &Learning, voxels: usize) {
+        let StopRule::Time(budget) = self.settings.stop else { return };
+        if self.is_always_guided() || self.state.trend.verdict.gain().is_none_or(|gain| gain < STRONG) {
+            return;
+        }
+        let (field, picture) = (learning.learner.field_of(voxels, Use::Rendering), self.pixel_values());
         let rate = self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-6);
         let samples = (TRIAL_SHARE / (2 * TRIALS) as f64 * budget * rate) as u64;
         let mut seconds = [f64::INFINITY; 2];
         for trial in 0..2 * TRIALS {
             let guided = trial % 2;
             let tracer = PassTracer {
-                field: (guided == 1).then_some(field),
+                field: (guided == 1).then_some(&field),
                 sky: (&self.sky).into(),
-                picture,
+                picture: picture.as_deref(),
                 first_sample: self.state.rendered,
                 chunk: samples.clamp(1 << 12, CHUNK),
                 ..PassTracer::new(self.scene, self.settings, self.window, &self.filter)
             };
+            let mut pass = self.empty_pass();
             let begun = Instant::now();
-            tracer.run(&mut self.empty_pass(), 0, None, &mut Statistics::default(), &mut |_| false);
+            tracer.run(&mut pass, 0, None, &mut Statistics::default(), &mut |_| false);
             // Other programs only make a trial slower.
             seconds[guided] = seconds[guided].min(begun.elapsed().as_secs_f64());
         }
-        (seconds[1] / seconds[0].max(1e-9)).max(LEAST_COST)
+        self.state.trend.guided_cost = (seconds[1] / seconds[0].max(1e-9)).max(LEAST_COST);
     }
 
     /// Rays that reconstruction may have cost after this iteration: a share of those of the whole render as far as that can be

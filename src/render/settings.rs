@@ -204,7 +204,13 @@ impl RenderSettings {
                 target: Target::Radiance,
                 fraction: FractionRule::Half,
                 direct: DirectLight::Nothing,
-                tree: TreeSettings { split_share: 0.01, context: 0.0, past: 0.0, ..TreeSettings::default() },
+                tree: TreeSettings {
+                    split_share: 0.01,
+                    first_least: 0,
+                    context: 0.0,
+                    past: 0.0,
+                    ..TreeSettings::default()
+                },
                 parallax: false,
                 ..LearnerSettings::default()
             },

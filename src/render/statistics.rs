@@ -57,24 +57,28 @@ pub struct Iteration {
     pub mean_variance: f64,
     /// Estimated variance of a sample with the iteration's guide over that without a guide; none where it is not known.
     pub gain: Option<f64>,
+    /// Time of a sample with the iteration's guides over that without: measured where the verdict on guiding depends on it and the
+    /// budget is a time, otherwise assumed.
+    pub cost: f64,
 }
 
 impl Iteration {
     /// All fields as numbers for checkpoints, NaN for no gain; a gain itself is never NaN.
-    pub(super) fn numbers(&self) -> [f64; 9] {
-        let Self { t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain } = *self;
+    pub(super) fn numbers(&self) -> [f64; 10] {
+        let Self { t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain, cost } =
+            *self;
         let [t, spp] = [t, spp].map(f64::from);
         let [voxels, nodes] = [voxels, nodes].map(|n| n as f64);
         let gain = gain.unwrap_or(f64::NAN);
-        [t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain]
+        [t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain, cost]
     }
 
-    pub(super) fn from_numbers(numbers: &[f64; 9]) -> Self {
-        let &[t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain] = numbers;
+    pub(super) fn from_numbers(numbers: &[f64; 10]) -> Self {
+        let &[t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain, cost] = numbers;
         let [t, spp] = [t, spp].map(|n| n as u32);
         let [voxels, nodes] = [voxels, nodes].map(|n| n as usize);
         let gain = (!gain.is_nan()).then_some(gain);
-        Self { t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain }
+        Self { t, spp, seconds, voxels, nodes, reconstruct_seconds, photon_share, mean_variance, gain, cost }
     }
 }
 

@@ -117,18 +117,21 @@ impl Distribution {
             return Self::uniform();
         }
         let max_level = max_level.min(super::topology::MAX_LEVEL);
-        let mut union = Union { parts: Vec::new(), split: Vec::new(), mass: Vec::new() };
+        let nodes = all.iter().map(|(of, _)| of.topology.len()).max().unwrap_or(1);
+        let mut union = Union {
+            parts: Vec::with_capacity(nodes),
+            split: Vec::with_capacity(nodes),
+            mass: Vec::with_capacity(nodes),
+        };
         let mut level = vec![union.cell(0.0, all.iter().map(|&(of, weight)| (of, 0, weight / total)))];
+        let mut next = Vec::new();
         for depth in 0.. {
             let before = union.split.len() + level.len();
-            let mut next = Vec::new();
-            for cell in level {
+            for cell in level.drain(..) {
                 let room = before + next.len() + 4 <= super::topology::MAX_NODES;
-                let splits = depth < max_level
-                    && room
-                    && !cell.parts.is_empty()
-                    && (depth == 0 || union.mass_of(&cell) > min_mass);
-                union.mass.push(union.mass_of(&cell));
+                let mass = union.mass_of(&cell);
+                let splits = depth < max_level && room && !cell.parts.is_empty() && (depth == 0 || mass > min_mass);
+                union.mass.push(mass);
                 union.split.push(splits);
                 if splits {
                     next.extend((0..4).map(|k| union.child(&cell, k)));
@@ -137,7 +140,7 @@ impl Distribution {
             if next.is_empty() {
                 break;
             }
-            level = next;
+            std::mem::swap(&mut level, &mut next);
         }
         // The flags were made level by level from whole groups of four within the limits, so they are consistent.
         match Topology::from_split(&union.split) {

@@ -48,6 +48,9 @@ use crate::base::Result;
 pub struct TreeSettings {
     /// Share of a tree's energy above which a node is split, ρ.
     pub split_share: f64,
+    /// Number of samples that a node of a tree's first shape has to exceed to be split. Of few samples most nodes would only tell where
+    /// a single one lies, and each costs as much as any other.
+    pub first_least: u32,
     /// Sums that are kept per leaf.
     pub layout: Layout,
     /// Whether samples are moved at random within their leaf's and their voxel's size (Müller 2019 §10.2).
@@ -60,7 +63,7 @@ pub struct TreeSettings {
 
 impl Default for TreeSettings {
     fn default() -> Self {
-        Self { split_share: 0.02, layout: Layout::Values, filtered: false, context: 1024.0, past: 0.5 }
+        Self { split_share: 0.02, first_least: 1, layout: Layout::Values, filtered: false, context: 1024.0, past: 0.5 }
     }
 }
 

@@ -225,10 +225,10 @@ impl Quadtree {
         }
     }
 
-    /// An empty tree whose nodes are split while their share of the path weight or of the photon weight exceeds `share`,
-    /// and joined where neither does (Müller 2017 §3.2). A leaf that has to be split is taken as uniform inside. Where the
-    /// tree holds no energy, its shape is kept.
-    pub fn refined(&self, share: f64) -> Self {
+    /// An empty tree whose nodes are split while their share of the path weight or of the photon weight exceeds `share` and more than
+    /// `least` samples of that kind are in them, and joined where neither holds (Müller 2017 §3.2). A leaf that has to be split is
+    /// taken as uniform inside. Where the tree holds no energy, its shape is kept.
+    pub fn refined(&self, share: f64, least: u32) -> Self {
         let weights = self.leaves().weights();
         let [path, photon] = weights[0];
         if path <= 0.0 && photon <= 0.0 {
@@ -236,21 +236,43 @@ impl Quadtree {
         }
         let relative =
             |[a, b]: [f64; 2]| [if path > 0.0 { a / path } else { 0.0 }, if photon > 0.0 { b / photon } else { 0.0 }];
-        let wanted = |(_, shares): &(Option<usize>, [f64; 2])| shares.iter().any(|&s| s > share);
-        let children = |&(node, shares): &(Option<usize>, [f64; 2])| {
-            let first = node.map(|n| self.topology.first_child[n]).filter(|&c| c != NO_CHILD);
-            [0, 1, 2, 3].map(|k| match first {
-                Some(first) => (Some(first as usize + k), relative(weights[first as usize + k])),
-                None => (None, shares.map(|s| 0.25 * s)),
-            })
+        let channels = self.layout.channels();
+        let counts: Vec<f32> = self.sums.chunks_exact(channels).flat_map(|row| COUNTS.map(|c| row[c])).collect();
+        let counts = self.topology.sum_to_root(&counts, 2);
+        let at = |node: usize| Refined {
+            node: Some(node),
+            shares: relative(weights[node]),
+            counts: [counts[2 * node], counts[2 * node + 1]],
         };
-        let topology = Topology::grown((Some(0), relative(weights[0])), MAX_NODES, wanted, children);
+        let wanted =
+            |of: &Refined| of.shares.iter().zip(of.counts).any(|(&s, count)| s > share && count > f64::from(least));
+        let children = |of: &Refined| {
+            let first = of.node.map(|node| self.topology.first_child[node]).filter(|&first| first != NO_CHILD);
+            [0, 1, 2, 3].map(|k| first.map_or_else(|| of.quarter(), |first| at(first as usize + k)))
+        };
+        let topology = Topology::grown(at(0), MAX_NODES, wanted, children);
         Self::new(topology, self.layout, self.target)
     }
 
     /// Bytes in use.
     pub fn bytes(&self) -> usize {
         self.topology.len() * 20 + self.sums.len() * 4
+    }
+}
+
+/// A cell of a tree that is being refined: a node, or a part of a leaf.
+struct Refined {
+    node: Option<usize>,
+    /// Shares of the path weight and of the photon weight.
+    shares: [f64; 2],
+    /// Numbers of path samples and of photons.
+    counts: [f64; 2],
+}
+
+impl Refined {
+    /// A quarter of a leaf, which is uniform inside.
+    fn quarter(&self) -> Self {
+        Self { node: None, shares: self.shares.map(|s| 0.25 * s), counts: self.counts.map(|n| 0.25 * n) }
     }
 }
 

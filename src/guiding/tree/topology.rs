@@ -5,6 +5,9 @@
 //! their parents. Child k of cell (x, y) at level l is cell (2x + (k & 1), 2y + (k >> 1)) at level l+1. One flag per node
 //! (has it children?) therefore determines the whole tree.
 
+use std::ops::Deref;
+use std::sync::Arc;
+
 /// Deepest level; a cell there covers 2⁻⁴⁰ of the sphere.
 pub const MAX_LEVEL: usize = 20;
 
@@ -14,9 +17,13 @@ pub const MAX_NODES: usize = 8000;
 /// Marks a leaf in [`Topology::first_child`].
 pub const NO_CHILD: u32 = u32::MAX;
 
-/// The nodes of one quadtree, breadth first.
+/// The shape of one quadtree. Copies share their nodes: every distribution has a shape, and most have that of another.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Topology {
+pub struct Topology(Arc<Nodes>);
+
+/// The nodes of one quadtree, breadth first.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Nodes {
     /// For every node the index of its first child, or [`NO_CHILD`].
     pub first_child: Vec<u32>,
     /// For every node the index of its parent; the root's is 0.
@@ -25,6 +32,14 @@ pub struct Topology {
     pub cell: Vec<[u32; 2]>,
     /// Index of the first node of each level, and the node count at the end.
     pub level_start: Vec<usize>,
+}
+
+impl Deref for Topology {
+    type Target = Nodes;
+
+    fn deref(&self) -> &Nodes {
+        &self.0
+    }
 }
 
 impl Topology {
@@ -40,7 +55,14 @@ impl Topology {
         if split.is_empty() {
             return Err("a quadtree without a root".into());
         }
-        let mut tree = Self { first_child: vec![], parent: vec![0], cell: vec![[0, 0]], level_start: vec![0, 1] };
+        let mut tree = Nodes {
+            first_child: Vec::with_capacity(split.len()),
+            parent: Vec::with_capacity(split.len()),
+            cell: Vec::with_capacity(split.len()),
+            level_start: vec![0, 1],
+        };
+        tree.parent.push(0);
+        tree.cell.push([0, 0]);
         let mut level_end = 1;
         for (node, &is_split) in split.iter().enumerate() {
             if node >= tree.cell.len() {
@@ -67,7 +89,7 @@ impl Topology {
         if tree.cell.len() != split.len() {
             return Err(format!("{} quadtree flags for {} nodes", split.len(), tree.cell.len()));
         }
-        Ok(tree)
+        Ok(Self(Arc::new(tree)))
     }
 
     /// Grows a tree from a root, breadth first: a node for which `splits` is true is divided into the four that `children` makes of
@@ -90,7 +112,8 @@ impl Topology {
 
     /// The tree that is only a root.
     pub fn root() -> Self {
-        Self { first_child: vec![NO_CHILD], parent: vec![0], cell: vec![[0, 0]], level_start: vec![0, 1] }
+        let (first_child, parent, cell) = (vec![NO_CHILD], vec![0], vec![[0, 0]]);
+        Self(Arc::new(Nodes { first_child, parent, cell, level_start: vec![0, 1] }))
     }
 
     /// The tree that has all cells of `level`; levels that would take more than [`MAX_NODES`] are left out.

@@ -110,9 +110,13 @@ impl TreeVoxel {
         deposit(&mut self.tree);
         // A tree that is only a root first becomes equal leaves; the second round gives it direction.
         let first = !self.shaped && !keeps;
-        let rounds = if first { 1 + usize::from(self.tree.topology().len() == 1) } else { 0 };
+        let (rounds, least) = match self.tree.topology().len() {
+            _ if !first => (0, 0),
+            1 => (2, settings.first_least),
+            _ => (1, 0),
+        };
         for _ in 0..rounds {
-            self.tree = self.tree.refined(settings.split_share);
+            self.tree = self.tree.refined(settings.split_share, least);
             deposit(&mut self.tree);
         }
         self.shaped = true;
