@@ -294,6 +294,17 @@ impl LightSet {
         self.map().filter(|_| self.lights.iter().filter(is_map).count() == 1)
     }
 
+    /// Probability that a direction which was chosen for a light around the scene was chosen for the environment map, by its power.
+    pub fn map_share(&self, wi: Vec3) -> f32 {
+        let density = |map: bool| -> f32 {
+            let lights = self.around.iter().map(|&(index, probability)| (&self.lights[index as usize], probability));
+            let wanted = lights.filter(|(light, _)| !map || matches!(light, Light::Envmap(_)));
+            wanted.map(|(light, probability)| light.seen::<f32>(wi.into(), &SkyView::PLAIN).1 * probability).sum()
+        };
+        let all = density(false);
+        if all > 0.0 { density(true) / all } else { 0.0 }
+    }
+
     /// Samples a chosen light; the density includes the choice. Lights at infinity that rays can hit are sampled together.
     pub fn sample(&self, point: Vec3, choice: f64, u: [f32; 2], sky: &SkyView) -> Option<LightSample> {
         if self.lights.is_empty() {

@@ -131,11 +131,13 @@ fn place(lights: &LightSet, random: &mut Random) -> Vec3 {
 /// What is learned of a sky that is mostly seen on one side; none where there is no map, or several.
 fn learned(lights: &LightSet, random: &mut Random) -> Option<LearnedSky> {
     let (map, counts) = (lights.only_map()?, SkyCounts::default());
-    for _ in 0..200 {
+    for _ in 0..20_000 {
         let wi = vector(random, 1.0).normalize_or(Vec3::X);
-        counts.add(map, random.below(7) as u8, if random.below(4) == 0 { wi } else { wi.with_x(wi.x.abs()) });
+        counts.add(map, random.below(7) as u8, if random.below(16) == 0 { wi } else { wi.with_x(wi.x.abs()) }, 1.0);
     }
-    counts.learned(map)
+    let learned = counts.learned(map);
+    assert!(learned.is_some(), "half of the sky is hidden");
+    learned
 }
 
 /// Compares lanes with single points; says in how many lanes something was found and in how many nothing.

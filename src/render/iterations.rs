@@ -26,7 +26,7 @@ const STRONG: f64 = 0.5;
 const MAKING_GROWTH: f64 = 1.5;
 
 /// Part of the time for a render in which is measured what a guided sample costs, and how often in turns with others.
-const TRIAL_SHARE: f64 = 0.01;
+const TRIAL_SHARE: f64 = 0.005;
 const TRIALS: usize = 3;
 /// Least cost of a guided sample over another; a clock that says less was disturbed.
 const LEAST_COST: f64 = 1.1;
@@ -219,7 +219,7 @@ impl Run<'_> {
     }
 
     /// Measures the cost of a sample with the guides of the first `voxels` voxels over that without them, where the verdict on guiding
-    /// depends on it. Both trace the same samples in turns, which are in no picture, for about a hundredth of the time for the render.
+    /// depends on it. Both trace the same samples in turns, which are in no picture, for about a two-hundredth of the time for the render.
     fn try_cost(&mut self, learning: &Learning, voxels: usize) {
         let StopRule::Time(budget) = self.settings.stop else { return };
         if self.is_always_guided() || self.state.trend.verdict.gain().is_none_or(|gain| gain < STRONG) {

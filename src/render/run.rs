@@ -60,6 +60,8 @@ impl<'a> Run<'a> {
         let window = settings.window(scene.size);
         window.check_inside(scene.size)?;
         let filter = PixelFilter::new(settings.filter)?;
+        // The clock runs from here on.
+        let watcher = Watcher::new(control);
         let sky = learned_sky(scene, settings, &filter);
         let mut run = Self {
             scene,
@@ -67,7 +69,7 @@ impl<'a> Run<'a> {
             window,
             filter,
             sky,
-            watcher: Watcher::new(control),
+            watcher,
             statistics: Statistics::default(),
             learn_only: false,
             evidence: Evidence::default(),

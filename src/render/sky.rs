@@ -3,8 +3,6 @@
 //! These paths have random numbers of their own and visit the whole picture, or all views that share a render, whatever window is rendered, so
 //! every part of a picture and every replayed sample knows the same.
 
-use std::time::{Duration, Instant};
-
 use rayon::prelude::*;
 
 use super::pass::{CameraSample, camera_ray};
@@ -15,8 +13,11 @@ use crate::lights::counted::{SkyCounts, SkySampling};
 use crate::lights::seen::LearnedSky;
 use crate::scene::Scene;
 
-/// Paths, unless the picture has fewer pixels. Whatever the budget: a sample that is replayed knows nothing of that.
+/// Paths, unless the picture has fewer pixels or there is less time.
 const PATHS: u64 = 1 << 16;
+/// Paths for each second of a budget in seconds, about a hundredth of it. A number and not the clock: who replays a sample, or goes on from
+/// a checkpoint, has to find the same.
+const EACH_SECOND: f64 = 2048.0;
 /// Fewest paths that tell anything.
 const LEAST: u64 = 1 << 12;
 /// Paths that are traced together.
@@ -25,15 +26,17 @@ const BLOCK: u64 = 1 << 10;
 const SEED: u64 = 0x5EE0_0F5E_A5C1_1101;
 /// The golden ratio's fraction, as one of 2⁶⁴.
 const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
-/// Part of a budget in seconds that these paths may take.
-const SHARE: f64 = 0.02;
 
 /// What is known of the sky before a render; none where there is none, or nothing to gain.
 pub(super) fn learned_sky(scene: &Scene, settings: &RenderSettings, filter: &PixelFilter) -> Option<LearnedSky> {
     let map = scene.lights.only_map().filter(|_| settings.transport.light_sampling)?;
     let [width, height] = scene.size;
     let pixels = u64::from(width) * u64::from(height);
-    let paths = PATHS.min(pixels);
+    let affordable = match settings.stop {
+        StopRule::Time(seconds) => (EACH_SECOND * seconds) as u64,
+        StopRule::Spp(_) | StopRule::TargetError(_) => PATHS,
+    };
+    let paths = PATHS.min(pixels).min(affordable);
     if paths < LEAST {
         return None;
     }
@@ -51,14 +54,7 @@ pub(super) fn learned_sky(scene: &Scene, settings: &RenderSettings, filter: &Pix
         let (ray, random) = camera_ray(scene, settings, filter, sample);
         CameraPath { ray, random, pixel: None }
     };
-    let deadline = match settings.stop {
-        StopRule::Time(seconds) => Some(Instant::now() + Duration::from_secs_f64((SHARE * seconds).min(1e6))),
-        StopRule::Spp(_) | StopRule::TargetError(_) => None,
-    };
     let block = |scratch: &mut PathScratch, block: u64| {
-        if deadline.is_some_and(|deadline| Instant::now() > deadline) {
-            return;
-        }
         let numbers = block * BLOCK..((block + 1) * BLOCK).min(paths);
         tracer.trace_all(numbers.map(begin), false, scratch, &mut RayCount::default());
     };

@@ -8,7 +8,7 @@ use fanal::generate::build::{Builder, diffuse};
 use fanal::guiding::target::Target;
 use fanal::picture::Image;
 use fanal::reconstruct::{Neural, Reconstructor};
-use fanal::render::{GuideMode, RenderSettings, SampleKinds, StopRule, render};
+use fanal::render::{GuideMode, Outcome, RenderSettings, SampleKinds, StopRule, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{MaterialFile, SceneFile, TextureFile};
 use fanal::scene::readers::{LoadedScene, load, resolve};
@@ -46,9 +46,14 @@ pub fn reconstructor(guide: GuideMode) -> Box<dyn Reconstructor> {
 }
 
 pub fn picture(scene: &Scene, settings: &RenderSettings) -> Image {
+    outcome(scene, settings).image
+}
+
+/// All that the render of a picture comes to.
+pub fn outcome(scene: &Scene, settings: &RenderSettings) -> Outcome {
     let reconstructor = reconstructor(settings.guide);
     let outcome = render(scene, settings, reconstructor.as_ref(), &Silent, &AtomicBool::new(false));
-    outcome.expect("the settings are sound").image
+    outcome.expect("the settings are sound")
 }
 
 /// Mean over pixels and channels.

@@ -324,7 +324,8 @@ impl PathTracer<'_> {
             && connection.bsdf_pdf > 0.0
             && let Some(map) = self.scene.lights.map()
         {
-            counts.add(map, connection.facing, ray.direction);
+            let share = self.scene.lights.map_share(ray.direction);
+            counts.add(map, connection.facing, ray.direction, share);
         }
     }
 
