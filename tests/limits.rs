@@ -214,6 +214,7 @@ fn parts_are_put_together_in_stripes() {
             let path = folder.path().join(format!("{index}-{count}.part"));
             let head = PartHead {
                 part: PartOf::new(index, count).unwrap(),
+                merged: 0,
                 in_common: "a picture".into(),
                 size,
                 window: [0, 0, size[0], size[1]],

@@ -19,6 +19,8 @@ MERGE_BYTES_PER_PIXEL = 50
 MERGE_BYTES_PER_PIXEL_AND_LAYERS = 400
 # Seconds that a part takes to be read and added, for a pixel.
 MERGE_SECONDS_PER_PIXEL = 6e-8
+# Parts that are merged at a time while others are rendered: in a frame of thousands no merge at the end is in the way.
+MERGED = 500
 # A thread's buffers of paths and records.
 BYTES_PER_THREAD = 8 * MB
 # A guide in memory, over the size of its file; the ceiling of learning (--guide-memory, in bytes) where there is no file yet.

@@ -36,8 +36,8 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 9: blocks of samples.
-pub const VERSION: u32 = 9;
+/// The version of checkpoints that this program reads and writes. 10: sums of blocks.
+pub const VERSION: u32 = 10;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;
@@ -410,7 +410,7 @@ fn read_blocks(
         return Ok(None);
     }
     if settings.part.is_none() {
-        return Sum::from_arrays(pixels, detailed, file, "sum").map(|sum| Some(Blocks::Summed(sum)));
+        return Sum::read(file, "sum", pixels, detailed).map(|sum| Some(Blocks::Summed(sum)));
     }
     if number > f64::from(position.batches.div_ceil(BLOCK)) {
         return file.fail("state", format!("{number} blocks of {} samples", position.batches));

@@ -62,7 +62,7 @@ class Submitted(unittest.TestCase):
         calls, _ = self.submit("room", "--spp", 4096, "--parts", 2, "--learn-parts", 4, "-o", "out.exr")
         self.assertEqual(self.scripts(calls), ["learn.sbatch", "merge.sbatch", "render.sbatch", "merge.sbatch"])
         self.assertIn("--dependency=afterok:$fanal_guide", calls[2])
-        self.assertEqual(calls[1][-2:], ["guide", "4"])
+        self.assertEqual(calls[1][-2:], ["guide", "1-4"])
 
     def test_nothing_is_learned(self):
         guide = self.folder / "some.guide"
@@ -77,7 +77,7 @@ class Submitted(unittest.TestCase):
         self.assertIn("--array=1-64", calls[0])
         begin = calls[0].index(next(word for word in calls[0] if word.endswith("render.sbatch")))
         self.assertEqual(calls[0][begin + 1 : begin + 4], ["16", "4", "1000x500"])
-        self.assertEqual(calls[1][-2:], ["part", "64"])
+        self.assertEqual(calls[1][-2:], ["part", "1-64"])
         with self.assertRaises(subprocess.CalledProcessError):
             self.submit("room", "--spp", 1024, "--parts", 64, "--guide", "none", "-o", "out.exr", "--", "--crop", "0,0,10,10")
 
@@ -93,8 +93,31 @@ class Submitted(unittest.TestCase):
         self.assertEqual([option["--part"] for option in options], ["1/4", "2/4", "3/4", "4/4"] * 3)
         self.assertEqual([option["--crop"] for option in options[::4]], ["0,0,640,33", "0,33,640,33", "0,66,640,34"])
 
+    def test_merges_while_others_are_rendered(self):
+        calls, _ = self.submit("room", "--spp", 200000, "--parts", 1200, "--guide", "none", "-o", "out.exr")
+        self.assertEqual(self.scripts(calls), ["render.sbatch", "merge.sbatch"] * 3)
+        self.assertEqual([word for call in calls for word in call if word.startswith("--array")], ["--array=1-500", "--array=1-500", "--array=1-200"])
+        parts = pathlib.Path("out.exr.parts").resolve()
+        self.assertEqual([call[-4:] for call in calls[1::2]], [
+            [str(parts / "500.sum"), str(parts), "part", "1-500"],
+            [str(parts / "1000.sum"), str(parts), "part", "501-1000"],
+            [str(parts.parent / "out.exr"), str(parts), "part", "1001-1200"],
+        ])
+        self.assertIn("--dependency=afterok:$fanal_render", calls[1])
+        self.assertIn("--dependency=afterok:$fanal_render500:$fanal_sum", calls[3])
+        self.assertIn("--dependency=afterok:$fanal_render1000:$fanal_sum500", calls[5])
+
+    def test_sums_are_merged_with_the_parts_after_them(self):
+        """What merge.sbatch runs, with `echo` in place of the program."""
+        def merge(*words):
+            command = ["bash", str(CLUSTER / "merge.sbatch"), *words]
+            return subprocess.run(command, env={**os.environ, "FANAL": "echo"}, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
+
+        self.assertEqual(merge("2.sum", "a", "part", "1-2"), ["merge", "a/1.part", "a/2.part", "-o", "2.sum"])
+        self.assertEqual(merge("o.exr", "a", "part", "3-4", "--quiet"), ["merge", "a/2.sum", "a/3.part", "a/4.part", "-o", "o.exr", "--quiet"])
+
     def test_more_parts_than_an_array_takes(self):
-        calls, _ = self.submit("room", "--spp", 200000, "--parts", 2500, "--guide", "none", "-o", "out.exr")
+        calls, _ = self.submit("room", "--spp", 200000, "--parts", 2500, "--merged", 2500, "--guide", "none", "-o", "out.exr")
         self.assertEqual([word for call in calls for word in call if word.startswith("--array")], ["--array=1-1000", "--array=1-1000", "--array=1-500"])
         self.assertEqual([call[0] for call in calls[:3]], ["sbatch", "FANAL_TASKS_BEFORE=1000", "FANAL_TASKS_BEFORE=2000"])
         self.assertIn("--dependency=afterok:$fanal_render:$fanal_render1000:$fanal_render2000", calls[3])

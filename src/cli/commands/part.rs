@@ -79,6 +79,7 @@ fn head(request: &RenderRequest, prepared: &Prepared, part: PartOf) -> Result<Pa
     let others = request.aovs.iter().filter(|aov| !aov.is_of_film());
     Ok(PartHead {
         part,
+        merged: 0,
         in_common: prepared.in_common(request),
         size: request.size,
         window: [x, y, width, height],
