@@ -107,7 +107,7 @@ fn sources(picture: &Picture) -> Vec<Source> {
     let colour = ["R", "G", "B"].into_iter().enumerate().map(|(c, name)| (name.to_owned(), Of::Colour(c)));
     let layers = picture.channels.names().into_iter().enumerate().map(|(number, name)| (name, Of::Layer(number)));
     let mut all: Vec<Source> =
-        colour.chain(layers).filter_map(|(name, of)| Some(Source { name: latin(&name)?, of })).collect();
+        colour.chain(layers).filter_map(|(name, of)| Some(Source { name: name_of(&name)?, of })).collect();
     all.sort_by(|a, b| a.name.as_slice().cmp(b.name.as_slice()));
     all
 }
@@ -198,11 +198,23 @@ fn layer_attributes(picture: &Picture) -> LayerAttributes {
     for (name, value) in picture.attributes {
         if name == "software" {
             own.software_name = latin(value);
-        } else if let (Some(name), Some(value)) = (latin(name).filter(|_| !name.is_empty()), latin(value)) {
+        } else if let (Some(name), Some(value)) = (name_of(name), latin(value)) {
             own.other.insert(name, AttributeValue::Text(value));
         }
     }
     own
+}
+
+/// Longest name of a channel or an attribute in an EXR file, in bytes.
+const LONGEST_NAME: usize = 255;
+
+/// Whether a channel or an attribute of an EXR file can have this name, which ends in a zero there.
+pub fn is_name(text: &str) -> bool {
+    (1..=LONGEST_NAME).contains(&text.chars().count()) && !text.contains('\0')
+}
+
+fn name_of(text: &str) -> Option<Text> {
+    if is_name(text) { latin(text) } else { None }
 }
 
 /// EXR texts are Latin-1; other characters become question marks.
@@ -333,6 +345,14 @@ mod tests {
         assert_eq!(layer.channel_data.list[4].sample_data, FlatSamples::F32(values));
         assert_eq!(layer.attributes.layer_position, exr::math::Vec2(4, 5));
         assert_eq!(read.attributes.display_window, IntegerBounds::from_dimensions((10, 9)));
+        let names = ["a\0b", "", &"a".repeat(256), &"b".repeat(255)].map(str::to_owned);
+        let odd = names.map(|name| Channel { name, values: values.clone() }).to_vec();
+        let attributes = ["a\0b", "c"].map(|name| (name.to_owned(), "some\0thing".to_owned()));
+        let bytes = encode(&Picture { channels: &odd, attributes: &attributes, ..picture }).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("a.exr"), bytes).unwrap();
+        let (.., read) = crate::picture::read_exr_channels(&folder.path().join("a.exr")).unwrap();
+        assert_eq!(read.len(), 4, "what has a name that EXR does not know is left out");
         let short = vec![Channel { name: "depth.Z".into(), values: vec![0.0; 5] }];
         let message = encode(&Picture { channels: &short, ..picture }).unwrap_err().to_string();
         assert!(message.contains("depth.Z"), "{message}");

@@ -61,11 +61,16 @@ pub struct Checkpointing {
     pub resume: Option<PathBuf>,
 }
 
+/// What is traced and learned, as a number: raised with every change by which the same settings give other samples, in other words other
+/// bits in a picture. Then checkpoints, parts and guides of before are those of another program, and do not go together with those of
+/// this one.
+pub const ALGORITHM: u32 = 1;
+
 /// Settings that a picture depends on, as text: `scene` and `guide` stand for the contents of files; the stop rule is that asked
 /// for, before the time for loading is subtracted.
 pub fn made_for(settings: &RenderSettings, size: [u32; 2], scene: &str, guide: &str) -> String {
     let program = env!("CARGO_PKG_VERSION");
-    format!("program: {program}\nscene: {scene}\nguide: {guide}\nsize: {size:?}\n{settings:#?}")
+    format!("program: {program}, algorithm {ALGORITHM}\nscene: {scene}\nguide: {guide}\nsize: {size:?}\n{settings:#?}")
 }
 
 /// State of a render between two chunks, as a checkpoint holds it.

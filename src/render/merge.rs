@@ -12,10 +12,10 @@ pub use layers::MergedLayers;
 
 use std::path::{Path, PathBuf};
 
-use self::windows::{OfWindow, missing, target, told};
+use self::windows::{OfWindow, missing, target};
 use super::part::PartOf;
 use super::part_file::{PartFile, PartHead, Totals, write_sum};
-use crate::base::{Error, Progress, Result, Unfit};
+use crate::base::{Error, Progress, Result, Unfit, named};
 use crate::film::{Sum, Summed, check_size, spread_of_sum};
 use crate::integrators::path::Cause;
 use crate::picture::cryptomatte;
@@ -61,7 +61,7 @@ pub fn merge(paths: &[PathBuf], allow_missing: bool, progress: &dyn Progress) ->
     let totals = totals(&windows);
     let mut attributes = [head.attributes, results(&totals, spp), layer_attributes(&windows)].concat();
     if !missing.is_empty() {
-        attributes.push(("missingParts".into(), told(&missing)));
+        attributes.push(("missingParts".into(), named(&missing)));
     }
     let placed = (target != Window::whole(head.size)).then_some((target, head.size));
     let film = layers::film_channels(spread, head.film_layers);
@@ -108,7 +108,7 @@ fn refuse(missing: &[String], hint: &str) -> Result<()> {
     if missing.is_empty() {
         return Ok(());
     }
-    let message = format!("parts are missing: {}{hint}", told(missing));
+    let message = format!("parts are missing: {}{hint}", named(missing));
     Err(Error::Parts { fault: Unfit::Missing, files: Vec::new(), message })
 }
 

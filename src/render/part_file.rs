@@ -9,6 +9,7 @@
 //! | `part` | u8 | JSON, see [`PartHead`] |
 //! | `layer0` and so on | f32 | channels of features and mattes, in the first part of a picture or window alone |
 
+use std::collections::BTreeSet;
 use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 
@@ -21,7 +22,7 @@ use crate::base::tensors::{self, Arrays, Dtype, Tensor, borrowed};
 use crate::base::{Error, Place, Result, Unfit};
 use crate::film::{BLOCK, Block, Sum, check_size};
 use crate::integrators::path::Cause;
-use crate::picture::{Attribute, Channel, Window};
+use crate::picture::{Attribute, Channel, Window, is_name};
 
 /// The version of part files that this program reads and writes. 2: parts that were merged.
 pub const VERSION: u32 = 2;
@@ -31,6 +32,8 @@ const SUM: &str = "sum";
 pub const HEAD: &str = "part";
 /// Largest accepted head in bytes: mostly the names of what mattes show.
 const HEAD_LIMIT: usize = 64 << 20;
+/// Characters of a name that an error tells.
+const LONGEST_TOLD: usize = 40;
 /// Most layers of a part.
 const MOST_LAYERS: usize = 256;
 
@@ -131,6 +134,15 @@ impl PartHead {
     }
 }
 
+/// A name of a channel or an attribute that no picture can have, or that two have.
+fn bad_name(head: &PartHead) -> Option<String> {
+    let attributes = head.attributes.iter().chain(&head.layer_attributes).map(|(name, _)| name);
+    let mut taken: BTreeSet<&str> = ["R", "G", "B"].into();
+    let bad_channel = head.channels.iter().find(|name| !is_name(name) || !name.is_ascii() || !taken.insert(name));
+    let bad = bad_channel.or_else(|| attributes.into_iter().find(|name| !is_name(name)));
+    bad.map(|name| name.chars().take(LONGEST_TOLD).collect())
+}
+
 /// Name of a block.
 fn block_name(number: u32) -> String {
     format!("block{number}")
@@ -215,6 +227,9 @@ impl PartFile {
         let blocks = sound().map_err(|e| fail(e.to_string()))?;
         if head.channels.len() > MOST_LAYERS || head.detailed != head.film_layers.contains(&true) {
             return Err(fail(format!("{} layers, or others than the blocks are made for", head.channels.len())));
+        }
+        if let Some(name) = bad_name(&head) {
+            return Err(fail(format!("a channel or attribute of the name {name:?}")));
         }
         let pixels = head.window().pixels() as usize;
         (0..blocks).try_for_each(|number| Block::expect(&file, &block_name(number), pixels, head.detailed))?;

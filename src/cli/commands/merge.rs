@@ -5,11 +5,11 @@ use std::path::Path;
 use super::render::network;
 use super::{dataset, in_pool};
 use crate::base::streamed::Streamed;
-use crate::base::{Error, Result};
+use crate::base::{Error, Result, named};
 use crate::cli::args::MergeArgs;
 use crate::cli::{print, progress};
 use crate::generate::dataset::check;
-use crate::generate::parts;
+use crate::generate::parts::{self, Merging};
 use crate::guiding::sample::file;
 use crate::picture::{Display, Picture, check_folder, check_writable, write_or_rescue};
 use crate::render::guide_part::merge_guides;
@@ -66,7 +66,7 @@ fn picture(output: &Path, args: &MergeArgs) -> Result<()> {
     in_pool(&args.common, || {
         let Merged { image, layers, attributes, placed, missing } =
             merge(&args.inputs, args.allow_missing, &*progress::progress(args.common.quiet))?;
-        let told = (!missing.is_empty()).then(|| format!("parts are missing: {}", missing.join(", ")));
+        let told = (!missing.is_empty()).then(|| format!("parts are missing: {}", named(&missing)));
         print::warnings(&told.into_iter().collect::<Vec<_>>(), args.common.quiet);
         let picture = Picture { image: &image, channels: &layers, window: placed, attributes: &attributes };
         write_or_rescue(output, &picture, Display::default())
@@ -74,9 +74,11 @@ fn picture(output: &Path, args: &MergeArgs) -> Result<()> {
 }
 
 fn data(folder: &Path, args: &MergeArgs) -> Result<()> {
-    match parts::merge(folder)? {
-        0 => print::line(&format!("{}: the data are whole", folder.display()))?,
-        count => print::line(&format!("{}: {count} parts are put together", folder.display()))?,
-    }
+    let found = match parts::merge(folder)? {
+        Merging::Done(count) => format!("{count} parts are put together"),
+        Merging::DoneBefore => "the data are whole".to_owned(),
+        Merging::NoParts => "there are no parts, and an index already".to_owned(),
+    };
+    print::line(&format!("{}: {found}", folder.display()))?;
     if args.check { dataset::told(&in_pool(&args.common, || check(folder))?) } else { Ok(()) }
 }

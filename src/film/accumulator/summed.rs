@@ -21,7 +21,7 @@ impl Summed {
         Self { all: none(), detail: detailed.then(|| (none(), vec![Vec3::NAN; pixels])) }
     }
 
-    /// Puts the pixels of `other` from number `from` on to the places that `place` names.
+    /// Puts the pixels of `other` to the places that `place` names by their numbers.
     pub fn place(&mut self, other: &Self, mut place: impl FnMut(usize) -> usize) {
         for i in 0..other.all.counts.len() {
             let at = place(i);

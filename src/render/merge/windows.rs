@@ -9,9 +9,6 @@ use super::super::part_file::{PartFile, PartHead};
 use crate::base::{Error, Result, Unfit};
 use crate::picture::Window;
 
-/// Most missing parts that are named one by one.
-const NAMED: usize = 16;
-
 /// The parts of a window, in the order of their samples.
 pub struct OfWindow {
     pub window: Window,
@@ -130,11 +127,4 @@ pub fn missing(windows: &[OfWindow], target: Window) -> Vec<String> {
         missing.push(format!("windows with {} of the picture's {whole} pixels", whole - pixels));
     }
     missing
-}
-
-/// The missing parts in words.
-pub fn told(missing: &[String]) -> String {
-    let more = missing.len().saturating_sub(NAMED);
-    let named = missing[..missing.len() - more].join(", ");
-    if more > 0 { format!("{named} and {more} more") } else { named }
 }
