@@ -382,6 +382,7 @@ fn part(folder: &Path) -> Reader {
         let layers = aov::channels(&scene, &settings, &outcome, &[Aov::Depth]).unwrap();
         let head = PartHead {
             part,
+            merged: 0,
             in_common: "a scene\nsettings".into(),
             size: [8, 6],
             window: [0, 0, 8, 6],
