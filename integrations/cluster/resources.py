@@ -14,13 +14,13 @@ SAMPLES_PER_BLOCK = 64
 # What a part keeps of each of its blocks until it is written (13 where no variances are wanted), and a checkpoint while it is written.
 BLOCK_BYTES_PER_PIXEL = 38
 CHECKPOINT_BYTES_PER_PIXEL = 100
-# Merging: what the program itself takes, and what a pixel does (the sum of all parts and the part that is being read), without and with layers.
+# Merging: what the program itself takes, and what a pixel does (the sum of a band, the picture), without and with layers.
 MERGE_BASE = 64 * MB
 MERGE_BYTES_PER_PIXEL = 50
-MERGE_BYTES_PER_PIXEL_AND_LAYERS = 400
+MERGE_BYTES_PER_PIXEL_AND_LAYERS = 100
 # Seconds that a block of samples takes to be read and added, for a pixel, without and with variances.
-MERGE_SECONDS_PER_PIXEL = 6e-8
-MERGE_SECONDS_PER_PIXEL_AND_LAYERS = 1.5e-7
+MERGE_SECONDS_PER_PIXEL = 2e-8
+MERGE_SECONDS_PER_PIXEL_AND_LAYERS = 6e-8
 # Parts that are merged at a time while others are rendered: in a frame of thousands no merge at the end is in the way.
 MERGED = 500
 # A thread's buffers of paths and records.

@@ -287,7 +287,7 @@ mod tests {
         let mut bytes = Cursor::new(Vec::new());
         encode_to(picture, Path::new("out.exr"), &mut bytes).map(|()| bytes.into_inner())
     }
-    use exr::prelude::{ReadChannels, ReadLayers};
+    use exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
     use glam::Vec3;
 
     fn texts<const N: usize>(pairs: [(&str, &str); N]) -> [Attribute; N] {

@@ -18,8 +18,8 @@ fn data_sets_are_put_together() {
     let files = Files::new();
     let recipe = |name: &str, seed: u32| {
         let text = format!(
-            "name = \"tiny\"\nseed = {seed}\nheld_out = 0.25\nresolution = [24, 24]\niterations = [1]\ngrids = [12]\n\
-             target_spp = 16\nmax_trees_per_scene = 8\n[[family]]\nname = \"rooms\"\nscenes = 3\n\
+            "name = \"tiny\"\nseed = {seed}\nheld_out = 0.25\nresolution = [16, 16]\niterations = [1]\ngrids = [12]\n\
+             target_spp = 4\nmax_trees_per_scene = 4\n[[family]]\nname = \"rooms\"\nscenes = 3\n\
              [[family]]\nname = \"primitives\"\nscenes = 2\n"
         );
         std::fs::write(files.path(name), text).unwrap();

@@ -14,7 +14,7 @@ use fanal::picture::read_exr_channels;
 use fanal::render::merge::{Merged, merge, merge_first};
 
 /// Three blocks of samples, of which the last is not whole.
-const SPP: &str = "130";
+const SPP: &str = "135";
 
 pub fn fanal(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_fanal")).args(arguments).output().expect("the program was built for this test")

@@ -15,7 +15,7 @@ const LEARN_EXAMPLES: &str = concat!(
   fanal merge parts/*.part -o door.exr
   fanal learn scenes/door-ajar --spp 256 --part 3/8 -o guides/3.guide
   fanal merge guides/*.guide -o door.guide
-What a signal ends goes on with the same command, from a file beside the guide.",
+What a signal ends goes on with the same command, from a file beside the guide; a guide that is there already is left as it is.",
     exit_codes!()
 );
 

@@ -127,7 +127,7 @@ impl Block {
         let detail = self.detail.get_or_insert_default();
         vectors("even_means", &mut detail.even_means, |mean| mean.abs() <= f32::MAX)?;
         counts("even_counts", &mut detail.even_counts)?;
-        vectors("deviations", &mut detail.deviations, |root| root >= 0.0 && root <= f32::MAX)?;
+        vectors("deviations", &mut detail.deviations, |root| (0.0..=f32::MAX).contains(&root))?;
         match detail.even_counts.iter().zip(&self.counts).find(|(even, all)| even > all) {
             Some((even, all)) => {
                 file.fail(format!("{name}.even_counts"), format!("{even} of {all} samples of a pixel"))

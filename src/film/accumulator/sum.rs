@@ -240,7 +240,7 @@ mod tests {
         let block = |count: u64| {
             let mut pass = Pass::new(pixels, 1);
             for sample in 0..count {
-                let pixel = |i: usize| i < 200 || random.next_f32() > 0.1;
+                let mut pixel = |i: usize| i < 200 || random.next_f32() > 0.1;
                 let kept: Vec<usize> = (0..pixels).filter(|&i| i != 5).filter(|&i| pixel(i)).collect();
                 let value = |at: f32| Vec3::new(at, 2.0 * at, 1e-3 + at * at);
                 kept.into_iter().for_each(|i| pass.add(i, sample, value(i as f32 + sample as f32)));

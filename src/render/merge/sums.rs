@@ -15,7 +15,7 @@ use crate::base::{Progress, Result};
 use crate::film::{Block, Sum};
 
 /// Pixels of a stripe: a block of them fits into the caches beside their sum.
-pub const STRIPE: usize = 1 << 14;
+pub const STRIPE: usize = 1 << 13;
 /// Bytes of the sums that are held at a time.
 const BAND: usize = 1 << 28;
 /// Parts that are open at a time.
