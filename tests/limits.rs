@@ -198,7 +198,7 @@ fn limit_of_a_full_field() {
     assert!(bytes > 22 * MB && guide.trees > 10_000, "{bytes} bytes do not reach the ceiling: {guide:?}");
 }
 
-/// Of parts only stripes are held, however many they are and however large: eight take no more than two.
+/// Of parts only stripes are held beside the sum, however many they are and however large: eight take no more than two.
 #[test]
 fn parts_are_put_together_in_stripes() {
     let _alone = alone();
@@ -214,6 +214,7 @@ fn parts_are_put_together_in_stripes() {
             let path = folder.path().join(format!("{index}-{count}.part"));
             let head = PartHead {
                 part: PartOf::new(index, count).unwrap(),
+                merged: 0,
                 in_common: "a picture".into(),
                 size,
                 window: [0, 0, size[0], size[1]],
@@ -240,5 +241,5 @@ fn parts_are_put_together_in_stripes() {
     };
     let [two, eight] = [2, 8].map(took);
     println!("2 parts: {} MB, 8 parts: {} MB", two / MB, eight / MB);
-    assert!(eight < 30 * pixels + 32 * MB && eight < two + MB, "{two} and {eight} bytes");
+    assert!(eight < 60 * pixels + 32 * MB && eight < two + MB, "{two} and {eight} bytes");
 }

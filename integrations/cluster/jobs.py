@@ -15,11 +15,11 @@ USUAL_TASKS = 1000
 class Job:
     """A script of this folder with what it asks for.
 
-    `arguments` are the script's. `tasks` is the number of an array's tasks, None for a job without one. `after` are the jobs that have to succeed
-    before.
+    `arguments` are the script's. `tasks` is the number of an array's tasks, None for a job without one, and `before` those of other arrays that
+    come before. `after` are the jobs that have to succeed before.
     """
 
-    def __init__(self, script, arguments, name, memory, time, cpus=1, tasks=None, after=()):
+    def __init__(self, script, arguments, name, memory, time, cpus=1, tasks=None, after=(), before=0):
         self.script = script
         self.arguments = arguments
         self.name = name
@@ -28,12 +28,13 @@ class Job:
         self.cpus = cpus
         self.tasks = tasks
         self.after = after
+        self.before = before
 
     def arrays(self, most):
         """Tasks before, and tasks, of each array where Slurm takes `most` in one."""
         if self.tasks is None:
-            return [(0, None)]
-        return [(before, min(most, self.tasks - before)) for before in range(0, self.tasks, most)]
+            return [(self.before, None)]
+        return [(self.before + first, min(most, self.tasks - first)) for first in range(0, self.tasks, most)]
 
     def command(self, tasks, logs, options, after):
         """The call of sbatch for `tasks` of its tasks, where `after` are numbers of jobs (or what stands for them)."""

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import subprocess
 import tempfile
 from pathlib import Path
@@ -13,21 +14,34 @@ SAMPLES_PER_BLOCK = 64
 # What a part keeps of each of its blocks until it is written (13 where no variances are wanted), and a checkpoint while it is written.
 BLOCK_BYTES_PER_PIXEL = 38
 CHECKPOINT_BYTES_PER_PIXEL = 100
-# Merging: what the program itself takes, and what a pixel does (the sum of all parts and the part that is being read), without and with layers.
+# Merging: what the program itself takes, and what a pixel does (the sum of a band, the picture), without and with layers.
 MERGE_BASE = 64 * MB
 MERGE_BYTES_PER_PIXEL = 50
-MERGE_BYTES_PER_PIXEL_AND_LAYERS = 400
-# Seconds that a part takes to be read and added, for a pixel.
-MERGE_SECONDS_PER_PIXEL = 6e-8
+MERGE_BYTES_PER_PIXEL_AND_LAYERS = 100
+# Seconds that a block of samples takes to be read and added, for a pixel, without and with variances.
+MERGE_SECONDS_PER_PIXEL = 2e-8
+MERGE_SECONDS_PER_PIXEL_AND_LAYERS = 6e-8
+# Parts that are merged at a time while others are rendered: in a frame of thousands no merge at the end is in the way.
+MERGED = 500
 # A thread's buffers of paths and records.
 BYTES_PER_THREAD = 8 * MB
 # A guide in memory, over the size of its file; the ceiling of learning (--guide-memory, in bytes) where there is no file yet.
 GUIDE_BYTES_PER_FILE_BYTE = 4
 GUIDE_CEILING = 24 * MB
+# Learning: what paths leave at their vertices (2^18 of them are traced at a time, however many pixels there are), and what is learned, over the
+# ceiling of the guide that it becomes.
+RECORDS = 600 * MB
+LEARNER_BYTES_PER_GUIDE_BYTE = 60
+# Merging guides: seconds that a part takes to be read and added, over its ceiling in bytes, and of making the guide.
+GUIDE_MERGE_SECONDS_PER_BYTE = 1e-7
+GUIDE_SECONDS = 300.0
 # Seconds of a guided sample over those of a plain one, where a guide is worth most.
 GUIDED = 3.5
-# Making data: scenes are small, whatever the recipe.
-DATASET_MEMORY = 500 * MB
+# Making data: the program and its records, and what is learned in voxels on surfaces, of which there are as the square of the grid's cells.
+DATASET_BASE = 400 * MB
+DATASET_BYTES_PER_CELL_SQUARED = 330e3
+# The recipe's grids where it names none.
+DATASET_GRID = 16
 # Training: the program, network and steps; the data in memory over the size of their files.
 TRAIN_BASE = 500 * MB
 TRAIN_BYTES_PER_FILE_BYTE = 3
@@ -80,13 +94,19 @@ def division(spp, parts):
     return windows, math.ceil(parts / windows)
 
 
-def guide_bytes(file):
-    """Memory of a guide: of a file, or of what is still to be learned where there is none yet."""
-    return GUIDE_BYTES_PER_FILE_BYTE * (file.stat().st_size if file else GUIDE_CEILING)
+def guide_bytes(file, ceiling):
+    """Memory of a guide: of a file, or of one of `ceiling` bytes where there is none yet."""
+    return GUIDE_BYTES_PER_FILE_BYTE * (file.stat().st_size if file else ceiling)
+
+
+def learner_bytes(ceiling):
+    """Memory of learning a guide of at most `ceiling` bytes, beside what rendering takes."""
+    return RECORDS + LEARNER_BYTES_PER_GUIDE_BYTE * ceiling
 
 
 def render_memory(probed, threads, guide, own_blocks=0):
-    """Bytes of a task that renders or learns: what the probe took, threads that it did not have, the guide, blocks of a part, a checkpoint."""
+    """Bytes of a task that renders or learns: what the probe took, threads that it did not have, the guide or the learner, blocks of a part, a
+    checkpoint."""
     more = max(threads - probed.threads, 0) * BYTES_PER_THREAD
     pixel = CHECKPOINT_BYTES_PER_PIXEL + own_blocks * BLOCK_BYTES_PER_PIXEL
     return SPARE_MEMORY * (probed.peak_bytes + more + guide + pixel * probed.pixels)
@@ -104,9 +124,27 @@ def merge_memory(pixels, layers=False):
     return SPARE_MEMORY * (MERGE_BASE + pixel * pixels)
 
 
-def merge_seconds(pixels, parts):
-    """Seconds of merging."""
-    return START + WARNING + SPARE_TIME * parts * pixels * MERGE_SECONDS_PER_PIXEL
+def merge_seconds(pixels, blocks, layers=False):
+    """Seconds of merging so many blocks of the whole picture, in however many parts. A merge does not go on where it was ended."""
+    pixel = MERGE_SECONDS_PER_PIXEL_AND_LAYERS if layers else MERGE_SECONDS_PER_PIXEL
+    return START + WARNING + SPARE_TIME * blocks * pixels * pixel
+
+
+def guide_merge_memory(ceiling):
+    """Bytes of merging guides: what all parts have counted so far, and the part that is being read, with its file."""
+    return SPARE_MEMORY * (MERGE_BASE + 2 * LEARNER_BYTES_PER_GUIDE_BYTE * ceiling)
+
+
+def guide_merge_seconds(ceiling, parts):
+    """Seconds of merging guides."""
+    return START + WARNING + SPARE_TIME * (GUIDE_SECONDS + parts * ceiling * GUIDE_MERGE_SECONDS_PER_BYTE)
+
+
+def dataset_memory(recipe):
+    """Bytes of making the scenes of a recipe, of which this is the text, one at a time."""
+    found = re.search(r"^\s*grids\s*=\s*\[([^]]*)\]", recipe, re.MULTILINE)
+    cells = [int(word) for word in re.findall(r"\d+", found.group(1))] if found else []
+    return SPARE_MEMORY * (DATASET_BASE + DATASET_BYTES_PER_CELL_SQUARED * max(cells, default=DATASET_GRID) ** 2)
 
 
 def train_memory(data):

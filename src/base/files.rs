@@ -15,13 +15,20 @@ use super::{Error, Place, Result};
 /// # Errors
 /// [`Error::Io`] naming `path`; the previous file, if any, is untouched then.
 pub fn write_atomically(path: &Path, content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<()> {
+    write_file(path, |file| {
+        let mut buffered = BufWriter::new(file);
+        content(&mut buffered).and_then(|()| buffered.flush()).map_err(|source| Error::io(path, source))
+    })
+}
+
+/// The same for content that goes back and forth in the file.
+///
+/// # Errors
+/// [`Error::Io`] naming `path`, those of `content`; the previous file, if any, is untouched then.
+pub fn write_file(path: &Path, content: impl FnOnce(&mut File) -> Result<()>) -> Result<()> {
     let fail = |source| Error::io(path, source);
-    let part = Part::new(path).map_err(fail)?;
-    {
-        let mut buffered = BufWriter::new(&part.file);
-        content(&mut buffered).map_err(fail)?;
-        buffered.flush().map_err(fail)?;
-    }
+    let mut part = Part::new(path).map_err(fail)?;
+    content(&mut part.file)?;
     part.file.sync_all().map_err(fail)?;
     allow_reading(&part.file).map_err(fail)?;
     part.persist(path).map_err(fail)
@@ -57,7 +64,7 @@ impl Part {
     /// file has just got its final name.
     #[cfg(unix)]
     fn usual(name: &Path) -> Option<Self> {
-        let file = File::options().write(true).create(true).truncate(false).open(name).ok()?;
+        let file = File::options().read(true).write(true).create(true).truncate(false).open(name).ok()?;
         file.try_lock().ok()?;
         let same = is_alone_at(&file.metadata().ok()?, &std::fs::symlink_metadata(name).ok()?);
         if !same || file.set_len(0).is_err() {

@@ -2,6 +2,7 @@
 
 pub mod error;
 pub mod files;
+mod named;
 pub mod pages;
 pub mod process;
 pub mod processor;
@@ -12,4 +13,5 @@ pub mod streamed;
 pub mod tensors;
 
 pub use error::{At, Error, Place, Result, Unfit};
+pub use named::named;
 pub use progress::{Progress, Silent};

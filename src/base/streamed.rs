@@ -4,14 +4,14 @@
 
 use std::cell::RefCell;
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use flate2::Crc;
 use safetensors::tensor::Metadata;
 
-use super::tensors::{Arrays, Dtype, checked_version, entry, length};
+use super::tensors::{Arrays, Dtype, checked_version, entry, length, native};
 use super::{Error, Place, Result};
 
 /// Largest accepted header in bytes: some ten thousand arrays.
@@ -35,10 +35,34 @@ pub struct Checked {
     crc: Crc,
 }
 
+impl Checked {
+    /// The checksums of consecutive rows put together.
+    pub fn joined(mut pieces: Vec<Self>) -> Vec<Self> {
+        pieces.sort_by(|a, b| (&a.name, a.begin).cmp(&(&b.name, b.begin)));
+        let mut joined: Vec<Self> = Vec::new();
+        for piece in pieces {
+            match joined.last_mut().filter(|last| last.name == piece.name && last.begin + last.length == piece.begin) {
+                Some(last) => {
+                    last.crc.combine(&piece.crc);
+                    last.length += piece.length;
+                }
+                None => joined.push(piece),
+            }
+        }
+        joined
+    }
+}
+
+/// A file of arrays that is open, for any number of threads.
+pub struct Reader<'a> {
+    of: &'a Streamed,
+    file: File,
+}
+
 /// Some rows of the arrays of a file. What is read of them is added up for [`Streamed::check`].
 pub struct Rows<'a> {
     of: &'a Streamed,
-    file: RefCell<File>,
+    file: &'a File,
     rows: Option<Range<usize>>,
     checked: RefCell<Vec<Checked>>,
 }
@@ -108,25 +132,24 @@ impl Streamed {
         self.metadata.info(name).is_some()
     }
 
-    /// These rows of the arrays, or all of each.
+    /// Opens the file again, to read its arrays.
     ///
     /// # Errors
     /// [`Error::Io`] where the file is gone.
-    pub fn rows(&self, rows: Option<Range<usize>>) -> Result<Rows<'_>> {
+    pub fn reader(&self) -> Result<Reader<'_>> {
         let file = File::open(&self.path).map_err(|e| Error::io(&self.path, e))?;
-        Ok(Rows { of: self, file: RefCell::new(file), rows, checked: RefCell::default() })
+        Ok(Reader { of: self, file })
     }
 
     /// Holds the pieces that were read against the checksum of the file. Every row of every array must be among them.
     ///
     /// # Errors
     /// [`Error::Malformed`] where the file is damaged.
-    pub fn check(&self, mut pieces: Vec<Checked>) -> Result<()> {
+    pub fn check(&self, pieces: Vec<Checked>) -> Result<()> {
         let fail = |message: String| Err(Error::malformed(Place::part(&self.path, "crc32"), message));
-        pieces.sort_by(|a, b| (&a.name, a.begin).cmp(&(&b.name, b.begin)));
         let mut all = Crc::new();
         let mut read = 0;
-        for piece in &pieces {
+        for piece in &Checked::joined(pieces) {
             all.combine(&piece.crc);
             read += piece.length;
         }
@@ -144,11 +167,66 @@ impl Streamed {
     }
 }
 
+impl Reader<'_> {
+    /// These rows of the arrays, or all of each.
+    pub fn rows(&self, rows: Option<Range<usize>>) -> Rows<'_> {
+        Rows { of: self.of, file: &self.file, rows, checked: RefCell::default() }
+    }
+}
+
 impl Rows<'_> {
     /// Checksums of all that was read.
     pub fn checked(self) -> Vec<Checked> {
         self.checked.into_inner()
     }
+
+    /// Where the view's rows of an array begin among its bytes, and how many bytes they are.
+    fn find(&self, name: &str, dtype: Dtype, rows: Option<usize>, columns: usize) -> Result<(u64, usize)> {
+        let Some(info) = self.of.metadata.info(name) else { return self.fail(name, "the array is missing") };
+        let length = length(&info.shape, columns);
+        let range = length.map(|length| self.rows.clone().unwrap_or(0..length));
+        let fits = |range: &Range<usize>| {
+            range.end <= length.unwrap_or(0) && rows.is_none_or(|rows| rows == range.len()) && range.start <= range.end
+        };
+        let Some(range) = range.filter(|range| info.dtype == dtype && fits(range)) else {
+            return self.unlike(name, (info.dtype, &info.shape), (dtype, rows, columns));
+        };
+        let row = dtype.bitsize() / 8 * columns;
+        Ok(((range.start * row) as u64, range.len() * row))
+    }
+
+    /// Reads so many bytes of an array from `begin` on.
+    fn take(&self, name: &str, begin: u64, bytes: &mut [u8]) -> Result<()> {
+        let offset = self.of.metadata.info(name).map_or(0, |info| info.data_offsets.0 as u64);
+        read_at(self.file, bytes, self.of.begin + offset + begin).map_err(|e| match e.kind() {
+            std::io::ErrorKind::UnexpectedEof => {
+                Error::malformed(Place::part(&self.of.path, name), "the file has become shorter")
+            }
+            _ => Error::io(&self.of.path, e),
+        })?;
+        let mut crc = Crc::new();
+        crc.update(bytes);
+        self.checked.borrow_mut().push(Checked { name: name.to_owned(), begin, length: bytes.len() as u64, crc });
+        Ok(())
+    }
+}
+
+#[cfg(unix)]
+fn read_at(file: &File, bytes: &mut [u8], at: u64) -> std::io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, at)
+}
+
+#[cfg(windows)]
+fn read_at(file: &File, mut bytes: &mut [u8], mut at: u64) -> std::io::Result<()> {
+    while !bytes.is_empty() {
+        let read = std::os::windows::fs::FileExt::seek_read(file, bytes, at)?;
+        if read == 0 {
+            return Err(std::io::ErrorKind::UnexpectedEof.into());
+        }
+        bytes = &mut bytes[read..];
+        at += read as u64;
+    }
+    Ok(())
 }
 
 impl Arrays for Rows<'_> {
@@ -165,31 +243,25 @@ impl Arrays for Rows<'_> {
         columns: usize,
         decode: impl Fn([u8; B]) -> T,
     ) -> Result<Vec<T>> {
-        let Some(info) = self.of.metadata.info(name) else { return self.fail(name, "the array is missing") };
-        let length = length(&info.shape, columns);
-        let range = length.map(|length| self.rows.clone().unwrap_or(0..length));
-        let fits = |range: &Range<usize>| {
-            range.end <= length.unwrap_or(0) && rows.is_none_or(|rows| rows == range.len()) && range.start <= range.end
-        };
-        let Some(range) = range.filter(|range| info.dtype == dtype && fits(range)) else {
-            return self.unlike(name, (info.dtype, &info.shape), (dtype, rows, columns));
-        };
-        let row = dtype.bitsize() / 8 * columns;
-        let begin = (range.start * row) as u64;
-        let mut file = self.file.borrow_mut();
-        let at = self.of.begin + info.data_offsets.0 as u64 + begin;
-        let length = range.len() * row;
-        let mut bytes = Vec::with_capacity(length);
-        let io = |e| Error::io(&self.of.path, e);
-        file.seek(SeekFrom::Start(at)).map_err(io)?;
-        (&mut *file).take(length as u64).read_to_end(&mut bytes).map_err(io)?;
-        if bytes.len() != length {
-            return self.fail(name, "the file has become shorter");
-        }
-        let mut crc = Crc::new();
-        crc.update(&bytes);
-        self.checked.borrow_mut().push(Checked { name: name.to_owned(), begin, length: bytes.len() as u64, crc });
+        let (begin, length) = self.find(name, dtype, rows, columns)?;
+        let mut bytes = vec![0; length];
+        self.take(name, begin, &mut bytes)?;
         Ok(bytes.as_chunks::<B>().0.iter().map(|&b| decode(b)).collect())
+    }
+
+    fn fill<T: bytemuck::Pod>(
+        &self,
+        name: &str,
+        dtype: Dtype,
+        rows: Option<usize>,
+        columns: usize,
+        values: &mut Vec<T>,
+    ) -> Result<()> {
+        let (begin, length) = self.find(name, dtype, rows, columns)?;
+        values.resize(length / size_of::<T>(), T::zeroed());
+        self.take(name, begin, bytemuck::cast_slice_mut(values))?;
+        native(dtype, values);
+        Ok(())
     }
 }
 
@@ -215,15 +287,15 @@ mod tests {
         let file = Streamed::open(path)?;
         file.check_version("test", 3)?;
         let mut all = Vec::new();
-        let whole = file.rows(None)?;
+        let open = file.reader()?;
+        let whole = open.rows(None);
         assert_eq!(whole.read("few", Dtype::U8, None, 1, |[b]: [u8; 1]| b)?, [7, 9]);
         let mut checked = whole.checked();
         for range in [7..10, 3..7, 0..3] {
-            let rows = file.rows(Some(range.clone()))?;
-            let piece: Vec<f32> = rows.read("rows", Dtype::F32, Some(range.len()), 3, |row: [u8; 12]| {
-                f32::from_le_bytes([row[0], row[1], row[2], row[3]])
-            })?;
-            all.splice(0..0, piece);
+            let rows = open.rows(Some(range.clone()));
+            let mut piece: Vec<[f32; 3]> = Vec::new();
+            rows.fill("rows", Dtype::F32, Some(range.len()), 3, &mut piece)?;
+            all.splice(0..0, piece.iter().map(|row| row[0]));
             checked.extend(rows.checked());
         }
         file.check(checked).map(|()| all)
@@ -252,11 +324,12 @@ mod tests {
     fn rows_that_are_not_there_are_refused() {
         let (_folder, path) = folder(3);
         let file = Streamed::open(&path).unwrap();
+        let open = file.reader().unwrap();
         let number = |bytes: [u8; 4]| f32::from_le_bytes(bytes);
-        assert!(file.rows(Some(8..11)).unwrap().read("rows", Dtype::F32, None, 3, number).is_err());
-        assert!(file.rows(Some(0..2)).unwrap().read("rows", Dtype::F32, Some(3), 3, number).is_err());
-        assert!(file.rows(None).unwrap().read("rows", Dtype::F32, None, 2, number).is_err());
-        assert!(file.rows(None).unwrap().read("other", Dtype::F32, None, 3, number).is_err());
+        assert!(open.rows(Some(8..11)).read("rows", Dtype::F32, None, 3, number).is_err());
+        assert!(open.rows(Some(0..2)).read("rows", Dtype::F32, Some(3), 3, number).is_err());
+        assert!(open.rows(None).read("rows", Dtype::F32, None, 2, number).is_err());
+        assert!(open.rows(None).read("other", Dtype::F32, None, 3, number).is_err());
         assert!(file.check(Vec::new()).is_err(), "nothing was read");
         let (_folder, other) = folder(4);
         let other = Streamed::open(&other).unwrap();

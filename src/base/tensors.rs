@@ -134,6 +134,14 @@ pub(super) fn length(shape: &[usize], columns: usize) -> Option<usize> {
     }
 }
 
+/// Turns numbers as files have them into those of this machine.
+pub(super) fn native<T: bytemuck::Pod>(dtype: Dtype, values: &mut [T]) {
+    if cfg!(target_endian = "big") {
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(values);
+        bytes.chunks_exact_mut((dtype.bitsize() / 8).max(1)).for_each(<[u8]>::reverse);
+    }
+}
+
 /// Arrays that can be read by their names, wherever they are.
 pub trait Arrays {
     /// The file.
@@ -151,6 +159,19 @@ pub trait Arrays {
         columns: usize,
         decode: impl Fn([u8; B]) -> T,
     ) -> Result<Vec<T>>;
+
+    /// The same as plain numbers, one or more for a `T`, into memory that may be there already.
+    ///
+    /// # Errors
+    /// As [`Arrays::read`].
+    fn fill<T: bytemuck::Pod>(
+        &self,
+        name: &str,
+        dtype: Dtype,
+        rows: Option<usize>,
+        columns: usize,
+        values: &mut Vec<T>,
+    ) -> Result<()>;
 
     /// An error about an array of another type or shape than is wanted: type, rows if they are given, columns.
     ///
@@ -226,6 +247,18 @@ impl<'a> Tensors<'a> {
     }
 }
 
+impl Tensors<'_> {
+    /// The bytes of an array of this type and shape.
+    fn find(&self, name: &str, dtype: Dtype, rows: Option<usize>, columns: usize) -> Result<&[u8]> {
+        let Ok(tensor) = self.file.tensor(name) else { return self.fail(name, "the tensor is missing") };
+        let length = length(tensor.shape(), columns).filter(|length| rows.is_none_or(|rows| rows == *length));
+        if tensor.dtype() != dtype || length.is_none() {
+            return self.unlike(name, (tensor.dtype(), tensor.shape()), (dtype, rows, columns));
+        }
+        Ok(tensor.data())
+    }
+}
+
 impl Arrays for Tensors<'_> {
     fn path(&self) -> &Path {
         self.path
@@ -239,11 +272,22 @@ impl Arrays for Tensors<'_> {
         columns: usize,
         decode: impl Fn([u8; B]) -> T,
     ) -> Result<Vec<T>> {
-        let Ok(tensor) = self.file.tensor(name) else { return self.fail(name, "the tensor is missing") };
-        let length = length(tensor.shape(), columns).filter(|length| rows.is_none_or(|rows| rows == *length));
-        if tensor.dtype() != dtype || length.is_none() {
-            return self.unlike(name, (tensor.dtype(), tensor.shape()), (dtype, rows, columns));
-        }
-        Ok(tensor.data().as_chunks::<B>().0.iter().map(|&b| decode(b)).collect())
+        let bytes = self.find(name, dtype, rows, columns)?;
+        Ok(bytes.as_chunks::<B>().0.iter().map(|&b| decode(b)).collect())
+    }
+
+    fn fill<T: bytemuck::Pod>(
+        &self,
+        name: &str,
+        dtype: Dtype,
+        rows: Option<usize>,
+        columns: usize,
+        values: &mut Vec<T>,
+    ) -> Result<()> {
+        let bytes = self.find(name, dtype, rows, columns)?;
+        values.resize(bytes.len() / size_of::<T>(), T::zeroed());
+        bytemuck::cast_slice_mut(values).copy_from_slice(bytes);
+        native(dtype, values);
+        Ok(())
     }
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::args::{RenderArgs, SceneArgs};
 use crate::base::{Error, Result};
+use crate::picture::Attribute;
 use crate::scene::file::SceneFile;
 use crate::scene::orbit::{ahead, orbit};
 use crate::scene::readers::LoadedScene;
@@ -18,6 +19,13 @@ pub struct View {
     pub camera: Option<String>,
     /// The picture to write.
     pub output: PathBuf,
+}
+
+impl View {
+    /// What the picture's header says of the view.
+    pub fn attribute(&self) -> Option<Attribute> {
+        self.camera.iter().map(|name| ("camera".to_owned(), name.clone())).next()
+    }
 }
 
 /// Most bytes of a camera's name in that of a file.

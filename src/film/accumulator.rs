@@ -9,8 +9,12 @@
 
 mod blocks;
 mod stored;
+mod sum;
+mod summed;
 
-pub use blocks::{BLOCK, Block, Sum, Summed};
+pub use blocks::{BLOCK, Block};
+pub use sum::Sum;
+pub use summed::Summed;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;

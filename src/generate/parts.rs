@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::dataset::{DatasetIndex, INDEX_FILE, ShardEntry};
 use super::shard::VERSION;
 use crate::base::files::{read_json, write_json};
-use crate::base::{Error, Place, Result, Unfit};
+use crate::base::{Error, Place, Result, Unfit, named};
 use crate::network::config::Mode;
 use crate::render::PartOf;
 
@@ -67,10 +67,13 @@ impl PartIndex {
         if found.shards.len() as u64 > found.part.dealt(found.jobs) {
             return fail(format!("{} shards of {} scenes", found.shards.len(), found.part.dealt(found.jobs)));
         }
-        match found.shards.iter().find(|shard| !shard.is_inside() || shard.version != VERSION) {
-            Some(shard) => fail(format!("file {:?} is not inside the data folder, or has another version", shard.file)),
-            None => Ok(found),
+        if let Some(shard) = found.shards.iter().find(|shard| !shard.is_inside() || shard.version != VERSION) {
+            return fail(format!("file {:?} is not inside the data folder, or has another version", shard.file));
         }
+        if found.shards.iter().any(|shard| Some(&shard.mode) != found.mode()) {
+            return fail("its shards are of several modes".into());
+        }
+        Ok(found)
     }
 
     /// Writes the index into `folder` atomically.
@@ -110,15 +113,25 @@ fn found(folder: &Path) -> Result<Vec<(PathBuf, PartIndex)>> {
     Ok(parts)
 }
 
+/// What [`merge`] has found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Merging {
+    /// So many parts, which are put together now.
+    Done(usize),
+    /// Parts that were put together before: what was left of them is removed.
+    DoneBefore,
+    /// No parts, and an index: of one process, or of parts that were put together. It need not have come to its end.
+    NoParts,
+}
+
 /// Puts the parts in `folder` together: its index has the bytes that one process would have written, and those of the parts are removed.
-/// Returns the number of parts; 0 where none are left and the data are whole.
 ///
 /// # Errors
 /// [`Error::Parts`] where parts are missing, unfinished or of other data, naming them; those of reading and writing.
-pub fn merge(folder: &Path) -> Result<usize> {
+pub fn merge(folder: &Path) -> Result<Merging> {
     let parts = found(folder)?;
     let Some((path, first)) = parts.first().filter(|_| !folder.join(INDEX_FILE).exists()) else {
-        return left_over(folder, &parts).map(|()| 0);
+        return left_over(folder, &parts);
     };
     let foreign = |(_, other): &&(PathBuf, PartIndex)| {
         let same = (other.part.count(), &other.recipe, other.jobs) == (first.part.count(), &first.recipe, first.jobs);
@@ -128,12 +141,9 @@ pub fn merge(folder: &Path) -> Result<usize> {
         let message = format!("{} and {} are parts of other data", path.display(), other.display());
         return Err(Error::Parts { fault: Unfit::Foreign, files: vec![path.clone(), other.clone()], message });
     }
-    let missing: Vec<String> = (1..=first.part.count())
-        .filter(|&index| !parts.iter().any(|(_, part)| part.part.index() == index))
-        .map(|index| format!("{index}/{}", first.part.count()))
-        .collect();
-    if !missing.is_empty() {
-        let message = format!("{}: parts are missing: {}", folder.display(), missing.join(", "));
+    let absent = PartOf::absent(first.part.count(), parts.iter().map(|(_, part)| part.part.index()));
+    if !absent.is_empty() {
+        let message = format!("{}: parts are missing: {}", folder.display(), named(absent));
         return Err(Error::Parts { fault: Unfit::Missing, files: Vec::new(), message });
     }
     if let Some((path, part)) = parts.iter().find(|(_, part)| !part.is_done()) {
@@ -152,7 +162,7 @@ pub fn merge(folder: &Path) -> Result<usize> {
     }
     DatasetIndex { shards }.write(folder)?;
     remove(&parts)?;
-    Ok(parts.len())
+    Ok(Merging::Done(parts.len()))
 }
 
 fn remove(parts: &[(PathBuf, PartIndex)]) -> Result<()> {
@@ -160,13 +170,16 @@ fn remove(parts: &[(PathBuf, PartIndex)]) -> Result<()> {
 }
 
 /// Removes what a merge that was killed has left of the parts of whole data.
-fn left_over(folder: &Path, parts: &[(PathBuf, PartIndex)]) -> Result<()> {
+fn left_over(folder: &Path, parts: &[(PathBuf, PartIndex)]) -> Result<Merging> {
     let whole = DatasetIndex::read(folder)?;
-    let listed = |part: &PartIndex| part.shards.iter().all(|shard| whole.shards.contains(shard));
+    let listed = |part: &PartIndex| {
+        whole.shards.len() as u64 == part.jobs && part.shards.iter().all(|shard| whole.shards.contains(shard))
+    };
     match parts.iter().find(|(_, part)| !listed(part)) {
-        None => remove(parts),
+        None if parts.is_empty() => Ok(Merging::NoParts),
+        None => remove(parts).map(|()| Merging::DoneBefore),
         Some((path, _)) => {
-            let message = format!("{}: the folder's data are whole without this part", path.display());
+            let message = format!("{}: the folder has an index already, and not with this part", path.display());
             Err(Error::Parts { fault: Unfit::Foreign, files: vec![path.clone()], message })
         }
     }

@@ -25,7 +25,7 @@ pub use samples::{Samples, Values};
 pub use texels::{ByteImage, Texels};
 pub use view::{Display, View};
 pub use window::{Placed, Window, matched, window_of};
-pub use write_exr::{Attribute, Channel, Picture};
+pub use write_exr::{Attribute, Channel, Layers, Picture, is_name};
 
 /// Largest picture file in bytes.
 const LARGEST_FILE: u64 = 2 << 30;

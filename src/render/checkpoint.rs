@@ -36,8 +36,8 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 10: costs of guided samples.
-pub const VERSION: u32 = 10;
+/// The version of checkpoints that this program reads and writes. 11: costs of guided samples, and sums of blocks.
+pub const VERSION: u32 = 11;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;
@@ -61,11 +61,16 @@ pub struct Checkpointing {
     pub resume: Option<PathBuf>,
 }
 
+/// What is traced and learned, as a number: raised with every change by which the same settings give other samples, in other words other
+/// bits in a picture. Then checkpoints, parts and guides of before are those of another program, and do not go together with those of
+/// this one.
+pub const ALGORITHM: u32 = 1;
+
 /// Settings that a picture depends on, as text: `scene` and `guide` stand for the contents of files; the stop rule is that asked
 /// for, before the time for loading is subtracted.
 pub fn made_for(settings: &RenderSettings, size: [u32; 2], scene: &str, guide: &str) -> String {
     let program = env!("CARGO_PKG_VERSION");
-    format!("program: {program}\nscene: {scene}\nguide: {guide}\nsize: {size:?}\n{settings:#?}")
+    format!("program: {program}, algorithm {ALGORITHM}\nscene: {scene}\nguide: {guide}\nsize: {size:?}\n{settings:#?}")
 }
 
 /// State of a render between two chunks, as a checkpoint holds it.
@@ -410,7 +415,7 @@ fn read_blocks(
         return Ok(None);
     }
     if settings.part.is_none() {
-        return Sum::from_arrays(pixels, detailed, file, "sum").map(|sum| Some(Blocks::Summed(sum)));
+        return Sum::read(file, "sum", pixels, detailed).map(|sum| Some(Blocks::Summed(sum)));
     }
     if number > f64::from(position.batches.div_ceil(BLOCK)) {
         return file.fail("state", format!("{number} blocks of {} samples", position.batches));

@@ -30,6 +30,15 @@ pub fn samples_of_parts(settings: &RenderSettings, spp: u32, size: [u32; 2], fie
     spp - if looks { look_of(spp) } else { 0 }
 }
 
+/// Samples per pixel that one process makes of a picture guided by `field`, if there is one: with a first look its part of them, or all; 0
+/// where they are not counted.
+pub(super) fn own_samples(settings: &RenderSettings, size: [u32; 2], field: Option<&GuideField>) -> Result<u32> {
+    let StopRule::Spp(spp) = settings.stop else { return Ok(0) };
+    let Some(part) = settings.part else { return Ok(spp) };
+    let of_all = samples_of_parts(settings, spp, size, field);
+    Ok(spp - of_all + part.samples(of_all)?.len() as u32)
+}
+
 impl Run<'_> {
     /// Renders the picture with the field as it is, and ends the render.
     pub(super) fn finish(mut self, field: Option<GuideField>) -> Result<Outcome> {

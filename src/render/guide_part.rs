@@ -22,16 +22,19 @@ use super::part::PartOf;
 use super::settings::Reconstruction;
 use super::statistics::Statistics;
 use crate::base::files::read_bytes;
-use crate::base::tensors::{self, Arrays, Dtype, Tensors, vector};
-use crate::base::{Error, Place, Result, Unfit};
+use crate::base::streamed::Streamed;
+use crate::base::tensors::{Arrays, Dtype, Tensors, vector};
+use crate::base::{Error, Place, Result, Unfit, named};
 use crate::guiding::learn::learner::{Learner, LearnerSettings, Use};
 use crate::guiding::sample::field::{Evidence, GuideField, PixelValues};
-use crate::guiding::sample::file::{GUIDE_LIMIT, PART_HEAD, PART_VERSION, pixel_value_arrays, read_pixel_values};
+use crate::guiding::sample::file::{self, GUIDE_LIMIT, PART_HEAD, PART_VERSION, pixel_value_arrays, read_pixel_values};
 use crate::network::config::Mode;
 use crate::reconstruct::{Reconstructor, reconstruct_within};
 
 /// Largest ceiling of a field in bytes: that of the command line.
 const MOST_MEMORY: usize = 65536 * 1_000_000;
+/// Largest accepted head in bytes.
+const HEAD_LIMIT: u64 = 1 << 20;
 
 /// What a part has learned.
 pub struct PartLearned {
@@ -74,13 +77,13 @@ pub struct LearnedHead {
 /// Writes what a part has learned, atomically.
 ///
 /// # Errors
-/// [`Error::Io`] naming `path`; [`Error::Options`] for a head that JSON cannot express.
+/// [`Error::Io`] naming `path`; [`Error::Options`] for a head that JSON cannot express; [`Error::Limit`] for more than can be read again.
 pub fn write(path: &Path, head: &LearnedHead, learner: &Learner, values: Option<&PixelValues>) -> Result<()> {
     let text = serde_json::to_vec(head).map_err(|e| Error::Options(format!("{}: {e}", path.display())))?;
     let mut all = learner.arrays();
     all.push(vector(PART_HEAD, Dtype::U8, text.into_iter().map(|byte| [byte])));
     all.extend(values.iter().flat_map(|values| pixel_value_arrays(values)));
-    tensors::write(path, PART_VERSION, &all)
+    file::write(path, PART_VERSION, &all)
 }
 
 /// A part that was read.
@@ -91,20 +94,45 @@ struct Read {
     values: Option<PixelValues>,
 }
 
-fn read(path: &Path) -> Result<Read> {
-    let bytes = read_bytes(path, GUIDE_LIMIT)?;
-    let file = Tensors::open(path, &bytes, "part of a guide", PART_VERSION)?;
+/// The head that a file's arrays have.
+fn head(file: &impl Arrays) -> Result<LearnedHead> {
     let text = file.read(PART_HEAD, Dtype::U8, None, 1, |[byte]| byte)?;
-    let fail = |message: String| Error::malformed(Place::part(path, PART_HEAD), message);
+    let fail = |message: String| Error::malformed(Place::part(file.path(), PART_HEAD), message);
     let head: LearnedHead = serde_json::from_slice(&text).map_err(|e| fail(e.to_string()))?;
     if head.settings.memory > MOST_MEMORY || head.rays.is_nan() || head.rays < 0.0 {
         return Err(fail("settings that no part has".into()));
     }
+    Ok(head)
+}
+
+/// Reads the head alone, which is held against the file's checksum where the whole is read.
+fn read_head(path: &Path) -> Result<LearnedHead> {
+    let file = Streamed::open(path)?;
+    file.check_version("part of a guide", PART_VERSION)?;
+    let (bytes, limit) = (file.bytes(PART_HEAD) as u64, HEAD_LIMIT);
+    if bytes > limit {
+        let (place, what) = (Place::part(path, PART_HEAD), "size in bytes".into());
+        return Err(Error::Limit { place, what, value: bytes, limit });
+    }
+    head(&file.reader()?.rows(None))
+}
+
+fn read(path: &Path) -> Result<Read> {
+    let bytes = read_bytes(path, GUIDE_LIMIT)?;
+    let file = Tensors::open(path, &bytes, "part of a guide", PART_VERSION)?;
+    let head = head(&file)?;
     let learner = Learner::from_arrays(head.settings.clone(), &file)?;
     if head.voxels > learner.voxels() {
-        return Err(fail(format!("{} of {} voxels", head.voxels, learner.voxels())));
+        let message = format!("{} of {} voxels", head.voxels, learner.voxels());
+        return Err(Error::malformed(Place::part(path, PART_HEAD), message));
     }
     Ok(Read { path: path.to_owned(), head, learner, values: read_pixel_values(&file)? })
+}
+
+/// Whether the file at `path` is this part, whole and of this learning.
+pub fn is_done(path: &Path, part: PartOf, in_common: &str) -> bool {
+    let same = read_head(path).is_ok_and(|head| head.part == part && head.in_common == in_common);
+    same && read(path).is_ok()
 }
 
 /// Adds up what the parts at `paths` have learned, whatever their order; `reconstructor` makes what the parts were to make of their
@@ -138,11 +166,11 @@ pub fn merge_guides<'n>(
     Ok((learner.field(Use::Rendering).with_pixel_values(values), evidence))
 }
 
-/// The parts in their order, held against one another. One at a time is in memory.
+/// The parts in their order, held against one another by their heads.
 fn in_order(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut heads: Vec<(PathBuf, LearnedHead)> = Vec::new();
     for path in paths {
-        let Read { path, head, .. } = read(path)?;
+        let (path, head) = (path.clone(), read_head(path)?);
         if let Some((first, wanted)) = heads.first() {
             let same = (head.part.count(), &head.in_common, &head.settings, head.reconstruction, &head.mode)
                 == (wanted.part.count(), &wanted.in_common, &wanted.settings, wanted.reconstruction, &wanted.mode);
@@ -164,11 +192,9 @@ fn in_order(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     }
     heads.sort_by_key(|(_, head)| head.part);
     let count = heads.first().map_or(0, |(_, head)| head.part.count());
-    let there = |index: &u32| heads.iter().any(|(_, head)| head.part.index() == *index);
-    let missing: Vec<String> =
-        (1..=count).filter(|index| !there(index)).map(|index| format!("{index}/{count}")).collect();
-    if !missing.is_empty() {
-        let message = format!("parts are missing: {}", missing.join(", "));
+    let absent = PartOf::absent(count, heads.iter().map(|(_, head)| head.part.index()));
+    if !absent.is_empty() {
+        let message = format!("parts are missing: {}", named(absent));
         return Err(Error::Parts { fault: Unfit::Missing, files: Vec::new(), message });
     }
     Ok(heads.into_iter().map(|(path, _)| path).collect())

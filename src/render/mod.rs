@@ -29,6 +29,7 @@ pub use aov::Aov;
 pub use checkpoint::Checkpointing;
 pub use control::{Control, Refresh, Snapshot};
 pub use features::features;
+use final_pass::own_samples;
 pub use final_pass::samples_of_parts;
 pub use learning::{Learning, Records};
 pub use part::PartOf;
@@ -112,6 +113,7 @@ pub fn render_watched(
     control: &Control,
 ) -> Result<Outcome> {
     let mut run = Run::begin(scene, settings, control)?;
+    run.start(own_samples(settings, scene.size, None)?)?;
     let resumed = run.resumed.as_mut().and_then(|resumed| resumed.field.take());
     if settings.part.is_some() && settings.guide != GuideMode::None {
         return Err(Error::Options(
@@ -142,6 +144,7 @@ pub fn render_with_field(
     control: &Control,
 ) -> Result<Outcome> {
     let mut run = Run::begin(scene, settings, control)?;
+    run.start(own_samples(settings, scene.size, Some(&field))?)?;
     run.known = field.pixel_values().and_then(|known| known.within(run.window));
     let resumed = run.resume(Phase::Look);
     if resumed.is_some() || run.resumed.is_none() {
@@ -193,6 +196,7 @@ pub fn learn_whole(
         return Err(Error::Options("a part learns a share: see learn_part".into()));
     }
     let mut run = Run::begin(scene, settings, control)?;
+    run.start(own_samples(settings, scene.size, None)?)?;
     run.learn_only = true;
     let field = run.learn(reconstructor)?;
     control.progress.finish();
@@ -215,6 +219,7 @@ pub fn learn_part(
         ));
     };
     let mut run = Run::begin(scene, settings, control)?;
+    run.start(spp)?;
     run.learn_only = true;
     run.learn_part(part, spp, reconstructor)
 }

@@ -1,5 +1,6 @@
 //! Parts of a render: ranges of its samples, in whole blocks, for several processes.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
@@ -59,7 +60,13 @@ impl PartOf {
 
     /// How many of `all` things the part gets where they are dealt out one by one.
     pub fn dealt(self, all: u64) -> u64 {
-        (all + u64::from(self.count - self.index)) / u64::from(self.count)
+        ((u128::from(all) + u128::from(self.count - self.index)) / u128::from(self.count)) as u64
+    }
+
+    /// Those of `count` parts whose numbers are not among `there`.
+    pub fn absent(count: u32, there: impl IntoIterator<Item = u32>) -> Vec<Self> {
+        let there: BTreeSet<u32> = there.into_iter().collect();
+        (1..=count).filter(|index| !there.contains(index)).map(|index| Self { index, count }).collect()
     }
 
     /// The part's samples of each pixel, of so many: whole blocks, but for the last of all.
@@ -140,6 +147,15 @@ mod tests {
                 assert_eq!((0..all).filter(|&number| part.takes(number)).count() as u64, part.dealt(all));
             }
         }
+        let dealt: u128 = (1..=3).map(|index| u128::from(PartOf::new(index, 3).unwrap().dealt(u64::MAX))).sum();
+        assert_eq!(dealt, u64::MAX.into());
+    }
+
+    #[test]
+    fn absent_parts_are_the_others() {
+        let absent: Vec<u32> = PartOf::absent(5, [4, 2, 2]).into_iter().map(PartOf::index).collect();
+        assert_eq!(absent, [1, 3, 5]);
+        assert!(PartOf::absent(MOST_PARTS, 1..=MOST_PARTS).is_empty());
     }
 
     #[test]

@@ -1,32 +1,39 @@
-//! Part files: what one process has rendered of a picture, for [`merge`](super::merge).
+//! Part files: what one process has rendered of a picture, for [`merge`](super::merge()).
 //!
 //! A safetensors file (see [`crate::base::tensors`]), written once the part is complete. It holds the part's blocks of samples in their
-//! order, named `block0` and so on (see [`Block`]), of which each can be read by itself, and rows of each too; and
+//! order, named `block0` and so on (see [`Block`]), of which each can be read by itself, and rows of each too; or, of the first parts of a
+//! picture that were merged, their `sum` (see [`Sum`]), to which the parts after them can be added with the bits of all at once; and
 //!
 //! | name | type | |
 //! |---|---|---|
 //! | `part` | u8 | JSON, see [`PartHead`] |
 //! | `layer0` and so on | f32 | channels of features and mattes, in the first part of a picture or window alone |
 
+use std::collections::BTreeSet;
+use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use super::part::PartOf;
 use super::statistics::Statistics;
-use crate::base::streamed::{Checked, Streamed};
+use crate::base::streamed::{Checked, Reader, Streamed};
 use crate::base::tensors::{self, Arrays, Dtype, Tensor, borrowed};
 use crate::base::{Error, Place, Result, Unfit};
-use crate::film::{BLOCK, Block, check_size};
+use crate::film::{BLOCK, Block, Sum, check_size};
 use crate::integrators::path::Cause;
-use crate::picture::{Attribute, Channel, Window};
+use crate::picture::{Attribute, Channel, Window, is_name};
 
-/// The version of part files that this program reads and writes.
-pub const VERSION: u32 = 1;
+/// The version of part files that this program reads and writes. 2: parts that were merged.
+pub const VERSION: u32 = 2;
+/// Name of the sum of parts that were merged.
+const SUM: &str = "sum";
 /// Name of the array that tells what the file is.
 pub const HEAD: &str = "part";
 /// Largest accepted head in bytes: mostly the names of what mattes show.
 const HEAD_LIMIT: usize = 64 << 20;
+/// Characters of a name that an error tells.
+const LONGEST_TOLD: usize = 40;
 /// Most layers of a part.
 const MOST_LAYERS: usize = 256;
 
@@ -34,8 +41,10 @@ const MOST_LAYERS: usize = 256;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartHead {
-    /// Which part of how many.
+    /// Which part of how many; the first of those that were merged.
     pub part: PartOf,
+    /// Number of parts, from the first on, whose sum this is; 0 for a part as it was rendered.
+    pub merged: u32,
     /// What all parts of the picture must have in common: contents of the scene and the guide, settings, version of the program; a line
     /// of text each.
     pub in_common: String,
@@ -108,13 +117,30 @@ impl PartHead {
         Window { x, y, width, height }
     }
 
-    /// Its number of blocks.
-    ///
-    /// # Errors
-    /// [`Error::Options`] where there is no such part.
-    pub fn blocks(&self) -> Result<u32> {
-        Ok(self.part.samples(self.samples)?.len().div_ceil(BLOCK as usize) as u32)
+    /// Numbers of the parts that it holds.
+    pub fn parts(&self) -> RangeInclusive<u32> {
+        let first = self.part.index();
+        first..=first.saturating_add(self.merged.saturating_sub(1))
     }
+
+    /// Its number of blocks, which were not added up yet.
+    fn blocks(&self) -> Result<u32> {
+        let own = self.part.samples(self.samples)?;
+        if self.merged > 0 {
+            let first = self.part.index() == 1 && *self.parts().end() <= self.part.count();
+            return first.then_some(0).ok_or_else(|| Error::Options("a sum of parts that are not the first".into()));
+        }
+        Ok(own.len().div_ceil(BLOCK as usize) as u32)
+    }
+}
+
+/// A name of a channel or an attribute that no picture can have, or that two have.
+fn bad_name(head: &PartHead) -> Option<String> {
+    let attributes = head.attributes.iter().chain(&head.layer_attributes).map(|(name, _)| name);
+    let mut taken: BTreeSet<&str> = ["R", "G", "B"].into();
+    let bad_channel = head.channels.iter().find(|name| !is_name(name) || !name.is_ascii() || !taken.insert(name));
+    let bad = bad_channel.or_else(|| attributes.into_iter().find(|name| !is_name(name)));
+    bad.map(|name| name.chars().take(LONGEST_TOLD).collect())
 }
 
 /// Name of a block.
@@ -127,9 +153,21 @@ fn block_name(number: u32) -> String {
 /// # Errors
 /// [`Error::Io`] naming `path`; [`Error::Options`] for a head that JSON cannot express.
 pub fn write(path: &Path, head: &PartHead, blocks: &[Block], layers: &[Channel]) -> Result<()> {
+    let blocks = (0..).zip(blocks).flat_map(|(number, block)| block.arrays(&block_name(number)));
+    write_arrays(path, head, blocks.collect(), layers)
+}
+
+/// Writes the `sum` of the first parts of a picture, and its `layers`, atomically.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_sum(path: &Path, head: &PartHead, sum: &Sum, layers: &[Channel]) -> Result<()> {
+    write_arrays(path, head, sum.arrays(SUM), layers)
+}
+
+fn write_arrays<'a>(path: &Path, head: &PartHead, mut all: Vec<Tensor<'a>>, layers: &'a [Channel]) -> Result<()> {
     let text = serde_json::to_vec(head).map_err(|e| Error::Options(format!("{}: {e}", path.display())))?;
-    let mut all: Vec<Tensor> = vec![(HEAD.into(), Dtype::U8, vec![text.len()], text.into())];
-    all.extend((0..).zip(blocks).flat_map(|(number, block)| block.arrays(&block_name(number))));
+    all.push((HEAD.into(), Dtype::U8, vec![text.len()], text.into()));
     for (number, layer) in layers.iter().enumerate() {
         all.push(borrowed::<_, 4>(format!("layer{number}"), (Dtype::F32, 1), &layer.values));
     }
@@ -140,10 +178,15 @@ pub fn write(path: &Path, head: &PartHead, blocks: &[Block], layers: &[Channel])
 pub struct PartFile {
     /// The head.
     pub head: PartHead,
-    /// Number of its blocks.
-    pub blocks: u32,
+    blocks: u32,
     file: Streamed,
     checked: Vec<Checked>,
+}
+
+/// A part file that is open, for any number of threads.
+pub struct PartReader<'a> {
+    part: &'a PartFile,
+    reader: Reader<'a>,
 }
 
 impl PartFile {
@@ -169,9 +212,11 @@ impl PartFile {
             let (place, what) = (Place::part(path, HEAD), "size in bytes".into());
             return Err(Error::Limit { place, what, value: file.bytes(HEAD) as u64, limit: HEAD_LIMIT as u64 });
         }
-        let rows = file.rows(None)?;
-        let text = rows.read(HEAD, Dtype::U8, None, 1, |[byte]: [u8; 1]| byte)?;
-        let checked = rows.checked();
+        let (text, checked) = {
+            let reader = file.reader()?;
+            let rows = reader.rows(None);
+            (rows.read(HEAD, Dtype::U8, None, 1, |[byte]: [u8; 1]| byte)?, rows.checked())
+        };
         let fail = |message: String| Error::malformed(Place::part(path, HEAD), message);
         let head: PartHead = serde_json::from_slice(&text).map_err(|e| fail(e.to_string()))?;
         let sound = || -> Result<u32> {
@@ -183,8 +228,14 @@ impl PartFile {
         if head.channels.len() > MOST_LAYERS || head.detailed != head.film_layers.contains(&true) {
             return Err(fail(format!("{} layers, or others than the blocks are made for", head.channels.len())));
         }
+        if let Some(name) = bad_name(&head) {
+            return Err(fail(format!("a channel or attribute of the name {name:?}")));
+        }
         let pixels = head.window().pixels() as usize;
         (0..blocks).try_for_each(|number| Block::expect(&file, &block_name(number), pixels, head.detailed))?;
+        if head.merged > 0 {
+            Sum::expect(&file, SUM, pixels, head.detailed)?;
+        }
         let part = Self { head, blocks, file, checked };
         (0..part.layers()).try_for_each(|number| part.file.expect(&format!("layer{number}"), Dtype::F32, pixels, 1))?;
         Ok(part)
@@ -200,28 +251,12 @@ impl PartFile {
         if self.head.part.index() == 1 { self.head.channels.len() } else { 0 }
     }
 
-    /// Some pixels of each block, one after the other, given to `take`; returns the checksums of what was read.
+    /// Opens the file again, to read what it holds.
     ///
     /// # Errors
-    /// [`Error::Io`], [`Error::Malformed`].
-    pub fn blocks_within(&self, pixels: std::ops::Range<usize>, mut take: impl FnMut(&Block)) -> Result<Vec<Checked>> {
-        let count = pixels.len();
-        let rows = self.file.rows(Some(pixels))?;
-        for number in 0..self.blocks {
-            take(&Block::read(&rows, &block_name(number), count, self.head.detailed)?);
-        }
-        Ok(rows.checked())
-    }
-
-    /// The values of a layer.
-    ///
-    /// # Errors
-    /// [`Error::Io`], [`Error::Malformed`].
-    pub fn layer(&mut self, number: usize) -> Result<Vec<f32>> {
-        let rows = self.file.rows(None)?;
-        let values = rows.read(&format!("layer{number}"), Dtype::F32, None, 1, f32::from_le_bytes)?;
-        self.checked.extend(rows.checked());
-        Ok(values)
+    /// [`Error::Io`] where it is gone.
+    pub fn reader(&self) -> Result<PartReader<'_>> {
+        Ok(PartReader { part: self, reader: self.file.reader()? })
     }
 
     /// Takes the checksums of what was read.
@@ -238,20 +273,55 @@ impl PartFile {
     }
 }
 
+impl PartReader<'_> {
+    /// Adds these pixels of the part to the `sum` of those of the parts before; `block` is memory for one. Returns the checksums of what was
+    /// read.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Malformed`].
+    pub fn add(&self, pixels: Range<usize>, sum: &mut Sum, block: &mut Block) -> Result<Vec<Checked>> {
+        let (count, detailed) = (pixels.len(), self.part.head.detailed);
+        let rows = self.reader.rows(Some(pixels));
+        if self.part.head.merged > 0 {
+            *sum = Sum::read(&rows, SUM, count, detailed)?;
+        }
+        for number in 0..self.part.blocks {
+            block.fill(&rows, &block_name(number), count, detailed)?;
+            sum.add(block);
+        }
+        Ok(rows.checked())
+    }
+
+    /// These pixels of a layer, and the checksums of what was read.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Malformed`].
+    pub fn layer(&self, number: usize, pixels: Range<usize>) -> Result<(Vec<f32>, Vec<Checked>)> {
+        let (rows, mut values) = (self.reader.rows(Some(pixels)), Vec::new());
+        rows.fill(&format!("layer{number}"), Dtype::F32, None, 1, &mut values)?;
+        Ok((values, rows.checked()))
+    }
+}
+
 /// Whether the file at `path` is a whole part with this head, whatever its totals and attributes.
 pub fn is_done(path: &Path, head: &PartHead) -> bool {
+    let same = |found: &PartHead| {
+        (&found.in_common, found.part, found.merged, found.window, found.samples)
+            == (&head.in_common, head.part, head.merged, head.window, head.samples)
+    };
     let whole = || -> Result<bool> {
         let mut file = PartFile::open(path)?;
-        for number in 0..file.layers() {
-            file.layer(number)?;
+        if !same(&file.head) {
+            return Ok(false);
         }
         let pixels = file.head.window().pixels() as usize;
-        let checked = file.blocks_within(0..pixels, |_| {})?;
+        let reader = file.reader()?;
+        let mut checked = reader.add(0..pixels, &mut Sum::new(pixels, file.head.detailed), &mut Block::default())?;
+        for number in 0..file.layers() {
+            checked.extend(reader.layer(number, 0..pixels)?.1);
+        }
         file.read(checked);
-        file.check()?;
-        let found = &file.head;
-        Ok((&found.in_common, found.part, found.window, found.samples)
-            == (&head.in_common, head.part, head.window, head.samples))
+        file.check().map(|()| true)
     };
     whole().unwrap_or(false)
 }

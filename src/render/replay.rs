@@ -1,6 +1,7 @@
 //! Replay of one camera sample, vertex by vertex.
 
 use super::control::Control;
+use super::final_pass::own_samples;
 use super::pass::{CameraSample, camera_ray};
 use super::run::Run;
 use super::settings::RenderSettings;
@@ -40,6 +41,7 @@ pub fn replay(
         return Err(Error::Options(format!("sample {} comes before the pass that it is said to be of", sample.number)));
     }
     let mut run = Run::begin(scene, settings, control)?;
+    run.start(own_samples(settings, scene.size, field.as_ref())?)?;
     let mut picture = None;
     if let Some(field) = &field {
         run.known = field.pixel_values().and_then(|known| known.within(run.window));

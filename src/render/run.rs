@@ -78,16 +78,16 @@ impl<'a> Run<'a> {
             resumed: None,
             interrupted: false,
         };
-        let total = match settings.stop {
-            StopRule::Spp(spp) => u64::from(spp) * run.pixels(),
-            StopRule::Time(_) | StopRule::TargetError(_) => 0,
-        };
         if let StopRule::Time(seconds) = settings.stop {
             run.watcher.budget = Some(seconds);
         }
-        control.progress.start(total, "samples");
-        run.read_checkpoint()?;
         Ok(run)
+    }
+
+    /// Starts the progress, of so many samples per pixel (0 where that is not known), and takes up a checkpoint.
+    pub fn start(&mut self, spp: u32) -> Result<()> {
+        self.watcher.control.progress.start(u64::from(spp) * self.pixels(), "samples");
+        self.read_checkpoint()
     }
 
     /// Restores the state from the checkpoint to resume from, if there is one.

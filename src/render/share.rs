@@ -8,6 +8,7 @@ use super::pass::PassTracer;
 use super::run::Run;
 use super::state::{Part, Phase, Position};
 use crate::base::{Error, Result};
+use crate::guiding::learn::fraction::FractionRule;
 use crate::guiding::model::ModelKind;
 use crate::reconstruct::Reconstructor;
 
@@ -21,6 +22,11 @@ impl Run<'_> {
     ) -> Result<PartLearned> {
         if self.settings.learner.model != ModelKind::Trees {
             return Err(Error::Options("histograms are not added up: parts of other modes than jensen learn".into()));
+        }
+        if self.settings.learner.fraction == FractionRule::Adam {
+            return Err(Error::Options(
+                "--fraction adam: steps of a descent are not added up; parts learn with another rule".into(),
+            ));
         }
         let mut learning = self.begin_learning();
         let (begun, mut own) = match self.resume(Phase::Share) {
@@ -68,6 +74,13 @@ impl Run<'_> {
         }
         let (voxels, began, traced) =
             (learning.learner.voxels(), self.watcher.elapsed(), self.statistics.seconds.trace);
+        if voxels == 0 && part.count() > 1 {
+            return Err(Error::Options(format!(
+                "{budget} samples per pixel in each of {} parts leave none of the same places in all of them, of which the samples could be \
+                 added up: give more --spp, or learn in one process",
+                part.count()
+            )));
+        }
         self.state.position = Position { phase: Phase::Share, voxels, began, traced, ..Position::default() };
         let (field, picture) = (learning.field_of(voxels), self.pixel_values());
         let tracer = PassTracer {

@@ -300,6 +300,13 @@ impl Statistics {
         Some(statistics)
     }
 
+    /// Those of a render that has nothing left to do.
+    pub fn of_nothing(scene: &Scene, settings: &RenderSettings) -> Self {
+        let mut statistics = Self::default();
+        statistics.describe(scene, settings, 0);
+        statistics
+    }
+
     pub(super) fn describe(&mut self, scene: &Scene, settings: &RenderSettings, spp: u32) {
         self.version = 1;
         self.scene.clone_from(&scene.name);

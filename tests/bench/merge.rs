@@ -1,16 +1,17 @@
-//! Time and memory of putting a picture together: `cargo bench --bench merge -- [COLUMNSxROWS] [PARTS] [FOLDER] [variance]`, by default
-//! 3840x2160 and 64 parts of a block each in a folder for temporary files, where they take 7 GB (21 GB with variances). The parts are
-//! made once and removed at the end; each merge is a process of its own, so that its memory is known.
+//! Time and memory of putting a picture together: `cargo bench --bench merge -- [COLUMNSxROWS] [PARTS] [FOLDER] [variance] [layers]`, by
+//! default 3840x2160 and 64 parts of a block each in a folder for temporary files, where they take 7 GB (21 GB with variances). With `layers`
+//! the first part has as many channels as `--aov all` gives. The parts are made once and removed at the end; each merge is a process of its
+//! own, so that its memory is known. `RAYON_NUM_THREADS` sets the threads.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
-use fanal::base::process::peak_rss;
+use fanal::base::process::{cpu_seconds, peak_rss};
 use fanal::base::progress::Silent;
 use fanal::base::random::Random;
 use fanal::film::{Block, Pass};
-use fanal::picture::{Display, Picture, write_picture};
+use fanal::picture::{Channel, Display, Picture, write_picture};
 use fanal::render::PartOf;
 use fanal::render::merge::merge;
 use fanal::render::part_file::{self, PartHead, Totals};
@@ -18,6 +19,8 @@ use glam::Vec3;
 
 /// Merges that are timed; the first also reads what is not in memory yet.
 const RUNS: usize = 3;
+/// Channels of features and mattes that `--aov all` gives.
+const LAYERS: usize = 60;
 /// Names the output and what follows it as parts: this process merges them.
 const WORKER: &str = "--merge";
 
@@ -25,7 +28,7 @@ fn parts(folder: &Path, count: u32) -> Vec<PathBuf> {
     (1..=count).map(|index| folder.join(format!("{index}.part"))).collect()
 }
 
-fn make(folder: &Path, [width, height]: [u32; 2], count: u32, detailed: bool) {
+fn make(folder: &Path, [width, height]: [u32; 2], count: u32, detailed: bool, layers: usize) {
     let mut pass = Pass::new(width as usize, height as usize);
     let mut random = Random::new(1, 0, 0);
     for sample in 0..4 {
@@ -33,9 +36,15 @@ fn make(folder: &Path, [width, height]: [u32; 2], count: u32, detailed: bool) {
     }
     let block = [Block::of(&pass, detailed)];
     drop(pass);
+    // Features are smooth here and there, and everywhere else noise.
+    let values: Vec<f32> = (0..width * height).map(|i| if i % 512 < 256 { 0.5 } else { random.next_f32() }).collect();
+    let names: Vec<String> = (0..layers).map(|number| format!("layer.{number}")).collect();
+    let channels: Vec<Channel> =
+        names.iter().map(|name| Channel { name: name.clone(), values: values.clone() }).collect();
     for (index, path) in (1..).zip(parts(folder, count)) {
         let head = PartHead {
             part: PartOf::new(index, count).expect("it is one of them"),
+            merged: 0,
             in_common: "a picture".into(),
             size: [width, height],
             window: [0, 0, width, height],
@@ -43,12 +52,13 @@ fn make(folder: &Path, [width, height]: [u32; 2], count: u32, detailed: bool) {
             spp: 64 * count,
             detailed,
             film_layers: [detailed; 2],
-            channels: Vec::new(),
+            channels: names.clone(),
             attributes: Vec::new(),
             layer_attributes: Vec::new(),
             totals: Totals::default(),
         };
-        part_file::write(&path, &head, &block, &[]).expect("there is room");
+        let own = if index == 1 { &channels[..] } else { &[] };
+        part_file::write(&path, &head, &block, own).expect("there is room");
     }
 }
 
@@ -59,13 +69,14 @@ fn work(output: &str, parts: &[PathBuf]) {
     let added = begun.elapsed().as_secs_f64();
     let picture = Picture {
         image: &merged.image,
-        channels: &merged.channels,
+        channels: &merged.layers,
         window: merged.placed,
         attributes: &merged.attributes,
     };
     write_picture(Path::new(output), &picture, Display::default()).expect("there is room");
     let (all, peak) = (begun.elapsed().as_secs_f64(), peak_rss().unwrap_or(0) >> 20);
-    println!("added up in {added:.2} s, written after {all:.2} s, at most {peak} MiB");
+    let cpu = cpu_seconds().unwrap_or(f64::NAN);
+    println!("added up in {added:.2} s, written after {all:.2} s, {cpu:.2} processor seconds, at most {peak} MiB");
 }
 
 fn main() -> ExitCode {
@@ -80,8 +91,9 @@ fn main() -> ExitCode {
     let size = size.and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?])).unwrap_or([3840, 2160]);
     let count = words.get(1).and_then(|word| word.parse().ok()).unwrap_or(64);
     let folder = words.get(2).map_or_else(std::env::temp_dir, PathBuf::from);
+    let given = |name: &str| words.iter().any(|word| word == name);
     let folder = tempfile::tempdir_in(folder).expect("the folder takes files");
-    make(folder.path(), size, count, words.iter().any(|word| word == "variance"));
+    make(folder.path(), size, count, given("variance"), if given("layers") { LAYERS } else { 0 });
     println!("{}x{} pixels, {count} parts, {} threads", size[0], size[1], rayon::current_num_threads());
     for _ in 0..RUNS {
         let program = std::env::current_exe().expect("this program has a name");

@@ -5,6 +5,7 @@ All times are seconds. Random numbers come from the generator that the caller se
 
 import heapq
 import math
+import sys
 from dataclasses import dataclass
 
 
@@ -24,17 +25,22 @@ class Costs:
     """What dividing costs.
 
     `part`: each part, for its start, the scene, and writing. `dispatch`: from the end of a task to the begin of the next on its node.
-    `merge` and `merge_part`: the merge, and what each part adds to it.
+    `merge` and `merge_part`: a merge, and what each part adds to it. `merged`: parts that are merged at a time, to the sum of those before.
     """
 
     part: float = 0.0
     dispatch: float = 0.0
     merge: float = 0.0
     merge_part: float = 0.0
+    merged: int = sys.maxsize
 
     def merging(self, parts):
-        """Seconds of the merge."""
+        """Seconds of a merge of so many parts."""
         return self.merge + self.merge_part * parts
+
+    def merges(self, parts):
+        """Numbers of parts of the merges, in their order."""
+        return [min(self.merged, parts - first) for first in range(0, parts, self.merged)]
 
 
 @dataclass(frozen=True)
@@ -65,9 +71,9 @@ class Outcome:
 
 
 def exact_time(frame, costs, nodes, parts):
-    """What `run` gives where all nodes are alike and none fails."""
+    """What `run` gives where all nodes are alike, none fails, and all parts are merged at the end."""
     rounds = math.ceil(parts / nodes)
-    return frame.learning + rounds * (costs.dispatch + costs.part + frame.work / parts) + costs.merging(parts)
+    return frame.learning + rounds * (costs.dispatch + costs.part + frame.work / parts) + costs.dispatch + costs.merging(parts)
 
 
 def slowdown(spread, random):
@@ -106,28 +112,70 @@ class Nodes:
         heapq.heappush(self.free, (time, node))
 
 
+class Queue:
+    """Tasks in the order in which they were submitted, as soon as each may begin."""
+
+    def __init__(self):
+        self.coming, self.waiting = [], []
+
+    def __bool__(self):
+        return bool(self.coming or self.waiting)
+
+    def add(self, ready, rank, left):
+        heapq.heappush(self.coming, (ready, rank, left))
+
+    def first(self):
+        """When a task may begin at the earliest."""
+        return 0.0 if self.waiting else self.coming[0][0]
+
+    def take(self, now):
+        """The first of those that may begin now: its rank and what is left of its work."""
+        while self.coming and self.coming[0][0] <= now:
+            heapq.heappush(self.waiting, heapq.heappop(self.coming)[1:])
+        return heapq.heappop(self.waiting)
+
+
 def run(frame, costs, cluster, parts, random):
-    """Learns, renders `parts` parts and merges them, once."""
-    nodes = Nodes(cluster, frame.learning, random)
-    waiting = [(frame.learning, part, frame.work / parts) for part in range(parts)]
-    end, busy, failures = frame.learning, frame.learning, 0
-    while waiting:
-        ready, part, left = heapq.heappop(waiting)
-        begin, node = nodes.take(ready)
+    """Learns, renders `parts` parts and merges them, once. A merge waits for its parts and for the merge before."""
+    nodes, queue = Nodes(cluster, frame.learning, random), Queue()
+    merges = costs.merges(parts)
+    # Parts that each merge waits for, and when the last task that it waits for has ended.
+    missing, last = list(merges), [frame.learning] * len(merges)
+    for part in range(parts):
+        # The rank of a part is that of its merge, which is submitted behind it.
+        queue.add(frame.learning, (part // costs.merged, 0, part), frame.work / parts)
+    merged, busy, failures = 0, frame.learning, 0
+    while queue:
+        begin, node = nodes.take(queue.first())
+        rank, left = queue.take(begin)
+        group, is_merge, _ = rank
         begin += costs.dispatch
-        pace = nodes.slowness[node] * slowdown(cluster.slow_tasks, random)
-        done = begin + costs.part + left * pace
+        if is_merge:
+            pace, fixed = 1.0, costs.merging(merges[group])
+        else:
+            pace, fixed = nodes.slowness[node] * slowdown(cluster.slow_tasks, random), costs.part
+        done = begin + fixed + left * pace
         failed = nodes.failure[node]
-        if failed >= done:
-            nodes.give_back(node, done)
-            end, busy = max(end, done), busy + done - begin
+        if failed < done:
+            failures += 1
+            busy += max(failed - begin, 0)
+            queue.add(failed + cluster.requeue, rank, left - kept(failed - begin - fixed, pace, cluster.checkpoints))
+            nodes.give_back(node, nodes.fail(node))
             continue
-        failures += 1
-        busy += max(failed - begin, 0)
-        heapq.heappush(waiting, (failed + cluster.requeue, part, left - kept(failed - begin - costs.part, pace, cluster.checkpoints)))
-        nodes.give_back(node, nodes.fail(node))
-    merging = costs.merging(parts)
-    return Outcome(end + merging, busy + merging, failures)
+        nodes.give_back(node, done)
+        busy += done - begin
+        if is_merge:
+            merged = group + 1
+            if merged < len(merges):
+                last[merged] = max(last[merged], done)
+        else:
+            missing[group] -= 1
+            last[group] = max(last[group], done)
+        # The next merge, where it is its turn and its last part has ended.
+        if merged < len(merges) and missing[merged] == 0 and (is_merge or group == merged):
+            queue.add(last[merged], (merged, 1, 0), 0.0)
+    # The last merge waits for everything.
+    return Outcome(done, busy, failures)
 
 
 def kept(traced, pace, checkpoints):

@@ -24,6 +24,18 @@ class Exact(unittest.TestCase):
             self.assertAlmostEqual(outcome.busy, 3600 + learning + 2 * parts + 5 + 0.25 * parts, places=6)
             self.assertEqual(outcome.failures, 0)
 
+    def test_merges_while_the_rest_is_rendered(self):
+        costs = Costs(part=2.0, dispatch=1.0, merge=5.0, merge_part=0.25, merged=4)
+        # On one node all comes one after the other: ten parts, three merges.
+        outcome = run(Frame(1000.0), costs, Cluster(1), 10, random.Random(0))
+        self.assertAlmostEqual(outcome.time, 10 * (1 + 2 + 100) + 3 * (1 + 5) + 10 * 0.25, places=6)
+        # Each round ends with a merge, for which one of four nodes begins the next round later.
+        outcome = run(Frame(1200.0), costs, Cluster(4), 12, random.Random(0))
+        self.assertAlmostEqual(outcome.time, 3 * (1 + 2 + 100) + 3 * (1 + 5 + 1), places=6)
+        # Nodes are left over for the merges, of which only the last is waited for.
+        outcome = run(Frame(1200.0), costs, Cluster(5), 12, random.Random(0))
+        self.assertAlmostEqual(outcome.time, 3 * (1 + 2 + 100) + 1 + 5 + 1, places=6)
+
     def test_nodes_that_never_fail_in_time(self):
         frame, cluster = Frame(100.0), Cluster(4, between_failures=1e15, checkpoints=1.0, requeue=10.0, repair=10.0)
         self.assertEqual(times(frame, COSTS, cluster, 8, 1), [exact_time(frame, COSTS, 4, 8)])

@@ -18,10 +18,11 @@ from jobs import Job  # noqa: E402
 PROGRAM = """#!/usr/bin/env python3
 import json, sys
 if "--help" in sys.argv:
-    print("--size --seed")
+    print("--size --seed --crop --guide-memory")
 else:
     seconds = {"load": 1.0, "build": 2.0, "write": 3.0, "trace": 10.0}
-    stats = {"width": 1000, "height": 500, "samples": 500000, "peak_rss_bytes": 100000000, "seconds": seconds}
+    side = 10 if "--crop" in sys.argv else 1
+    stats = {"width": 1000 // side, "height": 500 // side, "samples": 500000, "peak_rss_bytes": 100000000, "seconds": seconds}
     open(sys.argv[sys.argv.index("--stats") + 1], "w").write(json.dumps(stats))
 """
 
@@ -29,6 +30,8 @@ else:
 class Submitted(unittest.TestCase):
     def setUp(self):
         self.folder = pathlib.Path(tempfile.mkdtemp())
+        self.recipe = self.folder / "recipe.toml"
+        self.recipe.write_text('name = "a recipe"\ngrids = [8, 11]\n')
         self.addCleanup(lambda: subprocess.run(["rm", "-rf", str(self.folder)], check=True))
         self.program = self.folder / "fanal"
         self.program.write_text(PROGRAM)
@@ -62,7 +65,36 @@ class Submitted(unittest.TestCase):
         calls, _ = self.submit("room", "--spp", 4096, "--parts", 2, "--learn-parts", 4, "-o", "out.exr")
         self.assertEqual(self.scripts(calls), ["learn.sbatch", "merge.sbatch", "render.sbatch", "merge.sbatch"])
         self.assertIn("--dependency=afterok:$fanal_guide", calls[2])
-        self.assertEqual(calls[1][-2:], ["guide", "4"])
+        self.assertEqual(calls[1][-2:], ["guide", "1-4"])
+        # A guide's parts have what learning has, not what a picture has.
+        self.assertGreater(self.asked(calls[1]), resources.LEARNER_BYTES_PER_GUIDE_BYTE * resources.GUIDE_CEILING)
+        smaller, _ = self.submit("room", "--spp", 4096, "--parts", 2, "--learn-parts", 4, "-o", "out.exr", "--", "--guide-memory", "6")
+        for big, small in zip(calls, smaller):
+            self.assertGreaterEqual(self.asked(big), self.asked(small))
+        saved = resources.SPARE_MEMORY * resources.LEARNER_BYTES_PER_GUIDE_BYTE * 18e6
+        self.assertAlmostEqual(self.asked(calls[0]) - self.asked(smaller[0]), saved, delta=2**21)
+
+    def asked(self, call):
+        """Bytes that a call asks for."""
+        return 2**20 * int(next(word for word in call if word.startswith("--mem="))[6:-1])
+
+    def test_guides_are_learned_from_the_whole_picture(self):
+        for learners in (1, 3):
+            calls, _ = self.submit("room", "--spp", 64, "--parts", 1, "--learn-parts", learners, "-o", "out.exr", "--", "--crop", "0,0,10,10", "--seed", 3)
+            for call in calls:
+                name = self.scripts([call])[0]
+                self.assertEqual("--crop" in call, name == "render.sbatch", call)
+                self.assertEqual("--seed" in call, name != "merge.sbatch" or "guide" in call, call)
+            whole, _ = self.submit("room", "--spp", 64, "--parts", 1, "--learn-parts", learners, "-o", "out.exr")
+            self.assertEqual(self.asked(calls[0]), self.asked(whole[0]))
+            self.assertLess(self.asked(calls[-2]), self.asked(whole[-2]))
+
+    def test_parts_have_the_mode_of_their_guide(self):
+        calls, _ = self.submit("room", "--spp", 64, "--parts", 1, "--guide", "ppg", "-o", "out.exr")
+        render = calls[1]
+        self.assertEqual(render[render.index("--guide") + 1], "ppg")
+        self.assertIn("--load-guide", render)
+        self.assertIn("ppg", calls[0])
 
     def test_nothing_is_learned(self):
         guide = self.folder / "some.guide"
@@ -77,7 +109,7 @@ class Submitted(unittest.TestCase):
         self.assertIn("--array=1-64", calls[0])
         begin = calls[0].index(next(word for word in calls[0] if word.endswith("render.sbatch")))
         self.assertEqual(calls[0][begin + 1 : begin + 4], ["16", "4", "1000x500"])
-        self.assertEqual(calls[1][-2:], ["part", "64"])
+        self.assertEqual(calls[1][-2:], ["part", "1-64"])
         with self.assertRaises(subprocess.CalledProcessError):
             self.submit("room", "--spp", 1024, "--parts", 64, "--guide", "none", "-o", "out.exr", "--", "--crop", "0,0,10,10")
 
@@ -93,8 +125,31 @@ class Submitted(unittest.TestCase):
         self.assertEqual([option["--part"] for option in options], ["1/4", "2/4", "3/4", "4/4"] * 3)
         self.assertEqual([option["--crop"] for option in options[::4]], ["0,0,640,33", "0,33,640,33", "0,66,640,34"])
 
+    def test_merges_while_others_are_rendered(self):
+        calls, _ = self.submit("room", "--spp", 200000, "--parts", 1200, "--guide", "none", "-o", "out.exr")
+        self.assertEqual(self.scripts(calls), ["render.sbatch", "merge.sbatch"] * 3)
+        self.assertEqual([word for call in calls for word in call if word.startswith("--array")], ["--array=1-500", "--array=1-500", "--array=1-200"])
+        parts = pathlib.Path("out.exr.parts").resolve()
+        self.assertEqual([call[-4:] for call in calls[1::2]], [
+            [str(parts / "500.sum"), str(parts), "part", "1-500"],
+            [str(parts / "1000.sum"), str(parts), "part", "501-1000"],
+            [str(parts.parent / "out.exr"), str(parts), "part", "1001-1200"],
+        ])
+        self.assertIn("--dependency=afterok:$fanal_render", calls[1])
+        self.assertIn("--dependency=afterok:$fanal_render500:$fanal_sum", calls[3])
+        self.assertIn("--dependency=afterok:$fanal_render1000:$fanal_sum500", calls[5])
+
+    def test_sums_are_merged_with_the_parts_after_them(self):
+        """What merge.sbatch runs, with `echo` in place of the program."""
+        def merge(*words):
+            command = ["bash", str(CLUSTER / "merge.sbatch"), *words]
+            return subprocess.run(command, env={**os.environ, "FANAL": "echo"}, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
+
+        self.assertEqual(merge("2.sum", "a", "part", "1-2"), ["merge", "a/1.part", "a/2.part", "-o", "2.sum"])
+        self.assertEqual(merge("o.exr", "a", "part", "3-4", "--quiet"), ["merge", "a/2.sum", "a/3.part", "a/4.part", "-o", "o.exr", "--quiet"])
+
     def test_more_parts_than_an_array_takes(self):
-        calls, _ = self.submit("room", "--spp", 200000, "--parts", 2500, "--guide", "none", "-o", "out.exr")
+        calls, _ = self.submit("room", "--spp", 200000, "--parts", 2500, "--merged", 2500, "--guide", "none", "-o", "out.exr")
         self.assertEqual([word for call in calls for word in call if word.startswith("--array")], ["--array=1-1000", "--array=1-1000", "--array=1-500"])
         self.assertEqual([call[0] for call in calls[:3]], ["sbatch", "FANAL_TASKS_BEFORE=1000", "FANAL_TASKS_BEFORE=2000"])
         self.assertIn("--dependency=afterok:$fanal_render:$fanal_render1000:$fanal_render2000", calls[3])
@@ -105,7 +160,7 @@ class Submitted(unittest.TestCase):
         self.assertIn(str(pathlib.Path("an output/out.exr").resolve()), calls[1])
 
     def test_data_set_and_sweep(self):
-        calls, _ = self.submit("dataset", "recipe.toml", "--parts", 16, "-o", "data")
+        calls, _ = self.submit("dataset", self.recipe, "--parts", 16, "-o", "data")
         self.assertEqual(self.scripts(calls), ["dataset.sbatch", "merge.sbatch"])
         self.assertIn("--array=1-16", calls[0])
         calls, _ = self.submit("train", self.folder, "--seeds", "1,2,3", "--widths", "16,32", "-o", "models", "--", "--epochs", 3)
@@ -116,6 +171,10 @@ class Submitted(unittest.TestCase):
     def test_what_is_asked_for_wins(self):
         calls, _ = self.submit("room", "--spp", 64, "--parts", 1, "--guide", "none", "--mem", 5000, "--time", "2:00:00", "--cpus", 8, "--sbatch=--partition=long", "-o", "out.exr")
         self.assertTrue({"--mem=5000M", "--time=2:00:00", "--cpus-per-task=8", "--partition=long"} <= set(calls[0]))
+        wanted = ["--mem", 5000, "--time", "2:00:00"]
+        for words in (["room", "--spp", 4096, "--parts", 600, "--learn-parts", 2], ["dataset", self.recipe, "--parts", 2]):
+            calls, _ = self.submit(*words, *wanted, "-o", "out")
+            self.assertTrue(all({"--mem=5000M", "--time=2:00:00"} <= set(call) for call in calls), calls)
 
 
 class Formulas(unittest.TestCase):
@@ -139,8 +198,29 @@ class Formulas(unittest.TestCase):
     def test_merging(self):
         plain = resources.merge_memory(10**6)
         self.assertAlmostEqual(plain - resources.merge_memory(0), resources.SPARE_MEMORY * resources.MERGE_BYTES_PER_PIXEL * 1e6)
-        self.assertGreater(resources.merge_memory(10**6, layers=True), 3 * plain)
-        self.assertGreater(resources.merge_seconds(10**7, 1000), resources.merge_seconds(10**7, 10))
+        self.assertGreater(resources.merge_memory(10**7, layers=True), 1.5 * resources.merge_memory(10**7))
+        # 1080p by 2^20 samples took 1100 s in however many parts.
+        self.assertGreater(resources.merge_seconds(1920 * 1080, 2**20 / 64), 1100)
+        self.assertGreater(resources.merge_seconds(10**6, 100, layers=True), resources.merge_seconds(10**6, 100))
+        self.assertAlmostEqual(resources.merge_seconds(10**6, 0), resources.START + resources.WARNING)
+
+    def test_learning(self):
+        learns = resources.render_memory(self.probe, 2, resources.learner_bytes(resources.GUIDE_CEILING))
+        renders = resources.render_memory(self.probe, 2, resources.guide_bytes(None, resources.GUIDE_CEILING))
+        # What a guide of 24 MB was measured to take, and records.
+        self.assertGreater(learns - resources.render_memory(self.probe, 2, 0), 1.9e9)
+        self.assertGreater(learns, renders)
+        self.assertGreater(resources.guide_merge_memory(24e6), 2 * 1.4e9)
+        self.assertGreater(resources.guide_merge_seconds(24e6, 100), resources.guide_merge_seconds(24e6, 2))
+
+    def test_data_sets(self):
+        """By the finest grid of the recipe, as recipes have it."""
+        memory = resources.dataset_memory
+        folder = CLUSTER.parents[1] / "datasets"
+        self.assertGreater(memory((folder / "fine.toml").read_text()), resources.SPARE_MEMORY * 13e9)
+        self.assertEqual(memory("grids = [8, 45,\n 11]"), memory((folder / "default.toml").read_text()))
+        self.assertEqual(memory('name = "no grids"'), memory("grids = [16]"))
+        self.assertGreaterEqual(memory(""), resources.SPARE_MEMORY * resources.DATASET_BASE)
 
     def test_division(self):
         for spp, parts, expected in [(4096, 64, (1, 64)), (4096, 10, (1, 10)), (1024, 64, (4, 16)), (1024, 20, (2, 10)), (1, 3, (3, 1))]:

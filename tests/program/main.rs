@@ -5,14 +5,19 @@
 mod support;
 
 mod cli;
+mod data_parts;
 mod denoise;
 mod display;
 mod file_circles;
 mod files;
+mod learned_parts;
 mod mattes;
 mod module_order;
+mod other_parts;
+mod part_files;
 mod parts;
 mod report;
 mod resume;
 mod signals;
+mod unfinished_parts;
 mod views;

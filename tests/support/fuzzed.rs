@@ -7,18 +7,19 @@ use std::sync::atomic::AtomicBool;
 use fanal::base::progress::Silent;
 use fanal::base::random::Random;
 use fanal::base::{Error, Result};
-use fanal::generate::dataset::DatasetIndex;
+use fanal::generate::dataset::{DatasetIndex, INDEX_FILE};
+use fanal::generate::parts::{self, Merging, PartIndex};
 use fanal::generate::recipe::Recipe;
-use fanal::generate::shard::{read_shard, write_shard};
+use fanal::generate::shard::{VERSION, read_shard, write_shard};
 use fanal::guiding::sample::field::{Evidence, GuideField};
 use fanal::guiding::sample::file;
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::{Model, Weights};
-use fanal::picture::{read_exr_channels, read_image};
+use fanal::picture::{Display, Layers, Picture, read_exr_channels, read_image, write_picture};
 use fanal::reconstruct::Neural;
 use fanal::reconstruct::neural::reconstruct_batch;
 use fanal::render::guide_part::{self, LearnedHead, merge_guides};
-use fanal::render::merge::merge;
+use fanal::render::merge::{Merged, merge, merge_first};
 use fanal::render::part_file::{self, PartHead, Totals};
 use fanal::render::{Aov, Control, PartOf, RenderSettings, aov, learn_part, render, render_watched};
 use fanal::report::{Budget, Experiment, Method, Results, page};
@@ -194,6 +195,7 @@ pub fn reader(name: &str, folder: &Path) -> Reader {
         "checkpoint" => checkpoint(folder),
         "guide" => guide(folder),
         "part" => part(folder),
+        "part_index" => part_index(folder),
         "guide_part" => guide_part(folder),
         "comparison_run" => comparison(folder),
         "results" => {
@@ -370,10 +372,10 @@ fn checkpoint(folder: &Path) -> Reader {
     Reader::new("checkpoint", "a.part", seeds, 6_000, Box::new(read)).with(Container::Tensors, TENSORS)
 }
 
-/// Parts with and without layers and variances, which are put together with what is there.
+/// Parts with and without layers and variances, and the sum of one, which are put together with what is there, to a picture that can be read.
 fn part(folder: &Path) -> Reader {
     let scene = committed("cornell", [8, 6]);
-    let path = folder.join("a.part");
+    let (path, sum) = (folder.join("a.part"), folder.join("a.sum"));
     let seeds = [(1, false), (1, true), (2, true)].map(|(index, detailed)| {
         let part = PartOf::new(index, 2).unwrap();
         let settings = RenderSettings { part: Some(part), keeps_spread: detailed, ..settings(GUIDES[0], 150, 1) };
@@ -382,6 +384,7 @@ fn part(folder: &Path) -> Reader {
         let layers = aov::channels(&scene, &settings, &outcome, &[Aov::Depth]).unwrap();
         let head = PartHead {
             part,
+            merged: 0,
             in_common: "a scene\nsettings".into(),
             size: [8, 6],
             window: [0, 0, 8, 6],
@@ -395,16 +398,47 @@ fn part(folder: &Path) -> Reader {
             totals: Totals::of(&outcome.statistics),
         };
         part_file::write(&path, &head, &outcome.blocks, if index == 1 { &layers } else { &[] }).unwrap();
+        if head.part.index() == 1 {
+            merge_first(std::slice::from_ref(&path), &sum, &Silent).unwrap();
+        }
         std::fs::read(&path).unwrap()
     });
+    let seeds = [&seeds[..], &[std::fs::read(&sum).unwrap()]].concat();
     let read = |path: &Path| {
-        let merged = merge(&[path.to_owned()], true, &Silent)?;
-        assert!(merged.image.pixels.iter().all(|pixel| pixel.is_finite()), "a pixel is not finite");
+        let Merged { image, layers, attributes, placed, .. } = merge(&[path.to_owned()], true, &Silent)?;
+        assert!(image.pixels.iter().all(|pixel| pixel.is_finite()), "a pixel is not finite");
+        let output = path.with_extension("exr");
+        let picture = Picture { image: &image, channels: &layers, window: placed, attributes: &attributes };
+        write_picture(&output, &picture, Display::default())?;
+        let (.., channels) = read_exr_channels(&output).expect("what was written can be read");
+        assert_eq!(channels.len(), 3 + layers.names().len());
         Ok(())
     };
-    let tokens = "part in_common window samples detailed film_layers channels totals block0.means block1.counts layer0";
-    Reader::new("part", "a.part", seeds.to_vec(), 30_000, Box::new(read))
+    let tokens = "part merged in_common window samples detailed film_layers channels totals block0.means block1.counts sum.squares layer0";
+    Reader::new("part", "a.part", seeds, 30_000, Box::new(read))
         .with(Container::Tensors, &format!("{TENSORS} {tokens}"))
+}
+
+/// The index of the only part of data, which is put together.
+fn part_index(folder: &Path) -> Reader {
+    let mut shards = DatasetIndex::read(&root().join("datasets/test")).unwrap().shards;
+    shards.truncate(2);
+    for (shard, file) in shards.iter_mut().zip(["a.safetensors", "b.safetensors"]) {
+        shard.file = file.into();
+        std::fs::write(folder.join(file), "").unwrap();
+    }
+    let part = PartOf::new(1, 1).unwrap();
+    PartIndex { version: VERSION, part, recipe: "0123abcd".into(), jobs: 2, shards }.write(folder).unwrap();
+    let name = "index.1-1.json";
+    let read = |path: &Path| {
+        let folder = path.parent().unwrap_or(path);
+        let _ = std::fs::remove_file(folder.join(INDEX_FILE));
+        assert_eq!(parts::merge(folder)?, Merging::Done(1));
+        DatasetIndex::read(folder).expect("what was written can be read");
+        Ok(())
+    };
+    let seeds = vec![std::fs::read(folder.join(name)).unwrap()];
+    Reader::new("part_index", name, seeds, 30_000, Box::new(read)).with(Container::Plain, JSON)
 }
 
 /// What is read is sampled everywhere.

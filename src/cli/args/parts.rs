@@ -15,7 +15,7 @@ const LEARN_EXAMPLES: &str = concat!(
   fanal merge parts/*.part -o door.exr
   fanal learn scenes/door-ajar --spp 256 --part 3/8 -o guides/3.guide
   fanal merge guides/*.guide -o door.guide
-What a signal ends goes on with the same command, from a file beside the guide.",
+What a signal ends goes on with the same command, from a file beside the guide; a guide that is there already is left as it is.",
     exit_codes!()
 );
 
@@ -57,6 +57,7 @@ pub struct LearnArgs {
 const MERGE_EXAMPLES: &str = "Examples:
   fanal merge parts/*.part -o out.exr
   fanal merge parts/*.part -o so-far.exr --allow-missing
+  fanal merge parts/{1..500}.part -o parts/500.sum
   fanal merge guides/*.guide -o door.guide
   fanal merge data/small --check";
 
@@ -67,7 +68,8 @@ pub struct MergeArgs {
     /// Part files of `fanal render --part` or of `fanal learn --part`, in any order; or the folder of a data set whose parts `fanal dataset --part` made
     #[arg(required = true, value_name = "PART|DIR")]
     pub inputs: Vec<PathBuf>,
-    /// Picture to write, .exr or .png; or the guide
+    /// Picture to write, .exr or .png; or the guide; or a name that ends in .sum, for the sum of the first parts of a picture, which is a part in
+    /// their place: the others are merged with it later
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// Make a picture of the parts that are there; its header says which are missing

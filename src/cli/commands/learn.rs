@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use super::part::{beside, forget};
+use super::part::{beside, forget, there_already};
 use super::render::{Prepared, report};
 use super::{in_pool, load_scene};
 use crate::base::{Error, Progress, Result};
@@ -18,7 +18,7 @@ use crate::render::guide_part::{self, LearnedHead};
 use crate::render::{GuideMode, PartOf, Statistics};
 use crate::scene::readers::LoadedScene;
 
-/// Learns and writes the guide. What was begun goes on.
+/// Learns and writes the guide. What was begun goes on; what is there already is left as it is.
 ///
 /// # Errors
 /// Errors of reading, rendering and writing.
@@ -45,6 +45,10 @@ pub fn run(args: &LearnArgs) -> Result<Ended> {
         let (stop, progress) = (interrupt::flag()?, progress::progress(args.common.quiet));
         let output = args.save_guide.as_deref().unwrap_or(&state);
         let work = Work { request: &request, loaded: &loaded, prepared: &prepared, output };
+        if work.is_done(part) {
+            let what = format!("{}: the guide", output.display());
+            return there_already(&request, &loaded, &prepared, load, (&what, args.common.quiet));
+        }
         let done = match part {
             None => work.whole(&*progress, &stop)?,
             Some(part) => work.part(part, &*progress, &stop)?,
@@ -80,6 +84,14 @@ struct Done {
 }
 
 impl Work<'_> {
+    /// Whether the file to write is there already, whole and of the same learning.
+    fn is_done(&self, part: Option<PartOf>) -> bool {
+        match part {
+            None => self.prepared.made_for().is_some_and(|made_for| file::is_done(self.output, made_for)),
+            Some(part) => guide_part::is_done(self.output, part, &self.prepared.learned_in_common(self.request)),
+        }
+    }
+
     /// Learns the guide and writes it, unless a signal comes before.
     fn whole(&self, progress: &dyn Progress, stop: &AtomicBool) -> Result<Done> {
         let Self { request, loaded, prepared, output } = *self;
@@ -87,7 +99,8 @@ impl Work<'_> {
         let done = Done { statistics: learned.statistics, unkept: learned.unkept, interrupted: learned.interrupted };
         if !done.interrupted {
             let values = prepared.pixel_values(request, learned.pixel_values);
-            file::save(output, &learned.field.with_pixel_values(values), &learned.evidence)?;
+            let field = learned.field.with_pixel_values(values);
+            file::save_learned(output, &field, &learned.evidence, prepared.made_for().unwrap_or_default())?;
         }
         Ok(done)
     }

@@ -5,15 +5,18 @@ use std::path::Path;
 use super::render::network;
 use super::{dataset, in_pool};
 use crate::base::streamed::Streamed;
-use crate::base::{Error, Result};
+use crate::base::{Error, Result, named};
 use crate::cli::args::MergeArgs;
 use crate::cli::{print, progress};
 use crate::generate::dataset::check;
-use crate::generate::parts;
+use crate::generate::parts::{self, Merging};
 use crate::guiding::sample::file;
 use crate::picture::{Display, Picture, check_folder, check_writable, write_or_rescue};
 use crate::render::guide_part::merge_guides;
-use crate::render::merge::{Merged, merge};
+use crate::render::merge::{Merged, merge, merge_first};
+
+/// Ends the names of sums of parts: not that of parts, which are often given as all files that end so.
+const SUM: &str = "sum";
 
 /// Puts the parts of a picture, of a guide or of a data set together.
 ///
@@ -27,8 +30,18 @@ pub fn run(args: &MergeArgs) -> Result<()> {
             "a data set is put together in its folder: leave -o out, and give the folder alone".into(),
         )),
         ([first, ..], Some(output)) if Streamed::open(first)?.has(file::PART_HEAD) => guide(output, args),
+        (_, Some(output)) if output.extension().is_some_and(|extension| extension == SUM) => first(output, args),
         (_, Some(output)) => picture(output, args),
     }
+}
+
+/// Merges the first parts to a part in their place.
+fn first(output: &Path, args: &MergeArgs) -> Result<()> {
+    check_folder(output)?;
+    if args.allow_missing {
+        return Err(Error::Options("--allow-missing is for pictures: a part is merged of all first ones".into()));
+    }
+    in_pool(&args.common, || merge_first(&args.inputs, output, &*progress::progress(args.common.quiet)))
 }
 
 fn guide(output: &Path, args: &MergeArgs) -> Result<()> {
@@ -51,19 +64,21 @@ fn guide(output: &Path, args: &MergeArgs) -> Result<()> {
 fn picture(output: &Path, args: &MergeArgs) -> Result<()> {
     check_writable(output)?;
     in_pool(&args.common, || {
-        let Merged { image, channels, attributes, placed, missing } =
+        let Merged { image, layers, attributes, placed, missing } =
             merge(&args.inputs, args.allow_missing, &*progress::progress(args.common.quiet))?;
-        let told = (!missing.is_empty()).then(|| format!("parts are missing: {}", missing.join(", ")));
+        let told = (!missing.is_empty()).then(|| format!("parts are missing: {}", named(&missing)));
         print::warnings(&told.into_iter().collect::<Vec<_>>(), args.common.quiet);
-        let picture = Picture { image: &image, channels: &channels, window: placed, attributes: &attributes };
+        let picture = Picture { image: &image, channels: &layers, window: placed, attributes: &attributes };
         write_or_rescue(output, &picture, Display::default())
     })
 }
 
 fn data(folder: &Path, args: &MergeArgs) -> Result<()> {
-    match parts::merge(folder)? {
-        0 => print::line(&format!("{}: the data are whole", folder.display()))?,
-        count => print::line(&format!("{}: {count} parts are put together", folder.display()))?,
-    }
+    let found = match parts::merge(folder)? {
+        Merging::Done(count) => format!("{count} parts are put together"),
+        Merging::DoneBefore => "the data are whole".to_owned(),
+        Merging::NoParts => "there are no parts, and an index already".to_owned(),
+    };
+    print::line(&format!("{}: {found}", folder.display()))?;
     if args.check { dataset::told(&in_pool(&args.common, || check(folder))?) } else { Ok(()) }
 }

@@ -1,6 +1,7 @@
 //! `fanal render --part`: a part of a picture, for `fanal merge`.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use super::render::{Prepared, attributes, report};
 use super::{in_pool, load_scene};
@@ -8,11 +9,13 @@ use crate::base::{Error, Result};
 use crate::cli::args::RenderArgs;
 use crate::cli::interrupt::Ended;
 use crate::cli::resolve::{RenderRequest, resolve};
+use crate::cli::views::View;
 use crate::cli::{interrupt, print, progress, views};
 use crate::guiding::sample::field::GuideField;
 use crate::picture::{Window, check_folder};
 use crate::render::part_file::{self, PartHead, Totals, is_done};
 use crate::render::{Aov, PartOf, StopRule, aov, samples_of_parts};
+use crate::scene::readers::LoadedScene;
 
 /// Renders the part and writes its file. A part that is there already is left as it is; one that was begun goes on.
 ///
@@ -25,20 +28,23 @@ pub fn run(args: &RenderArgs, part: PartOf) -> Result<Ended> {
     let args =
         RenderArgs { checkpoint: Some(state.clone()), resume: state.exists().then(|| state.clone()), ..args.clone() };
     in_pool(&args.common, || {
+        let begun = Instant::now();
         let mut loaded = load_scene(&args.of.scene, &args.of.effects, args.of.missing, &args.common)?;
+        let load = begun.elapsed().as_secs_f64();
         views::select(&args.of, &mut loaded)?;
         let mut request = resolve(&args, &loaded.file)?;
         loaded.file.render.max_depth = request.settings.transport.max_depth;
         let prepared = Prepared::new(&request, &loaded)?;
         let head = head(&request, &prepared, part)?;
         if is_done(&output, &head) {
-            print::line(&format!("{}: part {part} is there already", output.display()))?;
-            return Ok(Ended::Whole);
+            let work = format!("{}: part {part}", output.display());
+            return there_already(&request, &loaded, &prepared, load, (&work, args.common.quiet));
         }
         // Layers of the film are made of all parts, the others by the first.
         request.aovs.retain(|aov| part.index() == 1 && !aov.is_of_film());
         let (stop, progress) = (interrupt::flag()?, progress::progress(args.common.quiet));
-        let (outcome, channels) = prepared.render(&request, &loaded, &*progress, &stop, None)?;
+        let (mut outcome, channels) = prepared.render(&request, &loaded, &*progress, &stop, None)?;
+        outcome.statistics.seconds.load = load;
         report(&request, &outcome.statistics)?;
         let unkept = outcome.unkept.map(|why| format!("no checkpoint could be written: {why}"));
         let early = outcome.interrupted.then(|| format!("interrupted; the same command goes on with part {part}"));
@@ -52,6 +58,26 @@ pub fn run(args: &RenderArgs, part: PartOf) -> Result<Ended> {
         forget(&state);
         Ok(Ended::Whole)
     })
+}
+
+/// Ends a command whose `work` was done before, and says so unless it is to be `quiet`.
+///
+/// # Errors
+/// Those of writing statistics and of printing.
+pub fn there_already(
+    request: &RenderRequest,
+    loaded: &LoadedScene,
+    prepared: &Prepared,
+    load: f64,
+    (work, quiet): (&str, bool),
+) -> Result<Ended> {
+    let mut statistics = prepared.no_work(request, loaded);
+    statistics.seconds.load = load;
+    report(request, &statistics)?;
+    if !quiet {
+        print::line(&format!("{work} is there already"))?;
+    }
+    Ok(Ended::Whole)
 }
 
 /// The file beside `output` that keeps the state of unfinished work.
@@ -75,10 +101,12 @@ fn head(request: &RenderRequest, prepared: &Prepared, part: PartOf) -> Result<Pa
     part.samples(samples)?;
     check_window(request, guide)?;
     let Window { x, y, width, height } = prepared.settings.window(request.size);
+    let camera = request.views.first().and_then(View::attribute);
     let film_layers = [Aov::Samples, Aov::Variance].map(|aov| request.aovs.contains(&aov));
     let others = request.aovs.iter().filter(|aov| !aov.is_of_film());
     Ok(PartHead {
         part,
+        merged: 0,
         in_common: prepared.in_common(request),
         size: request.size,
         window: [x, y, width, height],
@@ -87,7 +115,7 @@ fn head(request: &RenderRequest, prepared: &Prepared, part: PartOf) -> Result<Pa
         detailed: prepared.settings.keeps_spread,
         film_layers,
         channels: others.flat_map(|aov| aov.channels()).collect(),
-        attributes: attributes(request, &prepared.settings),
+        attributes: attributes(request, &prepared.settings).into_iter().chain(camera).collect(),
         layer_attributes: Vec::new(),
         totals: Totals::default(),
     })

@@ -238,6 +238,18 @@ impl Prepared {
         Ok(learned)
     }
 
+    /// What a checkpoint has to be made for to be one of this work: the settings that were asked for, as text.
+    pub fn made_for(&self) -> Option<&str> {
+        self.checkpoint.as_ref().map(|checkpoint| checkpoint.made_for.as_str())
+    }
+
+    /// Statistics of work that was done before: of nothing but reading and building.
+    pub fn no_work(&self, request: &RenderRequest, loaded: &LoadedScene) -> Statistics {
+        let mut statistics = Statistics::of_nothing(&self.scene, &self.settings);
+        self.describe(&mut statistics, request, loaded);
+        statistics
+    }
+
     /// Tells the statistics of what a render does not know.
     fn describe(&self, statistics: &mut Statistics, request: &RenderRequest, loaded: &LoadedScene) {
         statistics.scene = request.scene.display().to_string();
@@ -401,15 +413,14 @@ fn write_views(
     write: fn(&Path, &Picture, Display) -> Result<()>,
 ) -> Result<()> {
     let parts = image.parts(request.views.len());
-    let write = |(index, (View { camera, output }, image)): (usize, (&View, &Image))| {
+    let write = |(index, (view, image)): (usize, (&View, &Image))| {
         let part =
             |values: &[f32]| values.chunks_exact(image.pixels.len().max(1)).nth(index).unwrap_or_default().to_vec();
         let channel = |channel: &Channel| Channel { name: channel.name.clone(), values: part(&channel.values) };
         let channels: Vec<Channel> = channels.iter().map(channel).collect();
-        let camera = camera.iter().map(|name| ("camera".to_owned(), name.clone()));
-        let attributes: Vec<Attribute> = header.iter().cloned().chain(camera).collect();
+        let attributes: Vec<Attribute> = header.iter().cloned().chain(view.attribute()).collect();
         let picture = Picture { image, channels: &channels, window: request.placed(), attributes: &attributes };
-        write(output, &picture, request.display)
+        write(&view.output, &picture, request.display)
     };
     request.views.iter().zip(&parts).enumerate().map(write).fold(Ok(()), Result::and)
 }

@@ -4,8 +4,7 @@
 //!
 //! | name | type | shape | |
 //! |---|---|---|---|
-//! | `pixels` | f64 | [2 P, 6] | a pass that is being made: means and squared deviations, halves one after the other; of a sum of blocks
-//! | | | | [P, 6] or [2 P, 6]: all samples, and those with even numbers |
+//! | `pixels` | f64 | [2 P, 6] | a pass that is being made: means and squared deviations, halves one after the other |
 //! | `counts` | u32 | [2 P] | its samples |
 //! | `means`, `counts` | f32, u32 | [P, 3], [P] | of a finished pass's half |
 //! | `tiles` | f64 | [T, 2] | degrees of freedom and squared deviations of its tiles |
@@ -19,7 +18,7 @@ use crate::base::Result;
 use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, borrowed, doubles, vector};
 
 /// Most samples of a pixel: as many passes as a render makes can be added up without an overflow.
-const MOST_SAMPLES: u32 = 1 << 26;
+pub(super) const MOST_SAMPLES: u32 = 1 << 26;
 
 impl Pass {
     /// The arrays of a pass `name`.
@@ -39,7 +38,7 @@ impl Pass {
 }
 
 /// The arrays of these pixels, all their sums in full.
-pub(super) fn pixel_arrays<'a, 'p>(name: &str, pixels: impl Iterator<Item = &'p Pixel> + Clone) -> Vec<Tensor<'a>> {
+fn pixel_arrays<'a, 'p>(name: &str, pixels: impl Iterator<Item = &'p Pixel> + Clone) -> Vec<Tensor<'a>> {
     let numbers = |pixel: &Pixel| {
         let ([a, b, c], [d, e, f]) = (pixel.mean, pixel.spread);
         [a, b, c, d, e, f]
@@ -51,7 +50,7 @@ pub(super) fn pixel_arrays<'a, 'p>(name: &str, pixels: impl Iterator<Item = &'p 
 }
 
 /// So many pixels that [`pixel_arrays`] were made of.
-pub(super) fn read_pixels(file: &Tensors, name: &str, pixels: usize) -> Result<Vec<Pixel>> {
+fn read_pixels(file: &Tensors, name: &str, pixels: usize) -> Result<Vec<Pixel>> {
     let [numbers_name, counts_name] = ["pixels", "counts"].map(|part| format!("{name}.{part}"));
     let numbers = file.read(&numbers_name, Dtype::F64, Some(pixels), 6, f64::from_le_bytes)?;
     let counts = read_counts(file, &counts_name, pixels)?;

@@ -21,6 +21,7 @@
 //! | `pixel_values` | f32 | [P] | expected values of the pixels of the picture that it was learned for; missing where they are not known |
 //! | `pixel_values_of` | u8 | | that picture as text, see [`PixelValues`] |
 //! | `pixel_values_window` | u32 | [4] | columns to the left, rows above, columns, rows |
+//! | `made_for` | u8 | | the settings that it was learned with, a line of text each; missing where learning was not all that was done |
 //! | `guide_bins` | f32 | [V, 128] | instead of nodes the masses of histograms, zeros for none; missing where there are none |
 //!
 //! `guide` is the distribution that is sampled (Q_r), `counted` the accumulated one (Q_h).
@@ -31,7 +32,7 @@ use super::field::{Evidence, GuideField, PixelValues, VoxelGuide};
 use super::roulette::AdjointRoulette;
 use crate::base::files::read_bytes;
 use crate::base::tensors::{self, Arrays, Dtype, Tensor, Tensors, floats, vector};
-use crate::base::{Error, Result, Unfit};
+use crate::base::{Error, Place, Result, Unfit};
 use crate::guiding::cache::arrays::{cache_arrays, read_cache, read_parallax};
 use crate::guiding::model::Directions;
 use crate::picture::Window;
@@ -46,13 +47,52 @@ pub const PART_HEAD: &str = "learned";
 
 /// Largest accepted guide file in bytes.
 pub const GUIDE_LIMIT: u64 = 1 << 31;
+/// More bytes than the header of any of these files has.
+const HEADER_SPACE: u64 = 1 << 20;
+
+/// Name of the array that tells what a guide was learned for.
+const MADE_FOR: &str = "made_for";
 
 /// Writes a field and its evidence atomically. Evidence may be empty.
 ///
 /// # Errors
-/// [`Error::Io`](crate::base::Error::Io) naming `path`.
+/// [`Error::Io`](crate::base::Error::Io) naming `path`; [`Error::Limit`](crate::base::Error::Limit) for more than [`GUIDE_LIMIT`].
 pub fn save(path: &Path, field: &GuideField, evidence: &Evidence) -> Result<()> {
-    tensors::write(path, VERSION, &arrays(field, evidence))
+    write(path, VERSION, &arrays(field, evidence))
+}
+
+/// The same of what was learned with the settings `made_for`, for [`is_done`].
+///
+/// # Errors
+/// As [`save`].
+pub fn save_learned(path: &Path, field: &GuideField, evidence: &Evidence, made_for: &str) -> Result<()> {
+    let mut all = arrays(field, evidence);
+    all.push((MADE_FOR.into(), Dtype::U8, vec![made_for.len()], made_for.as_bytes().into()));
+    write(path, VERSION, &all)
+}
+
+/// Whether the file at `path` is a whole guide that was learned with the settings `made_for`.
+pub fn is_done(path: &Path, made_for: &str) -> bool {
+    let whole = || -> Result<bool> {
+        let bytes = read_bytes(path, GUIDE_LIMIT)?;
+        let file = Tensors::open(path, &bytes, "guide file", VERSION)?;
+        let same = file.has(MADE_FOR) && file.read(MADE_FOR, Dtype::U8, None, 1, |[b]| b)? == made_for.as_bytes();
+        Ok(same && from_arrays(&file).is_ok())
+    };
+    whole().unwrap_or(false)
+}
+
+/// Writes a guide or a part of one atomically, unless it would be too large to be read again.
+///
+/// # Errors
+/// As [`save`].
+pub fn write(path: &Path, version: u32, arrays: &[Tensor]) -> Result<()> {
+    let value = arrays.iter().map(|(.., bytes)| bytes.len() as u64).sum();
+    if value > GUIDE_LIMIT - HEADER_SPACE {
+        let what = "size in bytes of what was learned (less with --guide-memory)".into();
+        return Err(Error::Limit { place: Place::file(path), what, value, limit: GUIDE_LIMIT - HEADER_SPACE });
+    }
+    tensors::write(path, version, arrays)
 }
 
 /// The arrays of a guide file.
@@ -248,6 +288,31 @@ mod tests {
             bad[at] ^= 1 << (at % 8);
             assert!(try_bytes(&bad).is_err(), "byte {at}");
         }
+    }
+
+    /// What was learned is known again by its settings, as long as it is whole.
+    #[test]
+    fn guides_are_known_by_their_settings() {
+        let (_folder, path, field, evidence) = saved();
+        assert!(!is_done(&path, "settings") && !is_done(&path, ""), "it does not tell");
+        save_learned(&path, &field, &evidence, "settings").unwrap();
+        assert!(is_done(&path, "settings") && !is_done(&path, "others") && !is_done(&path.join("none"), "settings"));
+        assert_eq!(load(&path).unwrap().1, evidence);
+        let mut bytes = std::fs::read(&path).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        std::fs::write(&path, bytes).unwrap();
+        assert!(!is_done(&path, "settings"));
+    }
+
+    #[test]
+    fn what_cannot_be_read_again_is_not_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.guide");
+        // Pages that are never touched take no memory.
+        let zeros = vec![0u8; 1 << 29];
+        let array = |name: &'static str| (name.into(), Dtype::U8, vec![zeros.len()], zeros.as_slice().into());
+        let error = write(&path, VERSION, &["a", "b", "c", "d"].map(array)).unwrap_err();
+        assert!(matches!(error, Error::Limit { .. }) && !path.exists(), "{error}");
     }
 
     /// Contents that a checksum does not protect from: written on purpose.
