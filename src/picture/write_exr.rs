@@ -342,7 +342,7 @@ mod tests {
         let layer = &read.layer_data[0];
         let names: Vec<String> = layer.channel_data.list.iter().map(|c| c.name.to_string()).collect();
         assert_eq!(names, ["B", "G", "R", "albedo.R", "normal.X"]);
-        assert_eq!(layer.channel_data.list[4].sample_data, FlatSamples::F32(values));
+        assert_eq!(layer.channel_data.list[4].sample_data, FlatSamples::F32(values.clone()));
         assert_eq!(layer.attributes.layer_position, exr::math::Vec2(4, 5));
         assert_eq!(read.attributes.display_window, IntegerBounds::from_dimensions((10, 9)));
         let names = ["a\0b", "", &"a".repeat(256), &"b".repeat(255)].map(str::to_owned);
