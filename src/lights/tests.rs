@@ -128,16 +128,16 @@ fn place(lights: &LightSet, random: &mut Random) -> Vec3 {
     }
 }
 
-/// What is learned of a sky that is mostly seen on one side; none where there is no map, or several.
+/// What is learned of a sky that is mostly seen on one side; none where there is no map, or several, or nothing to gain.
 fn learned(lights: &LightSet, random: &mut Random) -> Option<LearnedSky> {
     let (map, counts) = (lights.only_map()?, SkyCounts::default());
-    for _ in 0..20_000 {
-        let wi = vector(random, 1.0).normalize_or(Vec3::X);
-        counts.add(map, random.below(7) as u8, if random.below(16) == 0 { wi } else { wi.with_x(wi.x.abs()) }, 1.0);
+    for _ in 0..if cfg!(miri) { 100 } else { 20_000 } {
+        let wi = map.sample(random.next_2d())?.wi;
+        if wi.x > 0.0 || random.below(16) == 0 {
+            counts.add(map, random.below(7) as u8, wi, 1.0);
+        }
     }
-    let learned = counts.learned(map);
-    assert!(learned.is_some(), "half of the sky is hidden");
-    learned
+    counts.learned(map)
 }
 
 /// Compares lanes with single points; says in how many lanes something was found and in how many nothing.
@@ -192,12 +192,13 @@ fn bits(sample: LightSample) -> ([[u32; 3]; 2], [u32; 2], bool) {
 #[test]
 fn every_kind_of_lanes_has_the_bits_of_single_points() {
     let mut random = Random::new(90, 0, 0);
-    let mut counts = [0; 2];
+    let (mut counts, mut skies) = ([0; 2], 0);
     for (key, kinds) in MIXTURES.iter().enumerate() {
         for count in if cfg!(miri) { [1, 2].as_slice() } else { &[1, 2, 3, 4, 9, 25, 60] } {
             let lights = scene(kinds, *count, &mut random);
             let mut add = |found: [u32; 2]| (0..2).for_each(|i| counts[i] += found[i]);
             let key = key as u64;
+            skies += u32::from(learned(&lights, &mut Random::new(91, key, 0)).is_some());
             #[cfg(target_arch = "x86_64")]
             {
                 Avx2::detect().into_iter().for_each(|avx2| add(avx2.run(Compare(&lights, key))));
@@ -206,4 +207,5 @@ fn every_kind_of_lanes_has_the_bits_of_single_points() {
         }
     }
     assert!(counts.iter().all(|count| *count > 1000 || cfg!(miri)), "{counts:?}");
+    assert!(skies > 0 || cfg!(miri), "nothing was learned of any sky");
 }
