@@ -189,8 +189,6 @@ fn limit_of_a_full_field() {
     let scene = built(room([160, 120], 10.0).finish());
     let mut settings = settings(GUIDES[1], 24, 1);
     settings.learner.memory = 24 * MB;
-    // Trees that are split down to single samples are large.
-    settings.learner.tree.first_least = 0;
     // No voxel is without its tree because the BSDF is better there.
     (settings.learner.resolution, settings.learner.fraction) = (96.0, FractionRule::Half);
     let (outcome, most) = run(&scene, &settings);

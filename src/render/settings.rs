@@ -204,13 +204,7 @@ impl RenderSettings {
                 target: Target::Radiance,
                 fraction: FractionRule::Half,
                 direct: DirectLight::Nothing,
-                tree: TreeSettings {
-                    split_share: 0.01,
-                    first_least: 0,
-                    context: 0.0,
-                    past: 0.0,
-                    ..TreeSettings::default()
-                },
+                tree: TreeSettings { split_share: 0.01, context: 0.0, past: 0.0, ..TreeSettings::default() },
                 parallax: false,
                 ..LearnerSettings::default()
             },
@@ -249,9 +243,11 @@ impl RenderSettings {
         settings.with_reconstruction(reconstruction)
     }
 
-    /// These settings with another reconstruction, which decides what leaves have to count.
+    /// These settings with another reconstruction, which decides what leaves have to count, and whether trees follow single samples: one that
+    /// is sampled as it was counted has nothing else to follow.
     pub fn with_reconstruction(mut self, reconstruction: Reconstruction) -> Self {
         self.reconstruction = reconstruction;
+        self.learner.tree.first_least = u32::from(reconstruction != Reconstruction::None);
         self.learner.tree.layout =
             if reconstruction == Reconstruction::Neural { Layout::Network } else { Layout::Values };
         self

@@ -49,7 +49,7 @@ pub struct TreeSettings {
     /// Share of a tree's energy above which a node is split, ρ.
     pub split_share: f64,
     /// Number of samples that a node of a tree's first shape has to exceed to be split. Of few samples most nodes would only tell where
-    /// a single one lies, and each costs as much as any other.
+    /// a single one lies, and each costs reconstruction as much as any other.
     pub first_least: u32,
     /// Sums that are kept per leaf.
     pub layout: Layout,
@@ -63,7 +63,7 @@ pub struct TreeSettings {
 
 impl Default for TreeSettings {
     fn default() -> Self {
-        Self { split_share: 0.02, first_least: 1, layout: Layout::Values, filtered: false, context: 1024.0, past: 0.5 }
+        Self { split_share: 0.02, first_least: 0, layout: Layout::Values, filtered: false, context: 1024.0, past: 0.5 }
     }
 }
 
