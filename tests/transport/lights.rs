@@ -344,6 +344,8 @@ fn under_a_roof(size: [u32; 2]) -> Scene {
     let mut b = floor(size, 1.0);
     let black = b.add_material("black", diffuse([0.0; 3]));
     b.add_quad("roof", Vec3::new(-1.0, 0.4, 0.0), [Vec3::X * 2.0, Vec3::Z * 5.0], &black, None);
+    // From below the roof.
+    b.look_at(Vec3::new(1.5, 0.35, 0.0), Vec3::ZERO, Vec3::Z, 0.5);
     let sky = LightFile::Envmap { file: "sky".into(), scale: 1.0, to_world: matrix(Mat4::IDENTITY) };
     built_with(b.finish(), |loaded| {
         loaded.file.lights.push(sky);
