@@ -47,7 +47,7 @@ SlurmdTimeout=10
 SlurmdParameters=config_overrides
 SelectType=select/cons_tres
 SelectTypeParameters=CR_Core_Memory
-NodeName=n[1-$NODES] NodeHostname=$host NodeAddr=127.0.0.1 Port=[$((port + 1))-$((port + NODES))] CPUs=1 RealMemory=4000
+NodeName=n[1-$NODES] NodeHostname=$host NodeAddr=127.0.0.1 Port=[$((port + 1))-$((port + NODES))] CPUs=1 RealMemory=8000
 PartitionName=main Nodes=n[1-$NODES] Default=YES
 CONF
     export SLURM_CONF=$work/slurm/slurm.conf
