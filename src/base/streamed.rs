@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use flate2::Crc;
 use safetensors::tensor::Metadata;
 
-use super::tensors::{Arrays, Dtype, checked_version, entry, length, native};
+use super::tensors::{Arrays, Dtype, checked_version, entry, length};
 use super::{Error, Place, Result};
 
 /// Largest accepted header in bytes: some ten thousand arrays.
@@ -179,36 +179,6 @@ impl Rows<'_> {
     pub fn checked(self) -> Vec<Checked> {
         self.checked.into_inner()
     }
-
-    /// Where the view's rows of an array begin among its bytes, and how many bytes they are.
-    fn find(&self, name: &str, dtype: Dtype, rows: Option<usize>, columns: usize) -> Result<(u64, usize)> {
-        let Some(info) = self.of.metadata.info(name) else { return self.fail(name, "the array is missing") };
-        let length = length(&info.shape, columns);
-        let range = length.map(|length| self.rows.clone().unwrap_or(0..length));
-        let fits = |range: &Range<usize>| {
-            range.end <= length.unwrap_or(0) && rows.is_none_or(|rows| rows == range.len()) && range.start <= range.end
-        };
-        let Some(range) = range.filter(|range| info.dtype == dtype && fits(range)) else {
-            return self.unlike(name, (info.dtype, &info.shape), (dtype, rows, columns));
-        };
-        let row = dtype.bitsize() / 8 * columns;
-        Ok(((range.start * row) as u64, range.len() * row))
-    }
-
-    /// Reads so many bytes of an array from `begin` on.
-    fn take(&self, name: &str, begin: u64, bytes: &mut [u8]) -> Result<()> {
-        let offset = self.of.metadata.info(name).map_or(0, |info| info.data_offsets.0 as u64);
-        read_at(self.file, bytes, self.of.begin + offset + begin).map_err(|e| match e.kind() {
-            std::io::ErrorKind::UnexpectedEof => {
-                Error::malformed(Place::part(&self.of.path, name), "the file has become shorter")
-            }
-            _ => Error::io(&self.of.path, e),
-        })?;
-        let mut crc = Crc::new();
-        crc.update(bytes);
-        self.checked.borrow_mut().push(Checked { name: name.to_owned(), begin, length: bytes.len() as u64, crc });
-        Ok(())
-    }
 }
 
 #[cfg(unix)]
@@ -234,33 +204,32 @@ impl Arrays for Rows<'_> {
         &self.of.path
     }
 
-    /// Reads the view's rows of an array, which must be as many as `rows`, if that is given.
-    fn read<const B: usize, T>(
-        &self,
-        name: &str,
-        dtype: Dtype,
-        rows: Option<usize>,
-        columns: usize,
-        decode: impl Fn([u8; B]) -> T,
-    ) -> Result<Vec<T>> {
-        let (begin, length) = self.find(name, dtype, rows, columns)?;
-        let mut bytes = vec![0; length];
-        self.take(name, begin, &mut bytes)?;
-        Ok(bytes.as_chunks::<B>().0.iter().map(|&b| decode(b)).collect())
+    /// Of the view's rows, which must be as many as `rows`, if that is given.
+    fn find(&self, name: &str, dtype: Dtype, rows: Option<usize>, columns: usize) -> Result<(u64, usize)> {
+        let Some(info) = self.of.metadata.info(name) else { return self.fail(name, "the array is missing") };
+        let length = length(&info.shape, columns);
+        let range = length.map(|length| self.rows.clone().unwrap_or(0..length));
+        let fits = |range: &Range<usize>| {
+            range.end <= length.unwrap_or(0) && rows.is_none_or(|rows| rows == range.len()) && range.start <= range.end
+        };
+        let Some(range) = range.filter(|range| info.dtype == dtype && fits(range)) else {
+            return self.unlike(name, (info.dtype, &info.shape), (dtype, rows, columns));
+        };
+        let row = dtype.bitsize() / 8 * columns;
+        Ok(((range.start * row) as u64, range.len() * row))
     }
 
-    fn fill<T: bytemuck::Pod>(
-        &self,
-        name: &str,
-        dtype: Dtype,
-        rows: Option<usize>,
-        columns: usize,
-        values: &mut Vec<T>,
-    ) -> Result<()> {
-        let (begin, length) = self.find(name, dtype, rows, columns)?;
-        values.resize(length / size_of::<T>(), T::zeroed());
-        self.take(name, begin, bytemuck::cast_slice_mut(values))?;
-        native(dtype, values);
+    fn take(&self, name: &str, begin: u64, bytes: &mut [u8]) -> Result<()> {
+        let offset = self.of.metadata.info(name).map_or(0, |info| info.data_offsets.0 as u64);
+        read_at(self.file, bytes, self.of.begin + offset + begin).map_err(|e| match e.kind() {
+            std::io::ErrorKind::UnexpectedEof => {
+                Error::malformed(Place::part(&self.of.path, name), "the file has become shorter")
+            }
+            _ => Error::io(&self.of.path, e),
+        })?;
+        let mut crc = Crc::new();
+        crc.update(bytes);
+        self.checked.borrow_mut().push(Checked { name: name.to_owned(), begin, length: bytes.len() as u64, crc });
         Ok(())
     }
 }

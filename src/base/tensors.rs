@@ -135,7 +135,7 @@ pub(super) fn length(shape: &[usize], columns: usize) -> Option<usize> {
 }
 
 /// Turns numbers as files have them into those of this machine.
-pub(super) fn native<T: bytemuck::Pod>(dtype: Dtype, values: &mut [T]) {
+fn native<T: bytemuck::Pod>(dtype: Dtype, values: &mut [T]) {
     if cfg!(target_endian = "big") {
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(values);
         bytes.chunks_exact_mut((dtype.bitsize() / 8).max(1)).for_each(<[u8]>::reverse);
@@ -147,10 +147,23 @@ pub trait Arrays {
     /// The file.
     fn path(&self) -> &Path;
 
+    /// Where the rows of an array begin among its bytes, and how many bytes they are. Its trailing dimension is `columns` (1: a vector), its
+    /// length `rows`, if given.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] where it is missing or has another type or shape.
+    fn find(&self, name: &str, dtype: Dtype, rows: Option<usize>, columns: usize) -> Result<(u64, usize)>;
+
+    /// Reads so many bytes of an array from `begin` on, which [`Arrays::find`] has found.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Malformed`] where the file has become shorter.
+    fn take(&self, name: &str, begin: u64, bytes: &mut [u8]) -> Result<()>;
+
     /// Reads the elements of an array whose trailing dimension is `columns` (1: a vector) and whose length is `rows`, if given.
     ///
     /// # Errors
-    /// [`Error::Malformed`] where it is missing or has another type or shape, [`Error::Io`].
+    /// Those of [`Arrays::find`] and [`Arrays::take`].
     fn read<const B: usize, T>(
         &self,
         name: &str,
@@ -158,7 +171,12 @@ pub trait Arrays {
         rows: Option<usize>,
         columns: usize,
         decode: impl Fn([u8; B]) -> T,
-    ) -> Result<Vec<T>>;
+    ) -> Result<Vec<T>> {
+        let (begin, length) = self.find(name, dtype, rows, columns)?;
+        let mut bytes = vec![0; length];
+        self.take(name, begin, &mut bytes)?;
+        Ok(bytes.as_chunks::<B>().0.iter().map(|&b| decode(b)).collect())
+    }
 
     /// The same as plain numbers, one or more for a `T`, into memory that may be there already.
     ///
@@ -171,7 +189,13 @@ pub trait Arrays {
         rows: Option<usize>,
         columns: usize,
         values: &mut Vec<T>,
-    ) -> Result<()>;
+    ) -> Result<()> {
+        let (begin, length) = self.find(name, dtype, rows, columns)?;
+        values.resize(length / size_of::<T>(), T::zeroed());
+        self.take(name, begin, bytemuck::cast_slice_mut(values))?;
+        native(dtype, values);
+        Ok(())
+    }
 
     /// An error about an array of another type or shape than is wanted: type, rows if they are given, columns.
     ///
@@ -247,47 +271,25 @@ impl<'a> Tensors<'a> {
     }
 }
 
-impl Tensors<'_> {
-    /// The bytes of an array of this type and shape.
-    fn find(&self, name: &str, dtype: Dtype, rows: Option<usize>, columns: usize) -> Result<&[u8]> {
-        let Ok(tensor) = self.file.tensor(name) else { return self.fail(name, "the tensor is missing") };
-        let length = length(tensor.shape(), columns).filter(|length| rows.is_none_or(|rows| rows == *length));
-        if tensor.dtype() != dtype || length.is_none() {
-            return self.unlike(name, (tensor.dtype(), tensor.shape()), (dtype, rows, columns));
-        }
-        Ok(tensor.data())
-    }
-}
-
 impl Arrays for Tensors<'_> {
     fn path(&self) -> &Path {
         self.path
     }
 
-    fn read<const B: usize, T>(
-        &self,
-        name: &str,
-        dtype: Dtype,
-        rows: Option<usize>,
-        columns: usize,
-        decode: impl Fn([u8; B]) -> T,
-    ) -> Result<Vec<T>> {
-        let bytes = self.find(name, dtype, rows, columns)?;
-        Ok(bytes.as_chunks::<B>().0.iter().map(|&b| decode(b)).collect())
+    fn find(&self, name: &str, dtype: Dtype, rows: Option<usize>, columns: usize) -> Result<(u64, usize)> {
+        let Ok(tensor) = self.file.tensor(name) else { return self.fail(name, "the tensor is missing") };
+        let length = length(tensor.shape(), columns).filter(|length| rows.is_none_or(|rows| rows == *length));
+        if tensor.dtype() != dtype || length.is_none() {
+            return self.unlike(name, (tensor.dtype(), tensor.shape()), (dtype, rows, columns));
+        }
+        Ok((0, tensor.data().len()))
     }
 
-    fn fill<T: bytemuck::Pod>(
-        &self,
-        name: &str,
-        dtype: Dtype,
-        rows: Option<usize>,
-        columns: usize,
-        values: &mut Vec<T>,
-    ) -> Result<()> {
-        let bytes = self.find(name, dtype, rows, columns)?;
-        values.resize(bytes.len() / size_of::<T>(), T::zeroed());
-        bytemuck::cast_slice_mut(values).copy_from_slice(bytes);
-        native(dtype, values);
+    fn take(&self, name: &str, begin: u64, bytes: &mut [u8]) -> Result<()> {
+        let tensor = self.file.tensor(name).ok();
+        let data = tensor.as_ref().and_then(|tensor| tensor.data().get(begin as usize..)?.get(..bytes.len()));
+        let Some(data) = data else { return self.fail(name, "the tensor is missing") };
+        bytes.copy_from_slice(data);
         Ok(())
     }
 }

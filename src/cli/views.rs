@@ -24,7 +24,7 @@ pub struct View {
 impl View {
     /// What the picture's header says of the view.
     pub fn attribute(&self) -> Option<Attribute> {
-        self.camera.iter().map(|name| ("camera".to_owned(), name.clone())).next()
+        self.camera.as_ref().map(|name| ("camera".to_owned(), name.clone()))
     }
 }
 

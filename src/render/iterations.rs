@@ -165,8 +165,7 @@ impl Run<'_> {
         // With each iteration more voxels are guided, and so samples cost more.
         self.try_cost(learning, voxels);
         // Of a guide that does not pay no better one is made: that takes longer than all else that was learned.
-        let hopeless = self.is_hopeless(t + 1);
-        let iteration = if hopeless {
+        let iteration = if self.is_hopeless(t + 1) {
             Iteration {
                 voxels: learning.learner.voxels(),
                 nodes: learning.learner.model().nodes(),
@@ -174,12 +173,11 @@ impl Run<'_> {
             }
         } else {
             let rays = self.reconstruction_rays();
-            learning.end_iteration(part.spp, rays, reconstructor, &mut self.statistics.seconds)?
-        };
-        if !hopeless {
+            let made = learning.end_iteration(part.spp, rays, reconstructor, &mut self.statistics.seconds)?;
             // Judged were the last guides, but these are rendered with.
             self.try_cost(learning, learning.learner.voxels());
-        }
+            made
+        };
         let seconds = self.watcher.elapsed() - began;
         let trend = &mut self.state.trend;
         trend.variances.extend(finished.sample_variance());
