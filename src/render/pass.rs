@@ -6,6 +6,7 @@
 //! pass cut short by the clock leaves gaps that their neighbours can fill.
 
 use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -20,8 +21,8 @@ use crate::geometry::{Ray, Surface};
 use crate::guiding::learn::emission::EmissionGuide;
 use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::GuideField;
-use crate::integrators::path::{CameraPath, PathTracer};
-use crate::integrators::photon::PhotonTracer;
+use crate::integrators::path::{CameraPath, PathScratch, PathTracer};
+use crate::integrators::photon::{PhotonScratch, PhotonTracer};
 use crate::lights::counted::SkySampling;
 use crate::picture::Window;
 use crate::scene::Scene;
@@ -121,6 +122,7 @@ impl PassTracer<'_> {
     ) -> bool {
         let order = Order::new(self.window, self.places, self.spp, self.uneven);
         let total = order.total();
+        let (paths, light_paths) = (Pool::default(), Pool::default());
         while start < total {
             let end = (start + self.chunk.clamp(1, CHUNK)).min(total);
             let mut samples = end - start;
@@ -128,13 +130,15 @@ impl PassTracer<'_> {
             let kinds = self.settings.samples;
             let wants_paths = learning.is_some();
             let places = order.places(start..end);
-            self.camera_chunk(start..end, &places, pass, wants_paths.then_some(&mut records.paths), statistics);
+            let kept = wants_paths.then_some(&mut records.paths);
+            self.camera_chunk(start..end, &places, &paths, pass, kept, statistics);
             if let Some(learning) = learning.as_deref_mut() {
                 let photons = |index: u64| (index as f64 * learning.photon_share) as u64;
                 let range = photons(start)..photons(end);
                 if !range.is_empty() {
                     samples += range.end - range.start;
-                    self.photon_chunk(range, photons(total), &learning.emission, &mut records, statistics);
+                    let of = (range, photons(total));
+                    self.photon_chunk(of, &light_paths, &learning.emission, &mut records, statistics);
                 }
                 learning.absorb(&records, kinds, &mut statistics.seconds);
             }
@@ -151,6 +155,7 @@ impl PassTracer<'_> {
         &self,
         range: Range<u64>,
         places: &Places,
+        pool: &Pool<PathScratch>,
         pass: &mut Pass,
         records: Option<&mut Vec<PathRecord>>,
         statistics: &mut Statistics,
@@ -165,7 +170,7 @@ impl PassTracer<'_> {
             CameraPath { ray, random, pixel: self.picture.map(|picture| picture[pixel as usize]) }
         };
         let keep = records.is_some();
-        let blocks = in_blocks(range, |scratch, numbers| tracer.trace_block(numbers, begin, keep, scratch));
+        let blocks = in_blocks(range, pool, |scratch, numbers| tracer.trace_block(numbers, begin, keep, scratch));
         let mut index = start;
         // Counted from where the pass began, so that the film's halves are those of the sequences.
         let behind = u64::from(self.first_sample - self.sequences_from.unwrap_or(self.first_sample));
@@ -198,8 +203,8 @@ impl PassTracer<'_> {
 
     fn photon_chunk(
         &self,
-        range: Range<u64>,
-        total: u64,
+        (range, total): (Range<u64>, u64),
+        pool: &Pool<PhotonScratch>,
         emission: &EmissionGuide,
         records: &mut Records,
         statistics: &mut Statistics,
@@ -210,7 +215,9 @@ impl PassTracer<'_> {
         let start = range.start;
         let first = u64::from(self.first_sample) * self.pixels();
         let random = |index| Random::new(self.settings.seed, PHOTON_STREAM, first + index);
-        let blocks = in_blocks(range, |scratch, numbers| tracer.trace_block(numbers, (start, total), random, scratch));
+        let trace =
+            |scratch: &mut PhotonScratch, numbers| tracer.trace_block(numbers, (start, total), random, scratch);
+        let blocks = in_blocks(range, pool, trace);
         for block in blocks {
             statistics.rays += block.rays.rays;
             statistics.dropped.photons += block.rays.dropped;
@@ -228,14 +235,27 @@ impl PassTracer<'_> {
     }
 }
 
-/// Traces a range of numbers in parallel blocks, which come back in order. Workers keep their scratch space from block to block.
-fn in_blocks<S: Default, B: Send>(range: Range<u64>, trace: impl Fn(&mut S, Range<u64>) -> B + Sync + Send) -> Vec<B> {
+/// Scratch space that is not in use at the moment.
+type Pool<S> = Mutex<Vec<S>>;
+
+/// Traces a range of numbers in parallel blocks, which come back in order. Each takes scratch space from the pool and leaves it there, so
+/// that no memory is asked for from chunk to chunk.
+fn in_blocks<S: Default + Send, B: Send>(
+    range: Range<u64>,
+    pool: &Pool<S>,
+    trace: impl Fn(&mut S, Range<u64>) -> B + Sync + Send,
+) -> Vec<B> {
     let count = (range.end - range.start).div_ceil(BLOCK);
-    let block = |scratch: &mut S, b: u64| {
-        let first = range.start + b * BLOCK;
-        trace(scratch, first..(first + BLOCK).min(range.end))
+    let pool = || pool.lock().unwrap_or_else(PoisonError::into_inner);
+    let block = |b: usize| {
+        let first = range.start + b as u64 * BLOCK;
+        let mut scratch = pool().pop().unwrap_or_default();
+        let traced = trace(&mut scratch, first..(first + BLOCK).min(range.end));
+        pool().push(scratch);
+        traced
     };
-    (0..count).into_par_iter().map_init(S::default, block).collect()
+    // One by one: workers that took several at once would keep the others waiting at the end.
+    (0..count as usize).into_par_iter().with_max_len(1).map(block).collect()
 }
 
 /// One camera sample.

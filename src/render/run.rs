@@ -24,6 +24,10 @@ pub(super) type Rendered = (Image, Option<PixelSpread>);
 
 /// Fewest paths in a chunk: enough to keep a few threads busy.
 const LEAST_CHUNK: u64 = 1 << 14;
+/// Part of the time that is left that a chunk takes against a clock, and bounds of it in seconds: threads wait for one another at its end,
+/// and no sooner does a render know that its time is up.
+const CHUNK_SHARE: f64 = 0.025;
+const CHUNK_SECONDS: [f64; 2] = [0.05, 0.25];
 /// A chunk has at least a sample for one in so many pixels, so that one chunk alone leaves only narrow gaps.
 const EVERY_ROW: u64 = 12;
 
@@ -132,9 +136,12 @@ impl<'a> Run<'a> {
         learning: Option<&mut Learning>,
         picture: Option<&[f32]>,
     ) -> bool {
-        // Against a clock, chunks of about a twentieth of a second.
         let chunk = match (&learning, self.watcher.deadline) {
-            (None, Some(_)) => (0.05 * self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-3)) as u64,
+            (None, Some(deadline)) => {
+                let left = deadline - self.watcher.elapsed();
+                let seconds = (CHUNK_SHARE * left).clamp(CHUNK_SECONDS[0], CHUNK_SECONDS[1]);
+                (seconds * self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-3)) as u64
+            }
             _ => CHUNK,
         };
         let Part { pass, spp, start } = part;

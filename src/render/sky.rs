@@ -54,10 +54,12 @@ pub(super) fn learned_sky(scene: &Scene, settings: &RenderSettings, filter: &Pix
         let (ray, random) = camera_ray(scene, settings, filter, sample);
         CameraPath { ray, random, pixel: None }
     };
-    let block = |scratch: &mut PathScratch, block: u64| {
-        let numbers = block * BLOCK..((block + 1) * BLOCK).min(paths);
+    let block = |scratch: &mut PathScratch, block: u32| {
+        let first = u64::from(block) * BLOCK;
+        let numbers = first..(first + BLOCK).min(paths);
         tracer.trace_all(numbers.map(begin), false, scratch, &mut RayCount::default());
     };
-    (0..paths.div_ceil(BLOCK)).into_par_iter().for_each_init(PathScratch::default, block);
+    let blocks = (0..paths.div_ceil(BLOCK) as u32).into_par_iter().with_max_len(1);
+    blocks.for_each_init(PathScratch::default, block);
     counts.learned(map)
 }
