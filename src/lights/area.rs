@@ -10,7 +10,7 @@ use super::{Emission, LightSample, LightSamples};
 use crate::geometry::sphere::{Sphere, Spheres};
 use crate::geometry::{Geometry, Ray, Shape, Surface};
 use crate::math::error_bound::{gamma, offset_origin};
-use crate::math::lanes::{Mask, Real, V3};
+use crate::math::lanes::{Mask, Real, V3, by_lane};
 use crate::math::{Frame, channel_mean};
 use crate::picture::texture::Texture;
 use crate::sampling::discrete::Discrete;
@@ -213,7 +213,7 @@ pub(super) fn sample_meshes<'a, R: Real>(
     point: V3<R>,
     u: [R; 2],
 ) -> LightSamples<R> {
-    let [ax, ay, az, bx, by, bz, cx, cy, cz, nx, ny, nz, r, g, b, area, inside] = R::by_lane(u, |lane, u| {
+    let [ax, ay, az, bx, by, bz, cx, cy, cz, nx, ny, nz, r, g, b, area, inside] = by_lane!(u, |lane, u| {
         let AreaLight { triangles, area, placed, radiance, glow, .. } = light(lane);
         let (triangle, inside) = triangles.sample(f64::from(u[0]));
         let inside = inside as f32;
@@ -253,11 +253,15 @@ pub(super) fn sample_spheres<'a, R: Real>(
     point: V3<R>,
     u: [R; 2],
 ) -> LightSamples<R> {
-    let [x, y, z, radius, flipped, r, g, b, glows] = R::by_lane([u[0]], |lane, _| {
+    let [x, y, z, radius, flipped, r, g, b, glows] = by_lane!([u[0]], |lane, _| {
         let AreaLight { shape, radiance, glow, .. } = light(lane);
-        let Geometry::Sphere(Sphere { center, radius }) = shape.geometry else { return [0.0; 9] };
-        let [flipped, glows] = [shape.flip_normals, glow.is_some()].map(|is| f32::from(u8::from(is)));
-        [center.x, center.y, center.z, radius, flipped, radiance.x, radiance.y, radiance.z, glows]
+        match shape.geometry {
+            Geometry::Sphere(Sphere { center, radius }) => {
+                let [flipped, glows] = [f32::from(u8::from(shape.flip_normals)), f32::from(u8::from(glow.is_some()))];
+                [center.x, center.y, center.z, radius, flipped, radiance.x, radiance.y, radiance.z, glows]
+            }
+            _ => [0.0; 9],
+        }
     });
     let sphere = Spheres { center: V3::new(x, y, z), radius };
     let (wi, pdf) = sphere.sample_direction(point, u);
@@ -268,7 +272,7 @@ pub(super) fn sample_spheres<'a, R: Real>(
     let mut radiance = V3::new(r, g, b);
     if glows.above(0.0).any() {
         let outward = point + wi * distance - sphere.center;
-        let [r, g, b] = R::by_lane([outward.x, outward.y, outward.z, r, g, b], |lane, [x, y, z, r, g, b]| {
+        let [r, g, b] = by_lane!([outward.x, outward.y, outward.z, r, g, b], |lane, [x, y, z, r, g, b]| {
             let AreaLight { shape, glow, .. } = light(lane);
             glow::on_sphere(glow.as_deref(), shape, [x, y, z], V3::new(r, g, b))
         });

@@ -14,7 +14,7 @@ use super::seen::SkyView;
 use super::{BoundingSphere, Emission, LightSample, LightSamples};
 use crate::base::processor::prefetch;
 use crate::math::lanes::functions::{atan2, sin_cos};
-use crate::math::lanes::{Bits, Mask, Real, V3};
+use crate::math::lanes::{Bits, Mask, Real, V3, by_lane};
 use crate::math::{Frames, channel_mean};
 use crate::picture::Image;
 use crate::sampling::grid::Grid;
@@ -143,8 +143,9 @@ impl Envmap {
 
     #[inline(always)]
     fn prefetch_texels(&self, [x, y]: [usize; 2]) {
-        for row in [y, y + 1].map(|y| row(&self.image, y)) {
-            row.get(x).into_iter().chain(row.get(x + 1)).for_each(prefetch);
+        for row in [row(&self.image, y), row(&self.image, y + 1)] {
+            row.get(x).into_iter().for_each(prefetch);
+            row.get(x + 1).into_iter().for_each(prefetch);
         }
     }
 
@@ -152,7 +153,7 @@ impl Envmap {
     #[inline(always)]
     fn read(&self, [x, y]: [usize; 2], lane: usize, sky: &SkyView) -> [f32; 13] {
         let next = if x + 1 < self.image.width { x + 1 } else { 0 };
-        let [top, bottom] = [y, y + 1].map(|y| row(&self.image, y));
+        let (top, bottom) = (row(&self.image, y), row(&self.image, y + 1));
         let [a, b, c, d] = [top[x], top[next], bottom[x], bottom[next]];
         let mut density = self.grid.density([x, y]) as f32;
         if let Some(weights) = sky.weights(lane) {
@@ -167,8 +168,8 @@ impl Envmap {
         let position = self.position(wi);
         // Lanes wait for memory together; one alone would wait twice.
         if size_of::<R>() > size_of::<f32>() {
-            let [] = R::by_lane(position.cell, |_, cell| {
-                let cell = cell.map(|place| place as usize);
+            let [] = by_lane!(position.cell, |_, [x, y]| {
+                let cell = [x as usize, y as usize];
                 self.prefetch_texels(cell);
                 self.grid.prefetch(cell);
                 []
@@ -181,7 +182,7 @@ impl Envmap {
     #[inline(always)]
     fn seen_at<R: Real>(&self, position: Position<R>, sky: &SkyView) -> (V3<R>, R) {
         let Position { cell, inside: [right, below], sin, covered } = position;
-        let texels = R::by_lane(cell, |lane, cell| self.read(cell.map(|place| place as usize), lane, sky));
+        let texels = by_lane!(cell, |lane, [x, y]| self.read([x as usize, y as usize], lane, sky));
         let [ar, ag, ab, br, bg, bb, cr, cg, cb, dr, dg, db, density] = texels;
         let top = mix(V3::new(ar, ag, ab), V3::new(br, bg, bb), right);
         let bottom = mix(V3::new(cr, cg, cb), V3::new(dr, dg, db), right);
@@ -222,8 +223,8 @@ impl Envmap {
             Some(_) => self.tiling.choose(&self.grid, u, |lane| sky.weights(lane)),
             None => self.grid.choose(u),
         };
-        let [] = R::by_lane(cell, |_, cell| {
-            self.prefetch_texels(cell.map(|place| place as usize));
+        let [] = by_lane!(cell, |_, [x, y]| {
+            self.prefetch_texels([x as usize, y as usize]);
             []
         });
         let [across, down] = self.steps;

@@ -8,7 +8,7 @@ use super::tree::{Cone, LightBounds};
 use super::{Emission, LightSamples};
 use crate::geometry::Ray;
 use crate::math::lanes::functions::atan2;
-use crate::math::lanes::{Mask, Real, V3};
+use crate::math::lanes::{Mask, Real, V3, by_lane};
 use crate::math::{Frame, Frames, channel_mean};
 use crate::sampling::warp;
 
@@ -56,7 +56,7 @@ impl<R: Real> Way<R> {
 /// Samples the points `light` of each lane: the only directions towards them.
 #[inline(always)]
 pub(super) fn sample_points<'a, R: Real>(light: impl Fn(usize) -> &'a Point, point: V3<R>) -> LightSamples<R> {
-    let [x, y, z, r, g, b] = R::by_lane([point.x], |lane, _| {
+    let [x, y, z, r, g, b] = by_lane!([point.x], |lane, _| {
         let Point { position, intensity } = light(lane);
         [position.x, position.y, position.z, intensity.x, intensity.y, intensity.z]
     });
@@ -95,7 +95,7 @@ pub struct Spot {
 /// Samples the spots `light` of each lane: the only directions towards them.
 #[inline(always)]
 pub(super) fn sample_spots<'a, R: Real>(light: impl Fn(usize) -> &'a Spot, point: V3<R>) -> LightSamples<R> {
-    let [x, y, z, sx, sy, sz, tx, ty, tz, nx, ny, nz, r, g, b, cutoff, beam] = R::by_lane([point.x], |lane, _| {
+    let [x, y, z, sx, sy, sz, tx, ty, tz, nx, ny, nz, r, g, b, cutoff, beam] = by_lane!([point.x], |lane, _| {
         let Spot { position: p, frame: Frame { s, t, n }, intensity: i, cutoff, beam } = light(lane);
         [p.x, p.y, p.z, s.x, s.y, s.z, t.x, t.y, t.z, n.x, n.y, n.z, i.x, i.y, i.z, *cutoff, *beam]
     });

@@ -8,7 +8,7 @@ use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::Vec3;
 
-use crate::math::lanes::{Bits, LANES, Mask, Real, V3, Wide};
+use crate::math::lanes::{Bits, LANES, Mask, Real, V3, Wide, by_lane};
 
 /// Bounds of a light's position, directions and intensity.
 #[derive(Debug, Clone, Copy)]
@@ -347,7 +347,7 @@ impl LightTree {
             }
             return same;
         }
-        R::by_lane([like], |lane, _| row(if links[lane] >= 0 { links[lane] } else { first }))
+        by_lane!([like], |lane, _| row(if links[lane] >= 0 { links[lane] } else { first }))
     }
 
     /// The probability with which [`LightTree::sample`] chooses `light` for `point`.

@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3};
 
 use super::texture::Texture;
 use super::{BsdfSample, Drawn, Material, Scatter, Transport};
-use crate::math::lanes::{Real, V3, lanes_of};
+use crate::math::lanes::{Real, V3, by_lane, lanes_of};
 
 /// (1 − w)·first + w·second.
 #[derive(Debug, Clone)]
@@ -109,7 +109,7 @@ impl<R: Real> Scatter<R> for At<'_, R> {
     #[inline(always)]
     fn eval_and_pdf(&self, wo: V3<R>, wi: V3<R>) -> (V3<R>, R) {
         let given = [self.weight, wo.x, wo.y, wo.z, wi.x, wi.y, wi.z];
-        let [x, y, z, pdf] = R::by_lane(given, |lane, [weight, ox, oy, oz, ix, iy, iz]| {
+        let [x, y, z, pdf] = by_lane!(given, |lane, [weight, ox, oy, oz, ix, iy, iz]| {
             let (value, pdf) = self.point(lane).eval_and_pdf(weight, Vec3::new(ox, oy, oz), Vec3::new(ix, iy, iz));
             [value.x, value.y, value.z, pdf]
         });
@@ -119,13 +119,12 @@ impl<R: Real> Scatter<R> for At<'_, R> {
     #[inline(always)]
     fn sample(&self, wo: V3<R>, lobe: R, [u, v]: [R; 2], transport: Transport) -> Drawn<R> {
         let given = [self.weight, wo.x, wo.y, wo.z, lobe, u, v];
-        let [x, y, z, red, green, blue, pdf, delta, found] =
-            R::by_lane(given, |lane, [weight, x, y, z, lobe, u, v]| {
-                let sample = self.point(lane).sample(weight, Vec3::new(x, y, z), lobe, [u, v], transport);
-                sample.map_or([0.0; 9], |BsdfSample { wi, weight, pdf, delta }| {
-                    [wi.x, wi.y, wi.z, weight.x, weight.y, weight.z, pdf, if delta { 1.0 } else { 0.0 }, 1.0]
-                })
-            });
+        let [x, y, z, red, green, blue, pdf, delta, found] = by_lane!(given, |lane, [weight, x, y, z, lobe, u, v]| {
+            let sample = self.point(lane).sample(weight, Vec3::new(x, y, z), lobe, [u, v], transport);
+            sample.map_or([0.0; 9], |BsdfSample { wi, weight, pdf, delta }| {
+                [wi.x, wi.y, wi.z, weight.x, weight.y, weight.z, pdf, if delta { 1.0 } else { 0.0 }, 1.0]
+            })
+        });
         let (wi, weight) = (V3::new(x, y, z), V3::new(red, green, blue));
         Drawn { wi, weight, pdf, delta: delta.above(0.0), found: found.above(0.0) }
     }
@@ -133,7 +132,7 @@ impl<R: Real> Scatter<R> for At<'_, R> {
     #[inline(always)]
     fn delta_probability(&self, wo: V3<R>) -> R {
         let given = [self.weight, wo.x, wo.y, wo.z];
-        let [deltas] = R::by_lane(given, |lane, [weight, x, y, z]| {
+        let [deltas] = by_lane!(given, |lane, [weight, x, y, z]| {
             [self.point(lane).delta_probability(weight, Vec3::new(x, y, z))]
         });
         deltas
@@ -141,13 +140,13 @@ impl<R: Real> Scatter<R> for At<'_, R> {
 
     #[inline(always)]
     fn eta(&self, wo: V3<R>) -> R {
-        let [eta] = R::by_lane([wo.x, wo.y, wo.z], |lane, wo| [eta(self.point(lane).parts, wo.into())]);
+        let [eta] = by_lane!([wo.x, wo.y, wo.z], |lane, wo| [eta(self.point(lane).parts, wo.into())]);
         eta
     }
 
     #[inline(always)]
     fn albedo(&self) -> V3<R> {
-        let [x, y, z] = R::by_lane([self.weight], |lane, [weight]| self.point(lane).albedo(weight).to_array());
+        let [x, y, z] = by_lane!([self.weight], |lane, [weight]| self.point(lane).albedo(weight).to_array());
         V3::new(x, y, z)
     }
 }

@@ -9,7 +9,7 @@ use glam::Vec3;
 
 use super::{Drawn, Scatter, Transport};
 use crate::math::lanes::functions::sin_cos;
-use crate::math::lanes::{Mask, Real, V3, lanes_of};
+use crate::math::lanes::{Mask, Real, V3, by_lane, lanes_of};
 
 /// Henyey and Greenstein 1941: p(cos θ) = (1 - g²) / (4π (1 + g² - 2 g cos θ)^{3/2}), where θ is the angle by which light is turned.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,7 +70,7 @@ impl<R: Real> At<R> {
     /// directions near the peak have no digits left in single.
     #[inline(always)]
     fn direction(&self, [u, v]: [R; 2]) -> V3<R> {
-        let [cos, sin] = R::by_lane([self.g, u], |_, [g, u]| {
+        let [cos, sin] = by_lane!([self.g, u], |_, [g, u]| {
             let (g, x) = (f64::from(g), 2.0 * f64::from(u) - 1.0);
             let top = x + g * (0.5 * (x * x + 3.0) + g * (x + 0.5 * g * (x * x - 1.0)));
             let cos = (top / (1.0 + g * x).powi(2)).clamp(-1.0, 1.0);

@@ -16,7 +16,7 @@ use super::rough_dielectric::Geometry;
 use super::texture::{Texture, luminance};
 use super::{Drawn, Scatter, Transport};
 use crate::math::lanes::functions::{exp, ln, sin_cos};
-use crate::math::lanes::{Bits, Mask, Real, V3, lanes_of};
+use crate::math::lanes::{Bits, Mask, Real, V3, by_lane, lanes_of};
 use crate::sampling::warp::lanes as warp;
 
 /// Parameters of a principled material. Numbers are in [0, 1] unless something else is said.
@@ -285,7 +285,7 @@ impl<R: Real> At<'_, R> {
         let (row, across) = cell(self.roughness, ROUGHNESSES);
         let first = row * COSINES as f32 + column;
         let bounds = self.bounds;
-        R::by_lane([first, along, across], |lane, [first, along, across]| {
+        by_lane!([first, along, across], |lane, [first, along, across]| {
             bounds.as_ref()[lane].between(first as u16, along, across)
         })
     }

@@ -6,7 +6,7 @@ use super::dielectric::seen_from;
 use super::fresnel;
 use super::microfacet::Microfacets;
 use super::{Drawn, Scatter, Transport};
-use crate::math::lanes::{Mask, Real, V3, lanes_of};
+use crate::math::lanes::{Mask, Real, V3, by_lane, lanes_of};
 
 /// A rough interface between two dielectrics (Walter et al. 2007), with separable shadowing.
 #[derive(Debug, Clone, Copy)]
@@ -49,7 +49,7 @@ impl<R: Real> Geometry<R> {
         let (front, one) = (side.above(0.0), eta.all(1.0));
         let indices = [front.choose(one, eta), front.choose(eta, one)];
         let pair = [wo.x, wo.y, wo.z, wi.x, wi.y, wi.z, indices[0], indices[1]];
-        let [x, y, z, cos_o, cos_i, half_squared, eta, found] = R::by_lane(pair, |_, pair| half_vector(pair));
+        let [x, y, z, cos_o, cos_i, half_squared, eta, found] = by_lane!(pair, |_, pair| half_vector(pair));
         (Self { wo, wi, h: V3::new(x, y, z), cos_o, cos_i, eta, half_squared }, oblique & found.above(0.0))
     }
 

@@ -87,10 +87,14 @@ impl Texels {
     /// The pixels of these indices, counted row by row from the top left; linear RGB.
     #[inline]
     pub fn pixels<const N: usize>(&self, indices: [usize; N]) -> [Vec3; N] {
+        let mut pixels = [Vec3::ZERO; N];
         match self {
-            Self::Float(image) => indices.map(|index| image.pixels[index]),
-            Self::Bytes(image) => indices.map(|index| image.pixel(index)),
+            Self::Float(image) => {
+                pixels.iter_mut().zip(indices).for_each(|(pixel, index)| *pixel = image.pixels[index])
+            }
+            Self::Bytes(image) => pixels.iter_mut().zip(indices).for_each(|(pixel, index)| *pixel = image.pixel(index)),
         }
+        pixels
     }
 
     /// Brings a pixel near, which will be needed soon.

@@ -67,6 +67,15 @@ impl Wrap {
         };
         inside as usize
     }
+
+    /// The columns (or rows), of `count`, to read for the whole number `corner` and the next.
+    fn both(self, corner: f32, count: usize) -> [usize; 2] {
+        let index = corner as i64;
+        if index >= 0 && index < count as i64 - 1 {
+            return [index as usize, index as usize + 1];
+        }
+        [self.index(index, count), self.index(index.saturating_add(1), count)]
+    }
 }
 
 impl Texture {
@@ -87,7 +96,7 @@ impl Texture {
             }
             Self::Checkerboard { color0, color1, to_uv } => {
                 let uv = to_uv.transform_point2(uv);
-                let upper = uv - uv.floor();
+                let upper = uv - floor(uv);
                 if (upper.x > 0.5) == (upper.y > 0.5) { *color0 } else { *color1 }
             }
         }
@@ -97,11 +106,11 @@ impl Texture {
     #[inline]
     pub fn prefetch(&self, uv: Vec2) {
         let Self::Bitmap { image, to_uv, wrap, .. } = self else { return };
-        let corner = (position(image, to_uv.transform_point2(uv), *wrap) - 0.5).floor();
+        let corner = floor(position(image, to_uv.transform_point2(uv), *wrap) - 0.5);
         let [width, height] = image.size();
         let column = wrap.index(corner.x as i64, width);
-        for step in [0, 1] {
-            image.prefetch(wrap.index((corner.y as i64).saturating_add(step), height) * width + column);
+        for row in wrap.both(corner.y, height) {
+            image.prefetch(row * width + column);
         }
     }
 
@@ -131,6 +140,15 @@ impl Texture {
     }
 }
 
+/// The largest whole numbers that are not larger. The processors that all have in common have no instruction for it.
+fn floor(v: Vec2) -> Vec2 {
+    /// The last bit of numbers of this magnitude is worth 1.
+    const WHOLE: f32 = 1.5 * (1 << 23) as f32;
+    let nearest = (v + WHOLE) - WHOLE;
+    let below = Vec2::select(nearest.cmpgt(v), nearest - 1.0, nearest);
+    if v.abs().max_element() < (1 << 22) as f32 { below } else { v.floor() }
+}
+
 fn size(image: &Texels) -> Vec2 {
     let [width, height] = image.size();
     Vec2::new(width as f32, height as f32)
@@ -139,15 +157,15 @@ fn size(image: &Texels) -> Vec2 {
 /// Position of `uv` in pixels. Wrapping before scaling keeps precision far from the origin.
 fn position(image: &Texels, uv: Vec2, wrap: Wrap) -> Vec2 {
     let near = match wrap {
-        Wrap::Repeat => uv - uv.floor(),
-        Wrap::Mirror => uv - 2.0 * (uv / 2.0).floor(),
+        Wrap::Repeat => uv - floor(uv),
+        Wrap::Mirror => uv - 2.0 * floor(uv / 2.0),
         Wrap::Clamp => uv.clamp(Vec2::NEG_ONE, Vec2::splat(2.0)),
     };
     near * size(image)
 }
 
 fn nearest(image: &Texels, uv: Vec2, wrap: Wrap) -> Vec3 {
-    let corner = position(image, uv, wrap).floor();
+    let corner = floor(position(image, uv, wrap));
     let [width, height] = image.size();
     let [pixel] = image.pixels([wrap.index(corner.y as i64, height) * width + wrap.index(corner.x as i64, width)]);
     pixel
@@ -161,12 +179,11 @@ fn bilinear(image: &Texels, uv: Vec2, wrap: Wrap) -> Vec3 {
 /// The four pixels around a point, row by row, and its position between their centres.
 fn around(image: &Texels, uv: Vec2, wrap: Wrap) -> ([[Vec3; 2]; 2], Vec2) {
     let position = position(image, uv, wrap) - 0.5;
-    let corner = position.floor();
+    let corner = floor(position);
     let [width, height] = image.size();
-    let column = |step: i64| wrap.index((corner.x as i64).saturating_add(step), width);
-    let row = |step: i64| wrap.index((corner.y as i64).saturating_add(step), height) * width;
-    let [x0, x1, y0, y1] = [column(0), column(1), row(0), row(1)];
-    let [p00, p10, p01, p11] = image.pixels([y0 + x0, y0 + x1, y1 + x0, y1 + x1]);
+    let ([left, right], [upper, lower]) = (wrap.both(corner.x, width), wrap.both(corner.y, height));
+    let (upper, lower) = (upper * width, lower * width);
+    let [p00, p10, p01, p11] = image.pixels([upper + left, upper + right, lower + left, lower + right]);
     ([[p00, p10], [p01, p11]], position - corner)
 }
 
@@ -177,6 +194,19 @@ mod tests {
 
     use crate::base::random::Random;
     use crate::picture::{ByteImage, Image};
+
+    #[test]
+    fn whole_numbers_are_those_below() {
+        let mut random = Random::new(5, 0, 0);
+        let edges =
+            [0.0, -0.0, 0.5, -0.5, 1.0, -1.0, 4_194_303.5, -4_194_303.5, 4_194_304.0, 8_388_607.5, -1e30, f32::MAX];
+        let any = (0..100_000).map(|i| random.range(-1.0, 1.0) * 2f32.powi(i % 40 - 10));
+        for x in edges.into_iter().chain(any.collect::<Vec<_>>()) {
+            assert_eq!(floor(Vec2::new(x, 0.25)), Vec2::new(x.floor(), 0.0), "{x}");
+            assert_eq!(floor(Vec2::new(-0.25, x)), Vec2::new(-1.0, x.floor()), "{x}");
+        }
+        assert!(floor(Vec2::new(f32::NAN, 1.0)).x.is_nan());
+    }
 
     fn picture() -> Texture {
         let pixels = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::ZERO, Vec3::splat(0.5)].to_vec();

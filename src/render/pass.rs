@@ -215,8 +215,7 @@ impl PassTracer<'_> {
         let start = range.start;
         let first = u64::from(self.first_sample) * self.pixels();
         let random = |index| Random::new(self.settings.seed, PHOTON_STREAM, first + index);
-        let trace =
-            |scratch: &mut PhotonScratch, numbers| tracer.trace_block(numbers, (start, total), random, scratch);
+        let trace = |scratch: &mut PhotonScratch, numbers| tracer.trace_block(numbers, (start, total), random, scratch);
         let blocks = in_blocks(range, pool, trace);
         for block in blocks {
             statistics.rays += block.rays.rays;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::cutpoints;
 use super::discrete::{self, Discrete};
 use crate::base::processor::prefetch;
-use crate::math::lanes::Real;
+use crate::math::lanes::{Real, by_lane};
 
 /// A piecewise-constant density over [0, 1)².
 #[derive(Debug, Clone)]
@@ -86,17 +86,17 @@ impl Grid {
     #[inline(always)]
     pub fn choose<R: Real>(&self, [u, v]: [R; 2]) -> ([R; 2], [R; 2]) {
         // In steps, so that lanes wait for memory together: for their part of the row's table, of the row, and for what is there.
-        let [y, below] = R::by_lane([u, v], |_, [u, v]| {
+        let [y, below] = by_lane!([u, v], |_, [u, v]| {
             let (y, below) = self.rows.sample(v.into());
             cutpoints::entry(self.table(y), u.into()).into_iter().for_each(prefetch);
             [y as f32, below as f32]
         });
-        let [] = R::by_lane([u, y], |_, [u, y]| {
+        let [] = by_lane!([u, y], |_, [u, y]| {
             let first = cutpoints::entry(self.table(y as usize), u.into()).map_or(0, |&first| first as usize);
             self.row(y as usize).get(first).into_iter().for_each(prefetch);
             []
         });
-        let [x, right] = R::by_lane([u, y], |_, [u, y]| {
+        let [x, right] = by_lane!([u, y], |_, [u, y]| {
             let (x, right) = discrete::sample(self.row(y as usize), self.table(y as usize), u.into());
             [x as f32, right as f32]
         });

@@ -10,7 +10,7 @@ use crate::geometry::{Origins, Ray, Surface};
 use crate::guiding::sample::field::DirectionGuide;
 use crate::integrators::mixture::{Proposal, guided_point, one_draw};
 use crate::integrators::site::{Draw, Lit, Onward, Site};
-use crate::lights::seen::SkyView;
+use crate::lights::seen::{ANYWHERE, SkyView};
 use crate::lights::{LightSamples, LightSet};
 use crate::materials::{Bsdf, Transport, Variant};
 use crate::math::lanes::{self, Kernel, LANES, Mask, Real, V3, Vectors, Wide, vector};
@@ -428,20 +428,24 @@ impl PathTracer<'_> {
         paths: &[PathState],
         shaded: &mut Shaded,
     ) {
-        let surfaces = vertices.map(|at| &surfaces[at.place as usize]);
+        let first = &paths[vertices[0].path as usize];
+        let mut near = [&surfaces[vertices[0].place as usize]; LANES];
+        let (mut rays, mut randoms, mut facing) = ([&first.ray; LANES], [&first.random; LANES], [ANYWHERE; LANES]);
         // Not an array: they are large, and would be written twice.
         let mut bsdfs: SmallVec<[Bsdf<f32>; LANES]> = SmallVec::new();
-        for lane in 0..count {
-            bsdfs.push(self.bsdf(vertices[lane], surfaces[lane]));
+        for (lane, at) in vertices.iter().enumerate().take(count) {
+            let (path, surface) = (&paths[at.path as usize], &surfaces[at.place as usize]);
+            (near[lane], rays[lane], randoms[lane], facing[lane]) = (surface, &path.ray, &path.random, at.facing);
+            bsdfs.push(self.bsdf(at, surface));
         }
         let group = Group {
             vertices,
-            surfaces,
+            surfaces: near,
             bsdfs: &bsdfs,
-            rays: vertices.map(|at| &paths[at.path as usize].ray),
-            randoms: vertices.map(|at| &paths[at.path as usize].random),
+            rays,
+            randoms,
             lights: &self.scene.lights,
-            sky: SkyView { learned: self.sky.learned(), facing: vertices.map(|at| at.facing) },
+            sky: SkyView { learned: self.sky.learned(), facing },
             shaded,
         };
         // There are lanes, or these would have been shaded one by one.

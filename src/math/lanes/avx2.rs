@@ -47,8 +47,6 @@ operators!(Answers: BitAnd bitand _mm256_and_ps, BitOr bitor _mm256_or_ps);
 same_number!(Numbers: Add add, Sub sub, Mul mul, Div div);
 
 impl Numbers {
-    columns_by_four!();
-
     /// The columns of sixteen rows of four.
     #[inline(always)]
     fn four_columns(self, rows: &[[f32; 4]; LANES]) -> [Self; 4] {
@@ -109,6 +107,7 @@ impl Real for Numbers {
     type Bits = Integers;
 
     lane_by_lane!();
+    columns_by_four!();
 
     #[inline(always)]
     fn apart<J: Job>(self, job: J) -> J::Output {

@@ -39,8 +39,6 @@ operators!(Integers: BitAnd bitand _mm512_and_si512, BitOr bitor _mm512_or_si512
 same_number!(Numbers: Add add, Sub sub, Mul mul, Div div);
 
 impl Numbers {
-    columns_by_four!();
-
     /// The columns of sixteen rows of four. Quarters of registers are transposed by themselves, so each begins with the lane that its
     /// quarter of the column begins with.
     #[inline(always)]
@@ -113,6 +111,7 @@ impl Real for Numbers {
     type Bits = Integers;
 
     lane_by_lane!();
+    columns_by_four!();
 
     #[inline(always)]
     fn apart<J: Job>(self, job: J) -> J::Output {

@@ -64,13 +64,14 @@ pub trait Real:
     /// The numbers' bits, and whole numbers.
     type Bits: Bits<Real = Self, Mask = Self::Mask>;
     /// One value of any other type per lane.
-    type Each<T: Copy>: Copy + AsRef<[T]>;
+    type Each<T: Copy>: Copy + AsRef<[T]> + AsMut<[T]>;
 
-    /// What `f` makes of each lane and its numbers: for look-ups in tables, and for what takes double precision.
-    fn by_lane<const N: usize, const M: usize>(
-        numbers: [Self; N],
-        f: impl FnMut(usize, [f32; N]) -> [f32; M],
-    ) -> [Self; M];
+    /// The same value for every lane.
+    fn repeated<T: Copy>(self, value: T) -> Self::Each<T>;
+    /// The numbers of each lane as a row.
+    fn rows<const N: usize>(numbers: [Self; N]) -> Self::Each<[f32; N]>;
+    /// The columns of rows of which each lane has one.
+    fn columns<const N: usize>(self, rows: &Self::Each<[f32; N]>) -> [Self; N];
     /// Does a job in a function of its own, compiled for the instruction set that these numbers need.
     fn apart<J: Job>(self, job: J) -> J::Output;
     /// The same number in every lane.
@@ -298,6 +299,29 @@ pub trait Wide: Copy + Send + Sync {
     fn run<K: Kernel>(self, kernel: K) -> K::Output;
 }
 
+/// What an expression makes of each lane and its numbers, as in `by_lane!([a, b], |lane, [a, b]| [a + b])`: for look-ups in tables, and for
+/// what takes double precision. It looks like a closure but is none: that would be a function for any processor, which is called
+/// sixteen times by one that has to put all its registers aside.
+macro_rules! by_lane {
+    ($numbers:expr, |$lane:pat_param, $one:pat_param| $row:expr) => {{
+        let numbers = $numbers;
+        let rows = $crate::math::lanes::Real::rows(numbers);
+        let mut made = $crate::math::lanes::Real::repeated(numbers[0], $crate::math::lanes::empty_row());
+        for (lane, row) in rows.as_ref().iter().enumerate() {
+            let ($lane, $one) = (lane, *row);
+            made.as_mut()[lane] = $row;
+        }
+        $crate::math::lanes::Real::columns(numbers[0], &made)
+    }};
+}
+pub(crate) use by_lane;
+
+/// A row of zeros.
+#[inline(always)]
+pub(crate) fn empty_row<const N: usize>() -> [f32; N] {
+    [0.0; N]
+}
+
 /// Arithmetic of wide numbers with one that is the same in every lane.
 #[cfg(target_arch = "x86_64")]
 macro_rules! same_number {
@@ -320,24 +344,20 @@ macro_rules! lane_by_lane {
         type Each<T: Copy> = [T; LANES];
 
         #[inline(always)]
-        fn by_lane<const N: usize, const M: usize>(
-            numbers: [Self; N],
-            mut f: impl FnMut(usize, [f32; N]) -> [f32; M],
-        ) -> [Self; M] {
-            const { assert!(N > 0, "numbers prove that the processor has the instructions") };
-            let mut given = [[0.0; LANES]; N];
+        fn repeated<T: Copy>(self, value: T) -> [T; LANES] {
+            [value; LANES]
+        }
+
+        #[inline(always)]
+        fn rows<const N: usize>(numbers: [Self; N]) -> [[f32; N]; LANES] {
+            let mut rows = [[0.0; N]; LANES];
             for i in 0..N {
-                given[i] = bytemuck::cast(numbers[i].0);
-            }
-            let mut rows = [[0.0; M]; LANES];
-            for lane in 0..LANES {
-                let mut one = [0.0; N];
-                for i in 0..N {
-                    one[i] = given[i][lane];
+                let column: [f32; LANES] = bytemuck::cast(numbers[i].0);
+                for lane in 0..LANES {
+                    rows[lane][i] = column[lane];
                 }
-                rows[lane] = f(lane, one);
             }
-            numbers[0].columns(&rows)
+            rows
         }
     };
 }

@@ -8,11 +8,18 @@ impl Real for f32 {
     type Each<T: Copy> = [T; 1];
 
     #[inline(always)]
-    fn by_lane<const N: usize, const M: usize>(
-        numbers: [Self; N],
-        mut f: impl FnMut(usize, [f32; N]) -> [f32; M],
-    ) -> [Self; M] {
-        f(0, numbers)
+    fn repeated<T: Copy>(self, value: T) -> [T; 1] {
+        [value]
+    }
+
+    #[inline(always)]
+    fn rows<const N: usize>(numbers: [Self; N]) -> [[f32; N]; 1] {
+        [numbers]
+    }
+
+    #[inline(always)]
+    fn columns<const N: usize>(self, [row]: &[[f32; N]; 1]) -> [Self; N] {
+        *row
     }
 
     #[inline(never)]

@@ -76,13 +76,13 @@ impl Kernel for ByLane {
         check_by_lane::<W, 3>(wide, &lanes);
         check_by_lane::<W, 4>(wide, &lanes);
         check_by_lane::<W, 17>(wide, &lanes);
-        let [] = Real::by_lane([wide.load(&lanes)], |_, [_]| []);
+        let [] = by_lane!([wide.load(&lanes)], |_, [_]| []);
     }
 }
 
 #[inline(always)]
 fn check_by_lane<W: Wide, const M: usize>(wide: W, lanes: &[f32; LANES]) {
-    let made = Real::by_lane([wide.load(lanes); 2], |lane, [x, y]| {
+    let made = by_lane!([wide.load(lanes); 2], |lane, [x, y]| {
         assert_eq!([x, y], [lane as f32; 2]);
         std::array::from_fn::<_, M, _>(|i| (100 * i + lane) as f32)
     });
