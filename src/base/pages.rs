@@ -11,7 +11,7 @@ pub struct LargePages;
 /// Bytes of a large page.
 const PAGE: usize = 2 << 20;
 /// Smallest block that is put into large pages, bytes.
-const LARGE: usize = 4 * PAGE;
+const LARGE: usize = PAGE;
 
 /// The layout that the system is asked for: large blocks begin where a page does.
 fn placed(layout: Layout) -> Layout {
