@@ -229,10 +229,12 @@ impl Run<'_> {
         let mut seconds = [f64::INFINITY; 2];
         for trial in 0..2 * TRIALS {
             let guided = trial % 2;
+            let field = (guided == 1).then_some(&field);
             let tracer = PassTracer {
-                field: (guided == 1).then_some(&field),
+                field,
                 sky: (&self.sky).into(),
-                picture: picture.as_deref(),
+                // Values mean another thing to paths without a guide.
+                picture: field.and(picture.as_deref()),
                 first_sample: self.state.rendered,
                 chunk: samples.clamp(1 << 12, CHUNK),
                 ..PassTracer::new(self.scene, self.settings, self.window, &self.filter)
