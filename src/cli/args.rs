@@ -27,9 +27,11 @@ macro_rules! exit_codes {
 
 mod parts;
 mod scene;
+mod variant;
 
 pub use parts::{LearnArgs, MergeArgs};
 pub use scene::SceneArgs;
+pub use variant::VariantArgs;
 
 /// A physically based renderer that learns where light comes from.
 #[derive(Debug, Parser)]
@@ -463,6 +465,10 @@ pub struct CompareArgs {
     /// Methods; ratios refer to the first
     #[arg(long, value_enum, value_delimiter = ',', default_value = "none,hybrid,neural")]
     pub methods: Vec<Method>,
+    /// A further method under a name of its own: options of `fanal render` that say how light is found, for example
+    /// 'no-past: --guide variance --past 0'. May be given several times
+    #[arg(long, value_name = "NAME: OPTIONS", value_parser = variant::variant, allow_hyphen_values = true)]
+    pub variant: Vec<VariantArgs>,
     /// Budgets in seconds
     #[arg(long, value_name = "S,…", value_delimiter = ',', allow_negative_numbers = true, value_parser = seconds,
           conflicts_with = "spp", required_unless_present = "spp")]
@@ -523,6 +529,7 @@ impl ValueEnum for Method {
     fn to_possible_value(&self) -> Option<PossibleValue> {
         match self {
             Self::Guide(guide) => guide.to_possible_value(),
+            Self::Variant(_) => None,
             Self::Oracle => {
                 let help = "Guided by converged trees made beforehand: what reconstruction could reach at most";
                 Some(PossibleValue::new("oracle").help(help))

@@ -18,6 +18,7 @@ use crate::base::{Error, Progress, Result};
 use crate::film::{Denoiser, mean_and_variance, measure_noisy, relative_variance};
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
+use crate::integrators::TransportSettings;
 use crate::picture::{Image, read_image, write};
 use crate::reconstruct::{AsCounted, Neural};
 use crate::render::{Control, GuideMode, Outcome, RenderSettings, StopRule, learn, render, render_with_field};
@@ -32,16 +33,19 @@ pub enum Method {
     Guide(GuideMode),
     /// Guided by converged trees that were made beforehand: a bound for what reconstruction could reach at most.
     Oracle,
+    /// One of the experiment's variants.
+    Variant(usize),
 }
 
-impl Method {
-    /// Its name on the command line and on the page.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Guide(guide) => guide.name(),
-            Self::Oracle => "oracle",
-        }
-    }
+/// A method with settings of its own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variant {
+    /// Its name on the page and in files, which no other method has.
+    pub name: String,
+    /// Its settings; depth, filter, budget and seed are those of the experiment.
+    pub settings: RenderSettings,
+    /// Whether noisy pixels get more samples; none for what the budget calls for.
+    pub adaptive: Option<bool>,
 }
 
 /// A comparison to run.
@@ -58,6 +62,8 @@ pub struct Experiment<'a> {
     pub size: [u32; 2],
     /// Methods; ratios refer to the first.
     pub methods: Vec<Method>,
+    /// What [`Method::Variant`] counts.
+    pub variants: &'a [Variant],
     /// Budgets.
     pub budgets: Vec<Budget>,
     /// Number of seeds.
@@ -87,18 +93,20 @@ const FIRST_SEED: u64 = 1;
 
 /// One render of a comparison.
 #[derive(Clone, Copy)]
-struct Task {
+struct Task<'a> {
     method: Method,
+    /// Name of the method on the command line and on the page.
+    name: &'a str,
     /// Index into the budgets, and the budget itself.
     budget: usize,
     limit: Budget,
     seed: u64,
 }
 
-impl Task {
+impl Task<'_> {
     /// Name of its files.
     fn stem(&self) -> String {
-        format!("{}-{}-{}", self.method.name(), self.limit.label(), self.seed)
+        format!("{}-{}-{}", self.name, self.limit.label(), self.seed)
     }
 
     /// Its picture, relative to the output folder.
@@ -184,7 +192,7 @@ impl Experiment<'_> {
                 for i in 0..self.methods.len() {
                     // The order turns with the seed: what comes first or last must not always be the same method.
                     let method = self.methods[(i + seed as usize) % self.methods.len()];
-                    let task = Task { method, budget, limit, seed };
+                    let task = Task { method, name: self.name(method), budget, limit, seed };
                     progress.message(&task.stem());
                     let (run, picture) = match self.kept(task, &identity) {
                         Some(kept) => kept,
@@ -195,7 +203,7 @@ impl Experiment<'_> {
                                 oracle = Some(self.converged(&scene, &identity, &control)?);
                             }
                             let Some(made) = self.one(&scene, task, oracle.as_ref(), &control)? else { continue };
-                            let kept = Kept { made_for: identity.of_runs(), run: made.clone() };
+                            let kept = Kept { made_for: self.made_for(task, &identity), run: made.clone() };
                             write_json(&self.record(task), &kept)?;
                             let picture = read_image(&self.folder.join(&made.file), false)?;
                             (made, picture)
@@ -214,7 +222,7 @@ impl Experiment<'_> {
         if runs.is_empty() {
             return Err(Error::Interrupted("the comparison was stopped before its first run".into()));
         }
-        let methods: Vec<String> = self.methods.iter().map(|m| m.name().to_owned()).collect();
+        let methods: Vec<String> = self.methods.iter().map(|&m| self.name(m).to_owned()).collect();
         let summary = summarise(&methods, self.budgets.len(), &runs);
         let seeds: BTreeSet<u64> = runs.iter().map(|run| run.seed).collect();
         let results = Results {
@@ -256,6 +264,37 @@ impl Experiment<'_> {
         Identity { scene_crc32: self.loaded.crc32(), settings }
     }
 
+    /// Name of a method on the command line and on the page.
+    fn name(&self, method: Method) -> &str {
+        match method {
+            Method::Guide(guide) => guide.name(),
+            Method::Oracle => "oracle",
+            Method::Variant(index) => &self.variants[index].name,
+        }
+    }
+
+    /// Settings of a run, without the scene's plan; the oracle's are those that its guide is sampled with.
+    fn settings_of(&self, method: Method, stop: StopRule, seed: u64) -> RenderSettings {
+        // As `fanal render` divides samples.
+        let adaptive = matches!(stop, StopRule::Time(_));
+        match method {
+            Method::Guide(guide) => RenderSettings { stop, seed, adaptive, ..self.settings.with_guide(guide) },
+            Method::Oracle => RenderSettings { stop, seed, adaptive, ..self.settings.with_guide(ORACLE_GUIDE) },
+            Method::Variant(index) => {
+                let Variant { settings, adaptive: given, .. } = &self.variants[index];
+                let transport =
+                    TransportSettings { max_depth: self.settings.transport.max_depth, ..settings.transport };
+                let adaptive = given.unwrap_or(adaptive);
+                RenderSettings { transport, filter: self.settings.filter, stop, seed, adaptive, ..settings.clone() }
+            }
+        }
+    }
+
+    /// Everything that a run depends on, written out.
+    fn made_for(&self, task: Task, identity: &Identity) -> String {
+        format!("{} {:?}", identity.of_runs(), self.settings_of(task.method, rule(task.limit), task.seed))
+    }
+
     fn record(&self, task: Task) -> PathBuf {
         self.folder.join("runs").join(format!("{}.json", task.stem()))
     }
@@ -264,8 +303,8 @@ impl Experiment<'_> {
     /// made again.
     fn kept(&self, task: Task, identity: &Identity) -> Option<(RunEntry, Image)> {
         let Kept { made_for, run } = read_json(&self.record(task), LIMIT).ok()?;
-        let own = (run.method.as_str(), run.seed, &run.file) == (task.method.name(), task.seed, &task.picture());
-        if made_for != identity.of_runs() || !own || !run.is_possible() {
+        let own = (run.method.as_str(), run.seed, &run.file) == (task.name, task.seed, &task.picture());
+        if made_for != self.made_for(task, identity) || !own || !run.is_possible() {
             return None;
         }
         let path = self.folder.join(&run.file);
@@ -273,8 +312,7 @@ impl Experiment<'_> {
         Some((run, picture))
     }
 
-    fn render(&self, scene: &Scene, guide: GuideMode, stop: StopRule, seed: u64, control: &Control) -> Result<Outcome> {
-        let settings = RenderSettings { stop, seed, ..self.settings.with_guide(guide) };
+    fn render(&self, scene: &Scene, settings: RenderSettings, control: &Control) -> Result<Outcome> {
         let settings = settings.following(&plan(&self.loaded.file));
         let reconstructor = settings.reconstruction.reconstructor(|| Ok(Box::new(self.neural)))?;
         render(scene, &settings, reconstructor.as_ref(), control.progress, control.stop)
@@ -288,20 +326,15 @@ impl Experiment<'_> {
         oracle: Option<&GuideField>,
         control: &Control,
     ) -> Result<Option<RunEntry>> {
-        let Task { method, budget, limit, seed } = task;
+        let Task { method, name, budget, limit, seed } = task;
         // An older record must not be taken for that of the new picture, should that be all that gets written.
         remove(&self.record(task))?;
-        let stop = match limit {
-            Budget::Spp(spp) => StopRule::Spp(spp),
-            Budget::Seconds(seconds) => StopRule::Time(seconds),
-        };
+        let settings = self.settings_of(method, rule(limit), seed);
+        let guided = settings.guide != GuideMode::None;
         let cpu = cpu_seconds();
         let outcome = match (method, oracle) {
-            (Method::Guide(guide), _) => self.render(scene, guide, stop, seed, control),
-            (Method::Oracle, Some(field)) => {
-                let settings = RenderSettings { stop, seed, ..self.settings.with_guide(ORACLE_GUIDE) };
-                render_with_field(scene, &settings, field.clone(), control)
-            }
+            (Method::Guide(_) | Method::Variant(_), _) => self.render(scene, settings, control),
+            (Method::Oracle, Some(field)) => render_with_field(scene, &settings, field.clone(), control),
             (Method::Oracle, None) => Err(Error::Options("the oracle has learned nothing".into())),
         };
         // The runs before it are worth a page all the same.
@@ -315,14 +348,14 @@ impl Experiment<'_> {
         }
         let file = task.picture();
         let begun = Instant::now();
-        write(&self.folder.join(&file), &outcome.image, &[("method".into(), method.name().into())])?;
+        write(&self.folder.join(&file), &outcome.image, &[("method".into(), name.into())])?;
         let write = begun.elapsed().as_secs_f64();
-        if method != Method::Guide(GuideMode::None) && seed == FIRST_SEED {
-            write_json(&self.guide_file(method.name(), limit), &guides::sample(scene, &outcome.field))?;
+        if guided && seed == FIRST_SEED {
+            write_json(&self.guide_file(name, limit), &guides::sample(scene, &outcome.field))?;
         }
         let seconds = outcome.statistics.seconds;
         Ok(Some(RunEntry {
-            method: method.name().into(),
+            method: name.into(),
             budget,
             seed,
             file,
@@ -429,7 +462,8 @@ impl Experiment<'_> {
         let mut parts = Vec::new();
         for part in 0..REFERENCE_PARTS {
             let stop = StopRule::Spp(self.reference_spp);
-            parts.push(self.render(scene, GuideMode::Neural, stop, REFERENCE_SEED + part, control)?.image);
+            let settings = self.settings_of(Method::Guide(GuideMode::Neural), stop, REFERENCE_SEED + part);
+            parts.push(self.render(scene, settings, control)?.image);
             if control.stop.load(Ordering::Relaxed) {
                 return Err(Error::Interrupted("the comparison was stopped while its reference was made".into()));
             }
@@ -448,6 +482,14 @@ impl Experiment<'_> {
             image.width,
             image.height
         )))
+    }
+}
+
+/// The rule by which a render with this budget ends.
+fn rule(budget: Budget) -> StopRule {
+    match budget {
+        Budget::Spp(spp) => StopRule::Spp(spp),
+        Budget::Seconds(seconds) => StopRule::Time(seconds),
     }
 }
 

@@ -202,6 +202,7 @@ fn run(scene: &Path, folder: &Path, methods: &[Method], budgets: &[Budget], dept
         settings,
         size: [16, 12],
         methods: methods.to_vec(),
+        variants: &[],
         budgets: budgets.to_vec(),
         seeds: 1,
         // Any picture will do.
@@ -232,6 +233,39 @@ fn with_scene(name: &str) -> (tempfile::TempDir, PathBuf) {
 }
 
 const NONE: Method = Method::Guide(GuideMode::None);
+
+/// A variant stands beside the modes under its name, with the picture of its options; other options under that name are another run.
+#[test]
+fn variants_are_methods_with_names() {
+    let (folder, scene) = with_scene("cornell");
+    let compare = |methods: &str, variant: &str| {
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_fanal"))
+            .args(["compare", "--spp", "4", "--seeds", "1", "--size", "16x12", "--quiet", "--methods", methods])
+            .args(["--variant", variant, "--reference"])
+            .args([&folder.path().join("reference.exr"), Path::new("-o"), folder.path(), &scene])
+            .output()
+            .expect("the program was built for this test");
+        (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let picture = |name: &str| std::fs::read(folder.path().join(format!("runs/{name}-4spp-1.exr"))).unwrap();
+    let pixels = |name: &str| {
+        read_image(&folder.path().join(format!("runs/{name}-4spp-1.exr")), false).map(|image| image.pixels).unwrap()
+    };
+    assert_eq!(compare("none,variance", "mine: --guide none"), (true, String::new()));
+    assert_eq!(pixels("mine"), pixels("none"));
+    let results = Results::read(&folder.path().join("results.json")).expect("what is written can be read");
+    assert_eq!(results.methods, ["none", "variance", "mine"]);
+    let (first, kept) = (picture("mine"), std::fs::metadata(folder.path().join("runs/none-4spp-1.exr")).unwrap());
+    assert_eq!(compare("none,variance", "mine: --guide none --roulette off"), (true, String::new()));
+    assert_ne!(picture("mine"), first, "other options");
+    let again = std::fs::metadata(folder.path().join("runs/none-4spp-1.exr")).unwrap();
+    assert_eq!(again.modified().unwrap(), kept.modified().unwrap(), "the same run");
+    for (variant, why) in [("none: --guide none", "another method called none"), ("a: --seed 3", "--seed is the same")]
+    {
+        let (whole, told) = compare("none", variant);
+        assert!(!whole && told.contains(why), "{told}");
+    }
+}
 
 /// Runs are kept for the scene that they were made of, meshes included.
 #[test]

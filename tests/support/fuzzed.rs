@@ -512,6 +512,7 @@ fn compared(folder: &Path) -> Result<()> {
         settings: settings(GUIDES[6], 1, 1),
         size: [8, 6],
         methods: [GUIDES[0], GUIDES[5]].map(|guide| Method::Guide(guide.0)).to_vec(),
+        variants: &[],
         budgets: vec![Budget::Spp(1)],
         seeds: 1,
         reference: None,

@@ -2,16 +2,21 @@
 
 use std::time::Instant;
 
+use clap::ValueEnum;
+
 use super::{in_pool, load_scene};
 use crate::base::{Error, Result};
-use crate::cli::args::CompareArgs;
+use crate::cli::args::{CompareArgs, Switch, VariantArgs};
 use crate::cli::interrupt::Ended;
+use crate::cli::resolve::resolve;
 use crate::cli::{interrupt, print, progress};
 use crate::film::{Denoiser, check_size};
 use crate::reconstruct::Neural;
 use crate::render::{GuideMode, RenderSettings, StopRule};
+use crate::report::experiment::{Method, Variant};
 use crate::report::results::Interval;
 use crate::report::{Budget, Experiment, page};
+use crate::scene::file::SceneFile;
 use crate::scene::views::choose;
 
 /// Runs the comparison and writes its page.
@@ -35,13 +40,16 @@ pub fn run(args: &CompareArgs) -> Result<Ended> {
         settings.transport.max_depth = loaded.file.render.max_depth;
         settings.filter = loaded.file.film.filter;
         neural.check_mode(&settings.mode())?;
+        let variants = variants(&args.variant, &loaded.file)?;
+        let methods = distinct(args.methods.iter().copied());
         let experiment = Experiment {
             loaded: &loaded,
             path: args.scene.display().to_string(),
             load_seconds,
             settings,
             size,
-            methods: distinct(args.methods.iter().copied()),
+            methods: methods.into_iter().chain((0..variants.len()).map(Method::Variant)).collect(),
+            variants: &variants,
             budgets: budgets(args),
             seeds: args.seeds,
             reference: args.reference.clone().map(|r| (r, args.reference_variance.clone())),
@@ -75,6 +83,23 @@ pub fn run(args: &CompareArgs) -> Result<Ended> {
         print::line(&format!("{}", args.output.join("index.html").display()))?;
         Ok(if comparison.missing > 0 { Ended::Early } else { Ended::Whole })
     })
+}
+
+/// The methods that were described by options, in their order; refused where two would have one name.
+fn variants(given: &[VariantArgs], scene: &SceneFile) -> Result<Vec<Variant>> {
+    let mut variants: Vec<Variant> = Vec::new();
+    for VariantArgs { name, render } in given {
+        let taken = Method::from_str(name, true).is_ok() || variants.iter().any(|v| v.name.eq_ignore_ascii_case(name));
+        if taken {
+            return Err(Error::Options(format!(
+                "--variant: there is another method called {name}; give it another name"
+            )));
+        }
+        let resolved = resolve(render, scene).map_err(|error| Error::Options(format!("--variant {name}: {error}")))?;
+        let adaptive = render.adaptive.map(Switch::is_on);
+        variants.push(Variant { name: name.clone(), settings: resolved.settings, adaptive });
+    }
+    Ok(variants)
 }
 
 /// The budgets in ascending order, each once.
