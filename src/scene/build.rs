@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use glam::{Affine3A, Mat3, Mat4, Vec3};
+use glam::{Affine3A, Mat3, Mat4, Vec2, Vec3};
 
 use super::dress::Wardrobe;
 use super::effects::Needs;
 use super::file::{
-    CameraFile, Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile, ShapeFile,
-    TextureFile,
+    CameraFile, Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile, ProfileFile,
+    ShapeFile, TextureFile,
 };
 use super::media::Border;
 use super::names::Names;
@@ -24,6 +24,7 @@ use crate::lights::area::AreaLight;
 use crate::lights::distant::{Constant, Directional};
 use crate::lights::envmap::Envmap;
 use crate::lights::point::{Point, Spot};
+use crate::lights::projector::{Lens, Profile, Projector};
 use crate::lights::sky::{Atmosphere, Sky};
 use crate::lights::sun::Sun;
 use crate::lights::{BoundingSphere, Light, LightSet};
@@ -364,6 +365,17 @@ fn parameters(file: &PrincipledFile, images: &Images) -> Result<Parameters> {
     })
 }
 
+fn lens(to_world: &Matrix, fov: f32, aspect: f32, profile: &ProfileFile) -> Lens {
+    let half_angle = 0.5 * fov.to_radians();
+    let half = half_angle.tan();
+    let profile = match profile {
+        ProfileFile::Even => Profile::Even,
+        ProfileFile::Plane => Profile::Plane,
+        ProfileFile::Cone { beam_width } => Profile::Cone { cutoff: half_angle, beam: beam_width.to_radians() },
+    };
+    Lens { to_world: affine(to_world), half: Vec2::new(half, half / aspect), profile }
+}
+
 fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {
     Ok(match file {
         LightFile::Point { position, intensity } => {
@@ -375,6 +387,11 @@ fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {
             cutoff_angle.to_radians(),
             beam_width.to_radians(),
         )),
+        LightFile::Projector { to_world, fov, aspect, intensity, texture, profile } => {
+            let lens = lens(to_world, *fov, *aspect, profile);
+            let picture = Texture::new(texture, &loaded.images)?;
+            Light::Projector(Box::new(Projector::new(&lens, Vec3::from_array(*intensity), picture)))
+        }
         LightFile::Directional { direction, irradiance } => Light::Directional(Directional {
             direction: Vec3::from_array(*direction).normalize_or(Vec3::NEG_Y),
             irradiance: Vec3::from_array(*irradiance),

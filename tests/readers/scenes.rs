@@ -8,7 +8,7 @@ use std::path::Path;
 use fanal::geometry::Ray;
 use fanal::lights::Light;
 use fanal::scene::Scene;
-use fanal::scene::file::{GeometryFile, LightFile, MaterialFile, MediumFile, TextureFile};
+use fanal::scene::file::{GeometryFile, LightFile, MaterialFile, MediumFile, ProfileFile, TextureFile};
 use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking};
 use glam::{Vec2, Vec3};
 use image::{ImageFormat, RgbImage};
@@ -151,6 +151,7 @@ fn exports_without_a_camera() {
 #[test]
 fn materials_of_other_names() {
     let folder = tempfile::tempdir().unwrap();
+    RgbImage::new(4, 4).save_with_format(folder.path().join("flower.bmp"), ImageFormat::Bmp).unwrap();
     let loaded = read(&folder, "<scene version='0.5.0'><sensor type='perspective'/><integrator type='moment'><integrator type='direct'/></integrator>
         <bsdf type='disneybsdf' id='disney'><rgb name='baseColor' value='0.82 0.67 0.16'/><float name='specularTransmission' value='0.5'/>
         <float name='subsurface' value='0.25'/><float name='specularTint' value='0.75'/><float name='clearcoatGloss' value='0.5'/></bsdf>
@@ -186,13 +187,14 @@ fn materials_of_other_names() {
         panic!()
     };
     assert!((value[0] - 0.3).abs() < 1e-6, "{value:?}");
-    assert!(matches!(loaded.file.lights[0], LightFile::Spot { .. }));
-    let LightFile::Spot { intensity, cutoff_angle, beam_width, .. } = loaded.file.lights[1] else {
+    let [LightFile::Projector { profile, .. }, LightFile::Projector { intensity, fov, texture, .. }] =
+        &loaded.file.lights[..]
+    else {
         panic!("{:?}", loaded.file.lights)
     };
-    assert!((intensity[0] - 1.5 * std::f32::consts::PI).abs() < 1e-5 && intensity[2] == 0.0, "{intensity:?}");
-    assert_eq!((cutoff_angle, beam_width), (20.0, 20.0));
-    assert!(warned(&loaded, "read as a spot of the mean"), "{:?}", loaded.warnings);
+    assert_eq!((*profile, *fov), (ProfileFile::Cone { beam_width: 15.0 }, 40.0));
+    assert!((intensity[0] - 2.0 * std::f32::consts::PI).abs() < 1e-5, "{intensity:?}");
+    assert!(matches!(texture, TextureFile::Checkerboard { color0: [1.0, 1.0, 0.0], .. }), "{texture:?}");
 }
 
 fn color_at(scene: &Scene, x: f32, y: f32) -> Vec3 {

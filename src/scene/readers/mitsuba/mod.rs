@@ -33,6 +33,7 @@ use crate::base::{Place, Result};
 use crate::scene::file::{CameraFile, IDENTITY, SceneFile};
 
 use super::Read;
+use super::definitions::Definition;
 use super::held::Held;
 use super::missing::{Absent, is_absent};
 use super::path;
@@ -44,12 +45,12 @@ use sensor::DEFAULT_FILM;
 /// Depth of integrators without limit (-1): light that has bounced this often is long gone.
 const UNLIMITED_DEPTH: u32 = 1024;
 
-/// Translates the scene at `path`.
+/// Translates the scene at `path`, in which names stand for what `definitions` say.
 ///
 /// # Errors
 /// [`Error::Io`](crate::base::Error::Io), `Malformed`, `Unsupported`, `Limit`, each with file and line.
-pub(super) fn read(path: &Path) -> Result<Read> {
-    let (scene, warnings) = document::read(path)?;
+pub(super) fn read(path: &Path, definitions: &[Definition]) -> Result<Read> {
+    let (scene, warnings) = document::read(path, definitions)?;
     let mut ids = Ids::default();
     collect_ids(&scene, &mut ids)?;
     let mut reader = Reader { warnings, ..Reader::new(path, ids) };
