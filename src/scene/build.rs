@@ -8,8 +8,8 @@ use glam::{Affine3A, Mat3, Mat4, Vec2, Vec3};
 use super::dress::Wardrobe;
 use super::effects::Needs;
 use super::file::{
-    CameraFile, Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile, ProfileFile,
-    ShapeFile, TextureFile,
+    CameraFile, Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile,
+    PrincipledThinFile, ProfileFile, ShapeFile, TextureFile,
 };
 use super::media::Border;
 use super::names::Names;
@@ -39,6 +39,7 @@ use crate::materials::microfacet::{Microfacets, SMOOTH, Shape as FacetShape};
 use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::plastic::Plastic;
 use crate::materials::principled::{Parameters, Principled};
+use crate::materials::principled_thin::{self, PrincipledThin};
 use crate::materials::rough_conductor::RoughConductor;
 use crate::materials::rough_dielectric::{LEAST_STEP, RoughDielectric};
 use crate::materials::rough_diffuse::RoughDiffuse;
@@ -289,6 +290,9 @@ fn material(file: &MaterialFile, images: &Images) -> Result<Material> {
             return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, images)? });
         }
         MaterialFile::Principled(file) => Kind::Principled(Box::new(Principled::new(parameters(file, images)?))),
+        MaterialFile::PrincipledThin(file) => {
+            Kind::PrincipledThin(Box::new(PrincipledThin::new(thin_parameters(file, images)?)))
+        }
         MaterialFile::Blend { weight, materials } => Kind::Blend(Box::new(Blend {
             weight: texture(weight, images)?,
             parts: [material(&materials[0], images)?, material(&materials[1], images)?],
@@ -362,6 +366,21 @@ fn parameters(file: &PrincipledFile, images: &Images) -> Result<Parameters> {
         clearcoat_gloss: file.clearcoat_gloss,
         flatness: file.flatness,
         spec_trans: file.spec_trans,
+    })
+}
+
+/// The parameters of a thin principled material, with its textures.
+fn thin_parameters(file: &PrincipledThinFile, images: &Images) -> Result<principled_thin::Parameters> {
+    Ok(principled_thin::Parameters {
+        base_color: texture(&file.base_color, images)?,
+        roughness: texture(&file.roughness, images)?,
+        spec_trans: texture(&file.spec_trans, images)?,
+        diff_trans: texture(&file.diff_trans, images)?,
+        eta: file.eta,
+        spec_tint: file.spec_tint,
+        sheen: file.sheen,
+        sheen_tint: file.sheen_tint,
+        flatness: file.flatness,
     })
 }
 

@@ -11,7 +11,9 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 pub use light::{LightFile, ProfileFile};
-pub use material::{Distribution, Filter, MaterialFile, PrincipledFile, TextureFile, Wrap, identity3};
+pub use material::{
+    Distribution, Filter, MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile, Wrap, identity3,
+};
 
 /// The only format version so far.
 pub const VERSION: u32 = 1;
@@ -295,7 +297,7 @@ impl Default for RenderFile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum MeshFile {
-    /// A Wavefront OBJ file, all its groups together. v is turned around, since OBJ counts it from a picture's bottom.
+    /// A Wavefront OBJ file, all its groups together, or the faces of some materials. v is turned around, since OBJ counts it from a picture's bottom.
     Obj {
         /// Path relative to the scene file.
         file: String,
@@ -305,6 +307,9 @@ pub enum MeshFile {
         /// Use 1 − v in place of v.
         #[serde(default, skip_serializing_if = "is_default")]
         flip_v: bool,
+        /// Materials (`usemtl`) whose faces it has; "" is that of faces before any. All faces where there are none.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        materials: Vec<String>,
     },
     /// A PLY file, text or binary, which gzip may have packed.
     Ply {

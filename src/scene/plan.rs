@@ -26,7 +26,7 @@ pub enum EffectKind {
     Mirrors,
     /// Glass, smooth or rough.
     Transmission,
-    /// Thin panes.
+    /// Thin panes and sheets.
     ThinTransmission,
     /// Rough metal, principled materials.
     Glossy,
@@ -326,14 +326,19 @@ pub(super) fn is_clear(material: &MaterialFile) -> bool {
     })
 }
 
-/// Whether a part is a thin pane.
+/// Whether a part is a thin pane or a sheet that lets light through.
 pub(super) fn is_pane(material: &MaterialFile) -> bool {
-    has(material, |part| matches!(part, MaterialFile::ThinDielectric { .. }))
+    has(material, |part| matches!(part, MaterialFile::ThinDielectric { .. } | MaterialFile::PrincipledThin(_)))
 }
 
 /// Whether a part is a rough metal or a principled material.
 pub(super) fn is_glossy(material: &MaterialFile) -> bool {
-    has(material, |part| matches!(part, MaterialFile::RoughConductor { .. } | MaterialFile::Principled(_)))
+    has(material, |part| {
+        matches!(
+            part,
+            MaterialFile::RoughConductor { .. } | MaterialFile::Principled(_) | MaterialFile::PrincipledThin(_)
+        )
+    })
 }
 
 /// Whether a part is plastic or has a clear coat.

@@ -13,6 +13,7 @@ mod everything;
 mod material;
 mod medium;
 mod object;
+mod of_faces;
 mod principled;
 mod sensor;
 mod shape;
@@ -120,6 +121,8 @@ struct Reader<'a> {
     has_integrator: bool,
     /// Names given to materials without an id, by their element.
     unnamed: BTreeMap<*const Element, String>,
+    /// Materials of the faces of OBJ files, by file.
+    names_of_faces: BTreeMap<String, Vec<String>>,
     /// Number of objects around the one of their kind that is being read.
     depth: u32,
     /// Number of materials read so far.
@@ -142,6 +145,7 @@ impl<'a> Reader<'a> {
             search: Vec::new(),
             has_integrator: false,
             unnamed: BTreeMap::new(),
+            names_of_faces: BTreeMap::new(),
             depth: 0,
             materials: 0,
             met: 0,
