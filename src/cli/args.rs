@@ -15,7 +15,7 @@ use crate::render::{Aov, GuideMode, PartOf, Reconstruction, Sample, SampleKinds}
 use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;
 use crate::scene::overrides::Override;
-use crate::scene::readers::Missing;
+use crate::scene::readers::{Definition, How, Missing};
 
 /// Exit codes in the help of every command that a signal can end.
 macro_rules! exit_codes {
@@ -408,6 +408,9 @@ pub struct InspectArgs {
     /// Size of that picture in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = size, requires = "scene")]
     pub size: Option<[u32; 2]>,
+    /// Value for $NAME in a Mitsuba scene, in place of the scene's default; may be given several times
+    #[arg(short = 'D', long = "define", value_name = "NAME=VALUE", requires = "scene")]
+    pub definitions: Vec<Definition>,
     /// What to do about meshes and pictures that the scene names and that are not there
     #[arg(long, value_enum, default_value = "refuse", requires = "scene")]
     pub missing: Missing,
@@ -422,7 +425,8 @@ pub struct InspectArgs {
 const PLAN_EXAMPLES: &str = "Examples:
   fanal plan scenes/door-ajar
   fanal plan scene.xml --json
-  fanal plan scene.xml --effects +photons,-medium";
+  fanal plan scene.xml --effects +photons,-medium
+  fanal plan scene.xml -D spp=64 -D depth=8";
 
 /// `fanal plan`.
 #[derive(Debug, Clone, Args)]
@@ -433,6 +437,9 @@ pub struct PlanArgs {
     /// Effects to switch on (+) or off (-) against the plan
     #[arg(long, value_name = "+NAME,-NAME,…", value_delimiter = ',', allow_hyphen_values = true)]
     pub effects: Vec<Override>,
+    /// Value for $NAME in a Mitsuba scene, in place of the scene's default; may be given several times
+    #[arg(short = 'D', long = "define", value_name = "NAME=VALUE")]
+    pub definitions: Vec<Definition>,
     /// What to do about meshes and pictures that the scene names and that are not there
     #[arg(long, value_enum, default_value = "refuse")]
     pub missing: Missing,
@@ -442,6 +449,13 @@ pub struct PlanArgs {
     /// Options of every command.
     #[command(flatten)]
     pub common: Common,
+}
+
+impl PlanArgs {
+    /// How to load the scene.
+    pub fn how(&self) -> How<'_> {
+        How { overrides: &self.effects, definitions: &self.definitions, missing: self.missing }
+    }
 }
 
 const COMPARE_EXAMPLES: &str = concat!(
@@ -500,6 +514,9 @@ pub struct CompareArgs {
     /// 1 = emission only, 2 = direct light, n = n-1 bounces [default: the scene's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     pub max_depth: Option<u32>,
+    /// Value for $NAME in a Mitsuba scene, in place of the scene's default; may be given several times
+    #[arg(short = 'D', long = "define", value_name = "NAME=VALUE")]
+    pub definitions: Vec<Definition>,
     /// What to do about meshes and pictures that the scene names and that are not there
     #[arg(long, value_enum, default_value = "refuse")]
     pub missing: Missing,

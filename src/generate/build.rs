@@ -147,7 +147,7 @@ impl Builder {
                     *position = all.transform_point3(Vec3::from_array(*position)).to_array();
                     *intensity = intensity.map(|i| i * scale * scale);
                 }
-                LightFile::Spot { to_world, intensity, .. } => {
+                LightFile::Spot { to_world, intensity, .. } | LightFile::Projector { to_world, intensity, .. } => {
                     *to_world = rigid(to_world);
                     *intensity = intensity.map(|i| i * scale * scale);
                 }

@@ -55,7 +55,7 @@ fn tidy(mut scene: SceneFile) -> SceneFile {
 
 /// A mesh file beside the scene.
 fn file(name: &str) -> MeshFile {
-    MeshFile::Obj { file: name.into(), face_normals: false, flip_v: false }
+    MeshFile::Obj { file: name.into(), face_normals: false, flip_v: false, materials: Vec::new() }
 }
 
 fn gold(alpha: Option<f32>) -> MaterialFile {

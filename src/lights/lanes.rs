@@ -2,6 +2,7 @@
 
 use super::area::{self, AreaLight};
 use super::point::{self, Point, Spot};
+use super::projector::{self, Projector};
 use super::seen::SkyView;
 use super::{Light, LightSample, LightSet};
 use crate::math::lanes::{Bits, LANES, Mask, Real, V3, Wide};
@@ -78,6 +79,7 @@ enum Kind {
     Point,
     Spot,
     Distant,
+    Projector,
 }
 
 impl Kind {
@@ -88,6 +90,7 @@ impl Kind {
             Light::Area(_) => Self::Mesh,
             Light::Point(_) => Self::Point,
             Light::Spot(_) => Self::Spot,
+            Light::Projector(_) => Self::Projector,
             Light::Directional(_) | Light::Sun(_) | Light::Constant(_) | Light::Envmap(_) => Self::Distant,
         }
     }
@@ -158,6 +161,10 @@ impl Light {
     fn spot(&self) -> Option<&Spot> {
         if let Self::Spot(light) = self { Some(light) } else { None }
     }
+
+    fn projector(&self) -> Option<&Projector> {
+        if let Self::Projector(light) = self { Some(light) } else { None }
+    }
 }
 
 impl LightSet {
@@ -189,6 +196,10 @@ impl LightSet {
         }
         if let Some((mask, lights)) = chosen.of(Kind::Spot, Light::spot) {
             let found = point::sample_spots(|lane| lights[lane], *points);
+            samples = LightSamples::choose(mask, found, samples);
+        }
+        if let Some((mask, lights)) = chosen.of(Kind::Projector, Light::projector) {
+            let found = projector::sample_projectors(|lane| lights[lane], *points);
             samples = LightSamples::choose(mask, found, samples);
         }
         samples.pdf = samples.pdf * probability;

@@ -8,6 +8,7 @@ pub mod envmap;
 mod glow;
 mod lanes;
 pub mod point;
+pub mod projector;
 pub mod seen;
 pub mod sky;
 pub mod sun;
@@ -27,6 +28,7 @@ use distant::{Constant, Directional};
 use envmap::Envmap;
 pub use lanes::LightSamples;
 use point::{Point, Spot};
+use projector::Projector;
 use seen::SkyView;
 use sun::Sun;
 use tree::{LightBounds, LightTree};
@@ -75,6 +77,8 @@ pub enum Light {
     Point(Point),
     /// A point that emits into a cone.
     Spot(Spot),
+    /// A point that projects a picture.
+    Projector(Box<Projector>),
     /// Parallel light.
     Directional(Directional),
     /// A disk of light infinitely far away.
@@ -93,6 +97,7 @@ impl Light {
             Self::Area(light) => light.sample(point, u),
             Self::Point(light) => point::sample_points(|_| light, point.into()).one(),
             Self::Spot(light) => point::sample_spots(|_| light, point.into()).one(),
+            Self::Projector(light) => projector::sample_projectors(|_| light, point.into()).one(),
             _ => self.sample_distant(u, sky).one(),
         }
     }
@@ -112,7 +117,7 @@ impl Light {
                 LightSamples::distant(wi, radiance, pdf)
             }
             Self::Envmap(light) => light.samples(u, sky),
-            Self::Area(_) | Self::Point(_) | Self::Spot(_) => LightSamples::none(u[0]),
+            Self::Area(_) | Self::Point(_) | Self::Spot(_) | Self::Projector(_) => LightSamples::none(u[0]),
         }
     }
 
@@ -168,6 +173,7 @@ impl Light {
             Self::Area(light) => light.emit(u, v),
             Self::Point(light) => Some(light.emit(u)),
             Self::Spot(light) => Some(light.emit(u)),
+            Self::Projector(light) => light.emit(u),
             Self::Directional(light) => Some(light.emit(bounds, u)),
             Self::Sun(light) => Some(light.emit(bounds, u, v)),
             Self::Constant(light) => Some(light.emit(bounds, u, v)),
@@ -181,6 +187,7 @@ impl Light {
             Self::Area(light) => Some(light.bounds()),
             Self::Point(light) => Some(light.bounds()),
             Self::Spot(light) => Some(light.bounds()),
+            Self::Projector(light) => Some(light.bounds()),
             Self::Directional(_) | Self::Sun(_) | Self::Constant(_) | Self::Envmap(_) => None,
         }
     }
@@ -191,6 +198,7 @@ impl Light {
             Self::Area(light) => light.power(),
             Self::Point(light) => light.power(),
             Self::Spot(light) => light.power(),
+            Self::Projector(light) => light.power(),
             Self::Directional(light) => light.power(bounds),
             Self::Sun(light) => light.power(bounds),
             Self::Constant(light) => light.power(bounds),

@@ -22,15 +22,16 @@ pub struct Point {
 }
 
 /// Ways from points to lights in lanes.
-struct Way<R> {
-    wi: V3<R>,
+pub(super) struct Way<R> {
+    /// Unit directions.
+    pub(super) wi: V3<R>,
     distance: R,
     squared: R,
 }
 
 impl<R: Real> Way<R> {
     #[inline(always)]
-    fn new(point: V3<R>, position: V3<R>) -> Self {
+    pub(super) fn new(point: V3<R>, position: V3<R>) -> Self {
         let to = position - point;
         let squared = to.length_squared();
         let distance = squared.sqrt();
@@ -39,7 +40,7 @@ impl<R: Real> Way<R> {
 
     /// The only directions towards lights of these intensities.
     #[inline(always)]
-    fn samples(&self, intensity: V3<R>) -> LightSamples<R> {
+    pub(super) fn samples(&self, intensity: V3<R>) -> LightSamples<R> {
         let (wi, distance, one) = (self.wi, self.distance, self.distance.all(1.0));
         let radiance = intensity / self.squared;
         LightSamples {
@@ -106,7 +107,7 @@ pub(super) fn sample_spots<'a, R: Real>(light: impl Fn(usize) -> &'a Spot, point
 
 /// Part of the full intensity in local directions.
 #[inline(always)]
-fn part<R: Real>(local: V3<R>, cutoff: R, beam: R) -> R {
+pub(super) fn part<R: Real>(local: V3<R>, cutoff: R, beam: R) -> R {
     // atan2 keeps the small angles of a narrow beam, where acos(1 − ε) has no digits left.
     let angle = atan2((local.x * local.x + local.y * local.y).sqrt(), local.z);
     let edge = ((cutoff - angle) / (cutoff - beam)).only(angle.lt(cutoff));

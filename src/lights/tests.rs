@@ -5,6 +5,7 @@ use std::sync::Arc;
 use glam::{Affine2, Affine3A, Mat3, Quat, Vec2, Vec3};
 
 use super::counted::SkyCounts;
+use super::projector::{Lens, Profile, Projector};
 use super::seen::{LearnedSky, SkyView};
 use super::*;
 use crate::base::processor::{Avx2, Avx512};
@@ -58,6 +59,24 @@ fn texture(random: &mut Random) -> Texture {
     Texture::Bitmap { image, to_uv, scale: 1.5, wrap, nearest: random.below(2) == 0 }
 }
 
+/// A picture through a perspective, or in a cone; the axes of some are not at right angles.
+fn projector(intensity: Vec3, random: &mut Random) -> Projector {
+    let turn = Quat::from_axis_angle(unit(random), random.range(0.0, 6.0));
+    let mut to_world = Affine3A::from_rotation_translation(turn, vector(random, 5.0));
+    if random.below(2) == 0 {
+        to_world.matrix3.x_axis += 0.3 * to_world.matrix3.y_axis;
+    }
+    let half = Vec2::new(random.range(0.01, 3.0), random.range(0.01, 3.0));
+    let cutoff = half.x.atan();
+    let profile = match random.below(3) {
+        0 => Profile::Even,
+        1 => Profile::Plane,
+        _ => Profile::Cone { cutoff, beam: cutoff * random.next_f32() },
+    };
+    let picture = if random.below(4) == 0 { Texture::Constant(Vec3::ONE) } else { texture(random) };
+    Projector::new(&Lens { to_world, half, profile }, intensity, picture)
+}
+
 fn light(kind: u32, random: &mut Random) -> Light {
     let radiance = vector(random, 3.0).abs();
     match kind {
@@ -82,12 +101,13 @@ fn light(kind: u32, random: &mut Random) -> Light {
         5 => Light::Directional(Directional { direction: unit(random), irradiance: radiance }),
         6 => Light::Sun(Sun::new(unit(random), radiance, random.range(0.001, 2.0))),
         7 => Light::Constant(Constant { radiance }),
+        9 => Light::Projector(Box::new(projector(radiance, random))),
         _ => Light::Envmap(map(random)),
     }
 }
 
 /// Kinds of light of scenes: each alone, then mixtures of few kinds and of all.
-const MIXTURES: [&[u32]; 16] = [
+const MIXTURES: [&[u32]; 18] = [
     &[0],
     &[2],
     &[3],
@@ -102,7 +122,9 @@ const MIXTURES: [&[u32]; 16] = [
     &[0, 8],
     &[5, 6, 7, 8],
     &[0, 2, 3, 4],
-    &[0, 1, 2, 3, 4, 5, 6, 7, 8],
+    &[9],
+    &[4, 8, 9],
+    &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
     &[],
 ];
 

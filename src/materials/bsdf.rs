@@ -4,7 +4,8 @@ use super::dielectric::{Dielectric, ThinDielectric};
 use super::phase::HenyeyGreenstein;
 use super::rough_dielectric::RoughDielectric;
 use super::{
-    BsdfSample, Transport, blend, conductor, diffuse, phase, plastic, principled, rough_conductor, rough_diffuse,
+    BsdfSample, Transport, blend, conductor, diffuse, phase, plastic, principled, principled_thin, rough_conductor,
+    rough_diffuse,
 };
 use crate::math::lanes::{Gather, Job, LANES, Mask, Real, V3, Wide, lanes_of};
 
@@ -141,6 +142,7 @@ pub(super) enum Model<'a, R: Real> {
     Plastic(plastic::At<'a, R>),
     Null(Null<R>),
     Principled(principled::At<'a, R>),
+    PrincipledThin(principled_thin::At<'a, R>),
     Blend(blend::At<'a, R>),
     Phase(phase::At<R>),
 }
@@ -159,6 +161,7 @@ macro_rules! each_model {
             Model::Plastic($m) => $answer,
             Model::Null($m) => $answer,
             Model::Principled($m) => $answer,
+            Model::PrincipledThin($m) => $answer,
             Model::Blend($m) => $answer,
             Model::Phase($m) => $answer,
         }
@@ -238,7 +241,10 @@ impl<R: Real> Bsdf<'_, R> {
     /// Whether [`Bsdf::sample`] reads the number that chooses a lobe: of most materials the other two say everything.
     #[inline(always)]
     pub fn chooses_lobe(&self) -> bool {
-        matches!(self.model, Model::RoughDielectric(_) | Model::Principled(_) | Model::Blend(_))
+        matches!(
+            self.model,
+            Model::RoughDielectric(_) | Model::Principled(_) | Model::PrincipledThin(_) | Model::Blend(_)
+        )
     }
 
     /// Probability with which [`Bsdf::sample`] chooses a delta lobe.
@@ -296,7 +302,7 @@ const OPTIONS: usize = 4;
 
 impl Variant {
     /// Number of variants.
-    pub const COUNT: usize = 2 * OPTIONS * 12;
+    pub const COUNT: usize = 2 * OPTIONS * 13;
 
     /// Of phase functions, which are in the place of BSDFs in media.
     pub const PHASE: Self = Self::new(11, 0, false);
@@ -333,6 +339,7 @@ impl<'a> Bsdf<'a, f32> {
             Model::Principled(m) => (9, m.option()),
             Model::Blend(_) => (10, 0),
             Model::Phase(_) => return Variant::PHASE,
+            Model::PrincipledThin(_) => (12, 0),
         };
         Variant::new(model, option, self.tint.is_some())
     }
@@ -373,6 +380,7 @@ impl<'a, W: Wide> Gather<W> for Model<'a, f32> {
             Model::Plastic(m) => all_are!(Plastic, m),
             Model::Null(m) => all_are!(Null, m),
             Model::Principled(m) => all_are!(Principled, m),
+            Model::PrincipledThin(m) => all_are!(PrincipledThin, m),
             Model::Blend(m) => all_are!(Blend, m),
             Model::Phase(m) => all_are!(Phase, m),
         }

@@ -10,6 +10,7 @@
 pub mod blend;
 pub mod bsdf;
 pub mod bump;
+mod burley;
 pub mod conductor;
 pub mod dielectric;
 pub mod diffuse;
@@ -19,6 +20,7 @@ pub mod microfacet;
 pub mod phase;
 pub mod plastic;
 pub mod principled;
+pub mod principled_thin;
 pub mod rough_conductor;
 pub mod rough_dielectric;
 pub mod rough_diffuse;
@@ -38,6 +40,7 @@ use dielectric::{Dielectric, ThinDielectric, seen_from};
 use diffuse::Diffuse;
 use plastic::Plastic;
 use principled::Principled;
+use principled_thin::PrincipledThin;
 use rough_conductor::RoughConductor;
 use rough_dielectric::RoughDielectric;
 use rough_diffuse::RoughDiffuse;
@@ -122,6 +125,8 @@ pub enum Kind {
     Null,
     /// Burley's mixture of lobes.
     Principled(Box<Principled>),
+    /// The same for thin sheets.
+    PrincipledThin(Box<PrincipledThin>),
     /// Two materials mixed.
     Blend(Box<Blend>),
 }
@@ -158,6 +163,7 @@ impl Material {
             Kind::Plastic(m) => Model::Plastic(m.at(uv)),
             Kind::Null => Model::Null(Null { one: 1.0 }),
             Kind::Principled(m) => Model::Principled(m.at(uv)),
+            Kind::PrincipledThin(m) => Model::PrincipledThin(m.at(uv)),
             Kind::Blend(m) => Model::Blend(m.at(uv)),
         };
         Bsdf { two_sided: self.two_sided, tint: self.tint.as_ref().map(|tint| tint.at(uv)), model }
@@ -172,6 +178,7 @@ impl Material {
             Kind::RoughConductor(m) => m.metal.reflectance.prefetch(uv),
             Kind::Plastic(m) => m.prefetch(uv),
             Kind::Principled(m) => m.prefetch(uv),
+            Kind::PrincipledThin(m) => m.prefetch(uv),
             Kind::Blend(m) => m.prefetch(uv),
             Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) | Kind::Null => {}
         }
@@ -195,7 +202,7 @@ impl Material {
     /// Whether [`Material::sample`] reads the number that chooses a lobe: of most materials the other two say everything.
     #[inline]
     pub fn chooses_lobe(&self) -> bool {
-        matches!(self.kind, Kind::RoughDielectric(_) | Kind::Principled(_) | Kind::Blend(_))
+        matches!(self.kind, Kind::RoughDielectric(_) | Kind::Principled(_) | Kind::PrincipledThin(_) | Kind::Blend(_))
     }
 
     /// [`Bsdf::eta`], which no texture changes.
@@ -210,7 +217,7 @@ impl Material {
             Kind::Principled(m) => seen_from(wo.into(), m.eta()),
             Kind::Blend(m) => m.eta(wo),
             Kind::Diffuse(_) | Kind::Conductor(_) | Kind::RoughConductor(_) | Kind::ThinDielectric(_) => 1.0,
-            Kind::RoughDiffuse(_) | Kind::Plastic(_) | Kind::Null => 1.0,
+            Kind::RoughDiffuse(_) | Kind::Plastic(_) | Kind::PrincipledThin(_) | Kind::Null => 1.0,
         }
     }
 

@@ -7,8 +7,12 @@
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
 use std::sync::Arc;
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Vec2, Vec3};
 
+use super::burley::{
+    Bounds, albedo_of_base, albedo_of_facets, albedo_of_sheen, approximate, diffuse, facets_of, mean, mirrored_at,
+    schlick, tabulated,
+};
 use super::dielectric::seen_from;
 use super::fresnel;
 use super::microfacet::{Microfacets, Shape};
@@ -16,7 +20,7 @@ use super::rough_dielectric::Geometry;
 use super::texture::{Texture, luminance};
 use super::{Drawn, Scatter, Transport};
 use crate::math::lanes::functions::{exp, ln, sin_cos};
-use crate::math::lanes::{Bits, Mask, Real, V3, by_lane, lanes_of};
+use crate::math::lanes::{Mask, Real, V3, lanes_of};
 use crate::sampling::warp::lanes as warp;
 
 /// Parameters of a principled material. Numbers are in [0, 1] unless something else is said.
@@ -85,25 +89,10 @@ struct Lobes<R> {
     coat: R,
 }
 
-/// Burley's least α, which keeps densities finite.
-const LEAST_ALPHA: f32 = 1e-3;
 /// α of the coat's shadowing (Burley 2012, §5.6).
 const COAT_SHADOWING: f32 = 0.25;
 /// Reflectance of the coat at normal incidence: an index of 1.5.
 const COAT_REFLECTION: f32 = 0.04;
-
-/// Schlick's (1 − cos θ)⁵.
-#[inline(always)]
-fn schlick<R: Real>(cos: R) -> R {
-    let x = cos.rest().between(0.0, 1.0);
-    x * x.squared().squared()
-}
-
-/// Facets of a material with some roughness.
-#[inline(always)]
-fn facets_of<R: Real>(roughness: R) -> Microfacets<R> {
-    Microfacets { shape: Shape::Ggx, alpha: roughness.squared().at_least(LEAST_ALPHA) }
-}
 
 impl Principled {
     /// The material with its bounds tabulated.
@@ -111,7 +100,11 @@ impl Principled {
         // At 1 there would be no interface to bend light.
         let given = Parameters { eta: given.eta.max(1.001), ..given };
         let coat = (given.clearcoat > 0.0).then(|| Coat::new(given.clearcoat, given.clearcoat_gloss));
-        let bounds = Arc::new(Bounds::new(&given, coat));
+        let along = |wo| [albedo_of_sheen(wo), coat.map_or(0.0, |coat| albedo_of_coat(coat, wo))];
+        let bounds = Bounds::new(&given.roughness, along, |roughness, wo, [sheen, coat]| {
+            [albedo_of_base(roughness, given.flatness, wo), albedo_of_facets(roughness, given.eta, wo), *sheen, *coat]
+        });
+        let bounds = Arc::new(bounds);
         Self { given, coat, bounds }
     }
 
@@ -260,7 +253,7 @@ impl<R: Real> At<'_, R> {
         if !front.any() {
             return one;
         }
-        let [diffuse, specular, sheen, coat] = self.tabulated(cos);
+        let [diffuse, specular, sheen, coat] = tabulated(self.bounds, self.roughness, cos);
         let brightest = self.base.max_element();
         let more_hue = (self.hue.max_element() - 1.0).at_least(0.0);
         let dielectric = self.metallic.rest();
@@ -276,18 +269,6 @@ impl<R: Real> At<'_, R> {
             sum = sum + of.strength * coat;
         }
         front.choose(sum, one)
-    }
-
-    /// Albedos of the lobes at an angle with cosine `cos`, in the order of [`Bounds`].
-    #[inline(always)]
-    fn tabulated(&self, cos: R) -> [R; 4] {
-        let (column, along) = cell(cos.sqrt(), COSINES);
-        let (row, across) = cell(self.roughness, ROUGHNESSES);
-        let first = row * COSINES as f32 + column;
-        let bounds = self.bounds;
-        by_lane!([first, along, across], |lane, [first, along, across]| {
-            bounds.as_ref()[lane].between(first as u16, along, across)
-        })
     }
 
     /// Reflection in front of the surface by all but the facets.
@@ -429,35 +410,6 @@ impl<R: Real> Scatter<R> for At<'_, R> {
     }
 }
 
-/// Schlick's reflectance from the one at normal incidence, where [`schlick`] is `weight`.
-#[inline(always)]
-fn approximate<R: Real>(normal: V3<R>, weight: R) -> V3<R> {
-    normal + normal.rest() * weight
-}
-
-/// `wo` mirrored at a facet with the normal `h`.
-#[inline(always)]
-fn mirrored_at<R: Real>(wo: V3<R>, h: V3<R>) -> V3<R> {
-    h * (wo.dot(h) * 2.0) - wo
-}
-
-/// π·f of a white base: Burley 2012, §5.3 in the form of Burley 2015, eq. 4, or flattened (§2.3 there).
-#[inline(always)]
-fn diffuse<R: Real>(roughness: R, flatness: R, wo: V3<R>, wi: V3<R>, h: V3<R>) -> R {
-    let (fo, fi) = (schlick(wo.z), schlick(wi.z));
-    let cos_d = wi.dot(h);
-    let retro = roughness * 2.0 * cos_d * cos_d;
-    let plain = (fo * 0.5).rest() * (fi * 0.5).rest() + retro * (fo + fi + fo * fi * (retro - 1.0));
-    let flattened = !flatness.is(0.0);
-    if !flattened.any() {
-        return plain;
-    }
-    let at_grazing = retro / 2.0;
-    let ss = ((at_grazing - 1.0) * fo + 1.0) * ((at_grazing - 1.0) * fi + 1.0);
-    let flat = (ss * ((wo.z + wi.z).inverse() - 0.5) + 0.5) * 1.25;
-    flattened.choose(plain + (flat - plain) * flatness, plain)
-}
-
 /// A clear coat (Burley 2012, §5.6).
 #[derive(Debug, Clone, Copy)]
 struct Coat<R> {
@@ -505,79 +457,6 @@ impl<R: Real> Coat<R> {
     }
 }
 
-/// Numbers of cosines (closer to one another at grazing angles) and roughnesses at which albedos are tabulated, both from 0 to 1.
-const COSINES: usize = 24;
-const ROUGHNESSES: usize = 8;
-/// Points along each axis of the quadratures.
-const POINTS: usize = 24;
-
-/// Albedos of a white base, of dielectric facets, of a white sheen and of a coat, all of full strength: a row of cosines for each
-/// roughness, of which the latter two know nothing. Four numbers of an entry are interpolated as fast as one.
-#[derive(Debug)]
-struct Bounds([Vec4; COSINES * ROUGHNESSES]);
-
-impl Bounds {
-    fn new(given: &Parameters, coat: Option<Coat<f32>>) -> Self {
-        let rough = |i: usize| i as f32 / (ROUGHNESSES - 1) as f32;
-        // Where the roughness does not vary, only the rows around it are asked for.
-        let asked = |i: usize| match &given.roughness {
-            Texture::Constant(value) => {
-                (luminance(*value).clamp(0.0, 1.0) - rough(i)).abs() * ((ROUGHNESSES - 1) as f32) < 1.01
-            }
-            _ => true,
-        };
-        let mut table = [Vec4::ZERO; COSINES * ROUGHNESSES];
-        for column in 0..COSINES {
-            let cos = (column as f32 / (COSINES - 1) as f32).powi(2).max(1e-3);
-            let wo = V3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
-            let (sheen, coat) = (albedo_of_sheen(wo), coat.map_or(0.0, |coat| albedo_of_coat(coat, wo)));
-            for row in 0..ROUGHNESSES {
-                let rough = rough(row);
-                if asked(row) {
-                    let base = albedo_of_base(rough, given.flatness, wo);
-                    let facets = albedo_of_facets(rough, given.eta, wo);
-                    table[row * COSINES + column] = Vec4::new(base, facets, sheen, coat);
-                }
-            }
-        }
-        Self(table)
-    }
-
-    /// Interpolates in a cell: `along` the cosines and `across` the roughnesses, from the entry `first`.
-    #[inline(always)]
-    fn between(&self, first: u16, along: f32, across: f32) -> [f32; 4] {
-        let cell = &self.0[usize::from(first)..][..COSINES + 2];
-        let [a, b] = [0, COSINES].map(|row| cell[row] + (cell[row + 1] - cell[row]) * along);
-        (a + (b - a) * across).to_array()
-    }
-}
-
-/// The cell of a table with `count` entries from 0 to 1 in which `x` lies, and how far into it.
-#[inline(always)]
-fn cell<R: Real>(x: R, count: usize) -> (R, R) {
-    let position = x * (count - 1) as f32;
-    let below = position.between(0.0, (count - 2) as f32).whole().real();
-    (below, position - below)
-}
-
-fn albedo_of_base(roughness: f32, flatness: f32, wo: V3<f32>) -> f32 {
-    over_cosines(wo, |wi, h| diffuse(roughness, flatness, wo, wi, h))
-}
-
-fn albedo_of_facets(roughness: f32, eta: f32, wo: V3<f32>) -> f32 {
-    let facets = facets_of(roughness);
-    mean(|u| {
-        let h = facets.sample_visible(wo, u);
-        let wi = mirrored_at(wo, h);
-        let reflected = fresnel::dielectric(wo.dot(h).clamp(0.0, 1.0), eta).0;
-        if wi.z > 0.0 { reflected * facets.shadowing(wi, h) } else { 0.0 }
-    })
-}
-
-fn albedo_of_sheen(wo: V3<f32>) -> f32 {
-    over_cosines(wo, |wi, h| PI * schlick(wi.dot(h)))
-}
-
 fn albedo_of_coat(coat: Coat<f32>, wo: V3<f32>) -> f32 {
     mean(|u| {
         let h = coat.sample(u);
@@ -585,21 +464,4 @@ fn albedo_of_coat(coat: Coat<f32>, wo: V3<f32>) -> f32 {
         let density = coat.density(h) * h.z / (4.0 * wo.dot(h));
         if wi.z > 0.0 && density > 0.0 { coat.of_full_strength(wo, wi, h) * wi.z / density } else { 0.0 }
     })
-}
-
-/// The mean of π·f, a function of the other direction and of the half vector, over cosine-distributed directions.
-fn over_cosines(wo: V3<f32>, f: impl Fn(V3<f32>, V3<f32>) -> f32) -> f32 {
-    mean(|u| {
-        let wi = warp::square_to_cosine_hemisphere(u);
-        let (h, found) = (wo + wi).try_normalize();
-        let h = if found { h } else { V3::new(0.0, 0.0, 1.0) };
-        if wi.z > 0.0 { f(wi, h) } else { 0.0 }
-    })
-}
-
-/// The mean over the unit square.
-fn mean(f: impl Fn([f32; 2]) -> f32) -> f32 {
-    let at = |k: usize| (k as f32 + 0.5) / POINTS as f32;
-    let sum: f32 = (0..POINTS * POINTS).map(|i| f([at(i % POINTS), at(i / POINTS)])).sum();
-    sum / (POINTS * POINTS) as f32
 }

@@ -9,6 +9,7 @@ use glam::{Affine2, Vec2, Vec3};
 use super::fresnel::Metal;
 use super::microfacet::{Microfacets, Shape};
 use super::principled::Parameters;
+use super::principled_thin::{self, PrincipledThin};
 use super::texture::Wrap;
 use super::*;
 use crate::base::processor::{Avx2, Avx512};
@@ -66,6 +67,25 @@ fn principled(random: &mut Random, spec_trans: f32) -> Kind {
     })))
 }
 
+fn principled_thin(random: &mut Random) -> Kind {
+    let mut some = |most: f32| if random.below(3) == 0 { 0.0 } else { random.range(0.0, most) };
+    let [spec_tint, sheen, sheen_tint, flatness] = [0; 4].map(|_| some(1.0));
+    let eta = random.range(1.0, 2.0);
+    let [base_color, roughness, spec_trans, diff_trans] = [0; 4].map(|_| texture(random, 0.0, 1.0));
+    let parameters = principled_thin::Parameters {
+        base_color,
+        roughness,
+        spec_trans,
+        diff_trans,
+        eta,
+        spec_tint,
+        sheen,
+        sheen_tint,
+        flatness,
+    };
+    Kind::PrincipledThin(Box::new(PrincipledThin::new(parameters)))
+}
+
 /// Models with every discrete option.
 fn kinds(random: &mut Random) -> Vec<Kind> {
     let mut kinds = vec![Kind::Null, Kind::Diffuse(Diffuse { reflectance: texture(random, 0.0, 1.0) })];
@@ -88,6 +108,7 @@ fn kinds(random: &mut Random) -> Vec<Kind> {
         kinds.push(plastic(random, Some(coat)));
     }
     kinds.extend([0.0, random.next_f32(), 1.0].map(|spec_trans| principled(random, spec_trans)));
+    kinds.push(principled_thin(random));
     let part = kinds[random.below(kinds.len() as u32) as usize].clone();
     let parts = [part, kinds[1].clone()].map(Material::from);
     kinds.push(Kind::Blend(Box::new(Blend { weight: texture(random, 0.0, 1.0), parts })));
@@ -243,7 +264,7 @@ fn points_in_lanes_have_the_bits_of_points_alone() {
     }
     // All that is told apart but for bounded qualitative facets, with and without a tint.
     println!("variants {:?}", variants.keys());
-    assert!(variants.keys().all(|&index| index < Variant::COUNT) && variants.len() >= 2 * 18, "{}", variants.len());
+    assert!(variants.keys().all(|&index| index < Variant::COUNT) && variants.len() >= 2 * 19, "{}", variants.len());
     for points in variants.values() {
         for _ in 0..if cfg!(miri) { 1 } else { 400 } {
             let points = [(); LANES].map(|()| points[random.below(points.len() as u32) as usize]);

@@ -1,4 +1,4 @@
-//! Cryptomatte (Friedman and Jones 2015, specification 1.2): of each pixel the things that are seen in it, by name, with the part of
+//! Cryptomatte (Friedman and Jones 2015, specification 1.1.0): of each pixel the things that are seen in it, by name, with the part of
 //! the pixel that each covers, in channels and header of an EXR file. Compositing programs make mattes of them.
 
 use std::collections::BTreeMap;

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use glam::{Affine3A, Mat3, Mat4, Vec3};
+use glam::{Affine3A, Mat3, Mat4, Vec2, Vec3};
 
 use super::dress::Wardrobe;
 use super::effects::Needs;
 use super::file::{
-    CameraFile, Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile, ShapeFile,
-    TextureFile,
+    CameraFile, Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile,
+    PrincipledThinFile, ProfileFile, ShapeFile, TextureFile,
 };
 use super::media::Border;
 use super::names::Names;
@@ -24,6 +24,7 @@ use crate::lights::area::AreaLight;
 use crate::lights::distant::{Constant, Directional};
 use crate::lights::envmap::Envmap;
 use crate::lights::point::{Point, Spot};
+use crate::lights::projector::{Lens, Profile, Projector};
 use crate::lights::sky::{Atmosphere, Sky};
 use crate::lights::sun::Sun;
 use crate::lights::{BoundingSphere, Light, LightSet};
@@ -38,6 +39,7 @@ use crate::materials::microfacet::{Microfacets, SMOOTH, Shape as FacetShape};
 use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::plastic::Plastic;
 use crate::materials::principled::{Parameters, Principled};
+use crate::materials::principled_thin::{self, PrincipledThin};
 use crate::materials::rough_conductor::RoughConductor;
 use crate::materials::rough_dielectric::{LEAST_STEP, RoughDielectric};
 use crate::materials::rough_diffuse::RoughDiffuse;
@@ -288,6 +290,9 @@ fn material(file: &MaterialFile, images: &Images) -> Result<Material> {
             return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, images)? });
         }
         MaterialFile::Principled(file) => Kind::Principled(Box::new(Principled::new(parameters(file, images)?))),
+        MaterialFile::PrincipledThin(file) => {
+            Kind::PrincipledThin(Box::new(PrincipledThin::new(thin_parameters(file, images)?)))
+        }
         MaterialFile::Blend { weight, materials } => Kind::Blend(Box::new(Blend {
             weight: texture(weight, images)?,
             parts: [material(&materials[0], images)?, material(&materials[1], images)?],
@@ -364,6 +369,32 @@ fn parameters(file: &PrincipledFile, images: &Images) -> Result<Parameters> {
     })
 }
 
+/// The parameters of a thin principled material, with its textures.
+fn thin_parameters(file: &PrincipledThinFile, images: &Images) -> Result<principled_thin::Parameters> {
+    Ok(principled_thin::Parameters {
+        base_color: texture(&file.base_color, images)?,
+        roughness: texture(&file.roughness, images)?,
+        spec_trans: texture(&file.spec_trans, images)?,
+        diff_trans: texture(&file.diff_trans, images)?,
+        eta: file.eta,
+        spec_tint: file.spec_tint,
+        sheen: file.sheen,
+        sheen_tint: file.sheen_tint,
+        flatness: file.flatness,
+    })
+}
+
+fn lens(to_world: &Matrix, fov: f32, aspect: f32, profile: &ProfileFile) -> Lens {
+    let half_angle = 0.5 * fov.to_radians();
+    let half = half_angle.tan();
+    let profile = match profile {
+        ProfileFile::Even => Profile::Even,
+        ProfileFile::Plane => Profile::Plane,
+        ProfileFile::Cone { beam_width } => Profile::Cone { cutoff: half_angle, beam: beam_width.to_radians() },
+    };
+    Lens { to_world: affine(to_world), half: Vec2::new(half, half / aspect), profile }
+}
+
 fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {
     Ok(match file {
         LightFile::Point { position, intensity } => {
@@ -375,6 +406,11 @@ fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {
             cutoff_angle.to_radians(),
             beam_width.to_radians(),
         )),
+        LightFile::Projector { to_world, fov, aspect, intensity, texture, profile } => {
+            let lens = lens(to_world, *fov, *aspect, profile);
+            let picture = Texture::new(texture, &loaded.images)?;
+            Light::Projector(Box::new(Projector::new(&lens, Vec3::from_array(*intensity), picture)))
+        }
         LightFile::Directional { direction, irradiance } => Light::Directional(Directional {
             direction: Vec3::from_array(*direction).normalize_or(Vec3::NEG_Y),
             irradiance: Vec3::from_array(*irradiance),

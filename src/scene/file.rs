@@ -3,13 +3,17 @@
 //! Lengths are in scene units, angles in degrees, colours in linear RGB. Matrices are 4×4, row by row, and act on column
 //! vectors. Unknown keys are errors.
 
+mod light;
 mod material;
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-pub use material::{Distribution, Filter, MaterialFile, PrincipledFile, TextureFile, Wrap, identity3};
+pub use light::{LightFile, ProfileFile};
+pub use material::{
+    Distribution, Filter, MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile, Wrap, identity3,
+};
 
 /// The only format version so far.
 pub const VERSION: u32 = 1;
@@ -45,14 +49,6 @@ fn one() -> f32 {
 
 fn is_one(value: &f32) -> bool {
     *value == 1.0
-}
-
-fn up() -> [f32; 3] {
-    [0.0, 1.0, 0.0]
-}
-
-fn is_up(direction: &[f32; 3]) -> bool {
-    *direction == up()
 }
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
@@ -301,7 +297,7 @@ impl Default for RenderFile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum MeshFile {
-    /// A Wavefront OBJ file, all its groups together. v is turned around, since OBJ counts it from a picture's bottom.
+    /// A Wavefront OBJ file, all its groups together, or the faces of some materials. v is turned around, since OBJ counts it from a picture's bottom.
     Obj {
         /// Path relative to the scene file.
         file: String,
@@ -311,6 +307,9 @@ pub enum MeshFile {
         /// Use 1 − v in place of v.
         #[serde(default, skip_serializing_if = "is_default")]
         flip_v: bool,
+        /// Materials (`usemtl`) whose faces it has; "" is that of faces before any. All faces where there are none.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        materials: Vec<String>,
     },
     /// A PLY file, text or binary, which gzip may have packed.
     Ply {
@@ -412,82 +411,5 @@ pub enum GeometryFile {
         center: [f32; 3],
         /// Radius in shape coordinates.
         radius: f32,
-    },
-}
-
-/// A light that is not a surface.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-pub enum LightFile {
-    /// Emits alike in all directions from a point.
-    Point {
-        /// World position.
-        position: [f32; 3],
-        /// Radiant intensity, W·sr⁻¹ per channel.
-        intensity: [f32; 3],
-    },
-    /// A cone of light from the origin of `to_world` along +z, linear fall-off between the two angles.
-    Spot {
-        /// Light to world.
-        to_world: Matrix,
-        /// Radiant intensity on the axis, W·sr⁻¹ per channel.
-        intensity: [f32; 3],
-        /// Half angle beyond which there is no light, degrees.
-        cutoff_angle: f32,
-        /// Half angle up to which the intensity is full, degrees.
-        beam_width: f32,
-    },
-    /// Parallel light from infinitely far away.
-    Directional {
-        /// World direction in which the light travels.
-        direction: [f32; 3],
-        /// Irradiance on a plane across the direction, W·m⁻² per channel.
-        irradiance: [f32; 3],
-    },
-    /// A disk of light infinitely far away, such as the sun, of the same radiance all over.
-    Sun {
-        /// World direction in which the light of its centre travels.
-        direction: [f32; 3],
-        /// Irradiance on a plane across the direction, W·m⁻² per channel.
-        irradiance: [f32; 3],
-        /// Angular diameter in degrees: 0.1 to 180.
-        angle: f32,
-    },
-    /// The clear sky of Hošek and Wilkie 2012 without the sun's disk, in W·m⁻²·sr⁻¹·nm⁻¹; black below the horizon.
-    Sky {
-        /// World direction to the sun, which must not be below the horizon.
-        sun: [f32; 3],
-        /// World direction upwards.
-        #[serde(default = "up", skip_serializing_if = "is_up")]
-        up: [f32; 3],
-        /// Turbidity: how hazy the air is, in [1, 10].
-        turbidity: f32,
-        /// Albedo of the ground, which lights the sky, in [0, 1].
-        albedo: [f32; 3],
-        /// Factor on the radiance.
-        #[serde(default = "one")]
-        scale: f32,
-        /// Factor on angles from the zenith, in [1, 2]: 2 draws the sky down to the nadir.
-        #[serde(default = "one", skip_serializing_if = "is_one")]
-        stretch: f32,
-        /// Whether the horizon's light goes on below it, fading out towards the nadir.
-        #[serde(default, skip_serializing_if = "is_default")]
-        extend: bool,
-    },
-    /// The same radiance from every direction.
-    Constant {
-        /// Radiance, W·m⁻²·sr⁻¹ per channel.
-        radiance: [f32; 3],
-    },
-    /// A latitude-longitude picture around the scene, +y up (Mitsuba's convention).
-    Envmap {
-        /// Path relative to the scene file.
-        file: String,
-        /// Factor on every value.
-        #[serde(default = "one")]
-        scale: f32,
-        /// Light to world; only its rotation counts.
-        #[serde(default = "identity", skip_serializing_if = "is_identity")]
-        to_world: Matrix,
     },
 }

@@ -8,7 +8,7 @@ use std::str::FromStr;
 use super::effects::Needs;
 use super::file::{LightFile, MaterialFile, SceneFile, TextureFile};
 use super::plan::{
-    EffectKind, EffectPlan, is_clear, is_coated, is_directional, is_environment, is_glossy, is_mirror, is_pane,
+    EffectKind, EffectPlan, is_clear, is_coated, is_directional, is_environment, is_glossy, is_mirror, is_pane, is_spot,
 };
 
 /// One effect switched on or off, written `+name` or `-name`.
@@ -71,9 +71,11 @@ const MATERIALS: [EffectKind; 7] = [
 fn remove(scene: &mut SceneFile, kind: EffectKind) {
     use EffectKind as K;
     match kind {
-        K::AreaLights => scene.shapes.iter_mut().for_each(|shape| shape.emission = None),
+        K::AreaLights => {
+            scene.shapes.iter_mut().for_each(|shape| (shape.emission, shape.emission_texture) = (None, None));
+        }
         K::PointLights => scene.lights.retain(|light| !matches!(light, LightFile::Point { .. })),
-        K::SpotLights => scene.lights.retain(|light| !matches!(light, LightFile::Spot { .. })),
+        K::SpotLights => scene.lights.retain(|light| !is_spot(light)),
         K::DirectionalLights => scene.lights.retain(|light| !is_directional(light)),
         K::Environment => scene.lights.retain(|light| !is_environment(light)),
         K::DepthOfField => scene.views_mut().for_each(|camera| camera.aperture_radius = 0.0),
@@ -85,6 +87,7 @@ fn remove(scene: &mut SceneFile, kind: EffectKind) {
         K::Textures => {
             scene.materials.values_mut().flat_map(MaterialFile::textures_mut).for_each(|(_, texture)| flatten(texture));
             scene.shapes.iter_mut().filter_map(|shape| shape.emission_texture.as_mut()).for_each(flatten);
+            scene.lights.iter_mut().filter_map(LightFile::texture_mut).for_each(flatten);
         }
         K::Mirrors => make_diffuse(scene, is_mirror),
         K::Transmission => {

@@ -16,7 +16,7 @@ pub enum EffectKind {
     AreaLights,
     /// Lights without extent, in all directions.
     PointLights,
-    /// Lights without extent, in a cone.
+    /// Lights without extent, in a cone or through a picture.
     SpotLights,
     /// Parallel light.
     DirectionalLights,
@@ -26,7 +26,7 @@ pub enum EffectKind {
     Mirrors,
     /// Glass, smooth or rough.
     Transmission,
-    /// Thin panes.
+    /// Thin panes and sheets.
     ThinTransmission,
     /// Rough metal, principled materials.
     Glossy,
@@ -173,7 +173,7 @@ impl<'a> Survey<'a> {
             K::DirectLight => on("sampled towards", &self.all_lights(), "there is no light"),
             K::AreaLights => on("light from", &self.emitters(), "no shape emits"),
             K::PointLights => self.lights("point light", |l| matches!(l, LightFile::Point { .. })),
-            K::SpotLights => self.lights("spot light", |l| matches!(l, LightFile::Spot { .. })),
+            K::SpotLights => self.lights("spot light", is_spot),
             K::DirectionalLights => self.lights("directional light", is_directional),
             K::Environment => self.lights("constant light or environment map", is_environment),
             K::Mirrors => on("smooth metal:", &self.having(is_mirror), "no smooth metal"),
@@ -284,6 +284,7 @@ fn light_name(light: &LightFile) -> &'static str {
     match light {
         LightFile::Point { .. } => "point light",
         LightFile::Spot { .. } => "spot light",
+        LightFile::Projector { .. } => "projector",
         LightFile::Directional { .. } => "directional light",
         LightFile::Sun { .. } => "sun",
         LightFile::Sky { .. } => "sky",
@@ -295,6 +296,11 @@ fn light_name(light: &LightFile) -> &'static str {
 /// Whether a light surrounds the scene.
 pub(super) fn is_environment(light: &LightFile) -> bool {
     matches!(light, LightFile::Constant { .. } | LightFile::Envmap { .. } | LightFile::Sky { .. })
+}
+
+/// Whether a light shines from a point into a part of all directions.
+pub(super) fn is_spot(light: &LightFile) -> bool {
+    matches!(light, LightFile::Spot { .. } | LightFile::Projector { .. })
 }
 
 /// Whether a light comes from one direction, or nearly so.
@@ -320,14 +326,19 @@ pub(super) fn is_clear(material: &MaterialFile) -> bool {
     })
 }
 
-/// Whether a part is a thin pane.
+/// Whether a part is a thin pane or a sheet that lets light through.
 pub(super) fn is_pane(material: &MaterialFile) -> bool {
-    has(material, |part| matches!(part, MaterialFile::ThinDielectric { .. }))
+    has(material, |part| matches!(part, MaterialFile::ThinDielectric { .. } | MaterialFile::PrincipledThin(_)))
 }
 
 /// Whether a part is a rough metal or a principled material.
 pub(super) fn is_glossy(material: &MaterialFile) -> bool {
-    has(material, |part| matches!(part, MaterialFile::RoughConductor { .. } | MaterialFile::Principled(_)))
+    has(material, |part| {
+        matches!(
+            part,
+            MaterialFile::RoughConductor { .. } | MaterialFile::Principled(_) | MaterialFile::PrincipledThin(_)
+        )
+    })
 }
 
 /// Whether a part is plastic or has a clear coat.

@@ -89,7 +89,7 @@ fn s09_every_mesh_format_gives_the_same_picture() {
     );
     let meshes = [
         MeshFile::Inline { positions: corners.to_vec(), normals: vec![], uvs: vec![], triangles: vec![[0, 1, 2]] },
-        MeshFile::Obj { file: "one.obj".into(), face_normals: true, flip_v: false },
+        MeshFile::Obj { file: "one.obj".into(), face_normals: true, flip_v: false, materials: Vec::new() },
         MeshFile::Ply { file: "one.ply".into(), face_normals: true, flip_v: false, as_given: false },
         MeshFile::Serialized { file: "two.serialized".into(), index: 1, face_normals: true },
     ];
@@ -319,7 +319,7 @@ fn a08_triangles_without_area_are_counted() {
 fn the_first_of_many_errors_is_told() {
     let folder = folder();
     std::fs::write(folder.path().join("broken.obj"), "v 0 0 0\nv 1\nf 1 2 3\n").unwrap();
-    let mesh = MeshFile::Obj { file: "broken.obj".into(), face_normals: false, flip_v: false };
+    let mesh = MeshFile::Obj { file: "broken.obj".into(), face_normals: false, flip_v: false, materials: Vec::new() };
     let told = |mesh: Option<&MeshFile>, pictures: std::ops::Range<usize>| {
         let mut scene = scene_with(mesh.cloned(), Some("grey.png"));
         let good = scene.materials["t"].clone();

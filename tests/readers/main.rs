@@ -6,10 +6,12 @@ mod support;
 
 mod cameras;
 mod daylight;
+mod definitions;
 mod dialects;
 mod formats;
 mod gltf;
 mod gltf_damage;
 mod gltf_materials;
 mod pbrt;
+mod projectors;
 mod scenes;

@@ -8,7 +8,7 @@ use std::path::Path;
 use fanal::geometry::Ray;
 use fanal::lights::Light;
 use fanal::scene::Scene;
-use fanal::scene::file::{GeometryFile, LightFile, MaterialFile, MediumFile, TextureFile};
+use fanal::scene::file::{GeometryFile, LightFile, MaterialFile, MediumFile, ProfileFile, TextureFile};
 use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking};
 use glam::{Vec2, Vec3};
 use image::{ImageFormat, RgbImage};
@@ -151,6 +151,7 @@ fn exports_without_a_camera() {
 #[test]
 fn materials_of_other_names() {
     let folder = tempfile::tempdir().unwrap();
+    RgbImage::new(4, 4).save_with_format(folder.path().join("flower.bmp"), ImageFormat::Bmp).unwrap();
     let loaded = read(&folder, "<scene version='0.5.0'><sensor type='perspective'/><integrator type='moment'><integrator type='direct'/></integrator>
         <bsdf type='disneybsdf' id='disney'><rgb name='baseColor' value='0.82 0.67 0.16'/><float name='specularTransmission' value='0.5'/>
         <float name='subsurface' value='0.25'/><float name='specularTint' value='0.75'/><float name='clearcoatGloss' value='0.5'/></bsdf>
@@ -175,24 +176,25 @@ fn materials_of_other_names() {
     };
     let MaterialFile::Blend { weight: TextureFile::Rgb { value: inner }, .. } = &materials[0] else { panic!() };
     assert!((outer[0] - 0.25).abs() < 1e-6 && (inner[0] - 1.0 / 3.0).abs() < 1e-6, "{outer:?} {inner:?}");
-    let MaterialFile::Blend { weight: TextureFile::Checkerboard { color1, .. }, materials } =
-        &loaded.file.materials["leaf"]
-    else {
+    let MaterialFile::PrincipledThin(leaf) = &loaded.file.materials["leaf"] else {
         panic!("{:?}", loaded.file.materials["leaf"]);
     };
-    assert_eq!(*color1, [0.8; 3]);
-    assert!(materials[0].is_two_sided() && matches!(materials[1], MaterialFile::Tinted { .. }), "{materials:?}");
+    let TextureFile::Checkerboard { color0, color1, .. } = &leaf.diff_trans else { panic!("{leaf:?}") };
+    // From 0 to 2 there.
+    assert_eq!((*color0, *color1, leaf.eta), ([0.2; 3], [0.7; 3], 1.33));
+    assert!(matches!(leaf.spec_trans, TextureFile::Checkerboard { color1: [0.8, 0.8, 0.8], .. }), "{leaf:?}");
     let MaterialFile::Diffuse { reflectance: TextureFile::Rgb { value } } = loaded.file.materials["lined"] else {
         panic!()
     };
     assert!((value[0] - 0.3).abs() < 1e-6, "{value:?}");
-    assert!(matches!(loaded.file.lights[0], LightFile::Spot { .. }));
-    let LightFile::Spot { intensity, cutoff_angle, beam_width, .. } = loaded.file.lights[1] else {
+    let [LightFile::Projector { profile, .. }, LightFile::Projector { intensity, fov, texture, .. }] =
+        &loaded.file.lights[..]
+    else {
         panic!("{:?}", loaded.file.lights)
     };
-    assert!((intensity[0] - 1.5 * std::f32::consts::PI).abs() < 1e-5 && intensity[2] == 0.0, "{intensity:?}");
-    assert_eq!((cutoff_angle, beam_width), (20.0, 20.0));
-    assert!(warned(&loaded, "read as a spot of the mean"), "{:?}", loaded.warnings);
+    assert_eq!((*profile, *fov), (ProfileFile::Cone { beam_width: 15.0 }, 40.0));
+    assert!((intensity[0] - 2.0 * std::f32::consts::PI).abs() < 1e-5, "{intensity:?}");
+    assert!(matches!(texture, TextureFile::Checkerboard { color0: [1.0, 1.0, 0.0], .. }), "{texture:?}");
 }
 
 fn color_at(scene: &Scene, x: f32, y: f32) -> Vec3 {
@@ -319,4 +321,59 @@ fn texts_in_latin_1() {
     assert!(warned(&load(&folder.path().join("scene.xml")).unwrap(), "Latin-1"));
     put(&folder, "scene.xml", body("utf-8"));
     assert!(load(Path::new(&folder.path().join("scene.xml"))).is_err());
+}
+
+/// A mesh with several materials (anadodik/sdmm-mitsuba, `mirror-balls`): faces have that of their `usemtl`, under its name; the others
+/// have the one without a name, or are grey. Names that no face has change nothing.
+#[test]
+fn materials_of_faces() {
+    let folder = tempfile::tempdir().unwrap();
+    put(
+        &folder,
+        "balls.obj",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nusemtl MirrorBall\nf 2 4 3\nf 1 2 4\nusemtl a glass\nf 1 4 3\nusemtl Floor\nf 1 2 3\n",
+    );
+    let scene = |materials: &str| {
+        read(
+            &folder,
+            &format!(
+                "<scene version='0.5.0'><sensor type='perspective'/><bsdf type='dielectric' id='clear'/>
+            <shape type='obj' id='balls'><string name='filename' value='balls.obj'/>{materials}</shape></scene>"
+            ),
+        )
+    };
+    let faces = |loaded: &LoadedScene| -> Vec<(usize, MaterialFile)> {
+        let of = |shape: &fanal::scene::file::ShapeFile| {
+            let GeometryFile::Mesh { mesh } = &shape.geometry else { panic!("{shape:?}") };
+            assert_eq!(shape.name, "balls");
+            (loaded.meshes[mesh].triangles.len(), loaded.file.materials[&shape.material].clone())
+        };
+        loaded.file.shapes.iter().map(of).collect()
+    };
+    let three = "<bsdf type='conductor' name='MirrorBall'/><ref id='clear' name='a glass'/><bsdf type='plastic' name='none of these'/>";
+    let loaded = scene(three);
+    let [(2, MaterialFile::Conductor { .. }), (1, MaterialFile::Dielectric { .. }), (2, MaterialFile::Diffuse { .. })] =
+        &faces(&loaded)[..]
+    else {
+        panic!("{:?}", faces(&loaded));
+    };
+    assert!(
+        warned(&loaded, "no such faces") && warned(&loaded, "faces of \"\", \"Floor\" have no material"),
+        "{:?}",
+        loaded.warnings
+    );
+    let rest = scene(&format!("{three}<bsdf type='null'/>"));
+    assert!(matches!(faces(&rest)[2], (2, MaterialFile::Null)), "{:?}", faces(&rest));
+    // Names that are not those of faces, as in exports: the first one is used, as that of a shape with one is whatever its name.
+    let other = scene("<bsdf type='conductor' name='bsdf'/><bsdf type='plastic' name='mirrorball'/>");
+    assert!(matches!(faces(&other)[..], [(5, MaterialFile::Conductor { .. })]), "{:?}", faces(&other));
+    assert!(warned(&other, "a second material of a shape"), "{:?}", other.warnings);
+    assert!(matches!(faces(&scene("<bsdf type='conductor' name='Floor'/>"))[..], [(5, _)]));
+    // And back through our own format.
+    let copy = folder.path().join("copy.json");
+    fanal::scene::readers::save(&loaded.file, &copy).unwrap();
+    let again = load(&copy).unwrap();
+    assert_eq!((&again.file, again.meshes.len()), (&loaded.file, 3));
+    let picture = scenes::picture(&Scene::build(&loaded, [4, 4]).unwrap(), &scenes::settings(scenes::GUIDES[0], 1, 1));
+    assert_eq!(scenes::mean(&picture), 0.0);
 }

@@ -15,6 +15,7 @@ use fanal::materials::microfacet::{Microfacets, Shape};
 use fanal::materials::phase::HenyeyGreenstein;
 use fanal::materials::plastic::Plastic;
 use fanal::materials::principled::{Parameters, Principled};
+use fanal::materials::principled_thin::{self, PrincipledThin};
 use fanal::materials::rough_conductor::RoughConductor;
 use fanal::materials::rough_dielectric::RoughDielectric;
 use fanal::materials::rough_diffuse::RoughDiffuse;
@@ -101,6 +102,34 @@ fn principled(base: [f32; 3]) -> [(&'static str, Parameters); 8] {
 
 fn made(parameters: Parameters) -> Material {
     Kind::Principled(Box::new(Principled::new(parameters))).into()
+}
+
+/// Every lobe of a thin sheet in turn, and several at once.
+fn thin(base: [f32; 3]) -> [(&'static str, principled_thin::Parameters); 5] {
+    let constant = |value: f32| Texture::Constant(Vec3::splat(value));
+    let p = |roughness, spec_trans, diff_trans| principled_thin::Parameters {
+        base_color: Texture::Constant(base.into()),
+        roughness: constant(roughness),
+        spec_trans: constant(spec_trans),
+        diff_trans: constant(diff_trans),
+        eta: 1.5,
+        spec_tint: 0.0,
+        sheen: 0.0,
+        sheen_tint: 0.0,
+        flatness: 0.0,
+    };
+    use principled_thin::Parameters as P;
+    [
+        ("plain", p(0.5, 0.0, 0.0)),
+        ("leaf", P { flatness: 0.6, ..p(0.7, 0.0, 0.6) }),
+        ("clear", P { eta: 1.4, ..p(0.5, 0.8, 0.0) }),
+        ("tint", P { eta: 1.7, spec_tint: 0.6, ..p(0.6, 0.9, 0.0) }),
+        ("all", P { eta: 1.33, sheen: 0.8, sheen_tint: 0.4, spec_tint: 0.3, flatness: 0.3, ..p(0.6, 0.4, 0.25) }),
+    ]
+}
+
+fn sheet(parameters: principled_thin::Parameters) -> Material {
+    Kind::PrincipledThin(Box::new(PrincipledThin::new(parameters))).into()
 }
 
 /// Catches a density that is not the sampler's (a wrong Jacobian, a forgotten horizon, the wrong side), in shape and in mass:
@@ -371,6 +400,135 @@ fn principled_is_that_of_mitsuba() {
     }
 }
 
+/// From both sides.
+#[test]
+fn s01_thin_sheets_follow_their_density() {
+    for (name, parameters) in thin([0.6, 0.3, 0.1]) {
+        let material = sheet(parameters);
+        for cos in [0.8, 0.2, -0.5] {
+            check(&format!("thin {name} {cos}"), &material, direction(cos, 0.7), 1.0);
+        }
+    }
+}
+
+/// Values of `principledthin` in Mitsuba 3.9.1, `scalar_rgb`, for a viewer at `wo`.
+#[test]
+fn thin_sheets_are_those_of_mitsuba() {
+    let unit = |x: f32, y: f32, z: f32| Vec3::new(x, y, z).normalize();
+    let pairs = [
+        (unit(0.3, 0.1, 0.8), unit(-0.2, 0.4, 0.7)),
+        (unit(0.8, 0.1, 0.5), unit(-0.7, 0.2, 0.4)),
+        (unit(0.3, 0.1, 0.8), unit(-0.2, 0.1, -0.7)),
+        (unit(0.3, 0.1, -0.8), unit(-0.2, 0.1, 0.7)),
+        (unit(0.3, 0.1, -0.8), unit(-0.2, 0.1, -0.7)),
+        (unit(0.3, 0.1, 0.8), unit(-0.5, -0.1, -0.5)),
+    ];
+    let expected: [(&str, [[f32; 3]; 6]); 5] = [
+        (
+            "plain",
+            [
+                [0.160950, 0.080475, 0.026825],
+                [0.090759, 0.045380, 0.015127],
+                [0.000000, 0.000000, 0.000000],
+                [0.000000, 0.000000, 0.000000],
+                [0.181929, 0.090965, 0.030322],
+                [0.000000, 0.000000, 0.000000],
+            ],
+        ),
+        (
+            "leaf",
+            [
+                [0.052990, 0.026495, 0.008832],
+                [0.041322, 0.020661, 0.006887],
+                [0.109158, 0.054579, 0.018193],
+                [0.109158, 0.054579, 0.018193],
+                [0.058100, 0.029050, 0.009683],
+                [0.080230, 0.040115, 0.013372],
+            ],
+        ),
+        (
+            "clear",
+            [
+                [0.036773, 0.020678, 0.009948],
+                [0.034891, 0.025815, 0.019765],
+                [0.384126, 0.192063, 0.064021],
+                [0.384126, 0.192063, 0.064021],
+                [0.054729, 0.036536, 0.024408],
+                [0.095967, 0.047984, 0.015995],
+            ],
+        ),
+        (
+            "tint",
+            [
+                [0.035409, 0.020415, 0.010419],
+                [0.047104, 0.032265, 0.022372],
+                [0.493716, 0.246858, 0.082286],
+                [0.493716, 0.246858, 0.082286],
+                [0.062666, 0.037565, 0.020831],
+                [0.248313, 0.124157, 0.041386],
+            ],
+        ),
+        (
+            "all",
+            [
+                [0.068207, 0.034736, 0.012421],
+                [0.055711, 0.031861, 0.015962],
+                [0.257770, 0.128885, 0.042962],
+                [0.257770, 0.128885, 0.042962],
+                [0.078640, 0.040770, 0.015524],
+                [0.084159, 0.042080, 0.014027],
+            ],
+        ),
+    ];
+    for ((name, parameters), (other, values)) in thin([0.6, 0.3, 0.1]).into_iter().zip(expected) {
+        assert_eq!(name, other);
+        let material = sheet(parameters);
+        for ((wo, wi), value) in pairs.into_iter().zip(values) {
+            let ours = material.eval(Vec2::ZERO, wo, wi);
+            let off = (ours - Vec3::from_array(value)).abs().max_element();
+            assert!(off < 2e-5 + 1e-4 * value[0], "{name} {wo} {wi}: {ours} {value:?}");
+        }
+    }
+}
+
+/// Nothing is bent, so f(a, b) = f(b, a) for directions on any sides. Both sides are alike.
+#[test]
+fn s06_thin_sheets_are_reciprocal_and_alike() {
+    let mut random = Random::new(32, 0, 0);
+    for (_, parameters) in thin([0.9, 0.7, 0.2]) {
+        let material = sheet(parameters);
+        for _ in 0..2000 {
+            let [a, b] = [(); 2].map(|()| {
+                direction(random.range(0.02, 1.0), random.range(0.0, 6.0))
+                    * if random.next_f32() < 0.5 { -1.0 } else { 1.0 }
+            });
+            let there = material.eval(Vec2::ZERO, a, b) / b.z.abs();
+            let back = material.eval(Vec2::ZERO, b, a) / a.z.abs();
+            assert!((there - back).abs().max_element() <= 1e-4 * there.max_element() + 1e-30, "{there} {back}");
+            assert_eq!(material.eval(Vec2::ZERO, a, b), material.eval(Vec2::ZERO, -a, -b));
+            assert_eq!(material.eta(a, b), 1.0);
+        }
+    }
+}
+
+/// A white sheet keeps nearly all light where it only scatters, and gains none, whatever its lobes; what its facets hide from one another
+/// is lost. Three standard errors are 0.004.
+#[test]
+fn s06_thin_sheets_gain_no_energy() {
+    for (name, parameters) in thin([1.0; 3]) {
+        let material = sheet(parameters);
+        for cos in [1.0, 0.6, 0.2, 0.05, -0.5] {
+            let albedo = albedo(&material, direction(cos, 0.3), Transport::Radiance);
+            assert!(albedo < 1.02 && albedo > 0.6, "{name} {cos}: {albedo}");
+        }
+    }
+    // All of the base's light goes through: exactly as much as arrives.
+    let (_, leaf) = thin([1.0; 3])[1].clone();
+    let through = principled_thin::Parameters { diff_trans: Texture::Constant(Vec3::ONE), ..leaf };
+    let albedo = albedo(&sheet(through), direction(0.4, 0.3), Transport::Radiance);
+    assert!((albedo - 1.0).abs() < 1e-4, "{albedo}");
+}
+
 /// From both sides, into the denser and into the thinner medium.
 #[test]
 fn s01_rough_glass_follows_its_density() {
@@ -422,7 +580,9 @@ fn samples_agree_with_density_and_value() {
         SHAPES.into_iter().flat_map(|shape| [0.6, -0.6].map(|cos| (frosted(shape, 0.3, 1.5), direction(cos, 2.0))));
     let clear = principled([0.6, 0.3, 0.1]).into_iter().filter(|(_, p)| p.spec_trans > 0.0);
     let glass = glass.chain(clear.flat_map(|(_, p)| [0.6, -0.6].map(|cos| (made(p.clone()), direction(cos, 2.0)))));
-    for (material, wo) in cases().into_iter().chain(glass) {
+    let sheets = thin([0.6, 0.3, 0.1]).into_iter().map(|(_, p)| sheet(p));
+    let sheets = sheets.flat_map(|sheet| [0.6, -0.6].map(|cos| (sheet.clone(), direction(cos, 2.0))));
+    for (material, wo) in cases().into_iter().chain(glass).chain(sheets) {
         for _ in 0..1000 {
             let Some(sample) =
                 material.sample(Vec2::ZERO, wo, random.next_f32(), random.next_2d(), Transport::Radiance)

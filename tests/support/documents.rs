@@ -56,13 +56,17 @@ pub fn xml() -> Documents {
     );
     let loose = files::xml_with(
         "<bsdf type='velvet' id='a'><rgb name='reflectance' value='0.5'/></bsdf><bsdf type='hair' id='h'/>\
-         <bsdf type='principledthin' id='t'><float name='spec_trans' value='0.5'/></bsdf>\
+         <bsdf type='principledthin' id='t'><float name='spec_trans' value='0.5'/><float name='diff_trans' value='1.5'/></bsdf>\
+         <shape type='rectangle'><ref id='t'/></shape>\
          <bsdf type='mixturebsdf' id='m'><string name='weights' value='1 2 3'/><ref id='a'/><ref id='h'/><bsdf type='diffuse'/></bsdf>\
          <bsdf type='diffuse' id='v'><texture type='mesh_attribute' name='reflectance'><string name='name' value='vertex_color'/></texture></bsdf>\
          <shape type='obj'><string name='filename' value='tetrahedron.obj'/><ref id='v'/></shape><shape type='Cube'><ref id='m'/></shape>\
          <shape type='merge'><shape type='sphere'><animation name='toWorld'><transform time='0'><scale value='2'/></transform></animation></shape></shape>\
          <shape type='rectangle'><bsdf type='null'/><emitter type='area'><texture type='bitmap' name='radiance'><string name='filename' \
          value='grey.png'/></texture></emitter></shape><include filename='../a.xml'/><emitter type='collimated'/>\
+         <emitter type='projector'><float name='fov' value='60'/><texture type='bitmap' name='irradiance'><string name='filename' \
+         value='grey.png'/></texture></emitter><emitter type='spot'><texture type='checkerboard' name='texture'/></emitter>\
+         <shape type='obj'><string name='filename' value='tetrahedron.obj'/><ref id='v' name='red'/><bsdf type='plastic' name='blue'/></shape>\
          <shape type='cube'><medium type='heterogeneous' name='interior'><string name='material' value='Coke'/>\
          <volume name='albedo' type='gridvolume'><string name='filename' value='lost.vol'/></volume></medium></shape>",
     );
@@ -87,6 +91,8 @@ pub fn pbrt() -> Documents {
     let old = r#"Film "image" "float scale" 2 Renderer "sampler" SurfaceIntegrator "directlighting" TransformBegin TransformEnd
         LookAt 0 1 5 0 1 0 0 1 0 Camera "perspective" "float fov" 50 WorldBegin LightSource "infinite" "string mapname" "sky.exr"
         LightSource "infinite" "rgb L" [ .1 .2 .3 ] LightSource "goniometric" "string mapname" "grey.png"
+        LightSource "projection" "string mapname" "grey.png" "float fov" 40 "float power" 3
+        AttributeBegin AreaLightSource "diffuse" "string filename" "grey.png" "bool twosided" true Shape "disk" AttributeEnd
         Material "matte" "color Kd" [ .5 .4 .3 ] "float sigma" 20 Shape "sphere" Material "uber" "float Kt" .5 Shape "cone"
         Material "glass" "color Kt" [ .5 1 1 ] Shape "paraboloid" Material "substrate" Shape "hyperboloid"
         Material "disney" "float metallic" .4 Shape "trianglemesh" "point P" [ 0 0 0 1 0 0 0 1 0 ] "float st" [ 0 0 1 0 0 1 ]

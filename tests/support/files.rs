@@ -257,7 +257,9 @@ pub fn scene_with(mesh: Option<MeshFile>, texture: Option<&str>) -> SceneFile {
 pub fn scene_using(name: &str, used: &str) -> SceneFile {
     let file = used.to_owned();
     match name {
-        "tetrahedron.obj" => scene_with(Some(MeshFile::Obj { file, face_normals: false, flip_v: false }), None),
+        "tetrahedron.obj" => {
+            scene_with(Some(MeshFile::Obj { file, face_normals: false, flip_v: false, materials: Vec::new() }), None)
+        }
         "triangle.ply" => {
             scene_with(Some(MeshFile::Ply { file, face_normals: false, flip_v: false, as_given: false }), None)
         }

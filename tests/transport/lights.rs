@@ -17,14 +17,16 @@ use fanal::lights::counted::{SkyCounts, SkySampling};
 use fanal::lights::distant::{Constant, Directional};
 use fanal::lights::envmap::Envmap;
 use fanal::lights::point::{Point, Spot};
+use fanal::lights::projector::{Lens, Profile, Projector};
 use fanal::lights::sun::Sun;
 use fanal::lights::{BoundingSphere, Light};
 use fanal::math::{Frame, channel_mean};
+use fanal::picture::texture::{Texture, Wrap};
 use fanal::picture::{Image, Window};
 use fanal::render::{GuideMode, Outcome, RenderSettings, StopRule};
 use fanal::scene::Scene;
-use fanal::scene::file::LightFile;
-use glam::{Affine3A, DQuat, DVec3, Mat3, Mat4, Quat, Vec3};
+use fanal::scene::file::{LightFile, Matrix, ProfileFile, TextureFile};
+use glam::{Affine2, Affine3A, DQuat, DVec3, Mat3, Mat4, Quat, Vec2, Vec3};
 use rayon::prelude::*;
 use scenes::{GUIDES, built, built_with, floor, mean, outcome, picture, settings};
 
@@ -47,6 +49,17 @@ fn lights() -> Vec<(Light, Vec3)> {
         .map(|i| (i as f32 + 0.5) * cutoff / 10_000.0)
         .map(|a| a.sin() * if a < beam { 1.0 } else { (cutoff - a) / (cutoff - beam) } * cutoff / 10_000.0)
         .sum();
+    // Four pixels around the axis: each has a quarter of the light.
+    let pixels = [1.0, 0.25, 0.75, 2.0].map(Vec3::splat).to_vec();
+    let image = Arc::new(Image { width: 2, height: 2, pixels }).into();
+    let picture = Texture::Bitmap { image, to_uv: Affine2::IDENTITY, scale: 1.0, wrap: Wrap::Clamp, nearest: true };
+    let half = Vec2::splat(cutoff.tan());
+    let projector = |profile, picture: &Texture| {
+        Light::Projector(Box::new(Projector::new(&Lens { to_world: axis, half, profile }, color, picture.clone())))
+    };
+    // The solid angle of a square, and ∫ 1/cos³ dω = ∫ dA.
+    let (t2, area) = (half.x * half.x, 4.0 * half.x * half.y);
+    let square = 4.0 * (t2 / (1.0 + 2.0 * t2).sqrt()).atan();
     let sky = environment();
     let mut random = Random::new(2, 0, 0);
     let n = 400_000;
@@ -60,6 +73,10 @@ fn lights() -> Vec<(Light, Vec3)> {
         (Light::Area(AreaLight::new(sphere, color)), color * PI * PI),
         (Light::Point(Point { position: Vec3::ONE, intensity: color }), color * 4.0 * PI),
         (Light::Spot(Spot::new(axis, color, cutoff, beam)), color * 2.0 * PI * spot),
+        (projector(Profile::Even, &picture), color * square),
+        (projector(Profile::Plane, &picture), color * area),
+        (projector(Profile::Cone { cutoff, beam }, &picture), color * 2.0 * PI * spot),
+        (projector(Profile::Plane, &Texture::Constant(Vec3::splat(0.5))), color * 0.5 * area),
         (Light::Directional(Directional { direction: Vec3::NEG_Y, irradiance: color }), color * covered),
         // Over its solid angle the disk has more than what crosses a plane: by the mean cosine, half of 1 + cos.
         (Light::Sun(Sun::new(Vec3::NEG_Y, color, 1.0)), color * covered * 2.0 / (1.0 + 0.5f32.cos())),
@@ -101,6 +118,16 @@ fn lit_floor(light: Option<LightFile>) -> Scene {
         }
     }
     built(b.finish())
+}
+
+/// A picture in squares, of which one half is dark, beyond its edges too.
+fn projected(to_world: Matrix, profile: ProfileFile) -> LightFile {
+    let texture = TextureFile::Checkerboard {
+        color0: [2.0, 2.0, 2.0],
+        color1: [0.0, 0.0, 0.0],
+        to_uv: [3.0, 0.0, 0.1, 0.0, 2.0, 0.0, 0.0, 0.0, 1.0],
+    };
+    LightFile::Projector { to_world, fov: 80.0, aspect: 1.5, intensity: [2.0; 3], texture, profile }
 }
 
 /// Flux into the floor by path tracing: π/albedo · the mean radiance over the floor · its area.
@@ -178,6 +205,9 @@ fn s08_photons_bring_the_flux_that_paths_see() {
         Some(LightFile::Constant { radiance: [2.0; 3] }),
         Some(LightFile::Point { position: [0.2, 0.6, -0.3], intensity: [2.0; 3] }),
         Some(LightFile::Spot { to_world, intensity: [2.0; 3], cutoff_angle: 40.0, beam_width: 15.0 }),
+        Some(projected(to_world, ProfileFile::Even)),
+        Some(projected(to_world, ProfileFile::Plane)),
+        Some(projected(to_world, ProfileFile::Cone { beam_width: 15.0 })),
         Some(LightFile::Directional { direction: [0.5, -1.0, 0.3], irradiance: [2.0; 3] }),
     ];
     for (i, light) in lights.into_iter().enumerate() {
@@ -276,6 +306,18 @@ fn s04_direct_light_has_its_closed_form() {
         b.add_light(LightFile::Spot { to_world, intensity: [2.0; 3], cutoff_angle: 40.0, beam_width: 15.0 });
         let beside = axis.as_dvec3().angle_between(-position.as_dvec3()).to_degrees();
         direct(name, &built(b.finish()), of_point * ((40.0 - beside) / 25.0).min(1.0), false);
+    }
+    // On a plane across its axis the light of a projector is the same all over; else its intensity is the same in all directions.
+    let below = Mat4::from_rotation_translation(Quat::from_rotation_arc(Vec3::Z, Vec3::NEG_Y), position);
+    let cos = 1.2 / d2.sqrt();
+    for (name, profile, factor) in
+        [("picture", ProfileFile::Even, 1.0), ("flat picture", ProfileFile::Plane, 1.0 / (cos * cos * cos))]
+    {
+        let (to_world, texture) = (matrix(below), TextureFile::rgb([0.5; 3]));
+        let mut b = floor([8, 8], 0.2);
+        let intensity = [4.0; 3];
+        b.add_light(LightFile::Projector { to_world, fov: 70.0, aspect: 1.2, intensity, texture, profile });
+        direct(name, &built(b.finish()), of_point * factor, false);
     }
     let mut b = floor([32, 32], 1.0);
     let n = Frame::new(Vec3::new(0.5, -1.0, 0.0).normalize()).n;

@@ -14,6 +14,7 @@ mod lights;
 mod mattes;
 mod media;
 mod own_scenes;
+mod projectors;
 mod robustness;
 mod stopping;
 mod surfaces;

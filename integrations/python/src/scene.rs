@@ -8,7 +8,7 @@ use fanal::cli::args::{Command, PlanArgs};
 use fanal::cli::commands::in_pool;
 use fanal::scene::overrides::decide;
 use fanal::scene::plan::plan;
-use fanal::scene::readers::{LoadedScene, load_lacking};
+use fanal::scene::readers::{LoadedScene, load_by};
 use pyo3::prelude::*;
 
 use crate::watch::{Interrupted, Watched, watched};
@@ -28,7 +28,7 @@ pub fn load(py: Python<'_>, path: PathBuf, words: Vec<OsString>) -> PyResult<Sce
         return Err(other_command());
     };
     let given = args.clone();
-    let read = move |_: &Watched| in_pool(&given.common, || load_lacking(&given.scene, &given.effects, given.missing));
+    let read = move |_: &Watched| in_pool(&given.common, || load_by(&given.scene, &given.how()));
     let loaded = watched(py, &Arc::default(), None, Interrupted::IsLeft, read)?;
     Ok(Scene { loaded: Arc::new(loaded), args })
 }

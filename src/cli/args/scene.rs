@@ -11,7 +11,7 @@ use crate::picture::Window;
 use crate::render::GuideMode;
 use crate::scene::orbit;
 use crate::scene::overrides::Override;
-use crate::scene::readers::Missing;
+use crate::scene::readers::{Definition, How, Missing};
 
 /// A scene, its picture, and how light is found in it.
 #[derive(Debug, Clone, Args)]
@@ -30,6 +30,9 @@ pub struct SceneArgs {
     /// Effects to switch on (+) or off (-) against `fanal plan`, whose names they have
     #[arg(long, value_name = "+NAME,-NAME,…", value_delimiter = ',', allow_hyphen_values = true)]
     pub effects: Vec<Override>,
+    /// Value for $NAME in a Mitsuba scene, in place of the scene's default; may be given several times
+    #[arg(short = 'D', long = "define", value_name = "NAME=VALUE")]
+    pub definitions: Vec<Definition>,
     /// What to do about meshes and pictures that the scene names and that are not there
     #[arg(long, value_enum, default_value = "refuse")]
     pub missing: Missing,
@@ -69,4 +72,11 @@ pub struct SceneArgs {
     /// Who executes the network, for --guide neural
     #[arg(long, value_enum, default_value = "embedded")]
     pub backend: Backend,
+}
+
+impl SceneArgs {
+    /// How to load the scene.
+    pub fn how(&self) -> How<'_> {
+        How { overrides: &self.effects, definitions: &self.definitions, missing: self.missing }
+    }
 }

@@ -17,6 +17,7 @@ use crate::report::experiment::{Method, Variant};
 use crate::report::results::Interval;
 use crate::report::{Budget, Experiment, page};
 use crate::scene::file::SceneFile;
+use crate::scene::readers::How;
 use crate::scene::views::choose;
 
 /// Runs the comparison and writes its page.
@@ -28,7 +29,8 @@ pub fn run(args: &CompareArgs) -> Result<Ended> {
     in_pool(&args.common, || {
         let denoiser = args.denoise.then(Denoiser::new).transpose()?;
         let begun = Instant::now();
-        let mut loaded = load_scene(&args.scene, &[], args.missing, &args.common)?;
+        let how = How { definitions: &args.definitions, missing: args.missing, ..How::default() };
+        let mut loaded = load_scene(&args.scene, &how, &args.common)?;
         choose(&mut loaded.file, None)?;
         let load_seconds = begun.elapsed().as_secs_f64();
         let size = args.size.unwrap_or([loaded.file.film.width, loaded.file.film.height]);

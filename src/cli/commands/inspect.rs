@@ -11,6 +11,7 @@ use crate::picture::{check_writable, write};
 use crate::render::GuideStatistics;
 use crate::report::inspect::{self, Maps};
 use crate::scene::Scene;
+use crate::scene::readers::How;
 
 /// Prints a summary of a guide file, and draws the picture that is asked for.
 ///
@@ -25,7 +26,8 @@ pub fn run(args: &InspectArgs) -> Result<()> {
         let (field, evidence) = file::load(&args.guide)?;
         let mut told = summary(&field, &evidence).to_vec();
         let image = if let Some(path) = &args.scene {
-            let loaded = load_scene(path, &[], args.missing, &args.common)?;
+            let how = How { definitions: &args.definitions, missing: args.missing, ..How::default() };
+            let loaded = load_scene(path, &how, &args.common)?;
             let size = args.size.unwrap_or([loaded.file.film.width, loaded.file.film.height]);
             check_size(size[0], size[1])?;
             Some(inspect::gains(&Scene::build(&loaded, size)?, &field, &evidence))

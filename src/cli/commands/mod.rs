@@ -15,12 +15,11 @@ pub mod replay;
 use super::args::Common;
 use super::print;
 use crate::base::{Error, Result};
-use crate::scene::overrides::Override;
-use crate::scene::readers::{LoadedScene, Missing, load_lacking};
+use crate::scene::readers::{How, LoadedScene, load_by};
 
 /// Loads a scene and passes its warnings on.
-fn load_scene(path: &std::path::Path, effects: &[Override], missing: Missing, common: &Common) -> Result<LoadedScene> {
-    let loaded = load_lacking(path, effects, missing)?;
+fn load_scene(path: &std::path::Path, how: &How, common: &Common) -> Result<LoadedScene> {
+    let loaded = load_by(path, how)?;
     print::warnings(&loaded.warnings, common.quiet);
     Ok(loaded)
 }

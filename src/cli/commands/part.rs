@@ -29,7 +29,7 @@ pub fn run(args: &RenderArgs, part: PartOf) -> Result<Ended> {
         RenderArgs { checkpoint: Some(state.clone()), resume: state.exists().then(|| state.clone()), ..args.clone() };
     in_pool(&args.common, || {
         let begun = Instant::now();
-        let mut loaded = load_scene(&args.of.scene, &args.of.effects, args.of.missing, &args.common)?;
+        let mut loaded = load_scene(&args.of.scene, &args.of.how(), &args.common)?;
         let load = begun.elapsed().as_secs_f64();
         views::select(&args.of, &mut loaded)?;
         let mut request = resolve(&args, &loaded.file)?;

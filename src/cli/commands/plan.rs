@@ -12,7 +12,7 @@ use crate::scene::plan::plan;
 /// # Errors
 /// Errors of reading the scene.
 pub fn run(args: &PlanArgs) -> Result<()> {
-    let file = in_pool(&args.common, || load_scene(&args.scene, &args.effects, args.missing, &args.common))?.file;
+    let file = in_pool(&args.common, || load_scene(&args.scene, &args.how(), &args.common))?.file;
     let mut plan = plan(&file);
     decide(&mut plan, &args.effects);
     if args.json {

@@ -56,7 +56,7 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
         let begun = Instant::now();
         // First of all: who waits for a picture should not learn at its end that this is missing.
         let denoiser = args.denoise.then(Denoiser::new).transpose()?;
-        let mut loaded = load_scene(&args.of.scene, &args.of.effects, args.of.missing, &args.common)?;
+        let mut loaded = load_scene(&args.of.scene, &args.of.how(), &args.common)?;
         let load = begun.elapsed().as_secs_f64();
         views::select(&args.of, &mut loaded)?;
         let request = resolve(args, &loaded.file)?;

@@ -25,7 +25,7 @@ pub fn run(args: &RenderArgs, sample: Sample) -> Result<()> {
         ));
     }
     in_pool(&args.common, || {
-        let mut loaded = load_scene(&args.of.scene, &args.of.effects, args.of.missing, &args.common)?;
+        let mut loaded = load_scene(&args.of.scene, &args.of.how(), &args.common)?;
         views::select(&args.of, &mut loaded)?;
         let request = resolve(args, &loaded.file)?;
         loaded.file.render.max_depth = request.settings.transport.max_depth;

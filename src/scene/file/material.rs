@@ -211,6 +211,8 @@ pub enum MaterialFile {
     Null,
     /// Burley's mixture of lobes.
     Principled(PrincipledFile),
+    /// Burley's mixture of lobes for thin sheets, alike on both sides.
+    PrincipledThin(PrincipledThinFile),
     /// Two materials mixed: (1 − weight) of the first, weight of the second.
     Blend {
         /// Weight in [0, 1]; the luminance of a colour.
@@ -300,6 +302,39 @@ pub struct PrincipledFile {
     pub spec_trans: f32,
 }
 
+/// Burley's thin sheet (2015) with the formulas of Mitsuba's `principledthin`, bounded so that it never scatters more than arrives. Numbers
+/// are in [0, 1]; textures of numbers count by their luminance.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PrincipledThinFile {
+    /// Colour of the base, and of what passes.
+    pub base_color: TextureFile,
+    /// Square root of the facets' roughness.
+    #[serde(default = "grey")]
+    pub roughness: TextureFile,
+    /// Blend from a diffuse sheet (0) to a clear one (1).
+    #[serde(default = "black")]
+    pub spec_trans: TextureFile,
+    /// Part of the diffuse light that goes through.
+    #[serde(default = "black")]
+    pub diff_trans: TextureFile,
+    /// Refractive index relative to the outside, at least 1.
+    #[serde(default = "glass_index")]
+    pub eta: f32,
+    /// How much the specular reflection takes on the base's hue.
+    #[serde(default)]
+    pub spec_tint: f32,
+    /// Strength of the sheen: reflection at grazing angles as of cloth.
+    #[serde(default)]
+    pub sheen: f32,
+    /// How much the sheen takes on the base's hue.
+    #[serde(default)]
+    pub sheen_tint: f32,
+    /// Blend from the diffuse base (0) to an approximation of subsurface scattering (1).
+    #[serde(default)]
+    pub flatness: f32,
+}
+
 /// Lists a material's textures, for shared and for mutable access.
 macro_rules! textures {
     ($material:ident, $each:ident, $iter:ident) => {
@@ -316,6 +351,12 @@ macro_rules! textures {
             Self::Principled(PrincipledFile { base_color, roughness, metallic, .. }) => {
                 vec![("base_color", base_color), ("roughness", roughness), ("metallic", metallic)]
             }
+            Self::PrincipledThin(PrincipledThinFile { base_color, roughness, spec_trans, diff_trans, .. }) => vec![
+                ("base_color", base_color),
+                ("roughness", roughness),
+                ("spec_trans", spec_trans),
+                ("diff_trans", diff_trans),
+            ],
             Self::Mask { opacity, material } => {
                 let mut textures = material.$each();
                 textures.push(("opacity", opacity));
@@ -400,7 +441,7 @@ impl MaterialFile {
     /// Whether its back scatters like its front.
     pub fn is_two_sided(&self) -> bool {
         match self {
-            Self::TwoSided { .. } => true,
+            Self::TwoSided { .. } | Self::PrincipledThin(_) => true,
             Self::Blend { materials, .. } => materials.iter().all(Self::is_two_sided),
             other => other.inside().is_some_and(Self::is_two_sided),
         }

@@ -37,7 +37,7 @@ pub fn check(file: &SceneFile, meshes: &BTreeMap<String, Arc<Mesh>>, places: &Pl
     for (index, light) in file.lights.iter().enumerate() {
         let place = match light {
             LightFile::Point { position, .. } => DVec3::from_array(position.map(f64::from)),
-            LightFile::Spot { to_world, .. } => offset(to_world),
+            LightFile::Spot { to_world, .. } | LightFile::Projector { to_world, .. } => offset(to_world),
             LightFile::Directional { .. } | LightFile::Sun { .. } => DVec3::ZERO,
             LightFile::Constant { .. } | LightFile::Envmap { .. } | LightFile::Sky { .. } => DVec3::ZERO,
         };

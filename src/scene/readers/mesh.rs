@@ -53,9 +53,9 @@ pub fn load(file: &MeshFile, held: Option<Mesh>, directory: &Path, place: &Place
     let flat_if = |face_normals: bool| if face_normals { Shading::Flat } else { Shading::Smooth };
     let open = |file: &str| path::resolve(directory, file, place);
     match file {
-        MeshFile::Obj { file, face_normals, flip_v } => {
+        MeshFile::Obj { file, face_normals, flip_v, materials } => {
             let path = open(file)?;
-            finish(turned(obj::read(&path)?, *flip_v), flat_if(*face_normals), &Place::file(path))
+            finish(turned(obj::read(&path, materials)?, *flip_v), flat_if(*face_normals), &Place::file(path))
         }
         MeshFile::Ply { file, face_normals, flip_v, as_given } => {
             let path = open(file)?;

@@ -149,10 +149,21 @@ fn replace_pictures(scene: &mut SceneFile, folder: &Path, places: &Places, held:
         }
     }
     for (index, light) in scene.lights.iter_mut().enumerate() {
+        let place = || places.at(&format!("lights[{index}]"));
+        if let Some(texture) = light.texture_mut() {
+            if let TextureFile::Bitmap { file, scale, .. } = texture
+                && absent(file)
+            {
+                let color = [GREY * *scale; 3];
+                found.push(Absent::picture(file, place(), color));
+                *texture = TextureFile::rgb(color);
+            }
+            continue;
+        }
         let LightFile::Envmap { file, scale, .. } = light else { continue };
         if absent(file) {
             let radiance = [GREY * *scale; 3];
-            found.push(Absent::picture(file, places.at(&format!("lights[{index}]")), radiance));
+            found.push(Absent::picture(file, place(), radiance));
             *light = LightFile::Constant { radiance };
         }
     }

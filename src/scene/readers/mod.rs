@@ -8,6 +8,7 @@ mod builtin;
 mod cameras;
 mod cie;
 mod conductors;
+mod definitions;
 pub(super) mod extent;
 mod frames;
 mod gltf;
@@ -51,6 +52,7 @@ use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFi
 use crate::scene::overrides::{self, Override};
 
 pub use attributes::Attributes;
+pub use definitions::Definition;
 pub use json::save;
 pub use missing::Missing;
 pub use paint::{painted, painted_corners};
@@ -132,17 +134,32 @@ pub fn load_with(path: &Path, overrides: &[Override]) -> Result<LoadedScene> {
 /// # Errors
 /// As [`load`]; no [`Error::Missing`] where they are skipped.
 pub fn load_lacking(path: &Path, overrides: &[Override], missing: Missing) -> Result<LoadedScene> {
+    load_by(path, &How { overrides, missing, ..How::default() })
+}
+
+/// As [`load`], as `how` says.
+///
+/// # Errors
+/// As [`load_lacking`]; [`Error::Options`] for a definition of what no scene of this format names, and [`Error::Malformed`] for one of
+/// what this scene does not.
+pub fn load_by(path: &Path, how: &How) -> Result<LoadedScene> {
     let path = document(path)?;
     let directory = path.parent().unwrap_or(Path::new("")).to_owned();
-    let how = How { overrides, missing };
-    match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
-        Some("json") => resolve_at(Read::plain(json::read(&path)?, &path), &directory, &how),
-        Some("xml") => resolve_at(mitsuba::read(&path)?, &directory, &how),
-        Some("pbrt") => resolve_at(pbrt::read(&path)?, &directory, &how),
+    let kind = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    if let Some(definition) = how.definitions.first().filter(|_| kind.as_deref() != Some("xml")) {
+        let Definition { name, value } = definition;
+        let message =
+            format!("-D {name}={value}: only Mitsuba's scenes have names to define, {} is none", path.display());
+        return Err(Error::Options(message));
+    }
+    match kind.as_deref() {
+        Some("json") => resolve_at(Read::plain(json::read(&path)?, &path), &directory, how),
+        Some("xml") => resolve_at(mitsuba::read(&path, how.definitions)?, &directory, how),
+        Some("pbrt") => resolve_at(pbrt::read(&path)?, &directory, how),
         Some("gz") if path.file_stem().is_some_and(|stem| Path::new(stem).extension() == Some("pbrt".as_ref())) => {
-            resolve_at(pbrt::read(&path)?, &directory, &how)
+            resolve_at(pbrt::read(&path)?, &directory, how)
         }
-        Some("gltf" | "glb") => resolve_at(gltf::read(&path)?, &directory, &how),
+        Some("gltf" | "glb") => resolve_at(gltf::read(&path)?, &directory, how),
         _ => Err(Error::Unsupported {
             place: Place::file(&path),
             what: "this kind of scene file".into(),
@@ -174,10 +191,15 @@ impl Read {
     }
 }
 
-/// Options for loading a scene.
-struct How<'a> {
-    overrides: &'a [Override],
-    missing: Missing,
+/// How to load a scene.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct How<'a> {
+    /// Effects switched on or off. Files to which only switched-off effects refer are not read.
+    pub overrides: &'a [Override],
+    /// Values for names in the document.
+    pub definitions: &'a [Definition],
+    /// What to do about files that are not there.
+    pub missing: Missing,
 }
 
 /// Names of a folder's scene document, the first that is there.
@@ -199,7 +221,7 @@ fn document(path: &Path) -> Result<PathBuf> {
 /// # Errors
 /// As [`load`]; places are key paths such as `shapes[3].material`.
 pub fn resolve(file: SceneFile, directory: &Path, source: &Path) -> Result<LoadedScene> {
-    resolve_at(Read::plain(file, source), directory, &How { overrides: &[], missing: Missing::Refuse })
+    resolve_at(Read::plain(file, source), directory, &How::default())
 }
 
 fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
@@ -284,9 +306,12 @@ fn read_pictures(scene: &SceneFile, held: BTreeMap<String, Texels>, directory: &
         }
     }
     for (index, light) in scene.lights.iter().enumerate() {
+        let place = || places.at(&format!("lights[{index}]"));
         if let LightFile::Envmap { file, .. } = light {
-            let place = || places.at(&format!("lights[{index}]"));
             files.entry(image_key(file, false)).or_insert_with(|| (file, false, place()));
+        }
+        if let Some(TextureFile::Bitmap { file, raw, .. }) = light.texture() {
+            files.entry(image_key(file, *raw)).or_insert_with(|| (file, *raw, place()));
         }
     }
     let read = |(key, (file, raw, place)): (String, (&str, bool, Place))| {
@@ -331,6 +356,9 @@ fn load_images(
             && let Some(image) = add(file, false)?
         {
             check_envmap(&image, file, places.at(&format!("lights[{index}]")), warnings)?;
+        }
+        if let Some(TextureFile::Bitmap { file, raw, .. }) = light.texture() {
+            add(file, *raw)?;
         }
     }
     Ok(images)

@@ -1,5 +1,5 @@
 //! Wavefront OBJ: the lines that make up geometry, as one mesh. Groups do not split it, so that smooth normals do not break where
-//! one ends; material files are not read.
+//! one ends; the faces of some materials may be asked for alone. Material files are not read.
 //!
 //! Pieces of the text are read in parallel, twice: first to count, so that each knows what the indices of its faces refer to.
 
@@ -21,23 +21,29 @@ use corners::{Corner, corner, weld};
 /// Reads an OBJ file; polygons become fans of triangles, points and lines are left out. v becomes 1 − v, because OBJ counts it from
 /// the bottom of a picture, and this renderer, like Mitsuba, from the top.
 ///
+/// Where `only` names materials, there are only their faces; those before any `usemtl` have the material "".
+///
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the file and, where there is one, the line.
-pub fn read(path: &Path) -> Result<Mesh> {
+pub fn read(path: &Path, only: &[String]) -> Result<Mesh> {
     let bytes = read_bytes(path, LARGEST_MESH_FILE)?;
     let fail = |place: Place, why: &str| Error::malformed(place, format!("not a readable OBJ file: {why}"));
     let pieces = pieces(&bytes);
     let counts: Vec<Counts> = pieces.par_iter().map(|piece| Counts::of(piece)).collect();
     let mut total = Counts::default();
     let mut begins = Vec::with_capacity(counts.len());
-    for counts in &counts {
-        begins.push(total);
+    let mut material: &[u8] = b"";
+    for (counts, piece) in counts.iter().zip(&pieces) {
+        begins.push(Begin { counts: total, kept: is_among(only, material) });
         total = total.plus(counts);
+        if !only.is_empty() {
+            material = lines(piece).filter_map(material_named).last().unwrap_or(material);
+        }
     }
     let parts: Vec<Result<Part, Broken>> = pieces
         .par_iter()
         .zip(begins.par_iter().zip(&counts))
-        .map(|(piece, (b, c))| part(piece, b, c, &total))
+        .map(|(piece, (begin, counts))| part(piece, begin, counts, &total, only))
         .collect();
     let triangles = parts.iter().flatten().map(|part| part.triangles.len()).sum();
     let mut whole = Part::with_capacity(&total, triangles);
@@ -45,12 +51,59 @@ pub fn read(path: &Path) -> Result<Mesh> {
         match part {
             Ok(part) => whole.append(part),
             Err((line, why)) => {
-                let line = u32::try_from(begin.lines + line + 1).unwrap_or(u32::MAX);
+                let line = u32::try_from(begin.counts.lines + line + 1).unwrap_or(u32::MAX);
                 return Err(fail(Place::line(path, line), why));
             }
         }
     }
     weld(&whole).map_err(|why| fail(Place::file(path), why))
+}
+
+/// The materials that the faces of an OBJ file have by their `usemtl`, in the order in which they come; "" is that before any.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Limit`].
+pub fn materials(path: &Path) -> Result<Vec<String>> {
+    let bytes = read_bytes(path, LARGEST_MESH_FILE)?;
+    let mut found = Vec::new();
+    let (mut material, mut seen): (&[u8], bool) = (b"", false);
+    for line in lines(&bytes) {
+        if let Some(name) = material_named(line) {
+            (material, seen) = (name, false);
+        } else if !seen && words(line).next() == Some(b"f") {
+            seen = true;
+            let name = String::from_utf8_lossy(material).into_owned();
+            if !found.contains(&name) {
+                found.push(name);
+                if found.len() > MOST_MATERIALS {
+                    let (place, what) = (Place::file(path), "number of materials".to_owned());
+                    return Err(Error::Limit { place, what, value: found.len() as u64, limit: MOST_MATERIALS as u64 });
+                }
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// Most materials of a file whose faces are told apart.
+const MOST_MATERIALS: usize = 1024;
+
+/// What a line `usemtl` names: the rest of it.
+fn material_named(line: &[u8]) -> Option<&[u8]> {
+    let rest = line.trim_ascii().strip_prefix(b"usemtl")?;
+    rest.first().is_none_or(u8::is_ascii_whitespace).then(|| rest.trim_ascii())
+}
+
+/// Whether faces of a material are wanted.
+fn is_among(only: &[String], material: &[u8]) -> bool {
+    only.is_empty() || only.iter().any(|name| *name == String::from_utf8_lossy(material))
+}
+
+/// What came before a piece.
+struct Begin {
+    counts: Counts,
+    /// Whether faces are wanted there.
+    kept: bool,
 }
 
 /// Index of a line in its piece, and its fault.
@@ -119,9 +172,10 @@ impl Part {
     }
 }
 
-/// Reads a piece that holds `counts` values, after those of `begin`, in a file of `total`.
-fn part(piece: &[u8], begin: &Counts, counts: &Counts, total: &Counts) -> Result<Part, Broken> {
+/// Reads a piece that holds `counts` values, after `begin`, in a file of `total`.
+fn part(piece: &[u8], begin: &Begin, counts: &Counts, total: &Counts, only: &[String]) -> Result<Part, Broken> {
     let mut part = Part::with_capacity(counts, 0);
+    let mut kept = begin.kept;
     for (index, line) in lines(piece).enumerate() {
         // The rest of a line after # is a comment.
         let mut words = words(line).take_while(|word| word[0] != b'#');
@@ -136,9 +190,13 @@ fn part(piece: &[u8], begin: &Counts, counts: &Counts, total: &Counts) -> Result
                 let normal = numbers(&mut words).ok_or("a line \"vn\" does not hold three numbers");
                 normal.map(|normal| part.normals.push(Vec3::from_array(normal)))
             }
-            b"f" => {
+            b"usemtl" => {
+                kept = is_among(only, material_named(line).unwrap_or_default());
+                Ok(())
+            }
+            b"f" if kept => {
                 let here = [part.positions.len(), part.uvs.len(), part.normals.len()];
-                let before = [0, 1, 2].map(|i| begin.values[i] + here[i]);
+                let before = [0, 1, 2].map(|i| begin.counts.values[i] + here[i]);
                 fan(words.map(|word| corner(word, before, total.values)), &mut part.triangles)
             }
             _ => Ok(()),
@@ -185,7 +243,7 @@ mod tests {
     fn parse(text: &str) -> Result<Mesh> {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), text).unwrap();
-        read(file.path())
+        read(file.path(), &[])
     }
 
     #[test]
@@ -230,6 +288,39 @@ mod tests {
         }
         let mixed = parse("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\nf 2 4 3\n").unwrap_err();
         assert!(mixed.to_string().contains("and others do not"), "{mixed}");
+    }
+
+    /// Faces by their material, in a file that is cut into pieces between a name and its faces. Each has its own vertices alone.
+    #[test]
+    fn faces_by_material() {
+        let mut text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl of wood \r\n".to_owned();
+        for i in 0..60_000 {
+            text += &format!("v {i} 1 2 # a long line of one vertex\n");
+        }
+        text += "f -1 -2 1\nf -3 -4 1\n\tusemtl glass\nf 1 2 3\nusemtl unused\nusemtl of wood\nf 1 2 3\nusemtl\nf 3 2 1\nusemtlx\n";
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), &text).unwrap();
+        assert!(pieces(text.as_bytes()).len() > 1);
+        assert_eq!(materials(file.path()).unwrap(), ["", "of wood", "glass"]);
+        let of = |names: &[&str]| {
+            let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+            let mesh = read(file.path(), &names).unwrap();
+            (mesh.triangles.len(), mesh.positions.len())
+        };
+        assert_eq!(of(&["of wood"]), (3, 7));
+        assert_eq!(of(&["glass"]), (1, 3));
+        assert_eq!(of(&[""]), (2, 3));
+        assert_eq!(of(&["", "glass"]), (3, 3));
+        assert_eq!(of(&[]), (6, 7));
+        assert_eq!(of(&["unused"]), (0, 0));
+    }
+
+    #[test]
+    fn too_many_materials() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let text: String = (0..=MOST_MATERIALS).map(|i| format!("usemtl {i}\nf\n")).collect();
+        std::fs::write(file.path(), text).unwrap();
+        assert!(matches!(materials(file.path()), Err(Error::Limit { value: 1025, limit: 1024, .. })));
     }
 
     /// A long file, so that it is cut, with numbers of faces from the beginning and from the end of what came before, and one wrong

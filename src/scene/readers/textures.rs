@@ -49,6 +49,38 @@ impl Texture {
     }
 }
 
+/// Whether a texture is the same everywhere.
+pub(super) fn is_even(texture: &TextureFile) -> bool {
+    matches!(texture, TextureFile::Rgb { .. } | TextureFile::Attribute { .. })
+}
+
+/// The texture with both coordinates turned around: what it was at (u, v) it is at (1 − u, 1 − v).
+pub(super) fn turned(texture: TextureFile) -> TextureFile {
+    placed(texture, [-1.0, 0.0, 1.0, 0.0, -1.0, 1.0])
+}
+
+/// The texture with its first coordinate turned around.
+pub(super) fn mirrored(texture: TextureFile) -> TextureFile {
+    placed(texture, [-1.0, 0.0, 1.0, 0.0, 1.0, 0.0])
+}
+
+/// The texture with its second coordinate turned around.
+pub(super) fn upside_down(texture: TextureFile) -> TextureFile {
+    placed(texture, [1.0, 0.0, 0.0, 0.0, -1.0, 1.0])
+}
+
+/// The texture at coordinates that `first`, two rows of three, makes of the given ones.
+fn placed(mut texture: TextureFile, first: [f32; 6]) -> TextureFile {
+    if let TextureFile::Bitmap { to_uv, .. } | TextureFile::Checkerboard { to_uv, .. } = &mut texture {
+        let [a, b, c, d, e, f] = first;
+        for row in 0..2 {
+            let [x, y, z] = [to_uv[3 * row], to_uv[3 * row + 1], to_uv[3 * row + 2]];
+            to_uv[3 * row..3 * row + 3].copy_from_slice(&[x * a + y * d, x * b + y * e, x * c + y * f + z]);
+        }
+    }
+    texture
+}
+
 fn affine(m: &[f32; 9]) -> Affine2 {
     Affine2::from_mat2_translation(Mat2::from_cols_array(&[m[0], m[3], m[1], m[4]]), Vec2::new(m[2], m[5]))
 }

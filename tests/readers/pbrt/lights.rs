@@ -37,8 +37,6 @@ fn points_spots_and_distant_light() {
     assert!(close(direction, [1.0, 0.0, 0.0]) && irradiance == [3., 2., 1.], "{direction:?}");
     let file = warned("LightSource \"goniometric\" \"string filename\" \"sky.exr\" \"rgb I\" [ 2 2 2 ]", "same mean");
     assert!(close(color(&file.lights[0]), [7.0, 3.0, 1.0]), "{:?}", file.lights);
-    let file = warned("LightSource \"projection\" \"string filename\" \"sky.exr\" \"float fov\" 60", "spot");
-    assert!(matches!(file.lights[0], LightFile::Spot { cutoff_angle: 30.0, .. }), "{:?}", file.lights);
 }
 
 /// v4's spectra only say the hue of a light; RGB keeps its luminance.
@@ -240,4 +238,39 @@ fn media() {
     assert_eq!(warned(cloud, "cloud").shapes[0].interior, None);
     let shining = "Material \"interface\" AreaLightSource \"diffuse\" Shape \"sphere\"";
     assert_eq!(warned(shining, "does not shine").shapes[0].emission, None);
+}
+
+/// The picture of an area light: v counts from its bottom, and beyond its edges their pixels go on. Its mean counts for a power.
+#[test]
+fn lamps_with_pictures() {
+    let folder = folder();
+    exr::prelude::write_rgb_file(folder.path().join("four.exr"), 2, 2, |x, y| (1.0 + x as f32, 1.0 + y as f32, 3.0f32))
+        .unwrap();
+    let quad = "Shape \"bilinearmesh\" \"point3 P\" [ -1 -1 0 1 -1 0 -1 1 0 1 1 0 ] \"point2 uv\" [ 0 0 1 0 0 1 1 1 ]";
+    let light = "AreaLightSource \"diffuse\" \"string filename\" \"four.exr\" \"float scale\" 2";
+    let seen = |[x, y]: [f32; 2], light: &str| {
+        let frame = "Film \"rgb\" \"integer xresolution\" 1 \"integer yresolution\" 1 PixelFilter \"box\"";
+        let camera = format!("LookAt {x} {y} 3  {x} {y} 0  0 1 0 Camera \"perspective\" \"float fov\" .1");
+        let text = format!("{frame} {camera} WorldBegin {light} {quad}");
+        let loaded = load_text(folder.path(), &text).unwrap();
+        assert!(!loaded.warnings.iter().any(|warning| warning.contains("picture")), "{:?}", loaded.warnings);
+        picture(&loaded, 4).pixels[0]
+    };
+    for (place, expected) in [
+        ([-0.5, 0.5], [1.0, 1.0, 3.0]),
+        ([0.5, 0.5], [2.0, 1.0, 3.0]),
+        ([-0.5, -0.5], [1.0, 2.0, 3.0]),
+        ([0.95, -0.95], [2.0, 2.0, 3.0]),
+        ([0.0, 0.0], [1.5, 1.5, 3.0]),
+    ] {
+        let found = seen(place, light);
+        assert!(found.distance(2.0 * Vec3::from_array(expected)) < 0.01, "{place:?}: {found}");
+    }
+    let power = "AreaLightSource \"diffuse\" \"string filename\" \"four.exr\" \"float power\" 10";
+    let found = seen([0.0, 0.0], power);
+    assert!((luminance(found.to_array()) - 10.0 / (4.0 * std::f32::consts::PI)).abs() < 0.01, "{found}");
+    // A black border has no light, and no picture of it.
+    let border = format!("WorldBegin Material \"interface\" {light} {quad}");
+    let loaded = load_text(folder.path(), &border).unwrap();
+    assert_eq!((&loaded.file.shapes[0].emission, &loaded.file.shapes[0].emission_texture), (&None, &None));
 }

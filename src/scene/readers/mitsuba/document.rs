@@ -1,12 +1,14 @@
 //! The XML document as a tree of our own, with includes spliced in and `$names` replaced.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
 
+use super::super::definitions::Definition;
 use super::super::path;
+use super::super::slips::meant;
 use super::element::Element;
 use super::spectrum_file;
 use super::upgrade;
@@ -19,11 +21,24 @@ const DEEPEST: usize = 32;
 const BUDGET: u64 = 256 << 20;
 
 /// Reads the scene document at `path` with its includes, upgraded to the dialect of Mitsuba 3, and the warnings of the upgrade.
-pub fn read(path: &Path) -> Result<(Element, Vec<String>)> {
+/// Names stand for what `definitions` say, whatever the document's defaults are.
+pub fn read(path: &Path, definitions: &[Definition]) -> Result<(Element, Vec<String>)> {
     let root = path.parent().unwrap_or(Path::new(""));
-    let mut source = Source { root, defaults: BTreeMap::new(), open: Vec::new(), budget: BUDGET, warnings: Vec::new() };
+    let given = definitions.iter().map(|definition| (definition.name.clone(), definition.value.clone()));
+    let mut source = Source {
+        root,
+        // The last says what holds, as of any option.
+        defaults: given.collect(),
+        names: BTreeSet::new(),
+        open: Vec::new(),
+        budget: BUDGET,
+        warnings: Vec::new(),
+    };
     let scene = source.file(path)?;
-    Ok((scene, source.warnings))
+    match definitions.iter().find(|definition| !source.names.contains(&definition.name)) {
+        Some(unknown) => Err(Error::malformed(Place::file(path), source.no_name(&unknown.name))),
+        None => Ok((scene, source.warnings)),
+    }
 }
 
 struct Source<'a> {
@@ -31,6 +46,8 @@ struct Source<'a> {
     root: &'a Path,
     /// Values of `$names`; the first definition stands.
     defaults: BTreeMap<String, String>,
+    /// Names that the document uses or has defaults for.
+    names: BTreeSet<String>,
     /// The files that are being read, outermost first.
     open: Vec<PathBuf>,
     budget: u64,
@@ -143,8 +160,19 @@ impl Source<'_> {
         if name.is_empty() {
             return Err(element.malformed("a default needs a name"));
         }
+        self.names.insert(name.to_owned());
         self.defaults.entry(name.to_owned()).or_insert_with(|| value.to_owned());
         Ok(())
+    }
+
+    /// Message about a definition of a name that the document does not know.
+    fn no_name(&self, name: &str) -> String {
+        let known: Vec<&str> = self.names.iter().map(String::as_str).collect();
+        let near = meant(name, &known).map(|near| format!("; \"{near}\" seems to be meant")).unwrap_or_default();
+        match known[..] {
+            [] => format!("-D {name}: the scene has no names to define"),
+            _ => format!("-D {name}: the scene has no such name{near}; there is {}", known.join(", ")),
+        }
     }
 
     /// The children of the included scene.
@@ -186,9 +214,10 @@ impl Source<'_> {
                 let name: String = after.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
                 return Err(Error::malformed(
                     place.clone(),
-                    format!("nothing says what ${name} is; expected a <default> before"),
+                    format!("nothing says what ${name} is; expected a <default> before, or -D {name}=VALUE"),
                 ));
             };
+            self.names.insert(name.clone());
             out.push_str(before);
             out.push_str(replacement);
             rest = &after[name.len()..];

@@ -5,8 +5,13 @@ use std::f64::consts::PI;
 use glam::{DMat4, DVec3};
 
 use crate::base::Result;
-use crate::scene::file::{FilmFile, FilterFile, LightFile, TextureFile};
+use crate::picture::read_texels;
+use crate::scene::file::{LightFile, ProfileFile, TextureFile};
+use crate::scene::readers::frames::rounded;
+use crate::scene::readers::missing::is_absent;
+use crate::scene::readers::path;
 use crate::scene::readers::spectrum::Use;
+use crate::scene::readers::textures::{is_even, turned};
 
 use super::Reader;
 use super::element::Element;
@@ -16,6 +21,8 @@ use super::upgrade::OLD_SUNSKY;
 
 const KINDS: [&str; 10] =
     ["area", "point", "spot", "directional", "projector", "constant", "envmap", "sunsky", "sky", "sun"];
+/// Half angle in degrees below which a spot has a picture: one that is wider has none to the side.
+const WIDEST_PICTURE: f32 = 89.5;
 
 impl<'a> Reader<'a> {
     /// The radiance of a shape's emitter, and a factor on it.
@@ -72,16 +79,32 @@ impl<'a> Reader<'a> {
         Ok(LightFile::Point { position: position.as_vec3().to_array(), intensity })
     }
 
-    fn spot(&self, element: &'a Element) -> Result<LightFile> {
-        let known = ["to_world", "intensity", "cutoff_angle", "beam_width", "sampling_weight"];
+    fn spot(&mut self, element: &'a Element) -> Result<LightFile> {
+        let known = ["to_world", "intensity", "cutoff_angle", "beam_width", "texture", "sampling_weight"];
         let object = Object::new(element, &self.ids, &known, &[])?;
         let cutoff = object.float("cutoff_angle")?.unwrap_or(20.0);
-        Ok(LightFile::Spot {
-            to_world: object.to_world()?,
-            intensity: object.color_for("intensity", Use::Light)?.unwrap_or([1.0; 3]),
-            cutoff_angle: cutoff as f32,
-            beam_width: object.float("beam_width")?.unwrap_or(cutoff * 0.75) as f32,
-        })
+        let (cutoff_angle, to_world) = (cutoff as f32, object.to_world()?);
+        let beam_width = object.float("beam_width")?.unwrap_or(cutoff * 0.75) as f32;
+        let mut intensity = object.color_for("intensity", Use::Light)?.unwrap_or([1.0; 3]);
+        if let Some(property) = object.property("texture") {
+            let texture = self.light_texture(&object, "texture")?;
+            if !is_even(&texture) && cutoff_angle < WIDEST_PICTURE {
+                let profile = ProfileFile::Cone { beam_width };
+                // The picture's coordinates grow along x and y, a projector's against them.
+                let texture = turned(texture);
+                return Ok(LightFile::Projector {
+                    to_world,
+                    fov: 2.0 * cutoff_angle,
+                    aspect: 1.0,
+                    intensity,
+                    texture,
+                    profile,
+                });
+            }
+            let mean = self.mean(&texture, property, "the texture of a spot this wide")?;
+            intensity = [0, 1, 2].map(|i| intensity[i] * mean[i]);
+        }
+        Ok(LightFile::Spot { to_world, intensity, cutoff_angle, beam_width })
     }
 
     fn directional(&self, element: &'a Element) -> Result<LightFile> {
@@ -95,22 +118,48 @@ impl<'a> Reader<'a> {
         Ok(LightFile::Directional { direction: direction.normalize_or_zero().as_vec3().to_array(), irradiance })
     }
 
-    /// A projector as a spot of its mean: where its picture ends there is no light, but between there is no picture.
+    /// A picture through a perspective. On a plane across the axis, at a distance of 1, the irradiance is π times the picture's.
     fn projector(&mut self, element: &'a Element) -> Result<LightFile> {
         let known = ["irradiance", "scale", "to_world", "fov", "fov_axis", "focal_length", "sampling_weight"];
         let object = Object::new(element, &self.ids, &known, &[])?;
-        self.warn(element, "the projector is read as a spot of the mean of its picture");
-        let irradiance = self.mean_color(&object, "irradiance", Use::Light)?.unwrap_or([1.0; 3]);
-        let scale = (PI * object.float("scale")?.unwrap_or(1.0)) as f32;
-        let square = FilmFile { width: 1, height: 1, filter: FilterFile::default() };
-        // Beyond 1° of the horizon a spot would shine backwards.
-        let half = (0.5 * horizontal_fov(&object, &square)?).min(89.0) as f32;
-        Ok(LightFile::Spot {
-            to_world: object.to_world()?,
-            intensity: irradiance.map(|channel| channel * scale),
-            cutoff_angle: half,
-            beam_width: half,
+        let texture = self.light_texture(&object, "irradiance")?;
+        let size = match &texture {
+            TextureFile::Bitmap { file, raw, .. } => self.picture_size(element, file, *raw)?,
+            _ => [1; 2],
+        };
+        let aspect = size[0] as f64 / size[1].max(1) as f64;
+        let to_world = object.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
+        // A scaled one is brighter in the same proportion.
+        let scale = PI * object.float("scale")?.unwrap_or(1.0) * to_world.transform_vector3(DVec3::Z).length();
+        Ok(LightFile::Projector {
+            to_world: rounded(to_world),
+            fov: horizontal_fov(&object, aspect)? as f32,
+            aspect: aspect as f32,
+            intensity: [scale as f32; 3],
+            texture,
+            profile: ProfileFile::Plane,
         })
+    }
+
+    /// What a light shines with, white if it is not said.
+    fn light_texture(&mut self, object: &Object<'a>, name: &str) -> Result<TextureFile> {
+        match object.property(name) {
+            Some(texture) if texture.tag == "texture" => match self.texture_object(texture)? {
+                attribute @ TextureFile::Attribute { .. } => {
+                    Ok(TextureFile::rgb(self.mean(&attribute, texture, name)?))
+                }
+                other => Ok(other),
+            },
+            _ => Ok(TextureFile::rgb(object.color_for(name, Use::Light)?.unwrap_or([1.0; 3]))),
+        }
+    }
+
+    /// Columns and rows of a picture; of one that is missing, which grey replaces later, one of each.
+    fn picture_size(&self, element: &Element, file: &str, raw: bool) -> Result<[usize; 2]> {
+        if is_absent(&self.folder, file) {
+            return Ok([1; 2]);
+        }
+        Ok(read_texels(&path::resolve(&self.folder, file, &element.place)?, raw)?.size())
     }
 
     fn envmap(&self, element: &'a Element) -> Result<LightFile> {

@@ -13,6 +13,7 @@ mod everything;
 mod material;
 mod medium;
 mod object;
+mod of_faces;
 mod principled;
 mod sensor;
 mod shape;
@@ -33,6 +34,7 @@ use crate::base::{Place, Result};
 use crate::scene::file::{CameraFile, IDENTITY, SceneFile};
 
 use super::Read;
+use super::definitions::Definition;
 use super::held::Held;
 use super::missing::{Absent, is_absent};
 use super::path;
@@ -44,12 +46,12 @@ use sensor::DEFAULT_FILM;
 /// Depth of integrators without limit (-1): light that has bounced this often is long gone.
 const UNLIMITED_DEPTH: u32 = 1024;
 
-/// Translates the scene at `path`.
+/// Translates the scene at `path`, in which names stand for what `definitions` say.
 ///
 /// # Errors
 /// [`Error::Io`](crate::base::Error::Io), `Malformed`, `Unsupported`, `Limit`, each with file and line.
-pub(super) fn read(path: &Path) -> Result<Read> {
-    let (scene, warnings) = document::read(path)?;
+pub(super) fn read(path: &Path, definitions: &[Definition]) -> Result<Read> {
+    let (scene, warnings) = document::read(path, definitions)?;
     let mut ids = Ids::default();
     collect_ids(&scene, &mut ids)?;
     let mut reader = Reader { warnings, ..Reader::new(path, ids) };
@@ -119,6 +121,8 @@ struct Reader<'a> {
     has_integrator: bool,
     /// Names given to materials without an id, by their element.
     unnamed: BTreeMap<*const Element, String>,
+    /// Materials of the faces of OBJ files, by file.
+    names_of_faces: BTreeMap<String, Vec<String>>,
     /// Number of objects around the one of their kind that is being read.
     depth: u32,
     /// Number of materials read so far.
@@ -141,6 +145,7 @@ impl<'a> Reader<'a> {
             search: Vec::new(),
             has_integrator: false,
             unnamed: BTreeMap::new(),
+            names_of_faces: BTreeMap::new(),
             depth: 0,
             materials: 0,
             met: 0,

@@ -86,7 +86,7 @@ impl<'a> Reader<'a> {
         Ok(CameraFile {
             medium,
             to_world: object.to_world()?,
-            fov: if orthographic { 0.0 } else { horizontal_fov(&object, &self.file.film)? as f32 },
+            fov: if orthographic { 0.0 } else { horizontal_fov(&object, aspect(&self.file.film))? as f32 },
             // From −1 to 1, which to_world scales.
             orthographic_width: orthographic.then_some(2.0),
             aperture_radius: aperture,
@@ -182,10 +182,14 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Horizontal field of view, degrees. Without `fov`, the focal length for a 36 mm × 24 mm film sets the angle of the diagonal.
-pub(super) fn horizontal_fov(object: &Object, film: &FilmFile) -> Result<f64> {
+fn aspect(film: &FilmFile) -> f64 {
+    f64::from(film.width) / f64::from(film.height.max(1))
+}
+
+/// Horizontal field of view, degrees. Without `fov`, the focal length for a 36 mm × 24 mm film sets the angle of the diagonal;
+/// `aspect` is the picture's width over its height.
+pub(super) fn horizontal_fov(object: &Object, aspect: f64) -> Result<f64> {
     let element = object.element;
-    let aspect = f64::from(film.width) / f64::from(film.height.max(1));
     let half_tangent = |degrees: f64| {
         // Beyond this range the tangent below would turn into another angle.
         if degrees > 0.0 && degrees < 180.0 {

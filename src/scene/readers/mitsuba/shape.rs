@@ -10,6 +10,7 @@ use crate::scene::readers::frames::rounded;
 use super::Reader;
 use super::element::Element;
 use super::object::{Object, kind, refuse_slip_of_kind};
+use super::of_faces::Faces;
 
 const KINDS: [&str; 11] =
     ["obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder", "shapegroup", "instance", "merge"];
@@ -90,24 +91,34 @@ impl<'a> Reader<'a> {
         let outer = instance.map_or(DMat4::IDENTITY, |(_, outer)| outer);
         let emission = object.single("emitter")?.map_or(Ok(None), |emitter| self.area_light(emitter))?;
         let [interior, exterior] = self.media(element, &format!("shape {index}"), ["interior", "exterior"])?;
-        let shape = ShapeFile {
-            interior,
-            exterior,
-            name: element.attribute("id").unwrap_or_default().to_owned(),
-            geometry: self.geometry(&object)?,
-            to_world: rounded(outer * placement(&object)?),
-            flip_normals: object.boolean("flip_normals")?.unwrap_or(false) != mirrored_sphere(&object, outer)?,
-            material: self.material_of(&object, emission.is_some(), index)?,
-            emission: emission.as_ref().map(|(radiance, _)| *radiance),
-            emission_texture: emission.and_then(|(_, texture)| texture),
-        };
+        let (to_world, name) =
+            (rounded(outer * placement(&object)?), element.attribute("id").unwrap_or_default().to_owned());
+        let flip_normals = object.boolean("flip_normals")?.unwrap_or(false) != mirrored_sphere(&object, outer)?;
         let place = instance.map_or(element, |(instance, _)| instance).place.clone();
-        self.places.set(format!("shapes[{index}]"), place);
-        self.file.shapes.push(shape);
+        for Faces { of, material } in self.faces(&object)? {
+            let index = self.file.shapes.len();
+            if index >= MOST_SHAPES {
+                return Err(too_many(element, index + 1));
+            }
+            let shape = ShapeFile {
+                interior: interior.clone(),
+                exterior: exterior.clone(),
+                name: name.clone(),
+                geometry: self.geometry(&object, of)?,
+                to_world,
+                flip_normals,
+                material: self.material_of(&object, material, emission.is_some(), index)?,
+                emission: emission.as_ref().map(|(radiance, _)| *radiance),
+                emission_texture: emission.as_ref().and_then(|(_, texture)| texture.clone()),
+            };
+            self.places.set(format!("shapes[{index}]"), place.clone());
+            self.file.shapes.push(shape);
+        }
         Ok(())
     }
 
-    fn geometry(&mut self, object: &Object<'a>) -> Result<GeometryFile> {
+    /// The geometry of a shape; of an OBJ file the faces of some `materials`, or all.
+    fn geometry(&mut self, object: &Object<'a>, materials: Vec<String>) -> Result<GeometryFile> {
         let face_normals = object.boolean("face_normals")?.unwrap_or(false);
         let file = || object.required_string("filename").map(|file| self.located(file));
         let mesh = match kind(object.element)? {
@@ -118,7 +129,7 @@ impl<'a> Reader<'a> {
             }
             "obj" => {
                 let flip_v = !object.boolean("flip_tex_coords")?.unwrap_or(true);
-                MeshFile::Obj { file: file()?, face_normals, flip_v }
+                MeshFile::Obj { file: file()?, face_normals, flip_v, materials }
             }
             "ply" => {
                 let flip_v = object.boolean("flip_tex_coords")?.unwrap_or(false);
@@ -146,16 +157,18 @@ impl<'a> Reader<'a> {
         Ok(GeometryFile::Mesh { mesh: name })
     }
 
-    /// The name of the shape's material. Without one, Mitsuba's default: grey, or black on an emitter.
-    fn material_of(&mut self, object: &Object<'a>, emits: bool, index: usize) -> Result<String> {
-        let mut materials = object.nested.iter().copied().filter(|inner| inner.tag == "bsdf");
-        let Some(element) = materials.next() else {
+    /// The name of a shape's material. Without one, Mitsuba's default: grey, or black on an emitter.
+    fn material_of(
+        &mut self,
+        object: &Object<'a>,
+        element: Option<&'a Element>,
+        emits: bool,
+        index: usize,
+    ) -> Result<String> {
+        let Some(element) = element else {
             let (name, grey) = if emits { ("default emitter", 0.0) } else { ("default", 0.5) };
             return Ok(self.plain(name, grey));
         };
-        if let Some(second) = materials.next() {
-            self.warn(second, "a second material of a shape: the first one is used everywhere");
-        }
         let name = match element.attribute("id") {
             Some(id) => id.to_owned(),
             // The instances of a group share its materials.
@@ -222,10 +235,13 @@ fn mirrored_sphere(object: &Object, outer: DMat4) -> Result<bool> {
 }
 
 fn mesh_name(mesh: &MeshFile) -> String {
+    let flipped = |file: &String, flip_v: bool| if flip_v { format!("{file} (v flipped)") } else { file.clone() };
     let (base, flat) = match mesh {
-        MeshFile::Obj { file, face_normals, flip_v } | MeshFile::Ply { file, face_normals, flip_v, .. } => {
-            (if *flip_v { format!("{file} (v flipped)") } else { file.clone() }, *face_normals)
+        MeshFile::Obj { file, face_normals, flip_v, materials } => {
+            let of = if materials.is_empty() { String::new() } else { format!(" of {materials:?}") };
+            (flipped(file, *flip_v) + &of, *face_normals)
         }
+        MeshFile::Ply { file, face_normals, flip_v, .. } => (flipped(file, *flip_v), *face_normals),
         MeshFile::Serialized { file, index, face_normals } => (format!("{file} {index}"), *face_normals),
         MeshFile::Rectangle => ("rectangle".to_owned(), false),
         MeshFile::Disk => ("disk".to_owned(), false),

@@ -84,7 +84,9 @@ fn upgrade(element: &mut Element, warnings: &mut Vec<String>) {
     let kind = element.attribute("type").unwrap_or_default().to_owned();
     for child in &mut element.children {
         upgrade(child, warnings);
-        if !child.upgraded {
+        // What a shape's material is called is the name of faces in its file.
+        let names_faces = element.tag == "shape" && (child.tag == "bsdf" || child.tag == "ref" && !is_medium(child));
+        if !child.upgraded && !names_faces {
             rename(child, &element.tag, &kind);
         }
     }
@@ -108,6 +110,12 @@ fn upgrade(element: &mut Element, warnings: &mut Vec<String>) {
         ("spectrum", "") => plain_numbers(element),
         _ => {}
     }
+}
+
+/// Whether a reference is to a medium, by its name.
+fn is_medium(reference: &Element) -> bool {
+    let is = |known: &str| reference.attribute("name").is_some_and(|name| name.eq_ignore_ascii_case(known));
+    is("interior") || is("exterior")
 }
 
 fn rename(property: &mut Element, tag: &str, kind: &str) {

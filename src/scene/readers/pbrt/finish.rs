@@ -167,7 +167,7 @@ impl Reader {
         for (index, shape) in shapes.iter_mut().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
             if materials.get(&shape.material).is_some_and(|material| matches!(material.innermost(), MaterialFile::Null))
             {
-                shape.emission = None;
+                (shape.emission, shape.emission_texture) = (None, None);
                 let place = self.places.at(&format!("shapes[{index}]"));
                 self.notes.add(&place, "what is no surface does not shine: its light is left out".to_owned());
             }
@@ -188,6 +188,7 @@ impl Reader {
             match light {
                 LightFile::Point { intensity: color, .. }
                 | LightFile::Spot { intensity: color, .. }
+                | LightFile::Projector { intensity: color, .. }
                 | LightFile::Directional { irradiance: color, .. }
                 | LightFile::Sun { irradiance: color, .. }
                 | LightFile::Constant { radiance: color } => times(color),

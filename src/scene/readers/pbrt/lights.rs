@@ -5,10 +5,12 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec3};
 
 use crate::base::{Error, Result};
+use crate::materials::texture::luminance;
 use crate::scene::file::{Filter, LightFile, TextureFile, Wrap, identity3};
 use crate::scene::readers::frames::{facing, rounded};
 use crate::scene::readers::mean;
 use crate::scene::readers::spectrum::Use;
+use crate::scene::readers::textures::upside_down;
 
 use super::Reader;
 use super::parameters::Parameters;
@@ -121,24 +123,20 @@ impl Reader {
         Ok(())
     }
 
-    /// A light that projects a picture: a spot with the picture's mean.
-    fn projection(&mut self, parameters: &Parameters) -> Result<()> {
-        let mean = self.mean_of_picture(parameters)?;
-        self.warn(&parameters.place, "a projection is read as a spot with the mean of its picture");
-        let angle = parameters.float_or("fov", 90.0)? / 2.0;
-        let own = 2.0 * PI * (1.0 - angle.to_radians().cos()) * f64::from(mean.element_sum() / 3.0).max(1e-9);
-        let intensity = self.emitted(parameters, "I")? * mean * self.photometric(parameters, "power", own)?;
-        self.add_spot(parameters, [DVec3::ZERO, DVec3::Z], intensity, [angle; 2])
-    }
-
     /// The mean of the picture `filename` (`mapname` in v3); white without one.
     fn mean_of_picture(&mut self, parameters: &Parameters) -> Result<Vec3> {
-        let Some(name) = parameters.string("filename")?.or(parameters.string("mapname")?) else { return Ok(Vec3::ONE) };
-        let file = self.locate(name);
-        let (to_uv, wrap, filter) = (identity3(), Wrap::Repeat, Filter::Bilinear);
-        let picture = TextureFile::Bitmap { file, to_uv, raw: false, scale: 1.0, wrap, filter };
+        let Some(picture) = self.light_picture(parameters, Filter::Bilinear)? else { return Ok(Vec3::ONE) };
         let mean = mean::mean(&picture, &self.folder, &parameters.place, &self.held.pictures, &mut self.absent)?;
         Ok(Vec3::from_array(mean))
+    }
+
+    /// The picture `filename` (`mapname` in v3) of a light.
+    pub(super) fn light_picture(&mut self, parameters: &Parameters, filter: Filter) -> Result<Option<TextureFile>> {
+        let Some(name) = parameters.string("filename")?.or(parameters.string("mapname")?) else { return Ok(None) };
+        let file = self.locate(name);
+        self.places.set_picture(&file, parameters.place.clone());
+        let (to_uv, wrap) = (identity3(), Wrap::Clamp);
+        Ok(Some(TextureFile::Bitmap { file, to_uv, raw: false, scale: 1.0, wrap, filter }))
     }
 
     /// The light of the shapes that follow.
@@ -149,13 +147,15 @@ impl Reader {
         }
         parameters.ignore(&["samples", "nsamples"]);
         let mut radiance = self.emitted(parameters, "L")?;
-        if parameters.has("filename") {
-            self.warn(&parameters.place, "the picture of an area light is read as its mean");
-            radiance *= self.mean_of_picture(parameters)?;
-        }
+        // v counts from the picture's bottom.
+        let picture = self.light_picture(parameters, Filter::Bilinear)?.map(upside_down);
         let two_sided = parameters.boolean("twosided")?.unwrap_or(false);
         let power = parameters.float("power")?.filter(|power| *power > 0.0);
-        self.state.light = Some(AreaLight { radiance: radiance.to_array(), two_sided, power });
+        if picture.is_some() && power.is_some() {
+            // As if the picture were spread evenly over the light.
+            radiance /= luminance(self.mean_of_picture(parameters)?).max(1e-9);
+        }
+        self.state.light = Some(AreaLight { radiance: radiance.to_array(), picture, two_sided, power });
         Ok(())
     }
 }

@@ -20,6 +20,7 @@ mod medium;
 mod meshes;
 mod octahedral;
 mod parameters;
+mod projection;
 mod round;
 mod roughness;
 mod shapes;

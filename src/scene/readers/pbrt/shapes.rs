@@ -35,6 +35,7 @@ pub struct Piece {
     material: String,
     media: [Option<String>; 2],
     emission: Option<[f32; 3]>,
+    picture: Option<TextureFile>,
     place: Place,
 }
 
@@ -48,9 +49,9 @@ impl Reader {
         }
         let material = self.masked_material(parameters)?;
         let mut pieces = self.geometry(kind, parameters)?;
-        let light = self.state.light;
-        if let Some(light) = light {
-            pieces = self.shining(pieces, light, parameters)?;
+        let light = self.state.light.clone();
+        if light.as_ref().is_some_and(|light| light.two_sided) {
+            pieces = self.on_both_sides(pieces, parameters)?;
         }
         let media = self.state.media.clone();
         let media = if media[0] == media[1] { [None, None] } else { media.map(|name| self.medium_name(&name)) };
@@ -62,9 +63,10 @@ impl Reader {
                 material: material.clone(),
                 media: media.clone(),
                 emission: None,
+                picture: light.as_ref().and_then(|light| light.picture.clone()),
                 place: parameters.place.clone(),
             };
-            self.add_piece(piece, light.map(|light| light.radiance), parameters)?;
+            self.add_piece(piece, light.as_ref().map(|light| light.radiance), parameters)?;
         }
         Ok(())
     }
@@ -87,12 +89,12 @@ impl Reader {
 
     /// Factor that gives a light its power, if it has one.
     fn power_factor(&self, piece: &Piece, parameters: &Parameters) -> Result<f32> {
-        let Some(AreaLight { power: Some(power), two_sided, .. }) = self.state.light else { return Ok(1.0) };
+        let Some(AreaLight { power: Some(power), two_sided, .. }) = &self.state.light else { return Ok(1.0) };
         let area = match &piece.geometry {
             GeometryFile::Sphere { radius, .. } => {
                 let scale = piece.to_world.transform_vector3(DVec3::X).length_squared();
                 // The other half of a light on both sides is a sphere of its own.
-                4.0 * PI * f64::from(*radius).powi(2) * scale * if two_sided { 2.0 } else { 1.0 }
+                4.0 * PI * f64::from(*radius).powi(2) * scale * if *two_sided { 2.0 } else { 1.0 }
             }
             // Meshes of lights on both sides have both of them.
             GeometryFile::Mesh { mesh } => match self.loaded(mesh, parameters)? {
@@ -174,16 +176,12 @@ impl Reader {
         GeometryFile::Mesh { mesh: name.to_owned() }
     }
 
-    /// The pieces of a light: if both sides shine, two sheets back to back.
-    fn shining(
+    /// The pieces of a light both of whose sides shine: two sheets back to back.
+    fn on_both_sides(
         &mut self,
         pieces: Vec<(GeometryFile, DMat4, bool)>,
-        light: AreaLight,
         parameters: &Parameters,
     ) -> Result<Vec<(GeometryFile, DMat4, bool)>> {
-        if !light.two_sided {
-            return Ok(pieces);
-        }
         self.warn(&parameters.place, "a light that shines on both sides is made of two sheets, back to back");
         let mut out = Vec::new();
         for (geometry, to_world, flip) in pieces {
@@ -266,7 +264,7 @@ impl Reader {
             interior,
             exterior,
             emission: piece.emission,
-            emission_texture: None,
+            emission_texture: piece.emission.and(piece.picture.clone()),
         });
         Ok(())
     }

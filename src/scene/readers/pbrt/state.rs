@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use glam::{DAffine3, DMat3, DMat4, DVec3};
 
+use crate::scene::file::TextureFile;
 use crate::scene::readers::frames::looking;
 
 use super::parameters::Parameter;
@@ -31,10 +32,12 @@ pub struct State {
 }
 
 /// An area light.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct AreaLight {
     /// Radiance, W·m⁻²·sr⁻¹; if there is a power, of a light whose factors are still to come.
     pub radiance: [f32; 3],
+    /// Factor on the radiance.
+    pub picture: Option<TextureFile>,
     /// Whether both sides emit.
     pub two_sided: bool,
     /// Power that sets the radiance once the area is known, W.

@@ -3,8 +3,9 @@
 use glam::DVec3;
 
 use crate::base::Result;
-use crate::scene::file::LightFile;
+use crate::scene::file::{LightFile, ProfileFile, TextureFile};
 
+use super::materials;
 use super::number::Checker;
 
 /// Smallest angular diameter of a sun, degrees: directions in single precision do not resolve the edge of a smaller one.
@@ -22,6 +23,23 @@ pub fn light(check: &Checker, key: &str, light: &LightFile) -> Result<()> {
             check.transform(&part("to_world"), to_world)?;
             check.color(&part("intensity"), intensity)?;
             cone(check, key, *cutoff_angle, *beam_width)
+        }
+        LightFile::Projector { to_world, fov, aspect, intensity, texture, profile } => {
+            check.transform(&part("to_world"), to_world)?;
+            if !(*fov > 0.0 && *fov < 180.0) {
+                let message = format!("the angle of the picture is {fov}°, expected one between 0° and 180°");
+                return check.fail(&part("fov"), message);
+            }
+            check.positive(&part("aspect"), *aspect)?;
+            check.color(&part("intensity"), intensity)?;
+            if matches!(texture, TextureFile::Attribute { .. }) {
+                return check.fail(&part("texture"), "a light has no mesh whose colours it could take");
+            }
+            materials::emission(check, &part("texture"), texture)?;
+            match profile {
+                ProfileFile::Even | ProfileFile::Plane => Ok(()),
+                ProfileFile::Cone { beam_width } => cone(check, &part("profile"), 0.5 * fov, *beam_width),
+            }
         }
         LightFile::Directional { direction, irradiance } => {
             self::direction(check, &part("direction"), direction)?;

@@ -1,7 +1,7 @@
 //! Checks of materials and textures.
 
 use crate::base::Result;
-use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile};
+use crate::scene::file::{MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile};
 
 use super::number::Checker;
 
@@ -55,6 +55,7 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
         MaterialFile::RoughDielectric { alpha, int_ior, ext_ior, .. }
         | MaterialFile::Plastic { alpha, int_ior, ext_ior, .. } => interface(check, key, *alpha, *int_ior, *ext_ior),
         MaterialFile::Principled(file) => principled(check, key, file),
+        MaterialFile::PrincipledThin(file) => principled_thin(check, key, file),
         MaterialFile::Null
         | MaterialFile::Diffuse { .. }
         | MaterialFile::Blend { .. }
@@ -107,6 +108,7 @@ fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]:
         | MaterialFile::Dielectric { .. }
         | MaterialFile::ThinDielectric { .. }
         | MaterialFile::RoughDielectric { .. }
+        | MaterialFile::PrincipledThin(_)
         | MaterialFile::Tinted { .. }
             if two_sided =>
         {
@@ -130,6 +132,13 @@ fn principled(check: &Checker, key: &str, file: &PrincipledFile) -> Result<()> {
         check.albedo(&format!("{key}.{name}"), &[value; 3])?;
     }
     Ok(())
+}
+
+fn principled_thin(check: &Checker, key: &str, file: &PrincipledThinFile) -> Result<()> {
+    let PrincipledThinFile { spec_tint, sheen, sheen_tint, flatness, .. } = *file;
+    check.at_least(&format!("{key}.eta"), file.eta, 1.0)?;
+    let numbers = [("spec_tint", spec_tint), ("sheen", sheen), ("sheen_tint", sheen_tint), ("flatness", flatness)];
+    numbers.into_iter().try_for_each(|(name, value)| check.albedo(&format!("{key}.{name}"), &[value; 3]))
 }
 
 fn interface(check: &Checker, key: &str, alpha: f32, int_ior: f32, ext_ior: f32) -> Result<()> {
