@@ -901,7 +901,10 @@ fn principled_thin() {
             let divisor = most(o.z.abs()).max(most(i.z.abs())).max(1.0);
             let of_kind = if divisor > 1.0 { &mut bounded } else { &mut values };
             of_kind.compare(material.eval(Vec2::ZERO, wo, wi).y, value.y / divisor, inherent, at);
-            pdfs.compare(material.pdf(Vec2::ZERO, wo, wi), pdf, inherent, at);
+            // How often light is let through is 1 less Fresnel's reflectance along the normal, which is nearly 1 at grazing angles.
+            let straight = 1.0 - dielectric(o.z.abs(), twin.painted.eta).0;
+            let of_share = if o.z * i.z < 0.0 { 4e-7 / straight.max(1e-9) } else { 0.0 };
+            pdfs.compare(material.pdf(Vec2::ZERO, wo, wi), pdf, inherent + of_share, at);
         }
     }
     values.check(INPUTS);
