@@ -5,17 +5,15 @@
 
 use std::alloc::{GlobalAlloc, Layout, System};
 
-/// The system's allocator, which asks for large pages where a block has several.
+/// The system's allocator, which asks for large pages where a block fills one.
 pub struct LargePages;
 
-/// Bytes of a large page.
+/// Bytes of a large page, and of the smallest block that is put into some.
 const PAGE: usize = 2 << 20;
-/// Smallest block that is put into large pages, bytes.
-const LARGE: usize = PAGE;
 
 /// The layout that the system is asked for: large blocks begin where a page does.
 fn placed(layout: Layout) -> Layout {
-    if layout.size() < LARGE { layout } else { layout.align_to(PAGE).unwrap_or(layout) }
+    if layout.size() < PAGE { layout } else { layout.align_to(PAGE).unwrap_or(layout) }
 }
 
 #[allow(unsafe_code, reason = "an allocator is unsafe by contract")]
@@ -25,7 +23,7 @@ unsafe impl GlobalAlloc for LargePages {
         // SAFETY: the caller's layout has a size above 0, and `placed` keeps the size.
         let block = unsafe { System.alloc(placed(layout)) };
         #[cfg(target_os = "linux")]
-        if layout.size() >= LARGE && !block.is_null() {
+        if layout.size() >= PAGE && !block.is_null() {
             // SAFETY: the whole pages lie within the block, which begins at a page; the advice changes no content. Where it is refused,
             // pages stay small.
             unsafe { libc::madvise(block.cast(), layout.size() / PAGE * PAGE, libc::MADV_HUGEPAGE) };
@@ -34,7 +32,7 @@ unsafe impl GlobalAlloc for LargePages {
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        if layout.size() < LARGE {
+        if layout.size() < PAGE {
             // SAFETY: the caller's promises.
             return unsafe { System.alloc_zeroed(layout) };
         }
@@ -53,7 +51,7 @@ unsafe impl GlobalAlloc for LargePages {
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        if layout.size().max(size) < LARGE {
+        if layout.size().max(size) < PAGE {
             // SAFETY: small blocks have the caller's layout.
             return unsafe { System.realloc(block, layout, size) };
         }
@@ -81,7 +79,7 @@ mod tests {
     #[test]
     #[allow(unsafe_code, reason = "an allocator is called")]
     fn blocks_keep_what_they_hold() {
-        let sizes = [16, LARGE - 1, LARGE, LARGE + 17, 3 * LARGE, LARGE - 5, 100];
+        let sizes = [16, PAGE - 1, PAGE, PAGE + 17, 3 * PAGE, PAGE - 5, 100];
         let layout = |size: usize| Layout::from_size_align(size, 16).unwrap();
         // SAFETY: every block is used within its size, and given back with the layout that it was last asked for with.
         unsafe {
@@ -91,14 +89,14 @@ mod tests {
             for pair in sizes.windows(2) {
                 block = LargePages.realloc(block, layout(pair[0]), pair[1]);
                 assert!(!block.is_null() && block.addr() % 16 == 0);
-                assert!(pair[1] < LARGE || block.addr() % PAGE == 0);
+                assert!(pair[1] < PAGE || block.addr() % PAGE == 0);
                 assert!((0..pair[0].min(pair[1])).all(|i| *block.add(i) == 7), "{pair:?}");
                 block.write_bytes(7, pair[1]);
             }
             LargePages.dealloc(block, layout(sizes[sizes.len() - 1]));
-            let zeroed = LargePages.alloc_zeroed(layout(LARGE));
-            assert!((0..LARGE).all(|i| *zeroed.add(i) == 0));
-            LargePages.dealloc(zeroed, layout(LARGE));
+            let zeroed = LargePages.alloc_zeroed(layout(PAGE));
+            assert!((0..PAGE).all(|i| *zeroed.add(i) == 0));
+            LargePages.dealloc(zeroed, layout(PAGE));
         }
     }
 }

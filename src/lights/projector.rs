@@ -174,7 +174,9 @@ impl Projector {
         // The picture is flat, so its corners are the farthest from the axis.
         let corners = [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|corner| self.place(corner).direction);
         let half = corners.iter().map(|direction| axis.angle_between(*direction)).fold(0.0, f32::max).min(PI);
-        let intensity = channel_mean(self.power) / self.solid_angle.max(f32::MIN_POSITIVE);
+        // Between the points that were read may be pixels that shine, and what has no intensity is never chosen.
+        let read = channel_mean(self.power) / self.solid_angle.max(f32::MIN_POSITIVE);
+        let intensity = read.max(LEAST * channel_mean(self.intensity * self.picture.mean().max(Vec3::ZERO)));
         LightBounds { low: self.position, high: self.position, cone: Cone::new(axis, half), intensity }
     }
 

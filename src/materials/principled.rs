@@ -220,7 +220,8 @@ impl<R: Real> At<'_, R> {
         let mut sum = V3::splat(dielectric * tint.rest() * exact) + approximate(self.base, weight) * self.metallic;
         if tint.above(0.0).any() {
             let normal = ((self.eta - 1.0) / (self.eta + 1.0)).squared();
-            sum = sum + approximate(self.hue * normal, weight) * (dielectric * tint);
+            // The hue of a pure colour is many times as bright as the colour.
+            sum = sum + approximate((self.hue * normal).at_most(1.0), weight) * (dielectric * tint);
         }
         sum
     }

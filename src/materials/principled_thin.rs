@@ -141,10 +141,11 @@ impl<R: Real> At<'_, R> {
             return white;
         }
         let normal = ((self.eta - 1.0) / (self.eta + 1.0)).squared();
-        white + approximate(self.hue * normal, schlick(cos)) * self.spec_tint
+        // The hue of a pure colour is many times as bright as the colour.
+        white + approximate((self.hue * normal).at_most(1.0), schlick(cos)) * self.spec_tint
     }
 
-    /// Facets that mirror light to the same side, and where `behind` to the other.
+    /// Roughness of the facets that mirror light to the same side, and where `behind` of those that send it to the other.
     #[inline(always)]
     fn roughness_of(&self, behind: R::Mask) -> R {
         behind.choose(passing(self.roughness, self.eta), self.roughness)

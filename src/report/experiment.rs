@@ -42,7 +42,7 @@ pub enum Method {
 pub struct Variant {
     /// Its name on the page and in files, which no other method has.
     pub name: String,
-    /// Its settings; depth, filter, budget and seed are those of the experiment.
+    /// Its settings, which follow the scene's plan; depth, filter, budget and seed are those of the experiment.
     pub settings: RenderSettings,
     /// Whether noisy pixels get more samples; none for what the budget calls for.
     pub adaptive: Option<bool>,
@@ -56,7 +56,7 @@ pub struct Experiment<'a> {
     pub path: String,
     /// Seconds that reading took.
     pub load_seconds: f64,
-    /// Settings that all runs share; mode, budget and seed are set per run.
+    /// Settings that the modes share; mode, budget, seed and how samples are divided are set per run. Of these variants have depth and filter.
     pub settings: RenderSettings,
     /// Columns and rows.
     pub size: [u32; 2],
@@ -273,12 +273,15 @@ impl Experiment<'_> {
         }
     }
 
-    /// Settings of a run, without the scene's plan; the oracle's are those that its guide is sampled with.
+    /// Settings of a run; the oracle's are those that its guide is sampled with.
     fn settings_of(&self, method: Method, stop: StopRule, seed: u64) -> RenderSettings {
         // As `fanal render` divides samples.
         let adaptive = matches!(stop, StopRule::Time(_));
         match method {
-            Method::Guide(guide) => RenderSettings { stop, seed, adaptive, ..self.settings.with_guide(guide) },
+            Method::Guide(guide) => {
+                let settings = RenderSettings { stop, seed, adaptive, ..self.settings.with_guide(guide) };
+                settings.following(&plan(&self.loaded.file))
+            }
             Method::Oracle => RenderSettings { stop, seed, adaptive, ..self.settings.with_guide(ORACLE_GUIDE) },
             Method::Variant(index) => {
                 let Variant { settings, adaptive: given, .. } = &self.variants[index];
@@ -313,7 +316,6 @@ impl Experiment<'_> {
     }
 
     fn render(&self, scene: &Scene, settings: RenderSettings, control: &Control) -> Result<Outcome> {
-        let settings = settings.following(&plan(&self.loaded.file));
         let reconstructor = settings.reconstruction.reconstructor(|| Ok(Box::new(self.neural)))?;
         render(scene, &settings, reconstructor.as_ref(), control.progress, control.stop)
     }
@@ -329,6 +331,9 @@ impl Experiment<'_> {
         let Task { method, name, budget, limit, seed } = task;
         // An older record must not be taken for that of the new picture, should that be all that gets written.
         remove(&self.record(task))?;
+        if seed == FIRST_SEED {
+            remove(&self.guide_file(name, limit))?;
+        }
         let settings = self.settings_of(method, rule(limit), seed);
         let guided = settings.guide != GuideMode::None;
         let cpu = cpu_seconds();

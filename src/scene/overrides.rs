@@ -98,7 +98,14 @@ fn remove(scene: &mut SceneFile, kind: EffectKind) {
             });
             make_diffuse(scene, is_clear);
         }
-        K::ThinTransmission => make_diffuse(scene, is_pane),
+        K::ThinTransmission => {
+            change_parts(scene, |part| {
+                if let MaterialFile::PrincipledThin(file) = part {
+                    file.make_opaque();
+                }
+            });
+            make_diffuse(scene, is_pane);
+        }
         K::Glossy => make_diffuse(scene, is_glossy),
         K::Coats => {
             change_parts(scene, |part| {

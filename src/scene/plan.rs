@@ -185,7 +185,7 @@ impl<'a> Survey<'a> {
             K::Coats => on("coated material:", &self.having(is_coated), "no plastic, no clear coat"),
             K::Masks => on("holes in", &self.having(MaterialFile::is_masked), "no material has holes"),
             K::BumpMaps => on("shading normals of", &self.having(MaterialFile::is_bumped), "no bump or normal map"),
-            K::Textures => on("vary the colour of", &self.having(is_textured), "all colours are constant"),
+            K::Textures => on("vary the colour of", &self.textured(), "all colours are constant"),
             K::Medium => on("light is scattered or absorbed in", &self.media(), "no shape has one, nor the camera"),
             K::DepthOfField => {
                 let mut radii = self.scene.views().map(|(_, camera)| camera.aperture_radius);
@@ -203,6 +203,14 @@ impl<'a> Survey<'a> {
 
     fn having(&self, test: fn(&MaterialFile) -> bool) -> Names {
         self.materials.iter().filter(|(_, m)| test(m)).map(|(name, _)| (*name).to_owned()).collect()
+    }
+
+    fn textured(&self) -> Names {
+        let shapes = self.scene.shapes.iter().filter_map(|shape| shape.emission_texture.as_ref());
+        let lights = self.scene.lights.iter().filter_map(LightFile::texture).chain(shapes);
+        let count = lights.filter(|texture| !matches!(texture, TextureFile::Rgb { .. })).count();
+        let lights = (count > 0).then(|| format!("{count} lights"));
+        self.having(is_textured).into_iter().chain(lights).collect()
     }
 
     fn emitters(&self) -> Names {
@@ -328,7 +336,10 @@ pub(super) fn is_clear(material: &MaterialFile) -> bool {
 
 /// Whether a part is a thin pane or a sheet that lets light through.
 pub(super) fn is_pane(material: &MaterialFile) -> bool {
-    has(material, |part| matches!(part, MaterialFile::ThinDielectric { .. } | MaterialFile::PrincipledThin(_)))
+    has(material, |part| match part {
+        MaterialFile::PrincipledThin(file) => !file.is_opaque(),
+        other => matches!(other, MaterialFile::ThinDielectric { .. }),
+    })
 }
 
 /// Whether a part is a rough metal or a principled material.

@@ -522,6 +522,23 @@ fn s06_thin_sheets_gain_no_energy() {
             assert!(albedo < 1.02 && albedo > 0.6, "{name} {cos}: {albedo}");
         }
     }
+    // A pure colour, whose hue is many times as bright: no channel gains.
+    let (_, parameters) = thin([0.0, 0.0, 1.0])[0].clone();
+    let blue = principled_thin::Parameters {
+        eta: 2.0,
+        spec_tint: 1.0,
+        spec_trans: Texture::Constant(Vec3::ONE),
+        roughness: Texture::Constant(Vec3::splat(0.2)),
+        ..parameters
+    };
+    let blue = sheet(blue);
+    let mut random = Random::new(33, 0, 0);
+    let (wo, samples) = (direction(1.0, 0.3), 100_000);
+    let drawn =
+        (0..samples).map(|_| blue.sample(Vec2::ZERO, wo, random.next_f32(), random.next_2d(), Transport::Radiance));
+    let brightest =
+        drawn.flatten().map(|sample| f64::from(sample.weight.max_element())).sum::<f64>() / f64::from(samples);
+    assert!(brightest > 0.6 && brightest < 1.02, "{brightest}");
     // All of the base's light goes through: exactly as much as arrives.
     let (_, leaf) = thin([1.0; 3])[1].clone();
     let through = principled_thin::Parameters { diff_trans: Texture::Constant(Vec3::ONE), ..leaf };

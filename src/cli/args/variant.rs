@@ -10,7 +10,7 @@ use super::RenderArgs;
 pub struct VariantArgs {
     /// Its name: of letters, digits, `.`, `_`, `+` and `-`.
     pub name: String,
-    /// The options of `fanal render` that it was given; all others are those of the comparison.
+    /// The options of `fanal render` that it was given; depth, filter, budget and seed are those of the comparison.
     pub render: Box<RenderArgs>,
 }
 

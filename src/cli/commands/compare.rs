@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 
+use super::render::settled;
 use super::{in_pool, load_scene};
 use crate::base::{Error, Result};
 use crate::cli::args::{CompareArgs, Switch, VariantArgs};
@@ -12,12 +13,11 @@ use crate::cli::resolve::resolve;
 use crate::cli::{interrupt, print, progress};
 use crate::film::{Denoiser, check_size};
 use crate::reconstruct::Neural;
-use crate::render::{GuideMode, RenderSettings, StopRule};
+use crate::render::{GuideMode, Reconstruction, RenderSettings, StopRule};
 use crate::report::experiment::{Method, Variant};
 use crate::report::results::Interval;
 use crate::report::{Budget, Experiment, page};
-use crate::scene::file::SceneFile;
-use crate::scene::readers::How;
+use crate::scene::readers::{How, LoadedScene};
 use crate::scene::views::choose;
 
 /// Runs the comparison and writes its page.
@@ -42,7 +42,7 @@ pub fn run(args: &CompareArgs) -> Result<Ended> {
         settings.transport.max_depth = loaded.file.render.max_depth;
         settings.filter = loaded.file.film.filter;
         neural.check_mode(&settings.mode())?;
-        let variants = variants(&args.variant, &loaded.file)?;
+        let variants = variants(&args.variant, &loaded, &neural)?;
         let methods = distinct(args.methods.iter().copied());
         let experiment = Experiment {
             loaded: &loaded,
@@ -88,7 +88,7 @@ pub fn run(args: &CompareArgs) -> Result<Ended> {
 }
 
 /// The methods that were described by options, in their order; refused where two would have one name.
-fn variants(given: &[VariantArgs], scene: &SceneFile) -> Result<Vec<Variant>> {
+fn variants(given: &[VariantArgs], loaded: &LoadedScene, neural: &Neural) -> Result<Vec<Variant>> {
     let mut variants: Vec<Variant> = Vec::new();
     for VariantArgs { name, render } in given {
         let taken = Method::from_str(name, true).is_ok() || variants.iter().any(|v| v.name.eq_ignore_ascii_case(name));
@@ -97,9 +97,15 @@ fn variants(given: &[VariantArgs], scene: &SceneFile) -> Result<Vec<Variant>> {
                 "--variant: there is another method called {name}; give it another name"
             )));
         }
-        let resolved = resolve(render, scene).map_err(|error| Error::Options(format!("--variant {name}: {error}")))?;
-        let adaptive = render.adaptive.map(Switch::is_on);
-        variants.push(Variant { name: name.clone(), settings: resolved.settings, adaptive });
+        let settings = resolve(render, &loaded.file).and_then(|request| {
+            let (_, settings) = settled(&request, loaded);
+            if settings.reconstruction == Reconstruction::Neural {
+                neural.check_mode(&settings.mode())?;
+            }
+            Ok(settings)
+        });
+        let settings = settings.map_err(|error| Error::Options(format!("--variant {name}: {error}")))?;
+        variants.push(Variant { name: name.clone(), settings, adaptive: render.adaptive.map(Switch::is_on) });
     }
     Ok(variants)
 }

@@ -335,6 +335,18 @@ pub struct PrincipledThinFile {
     pub flatness: f32,
 }
 
+impl PrincipledThinFile {
+    /// Whether nothing passes.
+    pub fn is_opaque(&self) -> bool {
+        [&self.spec_trans, &self.diff_trans].into_iter().all(|part| *part == black())
+    }
+
+    /// Lets nothing pass.
+    pub fn make_opaque(&mut self) {
+        (self.spec_trans, self.diff_trans) = (black(), black());
+    }
+}
+
 /// Lists a material's textures, for shared and for mutable access.
 macro_rules! textures {
     ($material:ident, $each:ident, $iter:ident) => {

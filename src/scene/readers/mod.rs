@@ -264,18 +264,22 @@ fn load_meshes(
     reasons: &mut Reasons,
 ) -> Result<(BTreeMap<String, Arc<Mesh>>, usize)> {
     let present = files.iter().filter(|(name, _)| !reasons.contains_key(*name));
-    let sources: Vec<(&String, &MeshFile, Option<Mesh>)> =
-        present.map(|(name, file)| (name, file, held.remove(name))).collect();
-    let loaded: Vec<Result<(&String, Cleaned)>> = sources
-        .into_par_iter()
-        .map(|(name, file, held)| {
-            let place = places.at(&format!("meshes.{name}"));
-            mesh::load(file, held, directory, &place).map(|cleaned| (name, cleaned))
-        })
-        .collect();
+    // Parts of one file, by material, are taken from it one after another: each reads all of it.
+    let mut sources: BTreeMap<&str, Vec<(&String, &MeshFile, Option<Mesh>)>> = BTreeMap::new();
+    for (name, file) in present {
+        let source = if let MeshFile::Obj { file, .. } = file { file } else { name };
+        sources.entry(source).or_default().push((name, file, held.remove(name)));
+    }
+    let sources: Vec<Vec<_>> = sources.into_values().collect();
+    let load = |(name, file, held): (_, _, _)| {
+        let place = places.at(&format!("meshes.{name}"));
+        (name, mesh::load(file, held, directory, &place))
+    };
+    let loaded: BTreeMap<&String, Result<Cleaned>> =
+        sources.into_par_iter().flat_map_iter(|parts| parts.into_iter().map(load)).collect();
     let (mut meshes, mut skipped) = (BTreeMap::new(), 0);
-    for result in loaded {
-        let (name, cleaned) = result?;
+    for (name, cleaned) in loaded {
+        let cleaned = cleaned?;
         skipped += cleaned.skipped;
         match cleaned.emptiness() {
             Some(why) => drop(reasons.insert(name.clone(), why)),

@@ -31,8 +31,14 @@ impl Reader {
             return Err(parameters.malformed(format!("the fov is {fov}°, expected one between 0° and 180°")));
         }
         let half = (fov.to_radians() / 2.0).tan() * size / size.min_element();
-        let white = || Image { width: 64, height: 64, pixels: vec![Vec3::ONE; 64 * 64] };
-        let own = image.as_ref().map_or_else(|| flux(&white(), half), |image| flux(image, half));
+        // Without a picture white is shown, and grey stands for one that is missing.
+        let flat = if texture.is_some() { 0.5 } else { 1.0 };
+        let even = || Image { width: 64, height: 64, pixels: vec![Vec3::splat(flat); 64 * 64] };
+        let own = match (parameters.float("power")?, &image) {
+            (None, _) => 1.0,
+            (Some(_), Some(image)) => flux(image, half),
+            (Some(_), None) => flux(&even(), half),
+        };
         let intensity = self.emitted(parameters, "I")? * self.photometric(parameters, "power", own.max(1e-9))?;
         // Pictures stand upright in v4, on their heads in v3; both have +x to the right.
         let place = if self.old { turned } else { mirrored };
