@@ -205,6 +205,11 @@ fn wrong_projectors_are_errors() {
         let error = json(&format!("{light}{white}")).unwrap_err();
         assert!(matches!(error, Error::Malformed { .. }) && error.to_string().contains(part), "{error}");
     }
+    let another = format!(
+        r#""fov": 40, {white}}}, {{"type": "projector", "to_world": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1], "intensity": [1,1,1], "#
+    );
+    let many = json(&format!("{}\"fov\": 40, {white}", another.repeat(256))).unwrap_err();
+    assert!(matches!(many, Error::Limit { value: 257, limit: 256, .. }), "{many}");
     let bare = json(r#""fov": 40, "texture": {"type": "attribute", "name": "vertex_color"}"#).unwrap_err().to_string();
     assert!(bare.contains("no mesh"), "{bare}");
     std::fs::write(

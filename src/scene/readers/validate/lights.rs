@@ -11,6 +11,15 @@ use super::number::Checker;
 /// Smallest angular diameter of a sun, degrees: directions in single precision do not resolve the edge of a smaller one.
 pub const LEAST_ANGLE: f32 = 0.1;
 
+/// Most lights that project pictures: each keeps up to 3 MB to start photons by.
+const MOST_PROJECTORS: u64 = 256;
+
+/// Checks that there are not too many lights of a kind.
+pub fn count(check: &Checker, lights: &[LightFile]) -> Result<()> {
+    let projectors = lights.iter().filter(|light| matches!(light, LightFile::Projector { .. })).count();
+    check.limit("lights", projectors as u64, MOST_PROJECTORS)
+}
+
 /// Checks one light.
 pub fn light(check: &Checker, key: &str, light: &LightFile) -> Result<()> {
     let part = |name: &str| format!("{key}.{name}");

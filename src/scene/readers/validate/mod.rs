@@ -53,6 +53,7 @@ pub fn validate(file: &SceneFile, places: &Places) -> Result<()> {
     for (index, shape_file) in file.shapes.iter().enumerate() {
         shape(&check, &format!("shapes[{index}]"), shape_file, file)?;
     }
+    lights::count(&check, &file.lights)?;
     for (index, light) in file.lights.iter().enumerate() {
         lights::light(&check, &format!("lights[{index}]"), light)?;
     }
