@@ -331,11 +331,7 @@ impl Experiment<'_> {
         let Task { method, name, budget, limit, seed } = task;
         // An older record must not be taken for that of the new picture, should that be all that gets written.
         remove(&self.record(task))?;
-        if seed == FIRST_SEED {
-            remove(&self.guide_file(name, limit))?;
-        }
         let settings = self.settings_of(method, rule(limit), seed);
-        let guided = settings.guide != GuideMode::None;
         let cpu = cpu_seconds();
         let outcome = match (method, oracle) {
             (Method::Guide(_) | Method::Variant(_), _) => self.render(scene, settings, control),
@@ -355,7 +351,7 @@ impl Experiment<'_> {
         let begun = Instant::now();
         write(&self.folder.join(&file), &outcome.image, &[("method".into(), name.into())])?;
         let write = begun.elapsed().as_secs_f64();
-        if guided && seed == FIRST_SEED {
+        if method != Method::Guide(GuideMode::None) && seed == FIRST_SEED {
             write_json(&self.guide_file(name, limit), &guides::sample(scene, &outcome.field))?;
         }
         let seconds = outcome.statistics.seconds;
