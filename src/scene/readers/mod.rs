@@ -253,6 +253,9 @@ fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
     Ok(LoadedScene { file, directory, meshes, images, attributes, skipped_triangles, missing, warnings, needs })
 }
 
+/// Name of a mesh, where it comes from, and the mesh where it is held already.
+type Source<'a> = (&'a String, &'a MeshFile, Option<Mesh>);
+
 /// Loads all meshes, some of which are `held`, but those that are missing for one of the `reasons`; returns them with the number of
 /// triangles left out. A mesh that has none left adds a reason. In parallel; of several errors the first by name is reported, whatever
 /// the scheduling.
@@ -265,12 +268,12 @@ fn load_meshes(
 ) -> Result<(BTreeMap<String, Arc<Mesh>>, usize)> {
     let present = files.iter().filter(|(name, _)| !reasons.contains_key(*name));
     // Parts of one file, by material, are taken from it one after another: each reads all of it.
-    let mut sources: BTreeMap<&str, Vec<(&String, &MeshFile, Option<Mesh>)>> = BTreeMap::new();
+    let mut sources: BTreeMap<&str, Vec<Source>> = BTreeMap::new();
     for (name, file) in present {
         let source = if let MeshFile::Obj { file, .. } = file { file } else { name };
         sources.entry(source).or_default().push((name, file, held.remove(name)));
     }
-    let sources: Vec<Vec<_>> = sources.into_values().collect();
+    let sources: Vec<Vec<Source>> = sources.into_values().collect();
     let load = |(name, file, held): (_, _, _)| {
         let place = places.at(&format!("meshes.{name}"));
         (name, mesh::load(file, held, directory, &place))
