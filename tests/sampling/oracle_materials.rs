@@ -511,7 +511,8 @@ impl Painted {
         }
         let schlick = |normal: DVec3| normal + (DVec3::ONE - normal) * fifth(cos);
         let normal = ((self.eta - 1.0) / (self.eta + 1.0)).powi(2);
-        let dielectric = (1.0 - self.spec_tint) * exact + self.spec_tint * schlick(self.hue() * normal);
+        let dielectric =
+            (1.0 - self.spec_tint) * exact + self.spec_tint * schlick((self.hue() * normal).min(DVec3::ONE));
         [(1.0 - self.metallic) * dielectric + self.metallic * schlick(self.base), through]
     }
 
