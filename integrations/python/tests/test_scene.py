@@ -37,6 +37,22 @@ def test_missing_files(tmp_path, scene):
     assert [str(warning.message) for warning in told] == loaded.warnings != []
 
 
+def test_names_of_mitsuba_scenes_are_defined(tmp_path):
+    (tmp_path / "scene.xml").write_text(
+        """<scene version="3.0.0"><default name="wide" value="32"/><default name="high" value="24"/>
+        <sensor type="perspective"><film type="hdrfilm"><integer name="width" value="$wide"/><integer name="height" value="$high"/></film></sensor>
+        <shape type="sphere"/><emitter type="constant"/></scene>"""
+    )
+    assert fanal.load(tmp_path).size == (32, 24)
+    assert fanal.load(tmp_path, define={"wide": np.int64(48), "high": "36"}).size == (48, 36)
+    with pytest.raises(fanal.FormatError, match="tall"):
+        fanal.load(tmp_path, define={"tall": 2})
+    with pytest.raises(TypeError, match="define: expected a mapping"):
+        fanal.load(tmp_path, define=7)
+    with pytest.raises(TypeError, match="define: expected a mapping"):
+        fanal.load(tmp_path, define={"wide": None})
+
+
 def test_broken_scenes_are_told_with_their_place(tmp_path):
     (tmp_path / "broken.json").write_text('{\n"version": 1,\n"camera": 7\n}')
     with pytest.raises(fanal.FormatError, match="broken.json:3"):

@@ -8,8 +8,8 @@ from typing import Any
 Path = str | os.PathLike[str]
 """A path."""
 
-Word = Callable[[Any], str | None]
-"""Makes the value of an option a word; none where the option is left out."""
+Word = Callable[[Any], str | list[str] | None]
+"""Makes the value of an option a word; none where the option is left out, several where it is given several times."""
 
 
 def whole(value: Any) -> str:
@@ -59,9 +59,27 @@ def joined(between: str, item: Word, count: int | None = None) -> Word:
     return word
 
 
+def shown(value: Any) -> str:
+    """A number, string or truth value as scene files write it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return value
+    try:
+        return whole(value)
+    except TypeError:
+        return real(value)
+
+
+def named(value: Any) -> list[str]:
+    """A mapping of names, a word for each."""
+    return [f"{text(name)}={shown(each)}" for name, each in dict(value).items()]
+
+
 SCENE: dict[str, tuple[str, Word, str]] = {
     "missing": ("missing", text, 'the string "refuse" or "skip"'),
     "effects": ("effects", joined(",", text), 'strings such as "+photons" or "-medium"'),
+    "define": ("define", named, "a mapping of names to numbers, strings or truth values"),
     "threads": ("threads", whole, "a whole number"),
 }
 """Options of scenes: name on the command line, how its word is made, what is expected."""
@@ -102,10 +120,11 @@ def _words(name: str, known: tuple[str, Word, str], value: Any) -> Iterable[str]
     if value is None:
         return []
     try:
-        word = make(value)
+        made = make(value)
     except (TypeError, ValueError, OverflowError):
         raise TypeError(f"{name}: expected {expected}, not {_shown(value)}") from None
-    return [] if word is None else [f"--{option}={word}"]
+    words = made if isinstance(made, list) else [made]
+    return [f"--{option}={word}" for word in words if word is not None]
 
 
 def _shown(value: Any) -> str:

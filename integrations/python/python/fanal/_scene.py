@@ -3,7 +3,7 @@
 import json
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from . import _fanal, _options
@@ -65,6 +65,7 @@ def load(
     *,
     missing: str = "refuse",
     effects: str | Sequence[str] = (),
+    define: Mapping[str, str | float] | None = None,
     threads: int | None = None,
 ) -> Scene:
     """Reads a scene: our JSON, Mitsuba XML, pbrt, glTF, or a folder that holds one of them called ``scene``.
@@ -73,13 +74,14 @@ def load(
 
     :param missing: ``"refuse"`` a scene that names files that are not there, or ``"skip"`` them.
     :param effects: effects to switch on (``"+photons"``) or off (``"-medium"``) against the plan.
+    :param define: values for ``$name`` in a Mitsuba scene, in place of the scene's defaults.
     :param threads: threads to read on; all cores if not given.
     :raises fanal.NotFoundError: the scene, or a file that it names, is not there.
     :raises fanal.FormatError: a file breaks its format; the message has file and place.
     :raises fanal.OptionError: an option is not one of those above.
     """
     name = _options.path(path)
-    given = {"missing": missing, "effects": effects, "threads": threads}
+    given = {"missing": missing, "effects": effects, "define": define, "threads": threads}
     inner = _fanal.load(name, _options.words(_options.SCENE, given))
     for text in inner.warnings:
         warnings.warn(text, SceneWarning, stacklevel=2)
