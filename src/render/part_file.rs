@@ -144,7 +144,7 @@ impl PartHead {
 /// A name of a channel or an attribute that no picture can have, or that two have.
 fn bad_name(head: &PartHead) -> Option<String> {
     let attributes = head.attributes.iter().chain(&head.layer_attributes).map(|(name, _)| name);
-    let mut taken: BTreeSet<&str> = ["R", "G", "B"].into();
+    let mut taken: BTreeSet<&str> = ["R", "G", "B", "fireflies.R", "fireflies.G", "fireflies.B"].into();
     let bad_channel = head.channels.iter().find(|name| !is_name(name) || !name.is_ascii() || !taken.insert(name));
     let bad = bad_channel.or_else(|| attributes.into_iter().find(|name| !is_name(name)));
     bad.map(|name| name.chars().take(LONGEST_TOLD).collect())

@@ -72,10 +72,11 @@ fn f09_parts_take_out_what_one_process_does() {
     let alone = files.render(&options, "alone.exr", &["--crop", "0,7,24,11"]);
     assert_same(&alone, &files.merge(&halves[1..], "one.exr"), "one window");
     // Of another κ it is another picture.
-    let other = files.render(&[&options[..7], &["--fireflies", "reweight"]].concat(), "other.part", &["--part", "1/3"]);
-    let told =
-        refused(&["merge", "-o", &files.text("no.exr"), &other.display().to_string(), &parts[1].display().to_string()]);
-    assert!(told.contains("other.part") && !files.path("no.exr").exists(), "{told}");
+    let unlike = [&[&caustic[..]], &picture[..], &["--fireflies", "reweight"]].concat();
+    let unlike = files.render(&unlike, "unlike.part", &["--part", "1/3"]);
+    let [unlike, part] = [&unlike, &parts[1]].map(|path| path.display().to_string());
+    let told = refused(&["merge", "-o", &files.text("no.exr"), &unlike, &part]);
+    assert!(told.contains("unlike.part") && told.contains("kappa") && !files.path("no.exr").exists(), "{told}");
 }
 
 /// Each view is judged by itself, as if it were alone.

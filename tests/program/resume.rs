@@ -168,7 +168,7 @@ fn f01_fireflies_that_are_taken_out() {
     let fireflies = Fireflies::Reweight { kappa: 2.0 };
     let blocks = RenderSettings { fireflies, ..settings(GUIDES[0], 192, 3) };
     let part = RenderSettings { part: Some(PartOf::new(2, 2).unwrap()), ..settings(GUIDES[0], 320, 1) };
-    let target = RenderSettings { stop: StopRule::TargetError(0.3), ..settings(GUIDES[0], 1, 2) };
+    let target = RenderSettings { stop: StopRule::TargetError(2.0), ..settings(GUIDES[0], 1, 2) };
     let passes = settings(GUIDES[5], 192, 3);
     let noise = RenderSettings { adaptive: true, ..settings(GUIDES[5], 192, 3) };
     for settings in [blocks, part, target, passes, noise] {
