@@ -20,7 +20,7 @@ use fanal::lights::envmap::Envmap;
 use fanal::picture::read_texels;
 use fanal::render::merge::merge;
 use fanal::render::part_file::{self, PartHead, Totals};
-use fanal::render::{Outcome, PartOf, RenderSettings, Statistics, render};
+use fanal::render::{Fireflies, Outcome, PartOf, RenderSettings, Statistics, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{MeshFile, SceneFile};
 use fanal::scene::readers::resolve;
@@ -165,6 +165,23 @@ fn limit_of_ten_million_records() {
     assert!(most < RENDERING, "{most} bytes");
 }
 
+/// Most bytes that samples by brightness take for each pixel without a guide: in the two halves of a pass, and in the sum of blocks. The resident set
+/// grows by 150.
+const BY_BRIGHTNESS: usize = 400;
+
+/// Of a picture of 200,000 pixels with 70 samples each, in two blocks.
+#[test]
+fn limit_of_samples_by_brightness() {
+    let _alone = alone();
+    let scene = committed("glass-caustic", [512, 384]);
+    let kept = settings(GUIDES[0], 70, 1);
+    let reweighted = RenderSettings { fireflies: Fireflies::Reweight { kappa: Fireflies::KAPPA }, ..kept.clone() };
+    let [without, with] = [&kept, &reweighted].map(|settings| run(&scene, settings).1);
+    let each = with.saturating_sub(without) / (512 * 384);
+    println!("{each} bytes per pixel: {with} instead of {without} at most");
+    assert!(each > 0 && each < BY_BRIGHTNESS, "{each} bytes per pixel");
+}
+
 /// The field stays within what `--guide-memory` allows, 24 MB where nothing is said.
 #[test]
 fn limit_of_the_field() {
@@ -222,12 +239,13 @@ fn parts_are_put_together_in_stripes() {
                 spp: 64 * count,
                 detailed: false,
                 film_layers: [false; 2],
+                fireflies: None,
                 channels: Vec::new(),
                 attributes: Vec::new(),
                 layer_attributes: Vec::new(),
                 totals: Totals::default(),
             };
-            part_file::write(&path, &head, &block, &[]).unwrap();
+            part_file::write(&path, &head, &block, None, &[]).unwrap();
             path
         };
         (1..=count).map(part).collect()

@@ -11,7 +11,7 @@ use crate::guiding::learn::fraction::FractionRule;
 use crate::guiding::target::{DirectLight, Target};
 use crate::integrators::Roulette;
 use crate::picture::{Address, View, Window};
-use crate::render::{Aov, GuideMode, PartOf, Reconstruction, Sample, SampleKinds};
+use crate::render::{Aov, Fireflies, GuideMode, PartOf, Reconstruction, Sample, SampleKinds};
 use crate::report::experiment::Method;
 use crate::scene::file::FilterFile;
 use crate::scene::overrides::Override;
@@ -202,6 +202,15 @@ words!(
     PbrNeutral: "Colours stay what they are but for the brightest (Khronos 2024)",
 );
 
+/// What is done about fireflies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Outliers {
+    /// Nothing: the picture is the mean of its samples
+    Keep,
+    /// Their light is taken out of the picture, and kept as fireflies.R/G/B in an EXR file (after Zirr 2018); the picture is darker by it
+    Reweight,
+}
+
 /// Layers beside the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layer {
@@ -321,6 +330,12 @@ pub struct RenderArgs {
     /// where), and keep the noisy one in the EXR file as noisy.R/G/B
     #[arg(long)]
     pub denoise: bool,
+    /// What is done about samples so bright and so rare that they stand alone
+    #[arg(long, value_enum, default_value = "keep")]
+    pub fireflies: Outliers,
+    /// Samples of like brightness that `--fireflies reweight` asks for around a pixel; more take more light out [default: 4]
+    #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = kappa)]
+    pub kappa: Option<f64>,
     /// Stops by which a PNG file is brightened [default: 0]
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = stops)]
     pub exposure: Option<f32>,
@@ -626,6 +641,14 @@ fn part(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(part) if (0.0..=1.0).contains(&part) => Ok(part),
         _ => Err("expected a number between 0 and 1".into()),
+    }
+}
+
+fn kappa(text: &str) -> Result<f64, String> {
+    let [least, most] = Fireflies::RANGE;
+    match text.parse::<f64>() {
+        Ok(kappa) if (least..=most).contains(&kappa) => Ok(kappa),
+        _ => Err(format!("expected a number between {least} and {most}")),
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::args::{Backend, Layer, LearningArgs, PixelFilter, RenderArgs, Switch};
+use super::args::{Backend, Layer, LearningArgs, Outliers, PixelFilter, RenderArgs, Switch};
 use super::views::{View, views};
 use crate::base::{Error, Result};
 use crate::film::check_sheet;
@@ -13,7 +13,7 @@ use crate::guiding::target::Target;
 use crate::guiding::tree::TreeSettings;
 use crate::integrators::TransportSettings;
 use crate::picture::{Display, Placed};
-use crate::render::{Aov, GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
+use crate::render::{Aov, Fireflies, GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 use crate::scene::file::SceneFile;
 use crate::scene::overrides::Override;
 
@@ -134,6 +134,7 @@ fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<Render
         part: args.part,
         adaptive: adaptive(args, &defaults)?,
         keeps_spread: aovs.iter().any(|aov| aov.is_of_film()),
+        fireflies: fireflies(args)?,
         seed: args.of.seed,
         samples: samples.unwrap_or(defaults.samples),
         ..defaults
@@ -170,6 +171,17 @@ fn adaptive(args: &RenderArgs, defaults: &RenderSettings) -> Result<bool> {
         ));
     }
     Ok(adaptive)
+}
+
+/// What is done about fireflies.
+fn fireflies(args: &RenderArgs) -> Result<Fireflies> {
+    match (args.fireflies, args.kappa) {
+        (Outliers::Keep, None) => Ok(Fireflies::Keep),
+        (Outliers::Reweight, kappa) => Ok(Fireflies::Reweight { kappa: kappa.unwrap_or(Fireflies::KAPPA) }),
+        (Outliers::Keep, Some(_)) => {
+            Err(Error::Options("--kappa is for --fireflies reweight: give that too, or leave --kappa out".into()))
+        }
+    }
 }
 
 /// Refuses options that the chosen guiding method does not have.
@@ -310,5 +322,8 @@ mod tests {
         assert!(request(&["--guide", "none", "--save-guide", "a.guide"]).is_err());
         assert!(request(&["--exposure", "1"]).is_err());
         assert!(request(&["--view", "agx"]).is_err());
+        assert!(request(&["--kappa", "2"]).is_err());
+        let given = request(&["--kappa", "2", "--fireflies", "reweight"]).unwrap();
+        assert_eq!(given.settings.fireflies, Fireflies::Reweight { kappa: 2.0 });
     }
 }

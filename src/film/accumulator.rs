@@ -19,6 +19,7 @@ pub use summed::Summed;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::cascade::Cascade;
 use super::error::{FLOOR, outliers};
 use crate::base::{Error, Result};
 use crate::math::trimmed_mean;
@@ -118,24 +119,42 @@ impl Pixel {
 pub struct Pass {
     width: usize,
     halves: [Vec<Pixel>; 2],
+    /// The samples of each half by brightness, where someone asks for that.
+    cascades: Option<[Cascade; 2]>,
 }
 
 impl Pass {
     /// A pass without samples.
     pub fn new(width: usize, height: usize) -> Self {
         let half = vec![Pixel::default(); width * height];
-        Self { width, halves: [half.clone(), half] }
+        Self { width, halves: [half.clone(), half], cascades: None }
+    }
+
+    /// One that also keeps its samples by brightness.
+    pub fn with_cascades(width: usize, height: usize) -> Self {
+        let cascade = Cascade::new(width * height);
+        Self { cascades: Some([cascade.clone(), cascade]), ..Self::new(width, height) }
+    }
+
+    /// The samples of each half by brightness; none where they were not kept.
+    pub fn cascades(&self) -> Option<&[Cascade; 2]> {
+        self.cascades.as_ref()
     }
 
     /// Takes all samples out again.
     pub fn clear(&mut self) {
+        self.cascades.iter_mut().flatten().for_each(Cascade::clear);
         self.halves.iter_mut().for_each(|half| half.par_iter_mut().for_each(|pixel| *pixel = Pixel::default()));
     }
 
     /// Adds sample number `sample` of pixel `pixel`, counted row by row from the top left; it must be finite. Each pixel's
     /// samples must come in a fixed order.
     pub fn add(&mut self, pixel: usize, sample: u64, value: Vec3) {
-        self.halves[(sample % 2) as usize][pixel].add(value);
+        let half = (sample % 2) as usize;
+        self.halves[half][pixel].add(value);
+        if let Some(cascades) = &mut self.cascades {
+            cascades[half].add(pixel, value);
+        }
     }
 
     /// Columns.
@@ -209,7 +228,13 @@ impl Pass {
         };
         let [a, b] = &self.halves;
         let (spread, (a, b)) = rayon::join(|| Spread::of(self.pixels()), || rayon::join(|| half(a), || half(b)));
-        FinishedPass { width: self.width, halves: [a, b], spread, variance: Vec::new() }
+        FinishedPass {
+            width: self.width,
+            halves: [a, b],
+            spread,
+            variance: Vec::new(),
+            cascades: self.cascades.clone(),
+        }
     }
 
     /// The same with the variance of each pixel's samples, for [`pixel_spread`](super::pixel_spread).
@@ -289,6 +314,8 @@ pub struct FinishedPass {
     spread: Spread,
     /// Variance of one sample of each pixel, NaN below two samples; empty where it was not asked for.
     pub(super) variance: Vec<Vec3>,
+    /// The samples of each half by brightness; none where they were not kept.
+    pub(super) cascades: Option<[Cascade; 2]>,
 }
 
 /// One half of a finished pass: its even or its odd samples.
@@ -431,10 +458,54 @@ fn mixed(
     Ok(Image { width, height: pixels.checked_div(width).unwrap_or(0), pixels: filled.collect() })
 }
 
+/// The number of a pixel's samples in one half of one pass, and the part that each of them has in the picture.
+pub(super) struct Weighted {
+    pub half: usize,
+    pub pass: usize,
+    pub count: u32,
+    pub weight: f64,
+}
+
+/// By pixel, what single samples weigh in the picture of some passes, or with `fixed` weights of passes if they are given: 1 all together.
+/// Passes must be alike, see [`combine`].
+pub(super) fn sample_weights<'a>(
+    passes: &'a [FinishedPass],
+    fixed: Option<&'a [f64]>,
+) -> impl Fn(usize) -> Vec<Weighted> + Sync + 'a {
+    let by_tile = if passes.len() > 1 && fixed.is_none() {
+        [1, 0].map(|other| weights(passes, other))
+    } else {
+        Default::default()
+    };
+    let width = passes.first().map_or(1, |pass| pass.width);
+    move |i| {
+        let (mut all, mut samples) = (Vec::new(), 0.0);
+        for (half, by_tile) in by_tile.iter().enumerate() {
+            let of_tile = by_tile.get(tile_of(i, width));
+            let weight = |pass: usize, count: u32| match fixed {
+                Some(fixed) => fixed[pass],
+                None => of_tile.map_or(1.0, |tile| tile[pass]) * f64::from(count),
+            };
+            let counts = || passes.iter().map(|pass| pass.halves[half].counts[i]).enumerate();
+            let sampled = || counts().filter(|(_, count)| *count > 0);
+            let total: f64 = sampled().map(|(pass, count)| weight(pass, count)).sum();
+            if total > 0.0 {
+                let of_half: f64 = sampled().map(|(_, count)| f64::from(count)).sum();
+                samples += of_half;
+                let each = |(pass, count)| weight(pass, count) / total * of_half / f64::from(count);
+                all.extend(sampled().map(|(pass, count)| Weighted { half, pass, count, weight: each((pass, count)) }));
+            }
+        }
+        all.iter_mut().for_each(|sample| sample.weight /= samples);
+        all
+    }
+}
+
 /// Most rows between a pixel without samples and the one whose value it takes.
 const REACH: usize = 32;
 
-fn filled(sampled: &[Option<Vec3>], width: usize) -> Vec<Vec3> {
+/// Values of all pixels of a picture of so many columns; those without take that of a pixel above or below.
+pub(super) fn filled(sampled: &[Option<Vec3>], width: usize) -> Vec<Vec3> {
     let near = |i: usize| {
         let rows = (1..=REACH).flat_map(|d| [i.checked_sub(d * width), Some(i + d * width)]);
         rows.flatten().find_map(|at| sampled.get(at).copied().flatten())

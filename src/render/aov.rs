@@ -14,7 +14,7 @@ use super::settings::RenderSettings;
 use crate::base::Result;
 use crate::film::PixelFilter;
 use crate::guiding::sample::field::GuideField;
-use crate::picture::{Attribute, Channel, cryptomatte};
+use crate::picture::{Attribute, Channel, Image, cryptomatte};
 use crate::scene::Scene;
 
 /// Camera samples that features are averaged over, where the picture has as many.
@@ -153,6 +153,13 @@ pub fn channels(scene: &Scene, settings: &RenderSettings, outcome: &Outcome, aov
         channels.extend(mattes::channels(scene, settings, outcome, &mattes)?);
     }
     Ok(channels)
+}
+
+/// The channels of the light of `fireflies` that was taken out of the picture: `fireflies.R/G/B`.
+pub fn fireflies_channels(fireflies: &Image) -> Vec<Channel> {
+    let values = |part| fireflies.pixels.iter().map(|light| light[part]).collect();
+    let parts = ["R", "G", "B"].into_iter().enumerate();
+    parts.map(|(part, name)| Channel { name: format!("fireflies.{name}"), values: values(part) }).collect()
 }
 
 /// What belongs to `aovs` in the header of an EXR file that holds them among `channels`: the names of what mattes show.

@@ -5,7 +5,7 @@ use super::run::{Rendered, Run};
 use super::settings::StopRule;
 use super::state::{Blocks, Phase, Position};
 use crate::base::Result;
-use crate::film::{BLOCK, Block, spread_of_sum};
+use crate::film::{BLOCK, Block, Cascade, spread_of_sum, taken_from_sum};
 use crate::guiding::sample::field::GuideField;
 
 impl Run<'_> {
@@ -24,6 +24,7 @@ impl Run<'_> {
             let began = self.watcher.elapsed();
             self.state.position = Position { phase: Phase::Final, began, ..Position::default() };
             self.state.blocks = Some(Blocks::new(pixels, self.settings.part.is_some(), detailed));
+            self.state.cascade = self.settings.fireflies.kappa().map(|_| Cascade::new(pixels));
             // The samples of the parts before count as rendered: theirs are the random numbers.
             self.state.rendered +=
                 self.settings.part.map_or(Ok(0), |part| part.samples(self.left(spp)).map(|own| own.start))?;
@@ -42,6 +43,9 @@ impl Run<'_> {
             if let Some(blocks) = &mut self.state.blocks {
                 blocks.push(Block::of(&part.pass, detailed));
             }
+            if let (Some(cascade), Some(halves)) = (&mut self.state.cascade, part.pass.cascades()) {
+                halves.iter().for_each(|half| cascade.absorb(half));
+            }
             if !complete {
                 break;
             }
@@ -53,7 +57,15 @@ impl Run<'_> {
         // A pass all of whose samples were dropped is black, but one that never began is none.
         let begun = self.state.position.batches > 0 && self.state.early.is_empty();
         match summed.filter(|summed| begun || summed.samples() > 0) {
-            Some(summed) => Ok((summed.image(width, self.scene.views()), spread_of_sum(summed, width)?)),
+            Some(summed) => {
+                let views = self.scene.views();
+                let plain = summed.image(width, views);
+                // Of a part, who puts all together takes them out.
+                let judged = self.settings.fireflies.kappa().filter(|_| self.settings.part.is_none());
+                let of_all = judged.zip(self.state.cascade.as_ref());
+                let fireflies = of_all.map(|(kappa, cascade)| taken_from_sum(&summed, cascade, views, &plain, kappa));
+                Ok(Rendered { plain, spread: spread_of_sum(summed, width)?, fireflies })
+            }
             None => self.of_passes(),
         }
     }

@@ -3,7 +3,8 @@
 //! A safetensors file (see [`crate::base::tensors`]), written between two chunks of a pass. It holds the passes so far (see
 //! [`FinishedPass::arrays`]), named `pass0`, `early0` and so on; the pass that is being made, `now`; while learning the learner (see
 //! [`Learner::arrays`](crate::guiding::learn::learner::Learner::arrays)) and where photons start (see [`emission::arrays`]), afterwards the
-//! field as in a guide file; of a final pass that goes by blocks (see [`Block`]) their `sum`, or for a part of a render `block0` and so on; `half0`, `half1`, `done0`, `done1` of a render to a target error; and
+//! field as in a guide file; of a final pass that goes by blocks (see [`Block`]) their `sum`, or for a part of a render `block0` and so on, and
+//! their `cascade` where fireflies are taken out (see [`Cascade::arrays`]); `half0`, `half1`, `done0`, `done1` of a render to a target error; and
 //!
 //! | name | type | |
 //! |---|---|---|
@@ -30,7 +31,7 @@ use super::statistics::{Dropped, ErrorPoint, Iteration, Statistics};
 use crate::base::files::read_bytes;
 use crate::base::tensors::{self, Arrays, Dtype, Tensor, Tensors, borrowed, doubles, vector};
 use crate::base::{Error, Place, Result};
-use crate::film::{BLOCK, Block, FinishedPass, Pass, Sum};
+use crate::film::{BLOCK, Block, Cascade, FinishedPass, Pass, Sum};
 use crate::guiding::learn::emission;
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
@@ -139,6 +140,7 @@ impl Moment<'_> {
             }
             None => {}
         }
+        all.extend(state.cascade.iter().flat_map(|cascade| cascade.arrays(CASCADE)));
         for (i, half) in state.halves.iter().enumerate() {
             all.extend(half.done.iter().flat_map(|pass| pass.arrays(&format!("done{i}"))));
             if i != state.position.half {
@@ -168,6 +170,7 @@ impl Moment<'_> {
             halves,
             division,
             blocks,
+            cascade: _,
         } = self.state;
         let blocks = blocks.as_ref().map_or(-1.0, |blocks| match blocks {
             Blocks::Summed(_) => 0.0,
@@ -213,6 +216,8 @@ impl Moment<'_> {
     }
 }
 
+/// Name of the samples by brightness of finished blocks.
+const CASCADE: &str = "cascade";
 /// Length of the array `state`.
 const STATE: usize = 30;
 
@@ -251,6 +256,9 @@ impl Resumed {
         (state.trend.guided_cost, state.trend.caustics, state.trend.making) = (guided_cost, caustics == 1.0, making);
         state.division = read_division(&file, [even, spp], &state.position, size)?;
         state.blocks = read_blocks(&file, blocks, settings, &state.position, size)?;
+        if state.blocks.is_some() && settings.fireflies.kappa().is_some() {
+            state.cascade = Some(Cascade::read(&file, CASCADE, size[0] * size[1])?);
+        }
         let part = Part { pass: Pass::from_arrays(size, &file, "now")?, spp: count(spp), start: start as u64 };
         let most = match settings.stop {
             // Shares of learning are samples beyond those of one process.
@@ -372,6 +380,7 @@ fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State
         position,
         division: None,
         blocks: None,
+        cascade: None,
         halves: if both { vec![read_half(0)?, read_half(1)?] } else { Vec::new() },
     })
 }

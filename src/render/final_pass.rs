@@ -7,8 +7,9 @@ use super::settings::{RenderSettings, StopRule};
 use super::state::{Blocks, Division, Part, Phase, Position};
 use super::statistics::GuideStatistics;
 use crate::base::{Error, Result};
-use crate::film::{Pass, combine_sheet, densities, roulette_values};
+use crate::film::{Pass, combine_sheet, densities, roulette_values, without};
 use crate::guiding::sample::field::GuideField;
+use crate::picture::Image;
 
 /// Samples per pixel of the first pass with a given field: enough to estimate pixel values.
 const LOOK: u32 = 4;
@@ -45,13 +46,14 @@ impl Run<'_> {
         let known = field.as_ref();
         self.statistics.guide = known.map_or(GuideStatistics::default(), GuideStatistics::of);
         self.watcher.control.progress.message("rendering");
-        let (image, spread) = match self.settings.stop {
+        let Rendered { plain, spread, fireflies } = match self.settings.stop {
             StopRule::TargetError(error) => self.render_to(error, field.as_ref())?,
             StopRule::Spp(spp) if self.goes_by_blocks() => self.block_pass(spp, field.as_ref())?,
             StopRule::Spp(_) | StopRule::Time(_) => self.final_pass(field.as_ref())?,
         };
         let keeps = self.settings.learner.keeps_evidence && self.statistics.guide.trees > 0;
-        let pixel_values = if keeps { self.values_of(&image) } else { None };
+        let pixel_values = if keeps { self.values_of(&plain) } else { None };
+        let image = fireflies.as_ref().map(|taken| without(&plain, taken)).unwrap_or(plain);
         self.watcher.control.progress.finish();
         let pixels = self.pixels() as f64;
         let mut statistics = self.statistics;
@@ -63,9 +65,16 @@ impl Run<'_> {
             let gain = sky.gain();
             format!("sky sampled as it is seen from surfaces: {gain:.2} times the second moment of its light")
         }));
+        statistics.decisions.extend(fireflies.as_ref().map(|taken| {
+            let sum = |image: &Image| image.pixels.iter().map(|pixel| f64::from(pixel.element_sum())).sum::<f64>();
+            let (taken, kept) = (sum(taken), sum(&image));
+            let part = if taken > 0.0 { 100.0 * taken / (taken + kept) } else { 0.0 };
+            format!("fireflies: {part:.3} % of the picture's light taken out")
+        }));
         statistics.describe(self.scene, self.settings, self.state.spent.min(traced).ceil() as u32);
         Ok(Outcome {
             image,
+            fireflies,
             spread,
             statistics,
             field: field.unwrap_or_else(GuideField::empty),
@@ -75,6 +84,7 @@ impl Run<'_> {
                 Some(Blocks::Kept(blocks)) => blocks,
                 _ => Vec::new(),
             },
+            cascade: self.state.cascade.filter(|_| self.settings.part.is_some()),
             unkept: self.watcher.unkept,
             interrupted: self.interrupted,
         })
@@ -166,7 +176,7 @@ impl Run<'_> {
         let image = combine_sheet(&self.state.passes, self.scene.views()).map_err(|_| {
             Error::Interrupted("no sample was rendered: the render was stopped before its first pass".into())
         })?;
-        Ok((image, self.spread(&self.state.passes, None)?))
+        self.rendered(image, &self.state.passes, None)
     }
 
     /// How the rest of the final pass, which has taken `pass` so far, `guided` or not, is divided among the pixels; none while it is to be

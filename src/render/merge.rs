@@ -12,11 +12,12 @@ pub use layers::MergedLayers;
 
 use std::path::{Path, PathBuf};
 
-use self::windows::{OfWindow, missing, target};
+use self::windows::{OfWindow, missing, target, within};
+use super::aov::fireflies_channels;
 use super::part::PartOf;
 use super::part_file::{PartFile, PartHead, Totals, write_sum};
 use crate::base::{Error, Progress, Result, Unfit, named};
-use crate::film::{Sum, Summed, check_size, spread_of_sum};
+use crate::film::{Sum, Summed, check_size, spread_of_sum, taken_from_sum, without};
 use crate::integrators::path::Cause;
 use crate::picture::cryptomatte;
 use crate::picture::{Attribute, Channel, Image, Layers, Placed, Window};
@@ -52,10 +53,14 @@ pub fn merge(paths: &[PathBuf], allow_missing: bool, progress: &dyn Progress) ->
     sums::add_up(&mut windows, head.detailed, progress, |of, begin, sum| {
         film.place(&sum.finish(), |i| within(target, of.window.place((begin + i) as u64)));
     })?;
+    let cascade = sums::by_brightness(&mut windows, target)?;
     check(&mut windows)?;
     let samples = film.samples() as f64 / target.pixels() as f64;
     let width = target.width as usize;
-    let image = film.image(width, 1);
+    let plain = film.image(width, 1);
+    let judged = head.fireflies.zip(cascade);
+    let fireflies = judged.map(|(kappa, cascade)| taken_from_sum(&film, &cascade, 1, &plain, kappa));
+    let image = fireflies.as_ref().map(|taken| without(&plain, taken)).unwrap_or(plain);
     let spread = spread_of_sum(film, width)?;
     let spp = if missing.is_empty() { head.spp } else { samples as u32 };
     let totals = totals(&windows);
@@ -64,7 +69,8 @@ pub fn merge(paths: &[PathBuf], allow_missing: bool, progress: &dyn Progress) ->
         attributes.push(("missingParts".into(), named(&missing)));
     }
     let placed = (target != Window::whole(head.size)).then_some((target, head.size));
-    let film = layers::film_channels(spread, head.film_layers);
+    let mut film = layers::film_channels(spread, head.film_layers);
+    film.extend(fireflies.iter().flat_map(fireflies_channels));
     let layers = MergedLayers::new(film, head.channels, windows, target);
     Ok(Merged { image, layers, attributes, placed, missing })
 }
@@ -87,6 +93,7 @@ pub fn merge_first(paths: &[PathBuf], output: &Path, progress: &dyn Progress) ->
     refuse(&absent, ": a part is merged of the first ones")?;
     let mut whole = Sum::new(0, head.detailed);
     sums::add_up(&mut windows, head.detailed, progress, |_, _, sum| whole.append(sum))?;
+    let cascade = sums::by_brightness(&mut windows, head.window())?;
     check(&mut windows)?;
     let head = PartHead {
         part: PartOf::new(1, count)?,
@@ -100,7 +107,7 @@ pub fn merge_first(paths: &[PathBuf], output: &Path, progress: &dyn Progress) ->
     let all = 0..target.pixels() as usize;
     let channel = |(number, name)| Ok(Channel { name, values: layers.values(number, all.clone())?.into_owned() });
     let channels = layers.names().into_iter().enumerate().map(channel).collect::<Result<Vec<_>>>()?;
-    write_sum(output, &head, &whole, &channels)
+    write_sum(output, &head, &whole, cascade.as_ref(), &channels)
 }
 
 /// Refuses a picture of which something is missing.
@@ -116,11 +123,6 @@ fn refuse(missing: &[String], hint: &str) -> Result<()> {
 fn check(windows: &mut [OfWindow]) -> Result<()> {
     layers::check(windows)?;
     windows.iter_mut().flat_map(|window| &mut window.parts).try_for_each(PartFile::check)
-}
-
-/// Index of a place of the whole picture among the pixels of a window.
-fn within(window: Window, [x, y]: [u32; 2]) -> usize {
-    (y - window.y) as usize * window.width as usize + (x - window.x) as usize
 }
 
 fn totals(windows: &[OfWindow]) -> Totals {

@@ -35,14 +35,14 @@ pub use learning::{Learning, Records};
 pub use part::PartOf;
 pub use pass::{CHUNK, Chunk, PassTracer};
 pub use replay::{Sample, replay};
-pub use settings::{GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
+pub use settings::{Fireflies, GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 pub use statistics::{Dropped, Drops, ErrorPoint, GuideStatistics, Iteration, Seconds, Statistics};
 
 use std::sync::atomic::AtomicBool;
 
 use crate::base::progress::Progress;
 use crate::base::{Error, Result};
-use crate::film::{Block, PixelSpread};
+use crate::film::{Block, Cascade, PixelSpread};
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::picture::Image;
 use crate::reconstruct::Reconstructor;
@@ -53,8 +53,10 @@ use state::Phase;
 
 /// Result of a render.
 pub struct Outcome {
-    /// The picture, linear RGB.
+    /// The picture, linear RGB, without what was taken out of it.
     pub image: Image,
+    /// The light of fireflies that was taken out of it; with it, it is the plain picture. None where the settings keep it.
+    pub fireflies: Option<Image>,
     /// Sample counts and variances of its pixels, where the settings ask for them.
     pub spread: Option<PixelSpread>,
     /// Statistics of time and samples spent.
@@ -68,6 +70,8 @@ pub struct Outcome {
     pub pixel_values: Option<Vec<f32>>,
     /// The blocks of samples of a part of a render, in their order; empty where all of it was rendered.
     pub blocks: Vec<Block>,
+    /// Their samples by brightness, where the settings take fireflies out of the picture that they are a part of.
+    pub cascade: Option<Cascade>,
     /// Why the last checkpoint could not be written; none where it could.
     pub unkept: Option<String>,
     /// Whether the stop flag ended the render early.

@@ -8,6 +8,7 @@
 //! |---|---|---|
 //! | `part` | u8 | JSON, see [`PartHead`] |
 //! | `layer0` and so on | f32 | channels of features and mattes, in the first part of a picture or window alone |
+//! | `cascade` | | samples by brightness, where fireflies are taken out, see [`Cascade::arrays`] |
 
 use std::collections::BTreeSet;
 use std::ops::{Range, RangeInclusive};
@@ -16,11 +17,12 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::part::PartOf;
+use super::settings::Fireflies;
 use super::statistics::Statistics;
 use crate::base::streamed::{Checked, Reader, Streamed};
 use crate::base::tensors::{self, Arrays, Dtype, Tensor, borrowed};
 use crate::base::{Error, Place, Result, Unfit};
-use crate::film::{BLOCK, Block, Sum, check_size};
+use crate::film::{BLOCK, Block, Cascade, Sum, check_size};
 use crate::integrators::path::Cause;
 use crate::picture::{Attribute, Channel, Window, is_name};
 
@@ -28,6 +30,8 @@ use crate::picture::{Attribute, Channel, Window, is_name};
 pub const VERSION: u32 = 2;
 /// Name of the sum of parts that were merged.
 const SUM: &str = "sum";
+/// Name of the samples by brightness.
+const CASCADE: &str = "cascade";
 /// Name of the array that tells what the file is.
 pub const HEAD: &str = "part";
 /// Largest accepted head in bytes: mostly the names of what mattes show.
@@ -60,6 +64,9 @@ pub struct PartHead {
     pub detailed: bool,
     /// Whether there is a layer of sample counts, and one of variances.
     pub film_layers: [bool; 2],
+    /// κ by which fireflies are taken out of the picture; none where they are kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fireflies: Option<f64>,
     /// Names of the channels that all parts together have beside those, in the order of the picture's.
     pub channels: Vec<String>,
     /// Attributes of the picture that are known beforehand.
@@ -137,7 +144,7 @@ impl PartHead {
 /// A name of a channel or an attribute that no picture can have, or that two have.
 fn bad_name(head: &PartHead) -> Option<String> {
     let attributes = head.attributes.iter().chain(&head.layer_attributes).map(|(name, _)| name);
-    let mut taken: BTreeSet<&str> = ["R", "G", "B"].into();
+    let mut taken: BTreeSet<&str> = ["R", "G", "B", "fireflies.R", "fireflies.G", "fireflies.B"].into();
     let bad_channel = head.channels.iter().find(|name| !is_name(name) || !name.is_ascii() || !taken.insert(name));
     let bad = bad_channel.or_else(|| attributes.into_iter().find(|name| !is_name(name)));
     bad.map(|name| name.chars().take(LONGEST_TOLD).collect())
@@ -148,21 +155,32 @@ fn block_name(number: u32) -> String {
     format!("block{number}")
 }
 
-/// Writes a part atomically: its `blocks` in their order, and its `layers`.
+/// Writes a part atomically: its `blocks` in their order, the samples by brightness where the head tells of fireflies, and its `layers`.
 ///
 /// # Errors
 /// [`Error::Io`] naming `path`; [`Error::Options`] for a head that JSON cannot express.
-pub fn write(path: &Path, head: &PartHead, blocks: &[Block], layers: &[Channel]) -> Result<()> {
+pub fn write(
+    path: &Path,
+    head: &PartHead,
+    blocks: &[Block],
+    cascade: Option<&Cascade>,
+    layers: &[Channel],
+) -> Result<()> {
     let blocks = (0..).zip(blocks).flat_map(|(number, block)| block.arrays(&block_name(number)));
-    write_arrays(path, head, blocks.collect(), layers)
+    write_arrays(path, head, blocks.chain(cascade_arrays(cascade)).collect(), layers)
 }
 
-/// Writes the `sum` of the first parts of a picture, and its `layers`, atomically.
+/// The arrays of samples by brightness, where there are any.
+fn cascade_arrays<'a>(cascade: Option<&Cascade>) -> Vec<Tensor<'a>> {
+    cascade.map_or(Vec::new(), |cascade| cascade.arrays(CASCADE))
+}
+
+/// Writes the `sum` of the first parts of a picture, their samples by brightness, and its `layers`, atomically.
 ///
 /// # Errors
 /// As [`write`].
-pub fn write_sum(path: &Path, head: &PartHead, sum: &Sum, layers: &[Channel]) -> Result<()> {
-    write_arrays(path, head, sum.arrays(SUM), layers)
+pub fn write_sum(path: &Path, head: &PartHead, sum: &Sum, cascade: Option<&Cascade>, layers: &[Channel]) -> Result<()> {
+    write_arrays(path, head, [sum.arrays(SUM), cascade_arrays(cascade)].concat(), layers)
 }
 
 fn write_arrays<'a>(path: &Path, head: &PartHead, mut all: Vec<Tensor<'a>>, layers: &'a [Channel]) -> Result<()> {
@@ -228,6 +246,9 @@ impl PartFile {
         if head.channels.len() > MOST_LAYERS || head.detailed != head.film_layers.contains(&true) {
             return Err(fail(format!("{} layers, or others than the blocks are made for", head.channels.len())));
         }
+        if head.fireflies.is_some_and(|kappa| !(Fireflies::RANGE[0]..=Fireflies::RANGE[1]).contains(&kappa)) {
+            return Err(fail(format!("kappa of fireflies: {:?}", head.fireflies)));
+        }
         if let Some(name) = bad_name(&head) {
             return Err(fail(format!("a channel or attribute of the name {name:?}")));
         }
@@ -292,6 +313,17 @@ impl PartReader<'_> {
         Ok(rows.checked())
     }
 
+    /// All samples of the part by brightness, if it has them, and the checksums of what was read.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Malformed`].
+    pub fn cascade(&self) -> Result<(Option<Cascade>, Vec<Checked>)> {
+        let rows = self.reader.rows(None);
+        let pixels = self.part.head.window().pixels() as usize;
+        let cascade = self.part.head.fireflies.map(|_| Cascade::read(&rows, CASCADE, pixels)).transpose()?;
+        Ok((cascade, rows.checked()))
+    }
+
     /// These pixels of a layer, and the checksums of what was read.
     ///
     /// # Errors
@@ -317,6 +349,7 @@ pub fn is_done(path: &Path, head: &PartHead) -> bool {
         let pixels = file.head.window().pixels() as usize;
         let reader = file.reader()?;
         let mut checked = reader.add(0..pixels, &mut Sum::new(pixels, file.head.detailed), &mut Block::default())?;
+        checked.extend(reader.cascade()?.1);
         for number in 0..file.layers() {
             checked.extend(reader.layer(number, 0..pixels)?.1);
         }

@@ -13,14 +13,22 @@ use super::statistics::{ErrorPoint, Statistics};
 use crate::base::{Error, Result};
 use crate::film::{
     Block, FinishedPass, Pass, PixelFilter, PixelSpread, check_sheet, combine_sheet, expected_values, pixel_spread,
+    taken_from_passes,
 };
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::lights::seen::LearnedSky;
 use crate::picture::{Image, Window};
 use crate::scene::Scene;
 
-/// A picture, and the sample counts and variances of its pixels where they are wanted.
-pub(super) type Rendered = (Image, Option<PixelSpread>);
+/// A picture of all samples.
+pub(super) struct Rendered {
+    /// Their mean.
+    pub plain: Image,
+    /// The sample counts and variances of its pixels, where they are wanted.
+    pub spread: Option<PixelSpread>,
+    /// The light of fireflies in it, where that is wanted.
+    pub fireflies: Option<Image>,
+}
 
 /// Fewest paths in a chunk: enough to keep a few threads busy.
 const LEAST_CHUNK: u64 = 1 << 14;
@@ -125,7 +133,10 @@ impl<'a> Run<'a> {
     }
 
     pub fn empty_pass(&self) -> Pass {
-        Pass::new(self.window.width as usize, self.window.height as usize)
+        let [width, height] = [self.window.width, self.window.height].map(|side| side as usize);
+        // Who only learns makes no picture.
+        let by_brightness = self.settings.fireflies.kappa().is_some() && !self.learn_only;
+        if by_brightness { Pass::with_cascades(width, height) } else { Pass::new(width, height) }
     }
 
     /// Traces the rest of a pass, with `picture` for the guide's roulette; returns whether all camera paths were made.
@@ -239,8 +250,11 @@ impl<'a> Run<'a> {
         if self.settings.keeps_spread { pass.finish_with_variance() } else { pass.finish() }
     }
 
-    /// Sample counts and variances of the pixels of the combined picture, where they are wanted.
-    pub fn spread(&self, passes: &[FinishedPass], weights: Option<&[f64]>) -> Result<Option<PixelSpread>> {
-        self.settings.keeps_spread.then(|| pixel_spread(passes, weights)).transpose()
+    /// The picture `plain` that was combined of passes, with fixed weights if these are given, and what else is wanted of them.
+    pub fn rendered(&self, plain: Image, passes: &[FinishedPass], weights: Option<&[f64]>) -> Result<Rendered> {
+        let spread = self.settings.keeps_spread.then(|| pixel_spread(passes, weights)).transpose()?;
+        let taken = |kappa| taken_from_passes(passes, weights, self.scene.views(), &plain, kappa);
+        let fireflies = self.settings.fireflies.kappa().map(taken);
+        Ok(Rendered { plain, spread, fireflies })
     }
 }

@@ -143,6 +143,40 @@ impl Reconstruction {
     }
 }
 
+/// What is done about samples so bright and so rare that they stand alone.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Fireflies {
+    /// Nothing: the picture is the mean of its samples.
+    #[default]
+    Keep,
+    /// Their light is taken out of the finished picture, see [`fireflies`](crate::film::fireflies).
+    Reweight {
+        /// Samples of like brightness that are asked for: in the 3 × 3 pixels around, 1 + 2 κ always keep their light.
+        kappa: f64,
+    },
+}
+
+impl Fireflies {
+    /// κ where nothing else is asked for: a sample in each of the 3 × 3 pixels is enough, so that pictures of one sample per pixel keep what all
+    /// pixels see.
+    pub const KAPPA: f64 = 4.0;
+    /// Least and largest κ. The number of samples of a level of brightness is known up to twice the latter.
+    pub const RANGE: [f64; 2] = [1e-3, 1e3];
+
+    /// κ, where something is done.
+    pub fn kappa(self) -> Option<f64> {
+        match self {
+            Self::Keep => None,
+            Self::Reweight { kappa } => Some(kappa),
+        }
+    }
+
+    /// What the header of a picture says of it; nothing where nothing is done.
+    pub fn told(self) -> Option<String> {
+        self.kappa().map(|kappa| format!("reweight, kappa {kappa}"))
+    }
+}
+
 /// Rule by which a render ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StopRule {
@@ -186,6 +220,8 @@ pub struct RenderSettings {
     pub keeps_spread: bool,
     /// Whether noisy pixels get more samples than others in the final pass; not for a target error.
     pub adaptive: bool,
+    /// What is done about fireflies. The samples are the same.
+    pub fireflies: Fireflies,
     /// Rule by which the render ends.
     pub stop: StopRule,
     /// Seed of all random numbers.
@@ -237,6 +273,7 @@ impl RenderSettings {
             keeps_spread: false,
             // Samples that are asked for by their number are those of each pixel.
             adaptive: matches!(stop, StopRule::Time(_)),
+            fireflies: Fireflies::Keep,
             stop,
             seed: 0,
         };
@@ -253,13 +290,13 @@ impl RenderSettings {
         self
     }
 
-    /// Defaults of another mode with the budget, depth, seed, filter, window and memory of these settings.
+    /// Defaults of another mode with the budget, depth, seed, filter, window, memory and judgement of fireflies of these settings.
     pub fn with_guide(&self, guide: GuideMode) -> Self {
         let defaults = Self::new(guide, self.stop);
         let learner = LearnerSettings { memory: self.learner.memory, ..defaults.learner };
         let transport = TransportSettings { roulette: defaults.transport.roulette, ..self.transport };
-        let Self { seed, filter, crop, adaptive, .. } = *self;
-        Self { transport, seed, filter, crop, adaptive, learner, ..defaults }
+        let Self { seed, filter, crop, adaptive, fireflies, .. } = *self;
+        Self { transport, seed, filter, crop, adaptive, fireflies, learner, ..defaults }
     }
 
     /// Window that is rendered of a picture of `size` (columns, rows).
@@ -335,6 +372,10 @@ impl RenderSettings {
                 "parts are ranges of samples that are counted and divided evenly: give --spp, and leave --adaptive out"
                     .into(),
             ));
+        }
+        let [least, most] = Fireflies::RANGE;
+        if self.fireflies.kappa().is_some_and(|kappa| !(least..=most).contains(&kappa)) {
+            return Err(Error::Options(format!("kappa of fireflies must lie between {least} and {most}")));
         }
         if self.transport.max_depth == 0 {
             return Err(Error::Options("max_depth must be at least 1 (emission only)".into()));

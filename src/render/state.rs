@@ -1,7 +1,7 @@
 //! State of a render between two chunks, apart from what is learned: a checkpoint holds both.
 
 use super::budget::{GUIDED_COST, Verdict};
-use crate::film::{Block, FinishedPass, Pass, Sum};
+use crate::film::{Block, Cascade, FinishedPass, Pass, Sum};
 
 /// State of a render from which the rest of it follows.
 #[derive(Default)]
@@ -23,6 +23,8 @@ pub(super) struct State {
     pub division: Option<Division>,
     /// The finished blocks of a final pass that goes by blocks.
     pub blocks: Option<Blocks>,
+    /// Their samples by brightness, where fireflies are taken out.
+    pub cascade: Option<Cascade>,
     /// The halves of a render to a target error, otherwise empty. The half that is being traced has an empty pass here.
     pub halves: Vec<Half>,
 }

@@ -8,8 +8,9 @@ use base64::engine::general_purpose::STANDARD;
 use half::f16;
 use serde_json::json;
 
+use super::analysis::reach;
 use super::experiment::Comparison;
-use super::plot::{Against, KINDS, Measure, errors, parts, times};
+use super::plot::{Against, KINDS, Measure, errors, parts, ratios, times};
 use super::results::{FILE, Interval, Reach, Results, SCHEMA_FILE};
 use crate::base::Result;
 use crate::base::files::write_bytes;
@@ -44,6 +45,17 @@ pub fn write(comparison: &Comparison, folder: &Path) -> Result<()> {
                 if against == Against::Seconds { "seconds" } else { "samples per pixel" }
             );
         }
+    }
+    for against in Against::ALL {
+        let Some(svg) = ratios(results, against)? else { continue };
+        let name = format!("ratio-{}.svg", against.name());
+        write_bytes(&folder.join("plots").join(&name), svg.as_bytes())?;
+        let told = if against == Against::Seconds { crossovers(results) } else { String::new() };
+        let _ = writeln!(
+            plots,
+            "<figure>{svg}<figcaption>error over that of {} (<a href=\"plots/{name}\">SVG</a>){told}</figcaption></figure>",
+            escape(&results.methods[0]),
+        );
     }
     let bars = times(results)?;
     write_bytes(&folder.join("plots").join("times.svg"), bars.as_bytes())?;
@@ -95,6 +107,21 @@ pub fn write(comparison: &Comparison, folder: &Path) -> Result<()> {
         data = data.to_string().replace("</", "<\\/"),
     );
     write_bytes(&folder.join("index.html"), html.as_bytes())
+}
+
+/// From when on each method is better than the first, in words.
+fn crossovers(results: &Results) -> String {
+    let told = |method: &String| {
+        let of = results.summary.iter().filter(|s| s.method == *method);
+        let curve: Vec<(f64, f64)> = of.filter_map(|s| Some((s.seconds, s.ratio?.mean))).collect();
+        let when = match reach(&curve, 1.0) {
+            Reach::At(seconds) => format!("less from {} s on", number(seconds)),
+            Reach::Before(seconds) => format!("not more from {} s on", number(seconds)),
+            Reach::Never => "more to the last".to_owned(),
+        };
+        format!("; {}: {when}", escape(method))
+    };
+    results.methods.iter().skip(1).map(told).collect()
 }
 
 fn lead(comparison: &Comparison) -> String {

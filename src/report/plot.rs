@@ -123,24 +123,64 @@ fn denoised(results: &Results, method: &str, against: Against, measure: Measure)
     points
 }
 
+/// A method in a plot over cost.
+struct Line<'a> {
+    method: &'a str,
+    color: RGBColor,
+    /// Mean and interval over cost.
+    points: Vec<(f64, Interval)>,
+    /// Another mean over cost, dashed.
+    dashed: Vec<(f64, f64)>,
+}
+
+/// Values over cost of every method, where they are known and positive.
+fn lines<'a>(
+    results: &'a Results,
+    against: Against,
+    value: impl Fn(&SummaryEntry) -> Option<Interval>,
+) -> impl Iterator<Item = Line<'a>> {
+    results.methods.iter().enumerate().map(move |(i, method)| {
+        let of = results.summary.iter().filter(|s| s.method == *method);
+        let known = of.filter_map(|s| Some((against.of(s), value(s)?)));
+        let mut points: Vec<_> = known.filter(|p| p.1.low > 0.0).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Line { method, color: color(i), points, dashed: Vec::new() }
+    })
+}
+
 /// Error over cost for every method: the geometric mean as a line, its 95 % interval over seeds as a band. That of denoised pictures,
 /// where there are any, is a dashed line of the same colour.
 ///
 /// # Errors
 /// [`Error::Options`] where the plot cannot be drawn.
 pub fn errors(results: &Results, against: Against, measure: Measure) -> Result<String> {
-    let points = |method: &String| -> Vec<(f64, Interval)> {
-        let of = results.summary.iter().filter(|s| s.method == *method);
-        let mut points: Vec<_> = of.map(|s| (against.of(s), measure.of(s))).filter(|p| p.1.low > 0.0).collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        points
-    };
-    let series: Vec<Vec<(f64, Interval)>> = results.methods.iter().map(points).collect();
-    let dashed: Vec<Vec<(f64, f64)>> =
-        results.methods.iter().map(|method| denoised(results, method, against, measure)).collect();
-    let x = bounds(series.iter().flatten().map(|p| p.0).chain(dashed.iter().flatten().map(|p| p.0)));
-    let bands = series.iter().flatten().flat_map(|p| [p.1.low, p.1.high]);
-    let y = bounds(bands.chain(dashed.iter().flatten().map(|p| p.1)));
+    let lines = lines(results, against, |entry| Some(measure.of(entry)));
+    let lines: Vec<Line> =
+        lines.map(|line| Line { dashed: denoised(results, line.method, against, measure), ..line }).collect();
+    over_cost(&lines, against, measure.name(), None)
+}
+
+/// Trimmed error over that of the first method for every other one, paired by seed: where its line falls below 1, a method is better than
+/// the first. Nothing where there is no other.
+///
+/// # Errors
+/// As [`errors`].
+pub fn ratios(results: &Results, against: Against) -> Result<Option<String>> {
+    let Some(first) = results.methods.first() else { return Ok(None) };
+    let lines: Vec<Line> =
+        lines(results, against, |entry| entry.ratio).skip(1).filter(|line| !line.points.is_empty()).collect();
+    if lines.is_empty() {
+        return Ok(None);
+    }
+    over_cost(&lines, against, &format!("trimmed relMSE over {first}"), Some(1.0)).map(Some)
+}
+
+/// Lines over cost on logarithmic axes, with a rule at the height `mark`.
+fn over_cost(lines: &[Line], against: Against, what: &str, mark: Option<f64>) -> Result<String> {
+    let solid = || lines.iter().flat_map(|line| &line.points);
+    let dashed = || lines.iter().flat_map(|line| &line.dashed);
+    let x = bounds(solid().map(|p| p.0).chain(dashed().map(|p| p.0)));
+    let y = bounds(solid().flat_map(|p| [p.1.low, p.1.high]).chain(dashed().map(|p| p.1)).chain(mark));
     draw(SIZE, |area| {
         let mut chart =
             ChartBuilder::on(area).margin(14).x_label_area_size(40).y_label_area_size(70).build_cartesian_2d(
@@ -150,35 +190,37 @@ pub fn errors(results: &Results, against: Against, measure: Measure) -> Result<S
         chart
             .configure_mesh()
             .x_desc(if against == Against::Seconds { "seconds" } else { "samples per pixel" })
-            .y_desc(measure.name())
+            .y_desc(what)
             .x_label_formatter(&|v| short(*v))
             .y_label_formatter(&|v| short(*v))
             .light_line_style(BLACK.mix(0.05))
             .bold_line_style(BLACK.mix(0.15))
             .draw()?;
-        for (i, (points, method)) in series.iter().zip(&results.methods).enumerate() {
-            let color = color(i);
+        if let Some(mark) = mark {
+            chart.draw_series(LineSeries::new([(x.0, mark), (x.1, mark)], BLACK.stroke_width(1)))?;
+        }
+        for &Line { method, color, ref points, ref dashed } in lines {
             let low = points.iter().map(|p| (p.0, p.1.low));
             let band: Vec<(f64, f64)> = low.chain(points.iter().rev().map(|p| (p.0, p.1.high))).collect();
             chart.draw_series([Polygon::new(band, color.mix(0.18))])?;
             let line = points.iter().map(|p| (p.0, p.1.mean));
             chart
                 .draw_series(LineSeries::new(line.clone(), color.stroke_width(2)))?
-                .label(method.as_str())
+                .label(method)
                 .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 14, y + 5)], color.filled()));
             chart.draw_series(line.map(|p| Circle::new(p, 3, color.filled())))?;
-            let line = dashed[i].iter().copied();
+            let line = dashed.iter().copied();
             chart.draw_series(DashedLineSeries::new(line.clone(), 6, 4, color.stroke_width(2)))?;
             chart.draw_series(line.map(|p| Circle::new(p, 3, color.stroke_width(1))))?;
         }
         let log = |v: f64, (low, high): (f64, f64)| (v / low).ln() / (high / low).ln();
         let unit = |p: (f64, f64)| [log(p.0, x), log(p.1, y)];
-        let solid = series.iter().map(|points| points.iter().map(|p| unit((p.0, p.1.mean))).collect());
-        let dashed = dashed.iter().map(|points| points.iter().map(|&p| unit(p)).collect());
-        let lines: Vec<Vec<[f64; 2]>> = solid.chain(dashed).collect();
+        let solid = lines.iter().map(|line| line.points.iter().map(|p| unit((p.0, p.1.mean))).collect());
+        let dashed = lines.iter().map(|line| line.dashed.iter().map(|&p| unit(p)).collect());
+        let drawn: Vec<Vec<[f64; 2]>> = solid.chain(dashed).collect();
         chart
             .configure_series_labels()
-            .position(emptiest_corner(&lines))
+            .position(emptiest_corner(&drawn))
             .background_style(WHITE.mix(0.8))
             .border_style(BLACK.mix(0.3))
             .draw()?;

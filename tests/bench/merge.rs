@@ -52,13 +52,14 @@ fn make(folder: &Path, [width, height]: [u32; 2], count: u32, detailed: bool, la
             spp: 64 * count,
             detailed,
             film_layers: [detailed; 2],
+            fireflies: None,
             channels: names.clone(),
             attributes: Vec::new(),
             layer_attributes: Vec::new(),
             totals: Totals::default(),
         };
         let own = if index == 1 { &channels[..] } else { &[] };
-        part_file::write(&path, &head, &block, own).expect("there is room");
+        part_file::write(&path, &head, &block, None, own).expect("there is room");
     }
 }
 

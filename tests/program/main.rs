@@ -10,6 +10,7 @@ mod denoise;
 mod display;
 mod file_circles;
 mod files;
+mod fireflies;
 mod learned_parts;
 mod mattes;
 mod module_order;

@@ -86,13 +86,15 @@ fn f03_forged_names_are_refused() {
             spp: 1,
             detailed: false,
             film_layers: [false; 2],
+            fireflies: None,
             channels: vec!["depth.Z".into(), channel.into()],
             attributes: vec![(attribute.into(), "a value".into())],
             layer_attributes: vec![],
             totals: Totals::default(),
         };
         let layer = |name: &str| Channel { name: name.into(), values: vec![1.0; 6] };
-        part_file::write(&path, &head, std::slice::from_ref(&block), &[layer("depth.Z"), layer(channel)]).unwrap();
+        part_file::write(&path, &head, std::slice::from_ref(&block), None, &[layer("depth.Z"), layer(channel)])
+            .unwrap();
         vec![path]
     };
     let merged = files.merge(&part("albedo.R", "seed"), "out.exr");

@@ -105,11 +105,20 @@ fn check_numbers(folder: &Path) -> Results {
     };
     results.summary.iter().for_each(summary);
     check_page(&std::fs::read_to_string(folder.join("index.html")).expect("there is a page"), &results);
+    let ratios = std::fs::read_to_string(folder.join("plots/ratio-seconds.svg")).expect("there are several methods");
+    let named = |method: &String| ratios.contains(&format!("{method}\n")) || ratios.contains(&format!("{method}<"));
+    assert!(results.methods[1..].iter().all(named), "a method is missing");
     results
 }
 
-/// Every number of the page's tables against `results.json`.
+/// Every number of the page's tables against `results.json`; the plot of ratios says of each method whether it ends below the first.
 fn check_page(html: &str, results: &Results) {
+    for method in results.methods.iter().skip(1) {
+        let of = results.summary.iter().filter(|s| s.method == *method);
+        let last = of.max_by(|a, b| a.seconds.total_cmp(&b.seconds)).and_then(|s| s.ratio).expect("it was run");
+        let told = html.split(&format!("; {method}: ")).nth(1).expect("it is told");
+        assert_eq!(told.starts_with("more to the last"), last.mean > 1.0, "{method}: {last:?}");
+    }
     let rows = table(html, "runs");
     assert_eq!(rows.len(), results.summary.len());
     for (row, s) in rows.iter().zip(&results.summary) {

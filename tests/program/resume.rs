@@ -21,7 +21,7 @@ use fanal::picture::read_image;
 use fanal::reconstruct::Reconstructor;
 use fanal::render::checkpoint::made_for;
 use fanal::render::{
-    Checkpointing, Control, GuideMode, Outcome, PartOf, RenderSettings, StopRule, learn, render_watched,
+    Checkpointing, Control, Fireflies, GuideMode, Outcome, PartOf, RenderSettings, StopRule, learn, render_watched,
     render_with_field,
 };
 use fanal::scene::Scene;
@@ -82,6 +82,8 @@ fn interrupted(scene: &Scene, settings: &RenderSettings, field: Option<&GuideFie
     let what = (settings.guide, settings.stop, step);
     assert!(bits(&outcome.image) == bits(&whole.image), "{what:?}: another picture");
     assert_eq!(outcome.spread, whole.spread, "{what:?}");
+    let taken = |of: &Outcome| of.fireflies.as_ref().map(bits);
+    assert!(taken(&outcome) == taken(&whole) && outcome.cascade == whole.cascade, "{what:?}: other fireflies");
     assert!(outcome.blocks == whole.blocks && outcome.blocks.is_empty() == settings.part.is_none(), "{what:?}");
     let counts = |o: &Outcome| {
         let s = &o.statistics;
@@ -156,6 +158,22 @@ fn f01_parts_of_a_render() {
     let guided = RenderSettings { part, ..settings(GUIDES[5], 320, 4) };
     for field in [field.clone(), field.with_pixel_values(Some(known))] {
         assert!(interrupted(&scene, &guided, Some(&field), 1) >= 2);
+    }
+}
+
+/// Samples by brightness of passes that are combined, of one that follows noise, of halves, of blocks, and of a part.
+#[test]
+fn f01_fireflies_that_are_taken_out() {
+    let scene = committed("door-ajar", [64, 48]);
+    let fireflies = Fireflies::Reweight { kappa: 2.0 };
+    let blocks = RenderSettings { fireflies, ..settings(GUIDES[0], 192, 3) };
+    let part = RenderSettings { part: Some(PartOf::new(2, 2).unwrap()), ..settings(GUIDES[0], 320, 1) };
+    let target = RenderSettings { stop: StopRule::TargetError(2.0), ..settings(GUIDES[0], 1, 2) };
+    let passes = settings(GUIDES[5], 192, 3);
+    let noise = RenderSettings { adaptive: true, ..settings(GUIDES[5], 192, 3) };
+    for settings in [blocks, part, target, passes, noise] {
+        let settings = RenderSettings { fireflies, ..settings };
+        assert!(interrupted(&scene, &settings, None, 1) >= 2, "{:?} {:?}", settings.guide, settings.stop);
     }
 }
 

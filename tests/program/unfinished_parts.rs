@@ -185,13 +185,14 @@ fn made_up_part(files: &Files, part: PartOf, size: [u32; 2]) -> PathBuf {
         spp: 64 * part.count(),
         detailed: false,
         film_layers: [false; 2],
+        fireflies: None,
         channels: names.to_vec(),
         attributes: Vec::new(),
         layer_attributes: Vec::new(),
         totals: Totals::default(),
     };
     let layers = if part.index() == 1 { &layers[..] } else { &[] };
-    part_file::write(&path, &head, &[Block::of(&pass, false)], layers).unwrap();
+    part_file::write(&path, &head, &[Block::of(&pass, false)], None, layers).unwrap();
     path
 }
 

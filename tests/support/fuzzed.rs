@@ -21,7 +21,7 @@ use fanal::reconstruct::neural::reconstruct_batch;
 use fanal::render::guide_part::{self, LearnedHead, merge_guides};
 use fanal::render::merge::{Merged, merge, merge_first};
 use fanal::render::part_file::{self, PartHead, Totals};
-use fanal::render::{Aov, Control, PartOf, RenderSettings, aov, learn_part, render, render_watched};
+use fanal::render::{Aov, Control, Fireflies, PartOf, RenderSettings, aov, learn_part, render, render_watched};
 use fanal::report::{Budget, Experiment, Method, Results, page};
 use fanal::scene::Scene;
 use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking, resolve};
@@ -350,7 +350,9 @@ fn checkpoint(folder: &Path) -> Reader {
     let mut seeds = vec![];
     let mut modes = vec![];
     for guide in [GUIDES[0], GUIDES[1], GUIDES[6], GUIDES[8]] {
-        let settings = settings(guide, 16, 1);
+        // Of the first two the samples by brightness too.
+        let fireflies = if modes.len() < 2 { Fireflies::Reweight { kappa: 2.0 } } else { Fireflies::Keep };
+        let settings = RenderSettings { fireflies, ..settings(guide, 16, 1) };
         modes.push((kept(&scene, &settings, &path), settings));
         seeds.push(std::fs::read(&path).unwrap());
     }
@@ -378,7 +380,9 @@ fn part(folder: &Path) -> Reader {
     let (path, sum) = (folder.join("a.part"), folder.join("a.sum"));
     let seeds = [(1, false), (1, true), (2, true)].map(|(index, detailed)| {
         let part = PartOf::new(index, 2).unwrap();
-        let settings = RenderSettings { part: Some(part), keeps_spread: detailed, ..settings(GUIDES[0], 150, 1) };
+        let fireflies = if detailed { Fireflies::Keep } else { Fireflies::Reweight { kappa: 2.0 } };
+        let settings =
+            RenderSettings { part: Some(part), keeps_spread: detailed, fireflies, ..settings(GUIDES[0], 150, 1) };
         let stop = AtomicBool::new(false);
         let outcome = render(&scene, &settings, reconstructor(settings.guide).as_ref(), &Silent, &stop).unwrap();
         let layers = aov::channels(&scene, &settings, &outcome, &[Aov::Depth]).unwrap();
@@ -392,12 +396,14 @@ fn part(folder: &Path) -> Reader {
             spp: 150,
             detailed,
             film_layers: [detailed; 2],
+            fireflies: fireflies.kappa(),
             channels: vec!["depth.Z".into()],
             attributes: vec![("software".into(), "fanal".into())],
             layer_attributes: Vec::new(),
             totals: Totals::of(&outcome.statistics),
         };
-        part_file::write(&path, &head, &outcome.blocks, if index == 1 { &layers } else { &[] }).unwrap();
+        let own = if index == 1 { &layers[..] } else { &[] };
+        part_file::write(&path, &head, &outcome.blocks, outcome.cascade.as_ref(), own).unwrap();
         if head.part.index() == 1 {
             merge_first(std::slice::from_ref(&path), &sum, &Silent).unwrap();
         }

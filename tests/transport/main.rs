@@ -9,6 +9,7 @@ mod determinism;
 mod dropped;
 mod effects;
 mod film;
+mod fireflies;
 mod hard_scenes;
 mod lights;
 mod mattes;

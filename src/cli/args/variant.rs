@@ -14,13 +14,15 @@ pub struct VariantArgs {
     pub render: Box<RenderArgs>,
 }
 
-/// Options that a variant may have: how light is found. What the picture shows, and its budget, are the comparison's.
-const OPTIONS: [&str; 13] = [
+/// Options that a variant may have: how light is found, and which is believed. What the picture shows, and its budget, are the comparison's.
+const OPTIONS: [&str; 15] = [
     "guide",
     "guide_memory",
     "roulette",
     "light_sampling",
     "adaptive",
+    "fireflies",
+    "kappa",
     "samples",
     "target",
     "direct",

@@ -8,7 +8,7 @@ use super::part::{beside, forget, there_already};
 use super::render::{Prepared, report};
 use super::{in_pool, load_scene};
 use crate::base::{Error, Progress, Result};
-use crate::cli::args::{LearnArgs, RenderArgs};
+use crate::cli::args::{LearnArgs, Outliers, RenderArgs};
 use crate::cli::interrupt::Ended;
 use crate::cli::resolve::{RenderRequest, resolve};
 use crate::cli::{interrupt, print, progress, views};
@@ -142,6 +142,8 @@ fn as_render(args: &LearnArgs) -> RenderArgs {
         display: None,
         aov: Vec::new(),
         denoise: false,
+        fireflies: Outliers::Keep,
+        kappa: None,
         exposure: None,
         view: None,
         resume: state.exists().then(|| state.clone()),

@@ -54,7 +54,7 @@ pub fn run(args: &RenderArgs, part: PartOf) -> Result<Ended> {
         }
         let layer_attributes = aov::header(prepared.scene(), &request.aovs, &channels);
         let head = PartHead { totals: Totals::of(&outcome.statistics), layer_attributes, ..head };
-        part_file::write(&output, &head, &outcome.blocks, &channels)?;
+        part_file::write(&output, &head, &outcome.blocks, outcome.cascade.as_ref(), &channels)?;
         forget(&state);
         Ok(Ended::Whole)
     })
@@ -114,6 +114,7 @@ fn head(request: &RenderRequest, prepared: &Prepared, part: PartOf) -> Result<Pa
         spp,
         detailed: prepared.settings.keeps_spread,
         film_layers,
+        fireflies: prepared.settings.fireflies.kappa(),
         channels: others.flat_map(|aov| aov.channels()).collect(),
         attributes: attributes(request, &prepared.settings).into_iter().chain(camera).collect(),
         layer_attributes: Vec::new(),

@@ -25,8 +25,8 @@ use crate::reconstruct::{Neural, Reconstructor};
 use crate::render::guide_part::PartLearned;
 use crate::render::part_file::Totals;
 use crate::render::{
-    self, Aov, Checkpointing, Control, ErrorPoint, Learned, Outcome, Refresh, RenderSettings, Snapshot, Statistics,
-    StopRule, aov, checkpoint, merge,
+    self, Aov, Checkpointing, Control, ErrorPoint, Fireflies, Learned, Outcome, Refresh, RenderSettings, Snapshot,
+    Statistics, StopRule, aov, checkpoint, merge,
 };
 use crate::scene::Scene;
 use crate::scene::overrides::decide;
@@ -105,15 +105,23 @@ const FEATURES: f64 = 16e-7;
 /// Time to find what mattes show, in seconds per pixel on one thread.
 const MATTES: f64 = 40e-7;
 
-/// Time needed after rendering to find features and mattes, to denoise and, where it `writes`, to write the picture, in
+/// Time to take fireflies out, in seconds per pixel on one thread.
+const REWEIGHTING: f64 = 30e-7;
+/// Channels of the layer that holds them.
+const COLOURS: usize = 3;
+
+/// Time needed after rendering to find features and mattes, to take fireflies out, to denoise and, where it `writes`, to write the picture, in
 /// seconds per pixel.
-fn afterwards(aovs: &[Aov], denoiser: Option<&Denoiser>, writes: bool) -> Result<f64> {
+fn afterwards(aovs: &[Aov], fireflies: Fireflies, denoiser: Option<&Denoiser>, writes: bool) -> Result<f64> {
     let noisy = if denoiser.is_some() { denoised::NOISY.len() } else { 0 };
-    let channels: usize = noisy + aovs.iter().map(|aov| aov.channels().len()).sum::<usize>();
+    let reweights = fireflies.kappa().is_some();
+    let taken = if reweights { COLOURS } else { 0 };
+    let channels: usize = noisy + taken + aovs.iter().map(|aov| aov.channels().len()).sum::<usize>();
     // The denoiser's are others than those of layers.
     let kinds = u8::from(denoiser.is_some()) + u8::from(aovs.iter().any(|aov| aov.is_feature()));
     let mattes = if aovs.iter().any(|aov| aov.is_matte()) { MATTES } else { 0.0 };
-    let seen = (f64::from(kinds) * FEATURES + mattes) / rayon::current_num_threads() as f64;
+    let weighed = if reweights { REWEIGHTING } else { 0.0 };
+    let seen = (f64::from(kinds) * FEATURES + mattes + weighed) / rayon::current_num_threads() as f64;
     let denoising = denoiser.map_or(Ok(0.0), Denoiser::seconds_per_pixel)?;
     let writing = if writes { WRITING + LAYER_WRITING * channels as f64 } else { 0.0 };
     Ok(writing + seen + denoising)
@@ -284,7 +292,7 @@ impl Prepared {
     ) -> Result<()> {
         if let StopRule::Time(_) = self.settings.stop {
             let pixels = (self.settings.window(request.size).pixels() * self.scene.views() as u64) as f64;
-            let left = pixels * afterwards(&request.aovs, denoiser, writes)?;
+            let left = pixels * afterwards(&request.aovs, self.settings.fireflies, denoiser, writes)?;
             self.settings.stop = stop_rule(self.settings.stop, started.elapsed().as_secs_f64(), left);
         }
         Ok(())
@@ -308,7 +316,8 @@ impl Prepared {
             Some(field) => render::render_with_field(scene, settings, field.clone(), &control)?,
             None => render::render_watched(scene, settings, reconstructor.as_ref(), &control)?,
         };
-        let channels = aov::channels(scene, settings, &outcome, &request.aovs)?;
+        let mut channels = aov::channels(scene, settings, &outcome, &request.aovs)?;
+        channels.extend(outcome.fireflies.iter().flat_map(aov::fireflies_channels));
         self.describe(&mut outcome.statistics, request, loaded);
         let values = self.pixel_values(request, outcome.pixel_values.take());
         if values.is_some() {
@@ -493,8 +502,10 @@ pub(super) fn attributes(request: &RenderRequest, settings: &RenderSettings) -> 
         ("maxDepth", settings.transport.max_depth.to_string()),
         ("stop", stop),
     ]
+    .into_iter()
+    .chain(settings.fireflies.told().map(|told| ("fireflies", told)))
     .map(|(key, value)| (key.to_owned(), value))
-    .to_vec()
+    .collect()
 }
 
 /// Attributes that are known after rendering. Of all attributes only `seconds` and `threads` differ between two renders of the

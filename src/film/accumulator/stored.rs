@@ -10,12 +10,14 @@
 //! | `tiles` | f64 | [T, 2] | degrees of freedom and squared deviations of its tiles |
 //! | `spread` | f64 | [1, 2] | the same of the whole pass |
 //! | `variance` | f32 | [P, 3] or [0, 3] | of a finished pass |
+//! | `cascade0`, `cascade1` | | | samples of each half by brightness, where they are kept, see [`Cascade::arrays`] |
 
 use glam::Vec3;
 
 use super::{FinishedPass, Half, Pass, Pixel, Spread, TILE};
 use crate::base::Result;
 use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, borrowed, doubles, vector};
+use crate::film::cascade::Cascade;
 
 /// Most samples of a pixel: as many passes as a render makes can be added up without an overflow.
 pub(super) const MOST_SAMPLES: u32 = 1 << 26;
@@ -23,7 +25,9 @@ pub(super) const MOST_SAMPLES: u32 = 1 << 26;
 impl Pass {
     /// The arrays of a pass `name`.
     pub fn arrays<'a>(&self, name: &str) -> Vec<Tensor<'a>> {
-        pixel_arrays(name, self.halves.iter().flatten())
+        let mut all = pixel_arrays(name, self.halves.iter().flatten());
+        all.extend(cascade_arrays(name, self.cascades.as_ref()));
+        all
     }
 
     /// The pass of so many columns and rows that [`Pass::arrays`] were made of.
@@ -33,8 +37,25 @@ impl Pass {
     pub fn from_arrays([width, height]: [usize; 2], file: &Tensors, name: &str) -> Result<Self> {
         let mut all = read_pixels(file, name, 2 * width * height)?;
         let second = all.split_off(width * height);
-        Ok(Self { width, halves: [all, second] })
+        Ok(Self { width, halves: [all, second], cascades: read_cascades(file, name, width * height)? })
     }
+}
+
+fn cascade_name(name: &str, half: usize) -> String {
+    format!("{name}.cascade{half}")
+}
+
+/// The arrays of the cascades of a pass `name`, if it has them.
+fn cascade_arrays<'a>(name: &str, cascades: Option<&[Cascade; 2]>) -> Vec<Tensor<'a>> {
+    let halves = cascades.into_iter().flatten().enumerate();
+    halves.flat_map(|(half, cascade)| cascade.arrays(&cascade_name(name, half))).collect()
+}
+
+/// The cascades of so many pixels that [`cascade_arrays`] were made of.
+fn read_cascades(file: &Tensors, name: &str, pixels: usize) -> Result<Option<[Cascade; 2]>> {
+    let read = |half| Cascade::read(file, &cascade_name(name, half), pixels);
+    let kept = file.has(&format!("{}.runs", cascade_name(name, 0)));
+    if kept { Ok(Some([read(0)?, read(1)?])) } else { Ok(None) }
 }
 
 /// The arrays of these pixels, all their sums in full.
@@ -80,6 +101,7 @@ impl FinishedPass {
                 doubles(format!("{name}.{i}.tiles"), half.tiles.iter().map(Spread::numbers)),
             ]);
         }
+        all.extend(cascade_arrays(name, self.cascades.as_ref()));
         all
     }
 
@@ -111,7 +133,8 @@ impl FinishedPass {
             return file.fail(format!("{name}.variance"), format!("{} variances for {pixels} pixels", variance.len()));
         }
         let spread = spreads(&format!("{name}.spread"), 1)?[0];
-        Ok(Self { width, halves: [half(0)?, half(1)?], spread, variance })
+        let cascades = read_cascades(file, name, pixels)?;
+        Ok(Self { width, halves: [half(0)?, half(1)?], spread, variance, cascades })
     }
 }
 
@@ -144,23 +167,25 @@ mod tests {
     fn passes_are_read_as_they_were_written() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("passes");
-        let mut random = Random::new(1, 0, 0);
-        let mut pass = Pass::new(20, 3);
-        for sample in 0..5 {
-            (0..60).for_each(|i| pass.add(i, sample, Vec3::new(random.next_f32(), 1e-30, random.next_f32() * 1e20)));
+        for mut pass in [Pass::new(20, 3), Pass::with_cascades(20, 3)] {
+            let mut random = Random::new(1, 0, 0);
+            for sample in 0..5 {
+                (0..60)
+                    .for_each(|i| pass.add(i, sample, Vec3::new(random.next_f32(), 1e-30, random.next_f32() * 1e20)));
+            }
+            let finished = [pass.finish(), pass.finish_with_variance()];
+            let mut all = pass.arrays("a");
+            all.extend(finished.iter().zip(["b", "c"]).flat_map(|(pass, name)| pass.arrays(name)));
+            tensors::write(&path, 7, &all).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            let file = Tensors::open(&path, &bytes, "passes", 7).unwrap();
+            assert_eq!(Pass::from_arrays([20, 3], &file, "a").unwrap(), pass);
+            for (pass, name) in finished.iter().zip(["b", "c"]) {
+                assert_eq!(&FinishedPass::from_arrays([20, 3], &file, name).unwrap(), pass);
+            }
+            assert!(Pass::from_arrays([20, 4], &file, "a").is_err());
+            assert!(FinishedPass::from_arrays([60, 1], &file, "b").is_err(), "other tiles");
+            assert!(FinishedPass::from_arrays([20, 3], &file, "d").is_err());
         }
-        let finished = [pass.finish(), pass.finish_with_variance()];
-        let mut all = pass.arrays("a");
-        all.extend(finished.iter().zip(["b", "c"]).flat_map(|(pass, name)| pass.arrays(name)));
-        tensors::write(&path, 7, &all).unwrap();
-        let bytes = std::fs::read(&path).unwrap();
-        let file = Tensors::open(&path, &bytes, "passes", 7).unwrap();
-        assert_eq!(Pass::from_arrays([20, 3], &file, "a").unwrap(), pass);
-        for (pass, name) in finished.iter().zip(["b", "c"]) {
-            assert_eq!(&FinishedPass::from_arrays([20, 3], &file, name).unwrap(), pass);
-        }
-        assert!(Pass::from_arrays([20, 4], &file, "a").is_err());
-        assert!(FinishedPass::from_arrays([60, 1], &file, "b").is_err(), "other tiles");
-        assert!(FinishedPass::from_arrays([20, 3], &file, "d").is_err());
     }
 }

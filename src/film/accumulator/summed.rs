@@ -38,6 +38,11 @@ impl Summed {
         self.all.samples()
     }
 
+    /// Samples of each pixel.
+    pub fn counts(&self) -> &[u32] {
+        &self.all.counts
+    }
+
     /// The picture of so many columns, on a sheet of several `views`. A pixel without samples has the value of the nearest one above or
     /// below that has some, see [`combine`](super::combine).
     pub fn image(&self, width: usize, views: usize) -> Image {
@@ -56,7 +61,7 @@ impl Summed {
     pub(in crate::film) fn into_pass(self, width: usize) -> Option<FinishedPass> {
         let (even, variance) = self.detail?;
         let odd = even.rest_of(&self.all);
-        Some(FinishedPass { width, halves: [even, odd], spread: Spread::default(), variance })
+        Some(FinishedPass { width, halves: [even, odd], spread: Spread::default(), variance, cascades: None })
     }
 }
 

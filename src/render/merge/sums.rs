@@ -9,10 +9,11 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::super::part_file::PartReader;
-use super::windows::OfWindow;
+use super::windows::{OfWindow, within};
 use crate::base::streamed::Checked;
 use crate::base::{Progress, Result};
-use crate::film::{Block, Sum};
+use crate::film::{Block, Cascade, Sum};
+use crate::picture::Window;
 
 /// Pixels of a stripe: a block of them fits into the caches beside their sum.
 pub const STRIPE: usize = 1 << 13;
@@ -54,6 +55,26 @@ pub fn add_up(
     }
     progress.finish();
     Ok(())
+}
+
+/// The samples of all parts by brightness, in the pixels of `target`; none where parts have none. Those of one part and of the whole are in memory
+/// at a time.
+///
+/// # Errors
+/// Those of reading.
+pub fn by_brightness(windows: &mut [OfWindow], target: Window) -> Result<Option<Cascade>> {
+    let mut all: Option<Cascade> = None;
+    for OfWindow { window, parts } in windows {
+        for part in parts {
+            let (cascade, checked) = part.reader()?.cascade()?;
+            part.read(checked);
+            if let Some(cascade) = cascade {
+                let all = all.get_or_insert_with(|| Cascade::new(target.pixels() as usize));
+                all.place(&cascade, |i| within(target, window.place(i as u64)));
+            }
+        }
+    }
+    Ok(all)
 }
 
 /// The stripes of a window.

@@ -110,6 +110,11 @@ pub fn target(windows: &[OfWindow], size: [u32; 2]) -> Window {
     }
 }
 
+/// Index of a place of the whole picture among the pixels of a window.
+pub fn within(window: Window, [x, y]: [u32; 2]) -> usize {
+    (y - window.y) as usize * window.width as usize + (x - window.x) as usize
+}
+
 /// What is missing of the target, in words.
 pub fn missing(windows: &[OfWindow], target: Window) -> Vec<String> {
     let mut missing = Vec::new();

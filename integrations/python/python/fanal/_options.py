@@ -98,6 +98,8 @@ RENDER: dict[str, tuple[str, Word, str]] = {
     "model": ("model", path, "a path"),
     "load_guide": ("load-guide", path, "a path or a Guide"),
     "adaptive": ("adaptive", switch, "True or False"),
+    "fireflies": ("fireflies", text, "a string"),
+    "kappa": ("kappa", real, "a number"),
     "pixel_filter": ("pixel-filter", text, "a string"),
     "light_sampling": ("light-sampling", switch, "True or False"),
     "roulette": ("roulette", text, "a string"),

@@ -41,7 +41,8 @@ class Result:
     image: Floats
     """Linear RGB (rows, columns, 3), from the top left."""
     aovs: dict[str, Floats] = field(default_factory=dict)
-    """Layers by name, of shape (rows, columns, 3) or, for depth, samples and guiding, (rows, columns)."""
+    """Layers by name, of shape (rows, columns, 3) or, for depth, samples and guiding, (rows, columns). With ``fireflies="reweight"`` there is
+    ``fireflies``, the light that was taken out of ``image``."""
     statistics: dict[str, Any] = field(default_factory=dict)
     """Where time and samples went: what ``fanal render --stats`` writes."""
     guide: Guide | None = None
@@ -77,6 +78,8 @@ def render_full(
     model: _options.Path | None = None,
     load_guide: _options.Path | Guide | None = None,
     adaptive: bool | None = None,
+    fireflies: str | None = None,
+    kappa: float | None = None,
     pixel_filter: str | None = None,
     light_sampling: bool = True,
     roulette: str | None = None,
@@ -106,6 +109,8 @@ def render_full(
     :param model: folder of a network; the one inside the package if not given.
     :param load_guide: a guide, or the path of one, to render with. Nothing is learned then.
     :param adaptive: whether noisy pixels get more samples; with ``time`` they do if not given.
+    :param fireflies: ``"keep"``, or ``"reweight"``: the light of samples so bright and so rare that they stand alone is taken out of the picture.
+    :param kappa: samples of like brightness that ``"reweight"`` asks for; more take more light out.
     :param pixel_filter: ``"box"``, ``"tent"``, ``"gaussian"`` or ``"blackman-harris"``; the scene's if not given.
     :param light_sampling: next event estimation.
     :param roulette: ``"off"``, ``"throughput"`` or ``"window"``.
