@@ -99,7 +99,7 @@ impl<R: Real> Lobes<R> {
         let to = self.mean + offset * self.nearness;
         let squared = to.dot(to);
         let far = squared.above(LEAST_SQUARED) & squared.finite();
-        let mean = V3::choose(far, to / squared.at_least(LEAST_SQUARED).sqrt(), self.mean);
+        let mean = V3::choose(far, to * squared.at_least(LEAST_SQUARED).sqrt().inverse(), self.mean);
         Self { mean, ..self }
     }
 
@@ -141,63 +141,6 @@ impl Asked {
     }
 }
 
-/// A density as it is made of all lobes.
-struct Density<'a> {
-    blocks: &'a [Block],
-    asked: Asked,
-    direction: Vec3,
-}
-
-impl Density<'_> {
-    fn one_by_one(self) -> [[f32; LANES]; 2] {
-        let [mut densities, mut products] = [[0.0; LANES]; 2];
-        for block in self.blocks {
-            for lane in 0..LANES {
-                let lobe = block.one(lane).aimed(self.asked.offset.into());
-                densities[lane] += lobe.density(self.direction.into());
-                if self.asked.has_normal() {
-                    products[lane] += lobe.product(self.asked.normal.into());
-                }
-            }
-        }
-        [densities, products]
-    }
-}
-
-impl Kernel for Density<'_> {
-    /// Sums over blocks of the densities, and of the products with the cosine.
-    type Output = [[f32; LANES]; 2];
-
-    #[inline(always)]
-    fn run<W: Wide>(self, wide: W) -> Self::Output {
-        let zero = wide.load(&[0.0; LANES]);
-        let like = V3::splat(zero);
-        let (offset, normal, direction) =
-            (like.all(self.asked.offset), like.all(self.asked.normal), like.all(self.direction));
-        let (mut densities, mut products) = (zero, zero);
-        for block in self.blocks {
-            let lobes = block.wide(wide).aimed(offset);
-            densities = densities + lobes.density(direction);
-            if self.asked.has_normal() {
-                products = products + lobes.product(normal);
-            }
-        }
-        [wide.store(densities), wide.store(products)]
-    }
-}
-
-/// Density of the mixture in a direction, the cosine's part included, w.r.t. solid angle.
-pub fn density(blocks: &[Block], asked: Asked, direction: Vec3) -> f32 {
-    let [densities, products] =
-        lanes::run(Density { blocks, asked, direction }).unwrap_or_else(Density::one_by_one).map(|of| sum(&of));
-    if !asked.has_normal() {
-        return densities;
-    }
-    let off = direction - asked.normal;
-    let cosine = exp(off.dot(off) * (-0.5 * COSINE_KAPPA as f32));
-    densities * cosine / (std::f32::consts::TAU * products)
-}
-
 /// Sum of sixteen numbers.
 #[inline(always)]
 fn sum(of: &[f32; LANES]) -> f32 {
@@ -205,11 +148,11 @@ fn sum(of: &[f32; LANES]) -> f32 {
     (four(0) + four(2)) + (four(1) + four(3))
 }
 
-/// Lobes as they are drawn from.
+/// Lobes as seen from a point.
 pub struct Aimed {
     /// Mean directions.
     pub means: [Vectors; BLOCKS],
-    /// Shares, on any scale.
+    /// Shares in the product with the cosine, on any scale; the weights where there is none.
     pub shares: Each,
 }
 
@@ -260,21 +203,47 @@ pub fn aimed(blocks: &[Block], asked: Asked) -> Aimed {
     lanes::run(Aim { blocks, asked }).unwrap_or_else(Aim::one_by_one)
 }
 
-/// The part of each lobe in a density as seen from the pivot.
+/// Density of aimed lobes in a direction, the cosine's part included, w.r.t. solid angle.
+pub fn density(blocks: &[Block], aimed: &Aimed, asked: Asked, direction: Vec3) -> f32 {
+    let means = &aimed.means;
+    let density = total(&Parts { blocks, means: Some(means), direction }.run_widest(), blocks);
+    if !asked.has_normal() {
+        return density;
+    }
+    let off = direction - asked.normal;
+    let cosine = exp(off.dot(off) * (-0.5 * COSINE_KAPPA as f32));
+    density * cosine / (std::f32::consts::TAU * total(&aimed.shares, blocks))
+}
+
+/// Sum over the lobes of these blocks.
+fn total(of: &Each, blocks: &[Block]) -> f32 {
+    of.iter().take(blocks.len()).map(sum).sum()
+}
+
+/// The part of each lobe in a density.
 struct Parts<'a> {
     blocks: &'a [Block],
+    /// Mean directions; none for those from the pivot.
+    means: Option<&'a [Vectors; BLOCKS]>,
     direction: Vec3,
 }
 
 impl Parts<'_> {
     fn one_by_one(self) -> Each {
         let mut parts = [[0.0; LANES]; BLOCKS];
-        for (parts, block) in parts.iter_mut().zip(self.blocks) {
-            for (lane, part) in parts.iter_mut().enumerate() {
-                *part = block.one(lane).density(self.direction.into());
+        for (number, block) in self.blocks.iter().enumerate() {
+            for lane in 0..LANES {
+                let own = block.one(lane);
+                let mean = self.means.map_or(own.mean, |means| lanes::vector(&means[number], lane).into());
+                parts[number][lane] = Lobes { mean, ..own }.density(self.direction.into());
             }
         }
         parts
+    }
+
+    #[inline]
+    fn run_widest(self) -> Each {
+        lanes::run(self).unwrap_or_else(Parts::one_by_one)
     }
 }
 
@@ -285,8 +254,12 @@ impl Kernel for Parts<'_> {
     fn run<W: Wide>(self, wide: W) -> Each {
         let direction = V3::splat(wide.load(&[0.0; LANES])).all(self.direction);
         let mut parts = [[0.0; LANES]; BLOCKS];
-        for (parts, block) in parts.iter_mut().zip(self.blocks) {
-            *parts = wide.store(block.wide(wide).density(direction));
+        for (number, block) in self.blocks.iter().enumerate() {
+            let mut lobes = block.wide(wide);
+            if let Some(means) = self.means {
+                lobes.mean = wide.load_vectors(&means[number]);
+            }
+            parts[number] = wide.store(lobes.density(direction));
         }
         parts
     }
@@ -294,8 +267,8 @@ impl Kernel for Parts<'_> {
 
 /// Weight times density of each lobe in a direction from the pivot, and their sum.
 pub fn parts(blocks: &[Block], direction: Vec3) -> (Each, f32) {
-    let parts = lanes::run(Parts { blocks, direction }).unwrap_or_else(Parts::one_by_one);
-    let total = parts.iter().take(blocks.len()).map(sum).sum();
+    let parts = Parts { blocks, means: None, direction }.run_widest();
+    let total = total(&parts, blocks);
     (parts, total)
 }
 
@@ -320,13 +293,13 @@ mod tests {
             let blocks = Block::of(&(0..count).map(lobe).collect::<Vec<_>>());
             for normal in [Vec3::ZERO, direction()] {
                 let (asked, towards) = (Asked { offset: 0.7 * direction(), normal }, direction());
-                let all = Density { blocks: &blocks, asked, direction: towards };
-                let single = Density { ..all }.one_by_one();
-                assert_eq!(lanes::run(all).unwrap_or_else(Density::one_by_one), single);
                 let single = Aim { blocks: &blocks, asked }.one_by_one();
                 let all = aimed(&blocks, asked);
                 assert_eq!((all.means, all.shares), (single.means, single.shares));
-                assert_eq!(parts(&blocks, towards).0, Parts { blocks: &blocks, direction: towards }.one_by_one());
+                for means in [None, Some(&all.means)] {
+                    let parts = || Parts { blocks: &blocks, means, direction: towards };
+                    assert_eq!(parts().run_widest(), parts().one_by_one());
+                }
             }
         }
     }

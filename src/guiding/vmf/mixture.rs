@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec3};
 
 use super::MOST;
-use super::columns::{Asked, Block, aimed, density};
+use super::columns::{Aimed, Asked, Block, aimed, density};
 use super::lobe::{COSINE_KAPPA, LEAST_KAPPA, Lobe, MOST_KAPPA, around_pole};
 use crate::math::lanes::{LANES, vector};
 use crate::math::{Frame, cylindrical};
@@ -88,26 +88,27 @@ impl VmfMixture {
     /// stay so within each lobe.
     pub fn sample(&self, [u, v]: [f64; 2], spot: &Spot) -> (Vec3, f32) {
         let asked = self.asked(spot);
+        let aimed = aimed(&self.blocks, asked);
         let direction = if u < UNIFORM {
             cylindrical::to_direction([u / UNIFORM, v])
         } else {
-            self.drawn([((u - UNIFORM) / (1.0 - UNIFORM)).min(BELOW_ONE), v], asked)
+            self.drawn([((u - UNIFORM) / (1.0 - UNIFORM)).min(BELOW_ONE), v], &aimed, asked.normal)
         };
-        (direction, self.mixed(asked, direction))
+        (direction, self.mixed(&aimed, asked, direction))
     }
 
     /// Density of [`VmfMixture::sample`] at `spot`, w.r.t. solid angle. Never zero.
     pub fn pdf(&self, direction: Vec3, spot: &Spot) -> f32 {
-        self.mixed(self.asked(spot), direction)
+        let asked = self.asked(spot);
+        self.mixed(&aimed(&self.blocks, asked), asked, direction)
     }
 
-    fn mixed(&self, asked: Asked, direction: Vec3) -> f32 {
-        (UNIFORM / (4.0 * PI)) as f32 + (1.0 - UNIFORM) as f32 * density(&self.blocks, asked, direction)
+    fn mixed(&self, aimed: &Aimed, asked: Asked, direction: Vec3) -> f32 {
+        (UNIFORM / (4.0 * PI)) as f32 + (1.0 - UNIFORM) as f32 * density(&self.blocks, aimed, asked, direction)
     }
 
     /// The direction of a point of the unit square under the lobes alone.
-    fn drawn(&self, [u, v]: [f64; 2], asked: Asked) -> Vec3 {
-        let aimed = aimed(&self.blocks, asked);
+    fn drawn(&self, [u, v]: [f64; 2], aimed: &Aimed, normal: Vec3) -> Vec3 {
         let share = |k: usize| f64::from(aimed.shares[k / LANES][k % LANES]);
         let total: f64 = (0..self.count).map(share).sum();
         let (mut left, mut chosen) = (u * total, 0);
@@ -121,8 +122,8 @@ impl VmfMixture {
         let within = (left / share(chosen)).clamp(0.0, BELOW_ONE);
         let mean = vector(&aimed.means[chosen / LANES], chosen % LANES);
         let kappa = f64::from(self.blocks[chosen / LANES].lobe(chosen % LANES).kappa);
-        let both = kappa * mean.as_dvec3() + COSINE_KAPPA * asked.normal.as_dvec3();
-        let (axis, kappa) = if asked.normal == Vec3::ZERO { (mean, kappa) } else { axis(both, mean) };
+        let both = kappa * mean.as_dvec3() + COSINE_KAPPA * normal.as_dvec3();
+        let (axis, kappa) = if normal == Vec3::ZERO { (mean, kappa) } else { axis(both, mean) };
         let around = around_pole(kappa.max(LEAST_KAPPA), [within, v]);
         let frame = Frame::new(axis);
         let [s, t, n] = [frame.s, frame.t, frame.n].map(|of| of.as_dvec3());
