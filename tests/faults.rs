@@ -218,7 +218,7 @@ fn f03_damaged_checkpoints_and_guides() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let scene = committed("door-ajar", [8, 6]);
-    for guide in [GUIDES[0], GUIDES[1], GUIDES[6], GUIDES[8]] {
+    for guide in [GUIDES[0], GUIDES[1], GUIDES[6], GUIDES[8], GUIDES[9]] {
         let path = folder.path().join("a.part");
         let settings = settings(guide, 16, 1);
         let checkpoint = kept(&scene, &settings, &path);

@@ -188,7 +188,7 @@ fn limit_of_the_field() {
     let _alone = alone();
     let scene = committed("door-ajar", [160, 120]);
     for (guide, memory) in
-        [GUIDES[5], GUIDES[8]].into_iter().flat_map(|guide| [24 * MB, MB].map(|memory| (guide, memory)))
+        [GUIDES[5], GUIDES[8], GUIDES[9]].into_iter().flat_map(|guide| [24 * MB, MB].map(|memory| (guide, memory)))
     {
         let mut settings = settings(guide, 48, 1);
         settings.learner.memory = memory;

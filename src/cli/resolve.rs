@@ -215,6 +215,9 @@ fn check_guide(args: &RenderArgs) -> Result<()> {
         let why = format!("--guide {} has no trees", args.of.guide.name());
         refused(&why, &["--filter", "--past", "--reconstruct"])?;
     }
+    if args.of.guide == GuideMode::Vmf && samples.is_some_and(SampleKinds::photons) {
+        refused("--guide vmf learns from camera paths alone", &["--samples"])?;
+    }
     if simple_iterations.is_some() && target != Some(Target::VariancePixel) {
         return Err(Error::Options(
             "--simple-iterations are those before --target variance-pixel; give that too".into(),

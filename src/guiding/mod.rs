@@ -4,13 +4,14 @@
 //!
 //! ```text
 //! integrators ──► record ──► samples ──► learn ──► model ──► sample ──► integrators
-//!                 PathRecord  by voxel   Learner   Trees or   GuideField
-//!                 PhotonRecord (cache)   Voxel     Histograms VoxelGuide
+//!                 PathRecord  by voxel   Learner   Trees,      GuideField
+//!                 PhotonRecord (cache)   Voxel     Histograms, VoxelGuide
+//!                                                  VmfMixtures
 //! ```
 //!
 //! - [`record`]: records of path vertices; [`target`]: the value that is learned of a record; [`moments`]: measures of guides.
 //! - [`cache`]: voxels, and the map of directions between their points; [`samples`]: records by voxel.
-//! - [`tree`], [`jensen`]: models of directions; [`model`]: their common interface.
+//! - [`tree`], [`jensen`], [`vmf`]: models of directions; [`model`]: their common interface.
 //! - [`sample`]: the frozen field, its files, and the roulette that goes by it.
 //! - [`learn`]: the learner, with all that it learns beside directions.
 //!
@@ -26,3 +27,4 @@ pub mod sample;
 pub mod samples;
 pub mod target;
 pub mod tree;
+pub mod vmf;

@@ -13,6 +13,9 @@ use super::target::Target;
 use super::tree::arrays::{read_trees, tree_arrays};
 use super::tree::sampler::{self, SamplingTree};
 use super::tree::{CountedTree, Propose, TreeSettings, Trees};
+use super::vmf::learn::VmfMixtures;
+use super::vmf::mixture::VmfMixture;
+use super::vmf::stored::{mixture_arrays, read_mixtures};
 use crate::base::Result;
 use crate::base::tensors::{Tensor, Tensors};
 use crate::math::cylindrical;
@@ -26,6 +29,8 @@ pub enum ModelKind {
     Trees,
     /// Histograms of fixed cells (Jensen 1995).
     Histograms,
+    /// Mixtures of von Mises-Fisher lobes (Ruppert 2020).
+    Vmf,
 }
 
 /// A frozen distribution of directions, which a voxel is sampled from. Densities are positive everywhere.
@@ -35,6 +40,8 @@ pub enum Directions {
     Tree(SamplingTree),
     /// On fixed cells.
     Histogram(Box<Histogram>),
+    /// Lobes that are aimed from each point anew; without one, as seen from their pivot.
+    Vmf(Box<VmfMixture>),
 }
 
 impl From<SamplingTree> for Directions {
@@ -49,6 +56,12 @@ impl From<Histogram> for Directions {
     }
 }
 
+impl From<VmfMixture> for Directions {
+    fn from(mixture: VmfMixture) -> Self {
+        Self::Vmf(Box::new(mixture))
+    }
+}
+
 impl Directions {
     /// Direction that a point of the unit square maps to, and its density w.r.t. solid angle. Evenly spread points stay so.
     #[inline]
@@ -56,6 +69,7 @@ impl Directions {
         match self {
             Self::Tree(tree) => tree.sample(u),
             Self::Histogram(histogram) => histogram.sample(u),
+            Self::Vmf(mixture) => mixture.sample(u, &mixture.at_pivot()),
         }
     }
 
@@ -65,6 +79,7 @@ impl Directions {
         match self {
             Self::Tree(tree) => tree.pdf(direction),
             Self::Histogram(histogram) => histogram.pdf(direction),
+            Self::Vmf(mixture) => mixture.pdf(direction, &mixture.at_pivot()),
         }
     }
 
@@ -109,6 +124,12 @@ impl Directions {
         if let Self::Tree(tree) = self { Some(tree) } else { None }
     }
 
+    /// The mixture, which is asked for directions at a place; none for models that know one distribution for all places.
+    #[inline(always)]
+    pub fn mixture(&self) -> Option<&VmfMixture> {
+        if let Self::Vmf(mixture) = self { Some(mixture) } else { None }
+    }
+
     /// Densities relative to the uniform one at the centres of `side`² cells of equal solid angle, rows of constant φ.
     pub fn map(&self, side: usize) -> Vec<f64> {
         let centre = |i: usize| (i as f64 + 0.5) / side as f64;
@@ -121,14 +142,16 @@ impl Directions {
         match self {
             Self::Tree(tree) => tree.bytes(),
             Self::Histogram(histogram) => size_of::<Self>() + histogram.bytes(),
+            Self::Vmf(mixture) => size_of::<Self>() + mixture.bytes(),
         }
     }
 
-    /// Number of nodes or cells.
+    /// Number of nodes, cells or lobes.
     pub fn nodes(&self) -> usize {
         match self {
             Self::Tree(tree) => tree.len(),
             Self::Histogram(histogram) => histogram.cells(),
+            Self::Vmf(mixture) => mixture.len(),
         }
     }
 
@@ -142,6 +165,10 @@ impl Directions {
         if histograms.iter().any(Option::is_some) {
             arrays.push(histogram_arrays(kind, &histograms));
         }
+        let mixtures: Vec<_> = all.iter().map(|of| of.and_then(Self::mixture)).collect();
+        if mixtures.iter().any(Option::is_some) {
+            arrays.extend(mixture_arrays(kind, &mixtures));
+        }
         arrays
     }
 
@@ -150,10 +177,14 @@ impl Directions {
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
     pub(super) fn read(file: &Tensors, kind: &str, count: usize) -> Result<Vec<Option<Self>>> {
-        let trees = read_trees(file, kind, count)?.into_iter().map(|tree| tree.map(Self::from));
-        let Some(histograms) = read_histograms(file, kind, count)? else { return Ok(trees.collect()) };
-        let histograms = histograms.into_iter().map(|histogram| histogram.map(Self::from));
-        Ok(trees.zip(histograms).map(|(tree, histogram)| tree.or(histogram)).collect())
+        let mut all = boxed(read_trees(file, kind, count)?);
+        if let Some(histograms) = read_histograms(file, kind, count)? {
+            fill(&mut all, boxed(histograms));
+        }
+        if let Some(mixtures) = read_mixtures(file, kind, count)? {
+            fill(&mut all, boxed(mixtures));
+        }
+        Ok(all)
     }
 }
 
@@ -164,6 +195,8 @@ pub enum Model {
     Trees(Trees),
     /// Histograms of fixed cells.
     Histograms(Histograms),
+    /// Mixtures of von Mises-Fisher lobes.
+    Vmf(VmfMixtures),
 }
 
 impl Model {
@@ -172,6 +205,7 @@ impl Model {
         match kind {
             ModelKind::Trees => Self::Trees(Trees::new(trees.clone(), target, voxels)),
             ModelKind::Histograms => Self::Histograms(Histograms::new(target, voxels)),
+            ModelKind::Vmf => Self::Vmf(VmfMixtures::new(target, voxels)),
         }
     }
 
@@ -190,6 +224,7 @@ impl Model {
         match self {
             Self::Trees(trees) => trees.resize(voxels),
             Self::Histograms(histograms) => histograms.resize(voxels),
+            Self::Vmf(mixtures) => mixtures.resize(voxels),
         }
     }
 
@@ -198,6 +233,7 @@ impl Model {
         match self {
             Self::Trees(trees) => trees.observe(told),
             Self::Histograms(histograms) => histograms.observe(told),
+            Self::Vmf(mixtures) => mixtures.observe(told),
         }
     }
 
@@ -206,6 +242,7 @@ impl Model {
         match self {
             Self::Trees(trees) => trees.path_share(voxel),
             Self::Histograms(_) => 0.5,
+            Self::Vmf(_) => 1.0,
         }
     }
 
@@ -213,7 +250,7 @@ impl Model {
     pub(super) fn counted(&mut self, around: &Around) -> Vec<Option<CountedTree<'_>>> {
         match self {
             Self::Trees(trees) => trees.counted(around),
-            Self::Histograms(_) => Vec::new(),
+            Self::Histograms(_) | Self::Vmf(_) => Vec::new(),
         }
     }
 
@@ -231,6 +268,7 @@ impl Model {
         match self {
             Self::Trees(trees) => Ok(boxed(trees.fit(around, propose, memory)?)),
             Self::Histograms(histograms) => Ok(boxed(histograms.fit(around, memory))),
+            Self::Vmf(mixtures) => Ok(boxed(mixtures.fit(around, memory))),
         }
     }
 
@@ -243,7 +281,7 @@ impl Model {
     pub(super) fn evidence(&self) -> Vec<Option<Directions>> {
         match self {
             Self::Trees(trees) => boxed(trees.evidence()),
-            Self::Histograms(_) => Vec::new(),
+            Self::Histograms(_) | Self::Vmf(_) => Vec::new(),
         }
     }
 
@@ -251,7 +289,7 @@ impl Model {
     pub(super) fn photon_gain(&self, voxel: usize) -> Option<f64> {
         match self {
             Self::Trees(trees) => trees.photon_gain(voxel),
-            Self::Histograms(_) => None,
+            Self::Histograms(_) | Self::Vmf(_) => None,
         }
     }
 
@@ -260,6 +298,7 @@ impl Model {
         match self {
             Self::Trees(trees) => trees.turn(),
             Self::Histograms(_) => {}
+            Self::Vmf(mixtures) => mixtures.turn(),
         }
     }
 
@@ -269,6 +308,7 @@ impl Model {
             Self::Trees(trees) => trees.halve(old, new, parts),
             // The sums are cleared next.
             Self::Histograms(_) => {}
+            Self::Vmf(mixtures) => mixtures.halve(old, new, parts),
         }
     }
 
@@ -277,14 +317,16 @@ impl Model {
         match self {
             Self::Trees(trees) => trees.clear(target),
             Self::Histograms(histograms) => histograms.clear(target),
+            Self::Vmf(mixtures) => mixtures.clear(target),
         }
     }
 
-    /// Number of nodes or cells that samples are counted in.
+    /// Number of nodes or cells that samples are counted in, or of lobes.
     pub fn nodes(&self) -> usize {
         match self {
             Self::Trees(trees) => trees.quadtrees().map(|tree| tree.topology().len()).sum(),
             Self::Histograms(histograms) => histograms.cells(),
+            Self::Vmf(mixtures) => mixtures.lobes(),
         }
     }
 
@@ -293,6 +335,7 @@ impl Model {
         match self {
             Self::Trees(trees) => trees.arrays(),
             Self::Histograms(histograms) => histograms.arrays(),
+            Self::Vmf(mixtures) => mixtures.arrays(),
         }
     }
 
@@ -310,10 +353,18 @@ impl Model {
         match kind {
             ModelKind::Trees => Trees::from_arrays(trees.clone(), target, voxels, file).map(Self::Trees),
             ModelKind::Histograms => Histograms::from_arrays(target, voxels, file).map(Self::Histograms),
+            ModelKind::Vmf => VmfMixtures::from_arrays(target, voxels, file).map(Self::Vmf),
         }
     }
 }
 
 fn boxed<T: Into<Directions>>(all: Vec<Option<T>>) -> Vec<Option<Directions>> {
     all.into_iter().map(|of| of.map(T::into)).collect()
+}
+
+/// Fills the gaps of `all` with others.
+fn fill(all: &mut [Option<Directions>], others: Vec<Option<Directions>>) {
+    for (gap, other) in all.iter_mut().zip(others) {
+        *gap = gap.take().or(other);
+    }
 }

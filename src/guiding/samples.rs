@@ -59,6 +59,8 @@ impl Default for Spheres {
 pub struct Told<'a> {
     /// The samples.
     pub samples: &'a Samples<'a>,
+    /// The voxels.
+    pub cache: &'a SpatialCache,
     /// Whether path samples are learned from; they judge guides in any case.
     pub paths: bool,
     /// Spheres of each voxel.

@@ -11,7 +11,7 @@ use super::site::{Draw, Onward, Site};
 use crate::base::random::{Dimension, Random};
 use crate::geometry::Surface;
 use crate::guiding::sample::field::{DirectionGuide, VoxelGuide};
-use crate::materials::{Bsdf, Transport};
+use crate::materials::{Bsdf, Transport, Variant};
 
 /// How directions are sampled at one vertex.
 pub struct Mixture<'a, 'g> {
@@ -25,8 +25,10 @@ impl<'a, 'g> Mixture<'a, 'g> {
     /// by bumps. `guide` is none where all lobes are delta lobes.
     pub fn new(surface: &Surface, bsdf: Bsdf<'a, f32>, bumped: bool, out: Vec3, guide: Option<&'g VoxelGuide>) -> Self {
         let (normal, smooth, chooses_lobe) = (surface.shading.into(), surface.smooth.into(), bsdf.chooses_lobe());
+        let cosine = cosine_normal(bsdf.variant(), surface, out);
+        let guide = guide.and_then(|guide| guide.at(surface.point)).map(|guide| guide.facing(cosine));
         let site = Site::new(surface.origin(), normal, smooth, out.into(), bsdf, bumped);
-        Self { site, chooses_lobe, guide: guide.and_then(|guide| guide.at(surface.point)) }
+        Self { site, chooses_lobe, guide }
     }
 
     /// f·|cos θ| towards the world direction `wi`; in a medium the phase function.
@@ -58,6 +60,12 @@ impl<'a, 'g> Mixture<'a, 'g> {
         let sample = MixtureSample::new(&onward, guide)?;
         Some((sample, onward.origin.into()))
     }
+}
+
+/// The normal, on the side of `out`, of a surface that reflects light alone, for [`DirectionGuide::facing`]; zero for others.
+#[inline(always)]
+pub(super) fn cosine_normal(variant: Variant, surface: &Surface, out: Vec3) -> Vec3 {
+    if variant.reflects() { surface.normal_towards(out) } else { Vec3::ZERO }
 }
 
 /// The numbers of one vertex by which a direction is drawn. `guided` is none without a guide.

@@ -11,7 +11,7 @@ pub use explain::{Cause, ExplainedVertex, Explanation, Met, Onward};
 
 use glam::Vec3;
 
-use super::mixture::{MixtureDensity, MixtureSample};
+use super::mixture::{MixtureDensity, MixtureSample, cosine_normal};
 use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
 use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
@@ -312,10 +312,10 @@ impl PathTracer<'_> {
         probability > 0.0
     }
 
-    /// The guide of a vertex.
+    /// The guide of a vertex at a surface of this [`cosine_normal`].
     #[inline(always)]
-    fn guide(&self, voxel: Option<u32>, point: Vec3) -> Option<DirectionGuide<'_>> {
-        self.field?.voxels()[voxel? as usize].at(point)
+    fn guide(&self, voxel: Option<u32>, point: Vec3, normal: Vec3) -> Option<DirectionGuide<'_>> {
+        Some(self.field?.voxels()[voxel? as usize].at(point)?.facing(normal))
     }
 
     /// Connects a path at a vertex to the light that was sampled there and takes it on in the direction that was drawn; returns whether
@@ -335,7 +335,8 @@ impl PathTracer<'_> {
             if E::GUIDING {
                 let voxel = at.voxel.filter(|_| !sampled.delta);
                 let (direction, deltas) = (shaded.to_light(lane), shaded.deltas(lane));
-                shadows.guided.push(Towards { voxel, point: surface.point, direction, deltas });
+                let normal = cosine_normal(at.variant, surface, -path.ray.direction);
+                shadows.guided.push(Towards { voxel, point: surface.point, normal, direction, deltas });
             }
         }
         let vertex = at.vertex as usize;

@@ -2,6 +2,7 @@
 
 use super::dielectric::{Dielectric, ThinDielectric};
 use super::phase::HenyeyGreenstein;
+use super::principled::CLEAR;
 use super::rough_dielectric::RoughDielectric;
 use super::{
     BsdfSample, Transport, blend, conductor, diffuse, phase, plastic, principled, principled_thin, rough_conductor,
@@ -309,6 +310,17 @@ impl Variant {
 
     const fn new(model: usize, option: usize, tinted: bool) -> Self {
         Self(((model * OPTIONS + option) * 2 + tinted as usize) as u8)
+    }
+
+    /// Whether points of the variant reflect light, and let none through.
+    #[inline(always)]
+    pub fn reflects(self) -> bool {
+        let of = usize::from(self.0) / 2;
+        match of / OPTIONS {
+            0..=3 | 7 => true,
+            9 => of % OPTIONS < CLEAR,
+            _ => false,
+        }
     }
 
     /// Index of the variant, below [`Variant::COUNT`].

@@ -144,10 +144,13 @@ impl Principled {
     }
 }
 
+/// Option of materials that light passes through, and of those with a clear coat behind them.
+pub(super) const CLEAR: usize = 2;
+
 impl At<'_, f32> {
     /// Number of the discrete options, which all lanes have in common; below 4.
     pub(super) fn option(&self) -> usize {
-        2 * usize::from(self.clear.is_some()) + usize::from(self.coat.is_some())
+        CLEAR * usize::from(self.clear.is_some()) + usize::from(self.coat.is_some())
     }
 }
 

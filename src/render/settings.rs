@@ -27,6 +27,8 @@ pub enum GuideMode {
     Jensen,
     /// Müller 2017: path samples of radiance, one spatial tree, no context.
     Ppg,
+    /// Ruppert 2020: path samples of radiance in mixtures of von Mises-Fisher lobes.
+    Vmf,
     /// Path samples of the variance-aware target (Rath 2020), trees as counted.
     Variance,
     /// Path samples and photons, trees as counted.
@@ -39,8 +41,8 @@ pub enum GuideMode {
 
 impl GuideMode {
     /// All modes.
-    pub const ALL: [Self; 7] =
-        [Self::None, Self::Jensen, Self::Ppg, Self::Variance, Self::Hybrid, Self::Gaussian, Self::Neural];
+    pub const ALL: [Self; 8] =
+        [Self::None, Self::Jensen, Self::Ppg, Self::Vmf, Self::Variance, Self::Hybrid, Self::Gaussian, Self::Neural];
 
     /// Name on the command line and in statistics, and its line of help.
     fn words(self) -> [&'static str; 2] {
@@ -48,6 +50,7 @@ impl GuideMode {
             Self::None => ["none", "Path tracing with light sampling and multiple importance sampling"],
             Self::Jensen => ["jensen", "Jensen 1995: photons in histograms of fixed directions"],
             Self::Ppg => ["ppg", "Müller 2017: path samples of radiance in a spatial and directional tree"],
+            Self::Vmf => ["vmf", "Ruppert 2020: path samples of radiance in mixtures of von Mises-Fisher lobes"],
             Self::Variance => {
                 ["variance", "Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees"]
             }
@@ -69,7 +72,11 @@ impl GuideMode {
 
     /// Model of directions that learns.
     pub fn model(self) -> ModelKind {
-        if self == Self::Jensen { ModelKind::Histograms } else { ModelKind::Trees }
+        match self {
+            Self::Jensen => ModelKind::Histograms,
+            Self::Vmf => ModelKind::Vmf,
+            _ => ModelKind::Trees,
+        }
     }
 }
 
@@ -245,10 +252,14 @@ impl RenderSettings {
                 ..LearnerSettings::default()
             },
             GuideMode::Jensen => LearnerSettings { target: Target::Radiance, ..LearnerSettings::default() },
+            // Each lobe is aimed by its own distance.
+            GuideMode::Vmf => {
+                LearnerSettings { target: Target::Radiance, parallax: false, ..LearnerSettings::default() }
+            }
             _ => LearnerSettings::default(),
         };
         let samples = match guide {
-            GuideMode::None | GuideMode::Ppg | GuideMode::Variance => SampleKinds::Path,
+            GuideMode::None | GuideMode::Ppg | GuideMode::Vmf | GuideMode::Variance => SampleKinds::Path,
             GuideMode::Jensen => SampleKinds::Photon,
             _ => SampleKinds::Both,
         };

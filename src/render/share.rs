@@ -21,7 +21,9 @@ impl Run<'_> {
         reconstructor: &dyn Reconstructor,
     ) -> Result<PartLearned> {
         if self.settings.learner.model != ModelKind::Trees {
-            return Err(Error::Options("histograms are not added up: parts of other modes than jensen learn".into()));
+            return Err(Error::Options(
+                "histograms and mixtures are not added up: parts of other modes than jensen and vmf learn".into(),
+            ));
         }
         if self.settings.learner.fraction == FractionRule::Adam {
             return Err(Error::Options(

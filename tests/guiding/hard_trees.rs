@@ -24,6 +24,8 @@ use fanal::guiding::tree::leaves::Layout;
 use fanal::guiding::tree::quadtree::{Place, Quadtree};
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::guiding::tree::topology::{MAX_LEVEL, MAX_NODES, Topology};
+use fanal::guiding::vmf::lobe::Lobe;
+use fanal::guiding::vmf::mixture::VmfMixture;
 use fanal::integrators::mixture::Mixture;
 use fanal::materials::blend::Blend;
 use fanal::materials::conductor::Conductor;
@@ -94,12 +96,25 @@ fn peaked(towards: Vec3, uniform: f32) -> SamplingTree {
     SamplingTree::new(&Distribution::from_leaf_weights(topology, &weights), uniform, usize::MAX)
 }
 
-/// Guides of different depths, some of them absent, draw and judge directions together as each does alone.
+/// A mixture of up to twenty lobes.
+fn lobes(random: &mut Random) -> VmfMixture {
+    let count = 1 + (20.0 * random.next_f32()) as usize;
+    let lobe = |_| Lobe {
+        mean: direction(random),
+        kappa: 10f32.powf(random.range(-2.0, 4.0)),
+        weight: 1.0 / count as f32,
+        nearness: 0.8 * random.next_f32(),
+    };
+    VmfMixture::new(&(0..count).map(lobe).collect::<Vec<_>>(), Vec3::ZERO, true).expect("these are lobes")
+}
+
+/// Guides of different depths, or of lobes, some of them absent, draw and judge directions together as each does alone.
 #[test]
 fn guides_in_lanes_have_the_bits_of_guides_alone() {
     let mut random = Random::new(31, 0, 0);
     let voxel = |random: &mut Random, k: usize| VoxelGuide {
-        directions: (k % 5 != 4).then(|| match k % 3 {
+        directions: (k % 5 != 4).then(|| match k % 4 {
+            3 => lobes(random).into(),
             0 => peaked(direction(random), 0.2).into(),
             1 => SamplingTree::new(&Distribution::uniform(), 1.0, usize::MAX).into(),
             _ => {
@@ -114,7 +129,8 @@ fn guides_in_lanes_have_the_bits_of_guides_alone() {
     let voxels: [VoxelGuide; LANES] = std::array::from_fn(|k| voxel(&mut random, k));
     for _ in 0..500 {
         let point = 0.9 * random.next_f32() * direction(&mut random);
-        let guides = voxels.each_ref().map(|voxel| voxel.at(point));
+        let normal = direction(&mut random);
+        let guides = voxels.each_ref().map(|voxel| voxel.at(point).map(|guide| guide.facing(normal)));
         let draws = guides.map(|guide| guide.map(|guide| (guide, random.next_2d_f64())));
         let drawn = DirectionGuide::sample_lanes(&draws);
         assert_eq!(drawn, draws.map(|draw| draw.map(|(guide, u)| guide.sample(u))));

@@ -225,6 +225,50 @@ fn histograms_are_loaded_as_they_were_saved() {
     }
 }
 
+/// Mixtures in guide files sample as before; what is no lobe is refused.
+#[test]
+fn mixtures_are_loaded_as_they_were_saved() {
+    let mut random = Random::new(14, 0, 0);
+    let settings = LearnerSettings {
+        model: ModelKind::Vmf,
+        target: Target::Radiance,
+        parallax: false,
+        ..LearnerSettings::default()
+    };
+    let mut learner = Learner::new(settings);
+    let mut point = || Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
+    let paths: Vec<PathRecord> = (0..2000).map(|_| path_at(point(), (point() - 0.3).normalize(), 1.0)).collect();
+    for _ in 0..2 {
+        learner.absorb(&paths, &[], true);
+        learner.fit(&mut |_| panic!("there are no trees")).expect("nothing here fails");
+        learner.refine(1);
+    }
+    let field = learner.field(Use::Learning);
+    assert!(field.distributions().count() > 100 && learner.model().nodes() > 800);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.guide");
+    file::save(&path, &field, &Evidence::default()).expect("it can be written");
+    let (loaded, _) = file::load(&path).expect("it was written just now");
+    assert_eq!(loaded.voxels(), field.voxels());
+    assert_eq!((loaded.bytes(), loaded.nodes()), (field.bytes(), field.nodes()));
+    let refused = |array: &str, place: usize, bad: &[u8]| {
+        let mut arrays = file::arrays(&field, &Evidence::default());
+        let found = arrays.iter_mut().find(|(name, ..)| name == array).expect("there are lobes");
+        found.3.to_mut()[place..place + bad.len()].copy_from_slice(bad);
+        tensors::write(&path, file::VERSION, &arrays).expect("it can be written");
+        let error = file::load(&path).expect_err("this is no lobe").to_string();
+        assert!(error.contains("guide_lobe"), "{error}");
+    };
+    // Mean direction, concentration, weight, inverse distance.
+    for (place, bad) in
+        [(0, 2.0f32), (2, f32::NAN), (3, 0.0), (3, 1e6), (4, -0.1), (4, 2.0), (5, -1.0), (5, f32::INFINITY)]
+    {
+        refused("guide_lobes", 4 * place, &bad.to_le_bytes());
+    }
+    refused("guide_lobe_offset", 8, &u64::MAX.to_le_bytes());
+    refused("guide_lobe_offset", 8, &33u64.to_le_bytes());
+}
+
 fn quadtrees(learner: &Learner) -> impl Iterator<Item = &Quadtree> {
     learner.model().trees().into_iter().flat_map(Trees::quadtrees)
 }

@@ -88,6 +88,7 @@ fn bad_input_is_one_readable_paragraph() {
         (&["render", &cornell, "-o", &name, "--size", "4000000000x4000000000"], &["4000000000x4000000000"]),
         (&["render", &cornell, "-o", &name, "--size", "0x5"], &["0x5"]),
         (&["render", &cornell, "-o", &name, "--guide", "none", "--samples", "both"], &["--samples"]),
+        (&["render", &cornell, "-o", &name, "--guide", "vmf", "--samples", "both"], &["--samples"]),
         (&["render", &cornell, "-o", &name, "--reference", "no-such.exr"], &["no-such.exr"]),
         (&["render", &cornell, "-o", &name, "--stats", &missing], &["missing"]),
         (&["render", &cornell, "-o", "out.jpg"], &["out.jpg", ".exr"]),

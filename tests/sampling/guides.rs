@@ -20,6 +20,8 @@ use fanal::guiding::tree::distribution::Distribution;
 use fanal::guiding::tree::leaves::Layout;
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::guiding::tree::topology::{MAX_LEVEL, Topology};
+use fanal::guiding::vmf::lobe::Lobe;
+use fanal::guiding::vmf::mixture::{Spot, VmfMixture};
 use fanal::integrators::mixture::Mixture;
 use fanal::materials::diffuse::Diffuse;
 use fanal::materials::fresnel::Metal;
@@ -194,6 +196,74 @@ fn s01_histograms_follow_their_density() {
         let pdf = |wi| f64::from(directions.pdf(wi));
         Chart::around(Vec3::X, 1.0).check(&format!("lobe {lobe}, {} paths", paths.len()), [32, 32], pdf, sample);
     }
+}
+
+/// Mixtures of lobes as they are asked: at their pivot, off it where they are aimed, and with the cosine of a surface.
+fn mixtures() -> impl Iterator<Item = (String, VmfMixture, Spot, Vec3, f64)> {
+    let lobe =
+        |mean: Vec3, kappa: f32, weight: f32, nearness: f32| Lobe { mean: mean.normalize(), kappa, weight, nearness };
+    let axis = Vec3::new(0.3, -0.5, 0.8).normalize();
+    // The chart spreads a lobe out to its tails: the power is that of 1 − cos θ by which half of a lobe is in half of the rows.
+    let power = |kappa: f32| (f64::from(kappa).ln() / 2f64.ln()).max(1.0);
+    let single = [5.0f32, 80.0, 1000.0, 32_000.0].into_iter().map(move |kappa| {
+        let mixture = VmfMixture::new(&[lobe(axis, kappa, 1.0, 0.0)], Vec3::ZERO, true).expect("it is a lobe");
+        let spot = mixture.at_pivot();
+        (format!("lobe of κ {kappa}"), mixture, spot, axis, power(kappa))
+    });
+    let several = [
+        lobe(Vec3::new(0.2, 0.3, 1.0), 40.0, 0.4, 0.7),
+        lobe(Vec3::new(-1.0, 0.2, -0.3), 6.0, 0.3, 0.0),
+        lobe(Vec3::new(0.5, -0.9, 0.1), 0.001, 0.2, 0.2),
+        lobe(Vec3::new(0.6, 0.3, 0.8), 300.0, 0.1, 1.0),
+    ];
+    let normal = Vec3::new(0.4, 0.6, 0.3).normalize();
+    let places =
+        [(Vec3::ZERO, Vec3::ZERO), (Vec3::splat(0.4), Vec3::ZERO), (Vec3::splat(0.4), normal), (Vec3::ZERO, -normal)];
+    let placed = places.into_iter().map(move |(point, normal)| {
+        let mixture = VmfMixture::new(&several, Vec3::ZERO, true).expect("these are lobes");
+        (format!("lobes at {point} with {normal}"), mixture, Spot { point, normal }, Vec3::X, 1.0)
+    });
+    // Narrower than the cosine and turned away from it, where the product is all in the difference of large numbers.
+    let away = [5.0f32, 32_000.0].into_iter().map(move |kappa| {
+        let mixture = VmfMixture::new(&[lobe(axis, kappa, 1.0, 0.0)], Vec3::ZERO, true).expect("it is a lobe");
+        (format!("κ {kappa} behind a surface"), mixture, Spot { point: Vec3::ZERO, normal: -axis }, axis, power(kappa))
+    });
+    single.chain(placed).chain(away)
+}
+
+/// Lobes are drawn with their density, which has the mass 1, for all concentrations, aimed or not, and as a product with the cosine.
+#[test]
+fn s01_mixtures_of_lobes_follow_their_density() {
+    for (name, mixture, spot, axis, power) in mixtures() {
+        let pdf = |wi| f64::from(mixture.pdf(wi, &spot));
+        let sample = |random: &mut Random| {
+            let (direction, pdf) = mixture.sample(random.next_2d_f64(), &spot);
+            assert_eq!(pdf, mixture.pdf(direction, &spot), "{name}");
+            Some(direction)
+        };
+        let mass = Chart::around(axis, power).check(&name, [48, 32], pdf, sample);
+        assert!((mass - 1.0).abs() < 1e-3, "{name}: mass {mass}");
+    }
+}
+
+/// The product is the product: densities at a surface are those without it times the lobe of the cosine, on one scale for all directions.
+#[test]
+fn mixtures_are_multiplied_with_the_cosine() {
+    let (name, mixture, spot, ..) = mixtures().nth(6).expect("it has a normal");
+    let plain = Spot { normal: Vec3::ZERO, ..spot };
+    let mut random = Random::new(2, 0, 0);
+    let uniform = 0.05 / (4.0 * PI);
+    let ratios: Vec<f64> = (0..200)
+        .map(|_| {
+            let wi = cylindrical::to_direction([random.next_f64(), random.next_f64()]);
+            let [with, without] = [&spot, &plain].map(|spot| f64::from(mixture.pdf(wi, spot)) - uniform);
+            with / without / (2.634 * f64::from(wi.dot(spot.normal))).exp()
+        })
+        .collect();
+    assert!(ratios.iter().all(|ratio| (ratio / ratios[0] - 1.0).abs() < 1e-2), "{name}: {ratios:?}");
+    let of_contributions = VmfMixture::new(&mixture.lobes().collect::<Vec<_>>(), Vec3::ZERO, false).expect("the same");
+    let at = |spot: &Spot| of_contributions.pdf(Vec3::Y, spot);
+    assert_eq!(at(&spot), at(&plain), "what was learned with the cosine is not multiplied again");
 }
 
 /// Σ pdf · solid angle over all leaves is 1 to 1e-5, with the density looked up at each leaf's centre.

@@ -349,7 +349,7 @@ fn checkpoint(folder: &Path) -> Reader {
     let path = folder.join("a.part");
     let mut seeds = vec![];
     let mut modes = vec![];
-    for guide in [GUIDES[0], GUIDES[1], GUIDES[6], GUIDES[8]] {
+    for guide in [GUIDES[0], GUIDES[1], GUIDES[6], GUIDES[8], GUIDES[9]] {
         // Of the first two the samples by brightness too.
         let fireflies = if modes.len() < 2 { Fireflies::Reweight { kappa: 2.0 } } else { Fireflies::Keep };
         let settings = RenderSettings { fireflies, ..settings(guide, 16, 1) };
@@ -451,7 +451,7 @@ fn part_index(folder: &Path) -> Reader {
 fn guide(folder: &Path) -> Reader {
     let scene = committed("door-ajar", [8, 6]);
     let path = folder.join("a.guide");
-    let seeds = [GUIDES[1], GUIDES[3], GUIDES[8]].map(|guide| {
+    let seeds = [GUIDES[1], GUIDES[3], GUIDES[8], GUIDES[9]].map(|guide| {
         let settings = settings(guide, 16, 1);
         let outcome = render(&scene, &settings, reconstructor(guide.0).as_ref(), &Silent, &AtomicBool::new(false));
         file::save(&path, &outcome.unwrap().field, &Evidence::default()).unwrap();

@@ -18,7 +18,7 @@ use glam::Vec3;
 pub type Guide = (GuideMode, SampleKinds, Target);
 
 /// Every mode, photons alone, and the target that knows the picture.
-pub const GUIDES: [Guide; 9] = [
+pub const GUIDES: [Guide; 10] = [
     (GuideMode::None, SampleKinds::Both, Target::Variance),
     (GuideMode::Hybrid, SampleKinds::Both, Target::Variance),
     (GuideMode::Hybrid, SampleKinds::Photon, Target::Variance),
@@ -28,6 +28,7 @@ pub const GUIDES: [Guide; 9] = [
     (GuideMode::Neural, SampleKinds::Both, Target::Variance),
     (GuideMode::Variance, SampleKinds::Path, Target::VariancePixel),
     (GuideMode::Jensen, SampleKinds::Photon, Target::Radiance),
+    (GuideMode::Vmf, SampleKinds::Path, Target::Radiance),
 ];
 
 /// Guided even where that does not pay: these scenes are small and easy.

@@ -13,6 +13,11 @@ use crate::guiding::cache::Bounds;
 /// Least radius of a sphere over half of the voxel's diagonal: so large that the map is far from singular.
 const ROOM: f32 = 1.5;
 
+/// Centre of a voxel, and the least distance from it at which light is taken to start.
+pub(in crate::guiding) fn middle(bounds: &Bounds) -> (Vec3, f32) {
+    (0.5 * (bounds.low + bounds.high), ROOM * 0.5 * (bounds.high - bounds.low).length())
+}
+
 /// Carries directions between a voxel's centre and its other points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parallax {
@@ -44,8 +49,7 @@ impl Parallax {
     /// Fits the sphere of a voxel where light of the given weights started at the given places: the curvature is the mean of the
     /// inverse distances, by which the squared errors of directions are least. Places at infinity count as such.
     pub fn fit(bounds: &Bounds, starts: impl Iterator<Item = (Vec3, f32)>) -> Self {
-        let centre = 0.5 * (bounds.low + bounds.high);
-        let least = ROOM * 0.5 * (bounds.high - bounds.low).length();
+        let (centre, least) = middle(bounds);
         let (mut sum, mut total) = (0.0f64, 0.0f64);
         for (start, weight) in starts.filter(|(_, weight)| *weight > 0.0 && weight.is_finite()) {
             if start.is_finite() {

@@ -242,7 +242,9 @@ impl Learner {
             voxel.count(&bounds, samples.directed(v), samples.photons(v));
         });
         let spheres = self.spheres();
-        self.model.observe(&Told { samples: &samples, paths: deposit_paths, spheres: &spheres, learned });
+        if let Some(cache) = &self.cache {
+            self.model.observe(&Told { samples: &samples, cache, paths: deposit_paths, spheres: &spheres, learned });
+        }
         reached
     }
 

@@ -6,6 +6,7 @@ use super::roulette::AdjointRoulette;
 use crate::guiding::cache::SpatialCache;
 use crate::guiding::cache::parallax::Parallax;
 use crate::guiding::model::Directions;
+use crate::guiding::vmf::mixture::Spot;
 use crate::math::lanes::LANES;
 use crate::picture::Window;
 
@@ -27,29 +28,47 @@ pub struct VoxelGuide {
 pub struct DirectionGuide<'a> {
     directions: &'a Directions,
     parallax: &'a Parallax,
-    point: Vec3,
+    /// Where directions are asked for.
+    spot: Spot,
     /// Probability α of sampling the BSDF instead, in (0, 1].
     pub bsdf_fraction: f32,
 }
 
 impl VoxelGuide {
-    /// Distribution of directions at `point`; none where the BSDF samples alone.
+    /// Distribution of directions at `point`, of whatever surface; none where the BSDF samples alone.
     pub fn at(&self, point: Vec3) -> Option<DirectionGuide<'_>> {
         let (parallax, bsdf_fraction) = (&self.parallax, self.bsdf_fraction);
         let directions = self.directions.as_ref()?;
-        Some(DirectionGuide { directions, parallax, point, bsdf_fraction })
+        let spot = Spot { point, normal: Vec3::ZERO };
+        Some(DirectionGuide { directions, parallax, spot, bsdf_fraction })
     }
 }
 
 impl DirectionGuide<'_> {
+    /// The distribution at a surface that reflects light alone, with this unit normal on the side that is looked at; zero for another
+    /// surface, or none. Models of radiance are multiplied with the cosine there.
+    #[inline(always)]
+    pub fn facing(mut self, normal: Vec3) -> Self {
+        self.spot.normal = normal;
+        self
+    }
+
     /// [`DirectionGuide::sample`] of several guides, which wait for memory together.
     #[inline(always)]
     pub fn sample_lanes(draws: &[Option<(Self, [f64; 2])>; LANES]) -> [Option<(Vec3, f32)>; LANES] {
-        let mut drawn = Directions::sample_lanes(&draws.map(|draw| draw.map(|(guide, u)| (guide.directions, u))));
+        let mut fixed = [None; LANES];
+        for (fixed, draw) in fixed.iter_mut().zip(draws) {
+            *fixed = draw.and_then(|(guide, u)| guide.is_fixed().then_some((guide.directions, u)));
+        }
+        let mut drawn = Directions::sample_lanes(&fixed);
         for (drawn, draw) in drawn.iter_mut().zip(draws) {
-            if let (Some((direction, pdf)), Some((guide, _))) = (drawn, draw) {
-                let seen = guide.parallax.from_centre(guide.point, *direction);
-                (*direction, *pdf) = (seen.direction, *pdf * seen.density);
+            match (drawn.as_mut(), draw) {
+                (Some((direction, pdf)), Some((guide, _))) => {
+                    let seen = guide.parallax.from_centre(guide.spot.point, *direction);
+                    (*direction, *pdf) = (seen.direction, *pdf * seen.density);
+                }
+                (None, Some((guide, u))) => *drawn = Some(guide.sample(*u)),
+                _ => {}
             }
         }
         drawn
@@ -60,27 +79,48 @@ impl DirectionGuide<'_> {
     pub fn pdf_lanes(asked: &[Option<(Self, Vec3)>; LANES]) -> [f32; LANES] {
         let (mut towards, mut factors) = ([None; LANES], [0.0; LANES]);
         for (lane, asked) in asked.iter().enumerate() {
-            if let Some((guide, direction)) = asked {
-                let seen = guide.parallax.to_centre(guide.point, *direction);
+            if let Some((guide, direction)) = asked
+                && guide.is_fixed()
+            {
+                let seen = guide.parallax.to_centre(guide.spot.point, *direction);
                 (towards[lane], factors[lane]) = (Some((guide.directions, seen.direction)), seen.density);
             }
         }
         let mut densities = Directions::pdf_lanes(&towards);
         densities.iter_mut().zip(factors).for_each(|(density, factor)| *density *= factor);
+        for (density, asked) in densities.iter_mut().zip(asked) {
+            if let Some((guide, direction)) = asked
+                && !guide.is_fixed()
+            {
+                *density = guide.pdf(*direction);
+            }
+        }
         densities
     }
 
     /// Direction that a point of the unit square maps to, and its density w.r.t. solid angle.
     pub fn sample(&self, u: [f64; 2]) -> (Vec3, f32) {
+        if let Some(mixture) = self.directions.mixture() {
+            return mixture.sample(u, &self.spot);
+        }
         let (direction, pdf) = self.directions.sample(u);
-        let seen = self.parallax.from_centre(self.point, direction);
+        let seen = self.parallax.from_centre(self.spot.point, direction);
         (seen.direction, pdf * seen.density)
     }
 
     /// Density of [`DirectionGuide::sample`] w.r.t. solid angle. Never zero.
     pub fn pdf(&self, direction: Vec3) -> f32 {
-        let seen = self.parallax.to_centre(self.point, direction);
+        if let Some(mixture) = self.directions.mixture() {
+            return mixture.pdf(direction, &self.spot);
+        }
+        let seen = self.parallax.to_centre(self.spot.point, direction);
         self.directions.pdf(seen.direction) * seen.density
+    }
+
+    /// Whether one distribution of directions is carried to all points.
+    #[inline(always)]
+    fn is_fixed(&self) -> bool {
+        self.directions.mixture().is_none()
     }
 }
 
@@ -182,7 +222,7 @@ impl GuideField {
         self.voxels.iter().filter_map(|voxel| voxel.directions.as_ref())
     }
 
-    /// Number of nodes or cells of all distributions.
+    /// Number of nodes, cells or lobes of all distributions.
     pub fn nodes(&self) -> usize {
         self.distributions().map(Directions::nodes).sum()
     }

@@ -23,6 +23,9 @@
 //! | `pixel_values_window` | u32 | [4] | columns to the left, rows above, columns, rows |
 //! | `made_for` | u8 | | the settings that it was learned with, a line of text each; missing where learning was not all that was done |
 //! | `guide_bins` | f32 | [V, 128] | instead of nodes the masses of histograms, zeros for none; missing where there are none |
+//! | `guide_lobe_offset` | u64 | [V + 1] | instead of nodes the index of each voxel's first lobe; missing, like the next two, where there are none |
+//! | `guide_lobes` | f32 | [.., 6] | mean direction, concentration, weight, inverse distance |
+//! | `guide_pivot` | f32 | [V, 4] | where lobes are seen from; 1 where they are of radiance |
 //!
 //! `guide` is the distribution that is sampled (Q_r), `counted` the accumulated one (Q_h).
 

@@ -96,6 +96,8 @@ pub(super) struct Towards {
     /// Index of its voxel; none where the BSDF samples alone, and where no ray can hit the light.
     pub voxel: Option<u32>,
     pub point: Vec3,
+    /// See [`cosine_normal`](crate::integrators::mixture::cosine_normal).
+    pub normal: Vec3,
     /// Unit direction to the light.
     pub direction: Vec3,
     /// Probability of a delta lobe.
@@ -298,7 +300,7 @@ impl PathTracer<'_> {
             passed[lane] = visible(number);
             if E::GUIDING && passed[lane] != Vec3::ZERO {
                 let at = &guided[number];
-                asked[lane] = self.guide(at.voxel, at.point).map(|guide| (guide, at.direction));
+                asked[lane] = self.guide(at.voxel, at.point, at.normal).map(|guide| (guide, at.direction));
             }
         }
         let densities = if E::GUIDING { DirectionGuide::pdf_lanes(&asked) } else { [0.0; LANES] };

@@ -8,7 +8,7 @@ use super::{Arrival, PathState, PathTracer};
 use crate::base::random::{Dimension, Draws, Random};
 use crate::geometry::{Origins, Ray, Surface};
 use crate::guiding::sample::field::DirectionGuide;
-use crate::integrators::mixture::{Proposal, guided_point, one_draw};
+use crate::integrators::mixture::{Proposal, cosine_normal, guided_point, one_draw};
 use crate::integrators::site::{Draw, Lit, Onward, Site};
 use crate::lights::seen::{ANYWHERE, SkyView};
 use crate::lights::{LightSamples, LightSet};
@@ -406,8 +406,10 @@ impl PathTracer<'_> {
         if shaded.guided {
             let mut draws = [None; LANES];
             for (lane, at) in vertices.iter().enumerate() {
-                guides[lane] = self.guide(at.voxel, surfaces[at.place as usize].point);
-                let random = &paths[at.path as usize].random;
+                let (path, surface) = (&paths[at.path as usize], &surfaces[at.place as usize]);
+                let normal = cosine_normal(at.variant, surface, -path.ray.direction);
+                guides[lane] = self.guide(at.voxel, surface.point, normal);
+                let random = &path.random;
                 draws[lane] = guides[lane].and_then(|guide| Some((guide, guided_point(guide.bsdf_fraction, random)?)));
             }
             let drawn = DirectionGuide::sample_lanes(&draws);
