@@ -19,3 +19,4 @@ mod robustness;
 mod stopping;
 mod surfaces;
 mod views;
+mod volumes;
