@@ -31,7 +31,7 @@ impl Dimension {
     pub const LENS: Self = Self(1);
     /// On the segment that leads to the vertex: opacity tests at holes, and the free flight in a medium.
     pub const SEGMENT: Self = Self(0);
-    /// The decision whether to sample a light.
+    /// The decision whether to sample a light; the numbers behind the first are of collisions on the way to it ([`Random::behind`]).
     pub const CONNECTION: Self = Self(1);
     /// The light that is sampled.
     pub const LIGHT: Self = Self(2);
@@ -106,6 +106,15 @@ impl Random {
         let sequence = self.sequence.map(|of| Sequence { dimension: number, end: number + 1, ..of });
         let state = self.key.wrapping_add(GOLDEN.wrapping_mul(u64::from(number) << APART));
         Self { state, sequence, ..*self }
+    }
+
+    /// The generator of one dimension of this vertex without its first number, all independent: for what is drawn once it is known
+    /// what the first one decided.
+    pub fn behind(&self, dimension: Dimension) -> Self {
+        let mut random = self.at(dimension);
+        random.sequence = None;
+        random.next_u64();
+        random
     }
 
     /// The next 2D point of the sequences, if there are any left. Where one coordinate is enough, the compiler leaves the other

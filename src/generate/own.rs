@@ -6,11 +6,14 @@ use glam::{Mat4, Quat, Vec3};
 
 use super::build::{Builder, diffuse, glass, matrix};
 use super::revolve::{bowl, ring};
+use super::smoke::smoke;
 use super::text::{json, obj, rounded};
 use super::walls::{Opening, Room, Side};
 use crate::base::Result;
 use crate::base::random::Random;
-use crate::scene::file::{Distribution, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
+use crate::scene::file::{
+    Distribution, GridFile, GridMediumFile, LightFile, MaterialFile, MediumFile, MeshFile, SceneFile, TextureFile,
+};
 
 const GOLD: [[f32; 3]; 2] = [[0.143, 0.375, 1.442], [3.983, 2.386, 1.603]];
 const SPP: u32 = 128;
@@ -20,8 +23,8 @@ const SPP: u32 = 128;
 pub struct OwnScene {
     /// Name of the folder.
     pub folder: &'static str,
-    /// Name and text of each file in it; the scene is `scene.json`.
-    pub files: Vec<(&'static str, String)>,
+    /// Name and content of each file in it; the scene is `scene.json`.
+    pub files: Vec<(&'static str, Vec<u8>)>,
 }
 
 /// All of them.
@@ -29,9 +32,12 @@ pub struct OwnScene {
 /// # Errors
 /// As [`json`].
 pub fn all() -> Result<Vec<OwnScene>> {
-    let with = |folder, builder: Builder, mesh: Option<(&'static str, String)>| -> Result<OwnScene> {
-        let files = std::iter::once(("scene.json", json(&tidy(builder.finish()))?)).chain(mesh).collect();
+    let of = |folder, scene: SceneFile, beside: Option<(&'static str, Vec<u8>)>| -> Result<OwnScene> {
+        let files = std::iter::once(("scene.json", json(&tidy(scene))?.into_bytes())).chain(beside).collect();
         Ok(OwnScene { folder, files })
+    };
+    let with = |folder, builder: Builder, mesh: Option<(&'static str, String)>| {
+        of(folder, builder.finish(), mesh.map(|(name, text)| (name, text.into_bytes())))
     };
     Ok(vec![
         with("blinds", blinds(), None)?,
@@ -40,6 +46,7 @@ pub fn all() -> Result<Vec<OwnScene>> {
         with("glass-caustic", glass_caustic(), Some(("ring.obj", obj(&ring(1.0, 0.05, 0.22)))))?,
         with("lamp-room", lamp_room(), Some(("shade.obj", obj(&bowl(1.0, 0.04, FRAC_PI_2 * 0.8)))))?,
         with("pinhole", pinhole(), None)?,
+        of("smoke", smoky_room(), Some(("smoke.vol", smoke().encode())))?,
         with("spot", spot(), None)?,
         with("starfield", starfield(), None)?,
         with("white-furnace", white_furnace(), None)?,
@@ -135,6 +142,45 @@ fn blinds() -> Builder {
     b.add_light(LightFile::Constant { radiance: [55.0, 70.0, 95.0] });
     b.look_at(Vec3::new(0.4, 1.6, 3.2), Vec3::new(2.4, 0.8, 1.4), Vec3::Y, 60.0);
     b
+}
+
+/// A room full of drifting smoke, which the sun shines into through a window: its beam is seen, and what it meets lights the rest.
+fn smoky_room() -> SceneFile {
+    let mut b = Builder::new("smoke", [256, 192]);
+    b.render(24, SPP);
+    let room = Room { low: Vec3::ZERO, high: Vec3::new(4.0, 2.4, 3.6), wall: 0.1 };
+    let wall = b.add_material("wall", diffuse([0.62, 0.58, 0.52]));
+    let floor = b.add_material("floor", diffuse([0.35, 0.25, 0.18]));
+    room.add_floor_and_ceiling(&mut b, &floor, &wall);
+    for side in [Side::West, Side::North, Side::South] {
+        room.add_wall(&mut b, side, &[], &wall);
+    }
+    let panes = [1.05, 1.75].map(|from| Opening { low: [from, 1.0], high: [from + 0.55, 2.1] });
+    room.add_wall(&mut b, Side::East, &panes, &wall);
+    let wood = b.add_material("wood", diffuse([0.4, 0.25, 0.14]));
+    set_table(&mut b, &wood);
+    b.add_light(LightFile::Directional { direction: [-1.0, -0.62, -0.12], irradiance: [90.0, 82.0, 70.0] });
+    b.add_light(LightFile::Constant { radiance: [3.0, 4.0, 5.5] });
+    b.look_at(Vec3::new(0.35, 1.5, 3.3), Vec3::new(2.5, 1.0, 1.3), Vec3::Y, 62.0);
+    let mut scene = b.finish();
+    let density = GridFile::Vol {
+        file: "smoke.vol".into(),
+        to_world: matrix(Mat4::from_scale(room.high)),
+        own_box: false,
+        centred: false,
+    };
+    let smoke = GridMediumFile {
+        density,
+        sigma_t: [1.1; 3],
+        albedo: [0.92, 0.92, 0.93],
+        albedo_grid: None,
+        g: 0.5,
+        emission: [0.0; 3],
+        emission_grid: None,
+    };
+    scene.media.insert("smoke".into(), MediumFile::Grid(Box::new(smoke)));
+    scene.camera.medium = Some("smoke".into());
+    scene
 }
 
 /// The walls, the floor, two blocks and the camera of the box; returns its white material.

@@ -29,7 +29,7 @@ use crate::math::lanes::LANES;
 use crate::sampling::mis;
 use crate::scene::Scene;
 use crate::scene::effects::Effects;
-use crate::scene::media::End;
+use crate::scene::media::{End, Passage};
 use batch::{Connection, Shadows, Towards, Vertices};
 use shade::{Sampled, Shaded};
 
@@ -76,6 +76,8 @@ struct PathState {
     last: u32,
     /// Emission that it ran into infinitely far away.
     background: Emission,
+    /// Light of media on the way there.
+    glow: Vec3,
 }
 
 impl PathState {
@@ -92,6 +94,7 @@ impl PathState {
             previous: None,
             last: NO_VERTEX,
             background: Emission::default(),
+            glow: Vec3::ZERO,
         }
     }
 }
@@ -216,10 +219,12 @@ impl PathTracer<'_> {
         path.depth += 1;
         path.random.begin_vertex(path.depth);
         let (carried, random) = (path.throughput, &path.random);
-        let (end, passed) = self.scene.advance::<E>(&path.ray, meets, surface, &mut path.medium, carried, random);
+        let Passage { end, weight: passed, glow } =
+            self.scene.advance::<E>(&path.ray, meets, surface, &mut path.medium, carried, random);
         let phase = match end {
             End::Background => {
                 path.background = self.background(path).dimmed(passed);
+                path.glow = glow;
                 return None;
             }
             End::Surface => None,
@@ -231,7 +236,7 @@ impl PathTracer<'_> {
         }
         let emission = if phase.is_none() { self.emission(surface, path).dimmed(passed) } else { Emission::default() };
         let normal = if phase.is_none() { surface.normal_towards(-path.ray.direction) } else { Vec3::ZERO };
-        let vertex = self.begin_vertex::<E, RECORDS>(path, surface, normal, emission, passed, vertices);
+        let vertex = self.begin_vertex::<E, RECORDS>(path, surface, normal, emission, [passed, glow], vertices);
         if path.depth >= self.settings.max_depth {
             return None;
         }
@@ -266,12 +271,15 @@ impl PathTracer<'_> {
         surface: &Surface,
         normal: Vec3,
         emission: Emission,
-        passed: Vec3,
+        [passed, glow]: [Vec3; 2],
         vertices: &mut Vertices,
     ) -> u32 {
         let (index, emitted) = (vertices.next(), emission.weighted());
         let vertex = Vertex { emitted, direct: Vec3::ZERO, weight: Vec3::ZERO, survival: 1.0, previous: path.last };
         path.last = index;
+        if E::MEDIA && self.scene.glows() {
+            vertices.glow.push(glow);
+        }
         vertices.push::<E, RECORDS>(vertex, passed, || Details {
             point: surface.point,
             shape: surface.shape,
@@ -459,6 +467,9 @@ impl PathTracer<'_> {
         shadows.rays.push(sampled.shadow);
         if E::MEDIA {
             shadows.media.push(self.scene.medium_beyond(surface, sampled.shadow.0.direction, path.medium));
+            if self.scene.has_grids() {
+                shadows.random.push(path.random.behind(Dimension::CONNECTION));
+            }
         }
         shadows.connections.push(Connection {
             vertex: at.vertex,

@@ -76,7 +76,7 @@ fn attenuation(extinction: Vec3, distance: f32) -> Vec3 {
 }
 
 /// Probability of choosing each channel.
-fn shares(carried: Vec3) -> Vec3 {
+pub(super) fn shares(carried: Vec3) -> Vec3 {
     let total = carried.element_sum();
     if carried.cmpge(Vec3::ZERO).all() && total > 0.0 && total.is_finite() {
         carried / total

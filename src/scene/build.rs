@@ -11,9 +11,9 @@ use super::file::{
     CameraFile, Distribution, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, PrincipledFile,
     PrincipledThinFile, ProfileFile, ShapeFile, TextureFile,
 };
-use super::media::Border;
+use super::media::{Border, Filling};
 use super::names::Names;
-use super::readers::LoadedScene;
+use super::readers::{LoadedScene, PlacedGrid, grid_key};
 use super::{Scene, sheet};
 use crate::base::{Error, Place, Result};
 use crate::camera::Camera;
@@ -34,6 +34,7 @@ use crate::materials::conductor::Conductor;
 use crate::materials::dielectric::{Dielectric, ThinDielectric};
 use crate::materials::diffuse::Diffuse;
 use crate::materials::fresnel::Metal;
+use crate::materials::grid_medium::{GridMedium, Varying};
 use crate::materials::medium::{Medium, MediumId};
 use crate::materials::microfacet::{Microfacets, SMOOTH, Shape as FacetShape};
 use crate::materials::phase::HenyeyGreenstein;
@@ -159,13 +160,16 @@ impl Scene {
                 || !file.media.is_empty()
                 || used().any(|material| matches!(material.kind, Kind::Null)),
         };
+        let media = file.media.iter().map(|(name, medium)| filling(name, medium, loaded)).collect::<Result<_>>()?;
         let mut scene = Self {
             has_masks,
             has_bumps,
             is_large: meshes > CACHED,
             has_pictures: !loaded.images.is_empty() || !loaded.attributes.is_empty(),
             needs,
-            media: file.media.values().map(self::medium).collect(),
+            glows: file.media.values().any(MediumFile::glows),
+            has_grids: file.media.values().any(MediumFile::is_varying),
+            media,
             shape_border,
             light_medium,
             camera_medium,
@@ -343,13 +347,36 @@ fn material(file: &MaterialFile, images: &Images) -> Result<Material> {
     }))
 }
 
-fn medium(file: &MediumFile) -> Medium {
-    let MediumFile::Homogeneous { sigma_t, albedo, g } = file;
-    Medium {
-        extinction: Vec3::from_array(*sigma_t),
-        albedo: Vec3::from_array(*albedo),
-        phase: HenyeyGreenstein::new(*g),
-    }
+fn filling(name: &str, file: &MediumFile, loaded: &LoadedScene) -> Result<Filling> {
+    let file = match file {
+        MediumFile::Homogeneous { sigma_t, albedo, g } => {
+            return Ok(Filling::Even(Medium {
+                extinction: Vec3::from_array(*sigma_t),
+                albedo: Vec3::from_array(*albedo),
+                phase: HenyeyGreenstein::new(*g),
+            }));
+        }
+        MediumFile::Grid(file) => file,
+    };
+    let placed = |key: &str| {
+        let placed = loaded.grids.get(&grid_key(name, key)).ok_or_else(|| unresolved(loaded, "grid", name));
+        placed.map(|PlacedGrid { grid, to_world }| {
+            let to_grid = to_world.inverse().as_mat4();
+            (Affine3A::from_mat4(to_grid), grid.clone())
+        })
+    };
+    let varying = |factor: [f32; 3], key: &str, given: bool| -> Result<Varying> {
+        Ok(Varying { factor: Vec3::from_array(factor), grid: given.then(|| placed(key)).transpose()? })
+    };
+    let glows =
+        (file.emission != [0.0; 3]).then(|| varying(file.emission, "emission_grid", file.emission_grid.is_some()));
+    Ok(Filling::Grid(Box::new(GridMedium::new(
+        placed("density")?,
+        Vec3::from_array(file.sigma_t),
+        varying(file.albedo, "albedo_grid", file.albedo_grid.is_some())?,
+        glows.transpose()?,
+        HenyeyGreenstein::new(file.g),
+    ))))
 }
 
 /// The parameters of a principled material, with its textures.

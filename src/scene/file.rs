@@ -5,6 +5,7 @@
 
 mod light;
 mod material;
+mod volume;
 
 use std::collections::BTreeMap;
 
@@ -14,6 +15,7 @@ pub use light::{LightFile, ProfileFile};
 pub use material::{
     Distribution, Filter, MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile, Wrap, identity3,
 };
+pub use volume::{GridFile, GridMediumFile, MediumFile};
 
 /// The only format version so far.
 pub const VERSION: u32 = 1;
@@ -169,22 +171,6 @@ impl CameraFile {
             size: None,
         }
     }
-}
-
-/// A participating medium, the same everywhere.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-pub enum MediumFile {
-    /// Absorbs and scatters with Henyey and Greenstein's phase function.
-    Homogeneous {
-        /// Extinction coefficient σ_t per channel, 1 / scene unit.
-        sigma_t: [f32; 3],
-        /// Scattered part of the extinction, σ_s / σ_t per channel, in [0, 1].
-        albedo: [f32; 3],
-        /// Mean cosine of the scattering angle, in (-1, 1); 0 is isotropic.
-        #[serde(default, skip_serializing_if = "is_default")]
-        g: f32,
-    },
 }
 
 /// The picture: its size in pixels and its pixel filter.

@@ -6,6 +6,7 @@ use super::effects::Effects;
 use super::{MOST_HOLES, Scene};
 use crate::base::random::{Dimension, Random};
 use crate::geometry::{Met, Ray, Scratch, Surface, Way};
+use crate::materials::grid_medium::{Flown, GridMedium};
 use crate::materials::medium::{Flight, Medium, MediumId};
 use crate::materials::phase::HenyeyGreenstein;
 
@@ -20,6 +21,54 @@ pub enum End {
     Medium(HenyeyGreenstein),
 }
 
+/// A segment of a path, from a ray's origin to where it ends.
+#[derive(Debug, Clone, Copy)]
+pub struct Passage {
+    /// The end.
+    pub end: End,
+    /// Factor on what the path carries.
+    pub weight: Vec3,
+    /// Radiance that media on the way send back to the origin by themselves.
+    pub glow: Vec3,
+}
+
+/// What fills space.
+#[derive(Debug, Clone)]
+pub(super) enum Filling {
+    /// The same everywhere.
+    Even(Medium),
+    /// By a grid.
+    Grid(Box<GridMedium>),
+}
+
+impl Filling {
+    /// Samples the flight of a ray of length `limit` that carries `carried`.
+    fn fly(&self, ray: &Ray, limit: f32, carried: Vec3, random: &mut Random) -> Flown {
+        match self {
+            Self::Even(medium) => {
+                let [distance, channel] = random.next_2d();
+                Flown { end: medium.sample(carried, limit, channel, distance), glow: Vec3::ZERO }
+            }
+            Self::Grid(medium) => medium.fly(ray, limit, carried, random),
+        }
+    }
+
+    /// Transmittance along the first `length` of a ray, or an estimate of it.
+    fn transmittance(&self, ray: &Ray, length: f32, random: &mut Random) -> Vec3 {
+        match self {
+            Self::Even(medium) => medium.transmittance(length),
+            Self::Grid(medium) => medium.transmittance(ray, length, random),
+        }
+    }
+
+    fn phase(&self) -> HenyeyGreenstein {
+        match self {
+            Self::Even(medium) => medium.phase,
+            Self::Grid(medium) => medium.phase(),
+        }
+    }
+}
+
 /// The media on the two sides of a shape, behind and in front of it; none is empty space.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Border {
@@ -28,9 +77,20 @@ pub struct Border {
 }
 
 impl Scene {
-    /// A medium of the scene.
-    pub fn medium(&self, id: MediumId) -> &Medium {
+    fn medium(&self, id: MediumId) -> &Filling {
         &self.media[id as usize]
+    }
+
+    /// Whether transmittance is estimated with random numbers.
+    #[inline(always)]
+    pub fn has_grids(&self) -> bool {
+        self.has_grids
+    }
+
+    /// Whether a medium has light of its own.
+    #[inline(always)]
+    pub fn glows(&self) -> bool {
+        self.glows
     }
 
     /// The medium that a ray is in after it left `surface` in `direction`, having been in `medium` before.
@@ -49,8 +109,7 @@ impl Scene {
     }
 
     /// Takes a path's next segment, which starts in `medium` and carries `carried`, on from the nearest surface, where it `meets` one,
-    /// to its end. `surface` becomes the surface or the point of a medium there. The second result is the factor on what the path
-    /// carries.
+    /// to its end. `surface` becomes the surface or the point of a medium there.
     #[inline(always)]
     pub fn advance<E: Effects>(
         &self,
@@ -60,24 +119,20 @@ impl Scene {
         medium: &mut Option<MediumId>,
         carried: Vec3,
         random: &Random,
-    ) -> (End, Vec3) {
-        let (mut end, mut weight) = (if meets { End::Surface } else { End::Background }, Vec3::ONE);
+    ) -> Passage {
+        let end = if meets { End::Surface } else { End::Background };
+        let mut passage = Passage { end, weight: Vec3::ONE, glow: Vec3::ZERO };
         if E::MEDIA || E::MATERIALS && self.has_masks {
             let (mut nearest, random) = (meets.then_some(*surface), &mut random.at(Dimension::SEGMENT));
-            let mut phase = None;
             if E::MEDIA {
-                (phase, weight) = self.travel(ray, &mut nearest, medium, carried, random);
+                passage = self.travel(ray, &mut nearest, medium, carried, random);
             } else {
                 self.pass_holes(ray, &mut nearest, random);
+                passage.end = if nearest.is_some() { End::Surface } else { End::Background };
             }
-            end = match (nearest, phase) {
-                (None, _) => End::Background,
-                (Some(_), Some(phase)) => End::Medium(phase),
-                (Some(_), None) => End::Surface,
-            };
             nearest.into_iter().for_each(|last| *surface = last);
         }
-        (end, weight)
+        passage
     }
 
     /// Whether something may lie on a shadow ray that lets light through: then [`Scene::transmittance`] is asked instead of whether
@@ -87,8 +142,8 @@ impl Scene {
         E::MEDIA || E::MATERIALS && self.has_masks
     }
 
-    /// Follows a ray that carries `carried` per channel to where it meets a surface or is scattered by a medium, which has the phase
-    /// function that is returned. `medium`, in which the ray starts, becomes the one in which it arrives.
+    /// Follows a ray that carries `carried` per channel to where it meets a surface or is scattered by a medium. `medium`, in which the
+    /// ray starts, becomes the one in which it arrives.
     fn travel(
         &self,
         ray: &Ray,
@@ -96,28 +151,29 @@ impl Scene {
         medium: &mut Option<MediumId>,
         carried: Vec3,
         random: &mut Random,
-    ) -> (Option<HenyeyGreenstein>, Vec3) {
-        let (mut ray, mut weight, mut behind) = (*ray, Vec3::ONE, 0.0);
+    ) -> Passage {
+        let (mut ray, mut weight, mut glow, mut behind) = (*ray, Vec3::ONE, Vec3::ZERO, 0.0);
         for _ in 0..MOST_HOLES {
             if let Some(surface) = end {
                 *medium = self.medium_before(surface, ray.direction, *medium);
             }
             if let Some(id) = *medium {
                 let limit = end.map_or(f32::INFINITY, |surface| surface.distance);
-                let [distance, channel] = random.next_2d();
-                match self.medium(id).sample(carried * weight, limit, channel, distance) {
+                let flown = self.medium(id).fly(&ray, limit, carried * weight, random);
+                glow += weight * flown.glow;
+                match flown.end {
                     Flight::Collision { distance, weight: factor } => {
                         *end = Some(Surface::in_medium(ray.at(distance), behind + distance, -ray.direction));
-                        return (Some(self.medium(id).phase), weight * factor);
+                        return Passage { end: End::Medium(self.medium(id).phase()), weight: weight * factor, glow };
                     }
                     Flight::Through { weight: factor } => weight *= factor,
                 }
             }
-            let Some(surface) = end else { return (None, weight) };
+            let Some(surface) = end else { return Passage { end: End::Background, weight, glow } };
             let opacity = self.opacity(surface);
             if opacity >= 1.0 || opacity > 0.0 && random.next_f32() < opacity {
                 surface.distance += behind;
-                return (None, weight);
+                return Passage { end: End::Surface, weight, glow };
             }
             *medium = self.medium_beyond(surface, ray.direction, *medium);
             behind += surface.distance;
@@ -125,12 +181,12 @@ impl Scene {
             *end = self.intersect(&ray);
         }
         *end = None;
-        (None, Vec3::ZERO)
+        Passage { end: End::Background, weight: Vec3::ZERO, glow }
     }
 
-    /// Transmittance along the first `length` of a ray that starts in `medium`, per channel.
-    pub fn transmittance(&self, ray: &Ray, length: f32, medium: Option<MediumId>) -> Vec3 {
-        self.transmittance_past(self.accel.meets(ray, length, &self.shape_solid), ray, length, medium)
+    /// Transmittance along the first `length` of a ray that starts in `medium`, per channel; with media that vary an estimate of it.
+    pub fn transmittance(&self, ray: &Ray, length: f32, medium: Option<MediumId>, random: &Random) -> Vec3 {
+        self.transmittance_past(self.accel.meets(ray, length, &self.shape_solid), ray, length, medium, random)
     }
 
     /// Sets `met` to what each shadow ray meets before its length.
@@ -140,18 +196,31 @@ impl Scene {
 
     /// As [`Scene::transmittance`], once it is known what the ray meets: most meet a wall or nothing, which is found sooner than the first
     /// surface.
-    pub fn transmittance_past(&self, met: Met, ray: &Ray, length: f32, medium: Option<MediumId>) -> Vec3 {
+    pub fn transmittance_past(
+        &self,
+        met: Met,
+        ray: &Ray,
+        length: f32,
+        medium: Option<MediumId>,
+        random: &Random,
+    ) -> Vec3 {
         match (met, medium) {
             _ if length <= 0.0 => Vec3::ONE,
             (Met::Wall, _) => Vec3::ZERO,
-            (Met::Veils, _) => self.transmittance_of_surfaces(ray, length, medium),
-            (Met::Nothing, Some(id)) => self.medium(id).transmittance(length),
+            (Met::Veils, _) => self.transmittance_of_surfaces(ray, length, medium, random.clone()),
+            (Met::Nothing, Some(id)) => self.medium(id).transmittance(ray, length, &mut random.clone()),
             (Met::Nothing, None) => Vec3::ONE,
         }
     }
 
     /// As [`Scene::transmittance`], surface by surface.
-    fn transmittance_of_surfaces(&self, ray: &Ray, length: f32, mut medium: Option<MediumId>) -> Vec3 {
+    fn transmittance_of_surfaces(
+        &self,
+        ray: &Ray,
+        length: f32,
+        mut medium: Option<MediumId>,
+        mut random: Random,
+    ) -> Vec3 {
         let (mut through, mut ray, mut left) = (Vec3::ONE, *ray, length);
         for _ in 0..MOST_HOLES {
             let surface = self.intersect(&ray).filter(|surface| surface.distance < left);
@@ -159,7 +228,8 @@ impl Scene {
                 medium = self.medium_before(surface, ray.direction, medium);
             }
             if let Some(id) = medium {
-                through *= self.medium(id).transmittance(surface.map_or(left, |surface| surface.distance));
+                let length = surface.map_or(left, |surface| surface.distance);
+                through *= self.medium(id).transmittance(&ray, length, &mut random);
             }
             let Some(surface) = surface else { return through };
             through *= 1.0 - self.opacity(&surface);
@@ -234,8 +304,9 @@ mod tests {
             let ray = Ray { origin, direction };
             let length = if random.next_f32() < 0.2 { f32::INFINITY } else { origin.distance(to) };
             let medium = (origin.length() < 0.4).then_some(0);
-            let through = scene.transmittance(&ray, length, medium);
-            assert_eq!(through, scene.transmittance_of_surfaces(&ray, length, medium), "{ray:?} {length}");
+            let fresh = || Random::new(42, 0, 0);
+            let through = scene.transmittance(&ray, length, medium, &fresh());
+            assert_eq!(through, scene.transmittance_of_surfaces(&ray, length, medium, fresh()), "{ray:?} {length}");
             match through {
                 Vec3::ZERO => dark += 1,
                 Vec3::ONE => clear += 1,

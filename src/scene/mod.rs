@@ -24,11 +24,11 @@ use crate::geometry::surface::partials;
 use crate::geometry::{Accel, Hit, Ray, Shape, Surface};
 use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::bump::Tangents;
-use crate::materials::medium::{Medium, MediumId};
+use crate::materials::medium::MediumId;
 use crate::materials::{Kind, Material, Variant};
 use crate::math::lanes::LANES;
 use effects::Needs;
-use media::Border;
+use media::{Border, Filling};
 pub use names::Names;
 
 /// A scene ready to be rendered. It never changes.
@@ -60,7 +60,11 @@ pub struct Scene {
     variants: Vec<Variant>,
     /// Whether any shape has holes or is only the border of a medium.
     has_masks: bool,
-    media: Vec<Medium>,
+    media: Vec<Filling>,
+    /// Whether a medium varies in space, so that shadow rays need random numbers.
+    has_grids: bool,
+    /// Whether a medium has light of its own.
+    glows: bool,
     /// Media on both sides of each shape; none where the shape states none.
     shape_border: Vec<Option<Border>>,
     /// Medium into which each light emits.

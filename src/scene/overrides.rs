@@ -6,7 +6,7 @@
 use std::str::FromStr;
 
 use super::effects::Needs;
-use super::file::{LightFile, MaterialFile, SceneFile, TextureFile};
+use super::file::{LightFile, MaterialFile, MediumFile, SceneFile, TextureFile};
 use super::plan::{
     EffectKind, EffectPlan, is_clear, is_coated, is_directional, is_environment, is_glossy, is_mirror, is_pane, is_spot,
 };
@@ -41,7 +41,7 @@ pub fn apply(scene: &mut SceneFile, overrides: &[Override]) -> Needs {
     let mut needs = Needs::default();
     for &Override { kind, on } in overrides {
         if on {
-            needs.media |= kind == EffectKind::Medium;
+            needs.media |= matches!(kind, EffectKind::Medium | EffectKind::Volumes);
             needs.materials |= MATERIALS.contains(&kind);
         } else {
             remove(scene, kind);
@@ -79,7 +79,8 @@ fn remove(scene: &mut SceneFile, kind: EffectKind) {
         K::DirectionalLights => scene.lights.retain(|light| !is_directional(light)),
         K::Environment => scene.lights.retain(|light| !is_environment(light)),
         K::DepthOfField => scene.views_mut().for_each(|camera| camera.aperture_radius = 0.0),
-        K::Medium => remove_media(scene),
+        K::Medium => remove_media(scene, |medium| !medium.is_varying()),
+        K::Volumes => remove_media(scene, MediumFile::is_varying),
         K::Masks => {
             scene.materials.values_mut().for_each(|m| take_off(m, |m| matches!(m, MaterialFile::Mask { .. })));
         }
@@ -124,12 +125,15 @@ fn is_bump(material: &MaterialFile) -> bool {
     matches!(material, MaterialFile::BumpMap { .. } | MaterialFile::NormalMap { .. })
 }
 
-/// Removes the media. Their borders stay, so that objects inside a medium stay visible.
-fn remove_media(scene: &mut SceneFile) {
-    scene.media.clear();
-    scene.views_mut().for_each(|camera| camera.medium = None);
+/// Removes the media for which `test` is true. Their borders stay, so that objects inside a medium stay visible.
+fn remove_media(scene: &mut SceneFile, test: fn(&MediumFile) -> bool) {
+    scene.media.retain(|_, medium| !test(medium));
+    let known = &scene.media;
+    let forget = |name: &mut Option<String>| *name = name.take().filter(|name| known.contains_key(name));
+    std::iter::once(&mut scene.camera).chain(scene.cameras.values_mut()).for_each(|camera| forget(&mut camera.medium));
     for shape in &mut scene.shapes {
-        (shape.interior, shape.exterior) = (None, None);
+        forget(&mut shape.interior);
+        forget(&mut shape.exterior);
     }
 }
 
@@ -185,7 +189,8 @@ mod tests {
     const SCENE: &str = r#"{"version": 1,
         "camera": {"to_world": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1], "fov": 40, "aperture_radius": 0.1, "focus_distance": 2, "medium": "fog"},
         "film": {"width": 1, "height": 1},
-        "media": {"fog": {"type": "homogeneous", "sigma_t": [1,1,1], "albedo": [1,1,1]}},
+        "media": {"fog": {"type": "homogeneous", "sigma_t": [1,1,1], "albedo": [1,1,1]},
+                  "cloud": {"type": "grid", "density": {"type": "vol", "file": "cloud.vol"}, "sigma_t": [1,1,1], "albedo": [1,1,1]}},
         "materials": {
             "mirror": {"type": "conductor", "eta": [1,1,1], "k": [1,1,1]},
             "glass": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1},
@@ -199,7 +204,7 @@ mod tests {
         "shapes": [
             {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "mirror", "emission": [1,1,1]},
             {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "glass", "interior": "fog"},
-            {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "pane"},
+            {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "pane", "interior": "cloud"},
             {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "gold"},
             {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "paint"},
             {"geometry": {"type": "sphere", "center": [0,0,0], "radius": 1}, "material": "bark"},

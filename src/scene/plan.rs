@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde::Serialize;
 
-use super::file::{LightFile, MaterialFile, SceneFile, TextureFile};
+use super::file::{LightFile, MaterialFile, MediumFile, SceneFile, TextureFile};
 
 /// An effect that a scene may call for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -38,8 +38,10 @@ pub enum EffectKind {
     BumpMaps,
     /// Colours that vary.
     Textures,
-    /// Participating media, such as fog.
+    /// Participating media that are the same everywhere, such as fog.
     Medium,
+    /// Participating media that vary in space, such as clouds.
+    Volumes,
     /// Depth of field of a thin lens.
     DepthOfField,
     /// Light paths to learn from.
@@ -52,7 +54,7 @@ pub enum EffectKind {
 
 impl EffectKind {
     /// All effects, in the order of the plan.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 20] = [
         Self::DirectLight,
         Self::AreaLights,
         Self::PointLights,
@@ -68,6 +70,7 @@ impl EffectKind {
         Self::BumpMaps,
         Self::Textures,
         Self::Medium,
+        Self::Volumes,
         Self::DepthOfField,
         Self::Photons,
         Self::Guiding,
@@ -92,6 +95,7 @@ impl EffectKind {
             Self::BumpMaps => "bump-maps",
             Self::Textures => "textures",
             Self::Medium => "medium",
+            Self::Volumes => "volumes",
             Self::DepthOfField => "depth-of-field",
             Self::Photons => "photons",
             Self::Guiding => "guiding",
@@ -186,7 +190,15 @@ impl<'a> Survey<'a> {
             K::Masks => on("holes in", &self.having(MaterialFile::is_masked), "no material has holes"),
             K::BumpMaps => on("shading normals of", &self.having(MaterialFile::is_bumped), "no bump or normal map"),
             K::Textures => on("vary the colour of", &self.textured(), "all colours are constant"),
-            K::Medium => on("light is scattered or absorbed in", &self.media(), "no shape has one, nor the camera"),
+            K::Medium => {
+                let even = self.media_that(|medium| !medium.is_varying());
+                on("light is scattered or absorbed in", &even, "no shape has one, nor the camera")
+            }
+            K::Volumes => on(
+                "light is scattered, absorbed or emitted on grids:",
+                &self.media_that(MediumFile::is_varying),
+                NO_GRIDS,
+            ),
             K::DepthOfField => {
                 let mut radii = self.scene.views().map(|(_, camera)| camera.aperture_radius);
                 let lens = radii.find(|radius| *radius > 0.0).map(|radius| format!("a lens of radius {radius}"));
@@ -230,6 +242,12 @@ impl<'a> Survey<'a> {
         self.scene.lights.iter().map(|light| light_name(light).to_owned()).chain(self.emitters()).collect()
     }
 
+    /// Names of the media that some ray can be in and that are so.
+    fn media_that(&self, test: fn(&MediumFile) -> bool) -> Names {
+        let is_so = |name: &String| self.scene.media.get(name).is_some_and(test);
+        self.media().into_iter().filter(is_so).collect()
+    }
+
     /// Names of the media that some ray can be in.
     fn media(&self) -> Names {
         let shapes = self.scene.shapes.iter().flat_map(|shape| [&shape.interior, &shape.exterior]);
@@ -265,7 +283,7 @@ impl<'a> Survey<'a> {
     fn guiding(&self) -> (bool, String) {
         let mut guidable = self.having(is_guidable);
         guidable.extend(self.media());
-        if self.all_lights().is_empty() {
+        if self.all_lights().is_empty() && self.media_that(MediumFile::glows).is_empty() {
             (false, "there is no light".into())
         } else if self.scene.render.max_depth <= 2 {
             (false, format!("depth {} has direct light only", self.scene.render.max_depth))
@@ -276,6 +294,9 @@ impl<'a> Survey<'a> {
         }
     }
 }
+
+/// Why media that vary are off.
+const NO_GRIDS: &str = "no medium varies in space";
 
 fn on(verb: &str, causes: &Names, why_off: &str) -> (bool, String) {
     if causes.is_empty() { (false, why_off.into()) } else { (true, format!("{verb} {}", list(causes))) }

@@ -15,3 +15,4 @@ mod gltf_materials;
 mod pbrt;
 mod projectors;
 mod scenes;
+mod volumes;

@@ -8,7 +8,9 @@ use std::path::Path;
 use fanal::geometry::Ray;
 use fanal::lights::Light;
 use fanal::scene::Scene;
-use fanal::scene::file::{GeometryFile, LightFile, MaterialFile, MediumFile, ProfileFile, TextureFile};
+use fanal::scene::file::{
+    GeometryFile, GridFile, IDENTITY, LightFile, MaterialFile, MediumFile, ProfileFile, TextureFile,
+};
 use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking};
 use glam::{Vec2, Vec3};
 use image::{ImageFormat, RgbImage};
@@ -101,7 +103,7 @@ fn media_by_name_and_by_grid() {
     let folder = tempfile::tempdir().unwrap();
     let mut grid = b"VOL\x03".to_vec();
     [1u32, 2, 1, 1, 1].iter().for_each(|word| grid.extend(word.to_le_bytes()));
-    grid.extend([0; 24]);
+    [-1f32, -1.0, -1.0, 1.0, 1.0, 1.0].iter().for_each(|corner| grid.extend(corner.to_le_bytes()));
     [0.5f32, 1.5].iter().for_each(|value| grid.extend(value.to_le_bytes()));
     put(&folder, "smoke.vol", grid);
     let loaded = read(&folder, "<scene version='0.5.0'><integrator type='volpath'><integer name='maxDepth' value='-1'/></integrator>
@@ -111,14 +113,16 @@ fn media_by_name_and_by_grid() {
         <float name='scale' value='100'/><float name='stepSize' value='0.1'/><phase type='rayleigh'/></medium>
         <shape type='sphere'><bsdf type='roughdielectric'><float name='intIOR' value='1.33'/></bsdf><ref name='interior' id='milk'/></shape>
         <shape type='cube'><ref name='interior' id='smoke'/></shape></scene>");
-    let MediumFile::Homogeneous { sigma_t, albedo, g } = &loaded.file.media["milk"];
+    let MediumFile::Homogeneous { sigma_t, albedo, g } = &loaded.file.media["milk"] else { panic!("it varies") };
     assert!(
         (sigma_t[0] - 18.20673).abs() < 1e-3 && albedo[2] > 0.999 && (g - 0.714).abs() < 0.01,
         "{sigma_t:?} {albedo:?} {g}"
     );
-    assert_eq!(loaded.file.media["smoke"], MediumFile::Homogeneous { sigma_t: [100.0; 3], albedo: [0.9; 3], g: 0.0 });
+    let MediumFile::Grid(smoke) = &loaded.file.media["smoke"] else { panic!("it is the same everywhere") };
+    let density = GridFile::Vol { file: "smoke.vol".into(), to_world: IDENTITY, own_box: true, centred: true };
+    assert_eq!((&smoke.density, smoke.sigma_t, smoke.albedo, smoke.g), (&density, [100.0; 3], [0.9; 3], 0.0));
     assert_eq!(loaded.file.materials[&loaded.file.shapes[1].material], MaterialFile::Null);
-    for told in ["no sensor", "the mean of its values", "read as isotropic", "read as homogeneous"] {
+    for told in ["no sensor", "read as isotropic"] {
         assert!(warned(&loaded, told), "{told}: {:?}", loaded.warnings);
     }
     // The camera of scenes without any sees both.

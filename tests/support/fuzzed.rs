@@ -13,6 +13,7 @@ use fanal::generate::recipe::Recipe;
 use fanal::generate::shard::{VERSION, read_shard, write_shard};
 use fanal::guiding::sample::field::{Evidence, GuideField};
 use fanal::guiding::sample::file;
+use fanal::materials::grid::Values;
 use fanal::network::embedded::Embedded;
 use fanal::network::weights::{Model, Weights};
 use fanal::picture::{Display, Layers, Picture, read_exr_channels, read_image, write_picture};
@@ -24,7 +25,7 @@ use fanal::render::part_file::{self, PartHead, Totals};
 use fanal::render::{Aov, Control, Fireflies, PartOf, RenderSettings, aov, learn_part, render, render_watched};
 use fanal::report::{Budget, Experiment, Method, Results, page};
 use fanal::scene::Scene;
-use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking, resolve};
+use fanal::scene::readers::{LoadedScene, Missing, Vol, load, load_lacking, resolve};
 use glam::Vec3;
 use image::{DynamicImage, ImageFormat, RgbImage};
 
@@ -121,6 +122,23 @@ fn mesh(name: &'static str) -> Read {
     })
 }
 
+/// A medium in a ball that varies as the file says, and shines so.
+fn volume(path: &Path) -> Result<()> {
+    let file = path.file_name().unwrap_or_default().to_string_lossy();
+    let grid = format!(r#"{{"type": "vol", "file": "{file}", "own_box": true}}"#);
+    let medium = format!(
+        r#"{{"type": "grid", "density": {grid}, "sigma_t": [1, 2, 3], "albedo": [0.9, 0.9, 0.9], "albedo_grid": {grid},
+            "emission": [1, 1, 1], "emission_grid": {grid}}}"#
+    );
+    let mut scene: fanal::scene::file::SceneFile = serde_json::from_str(files::JSON).expect("it is a scene");
+    scene.lights.pop();
+    scene.shapes.retain(|shape| shape.name == "lamp");
+    scene.meshes.clear();
+    scene.media.insert("cloud".into(), serde_json::from_str(&medium).expect("it is a medium"));
+    scene.camera.medium = Some("cloud".into());
+    resolve(scene, path.parent().unwrap_or(path), Path::new("scene")).map(|loaded| picture(&loaded))
+}
+
 /// The reader of this name; `folder` gets the good files that it needs.
 pub fn reader(name: &str, folder: &Path) -> Reader {
     let good = files::folder();
@@ -164,6 +182,13 @@ pub fn reader(name: &str, folder: &Path) -> Reader {
             let seeds = vec![files::serialized()];
             Reader::new("mesh_serialized", "mesh.serialized", seeds, 10_000, mesh("two.serialized"))
                 .with(Container::Serialized, "")
+        }
+        "volume" => {
+            let bytes = Vol { size: [4, 3, 2], channels: 1, corners: [[0.0; 3], [1.0; 3]], values: Values::Bytes(vec![90; 24]) };
+            let floats = Values::Floats((0..24).map(|i| i as f32 * 0.1).collect());
+            let colours = Vol { size: [2, 2, 2], channels: 3, corners: [[-1.0; 3], [2.0; 3]], values: floats };
+            let seeds = vec![bytes.encode(), colours.encode()];
+            Reader::new("volume", "grid.vol", seeds, 10_000, Box::new(volume)).with(Container::Plain, "VOL")
         }
         "image_exr" => Reader::new("image_exr", "image.exr", exrs(folder), 50_000, Box::new(both_ways))
             .with(Container::Plain, "R G B A Y compression dataWindow displayWindow chlist box2i tiles chunkCount lineOrder"),
@@ -216,7 +241,7 @@ fn json(folder: &Path) -> Reader {
     let mut seeds = vec![files::JSON.as_bytes().to_vec()];
     for entry in std::fs::read_dir(root().join("scenes")).unwrap() {
         let path = entry.unwrap().path();
-        for beside in ["ring.obj", "shade.obj"].iter().filter(|name| path.join(name).is_file()) {
+        for beside in ["ring.obj", "shade.obj", "smoke.vol"].iter().filter(|name| path.join(name).is_file()) {
             std::fs::copy(path.join(beside), folder.join(beside)).unwrap();
         }
         if path.is_dir() {

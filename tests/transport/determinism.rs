@@ -59,6 +59,16 @@ fn threads_change_nothing_where_samples_follow_noise() {
     }
 }
 
+/// Nor where flights and shadow rays take as many random numbers as they need.
+#[test]
+fn threads_change_nothing_in_smoke() {
+    let scene = committed("smoke", [32, 24]);
+    for guide in [GUIDES[0], GUIDES[6]] {
+        let [one, three] = [1, 3].map(|threads| bits(&scene, guide, 1, threads));
+        assert!(one == three && one.iter().any(|pixel| *pixel != [0; 3]), "{guide:?}");
+    }
+}
+
 /// The easy box is rendered as by `none` after learning has shown that, and the door is not.
 #[test]
 fn guiding_is_left_out_where_it_does_not_pay() {
@@ -99,13 +109,14 @@ fn told(scene: &Scene, paths: u64, size: u64) -> [Vec<String>; 3] {
 }
 
 /// No path knows which others it is traced with: every size of batches gives the same radiance, records and photons, to the last bit,
-/// on a plain scene, one with glass, and one with every material, holes, bumps and media.
+/// on a plain scene, one with glass, one in a medium that varies, and one with every material, holes, bumps and media.
 #[test]
 fn batches_change_nothing() {
     let museum = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/museum");
     let museum =
         Scene::build(&readers::load(&museum).expect("the museum is sound"), [32, 24]).expect("so is what it says");
-    for scene in [committed("cornell", [32, 24]), committed("glass-caustic", [32, 24]), museum] {
+    let smoke = committed("smoke", [32, 24]);
+    for scene in [committed("cornell", [32, 24]), committed("glass-caustic", [32, 24]), smoke, museum] {
         let alone = told(&scene, 700, 1);
         assert!(alone.iter().all(|told| told.len() > 500), "{:?}", alone.map(|told| told.len()));
         for size in [3, 16, 17, 700] {

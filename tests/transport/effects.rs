@@ -252,10 +252,8 @@ fn take_out(file: &mut Value, kind: EffectKind) {
         K::DirectionalLights => lights(file, "directional"),
         K::Environment => lights(file, "constant"),
         K::DepthOfField => drop(file["camera"].as_object_mut().map(|camera| camera.remove("aperture_radius"))),
-        K::Medium => {
-            drop(file.as_object_mut().map(|file| file.remove("media")));
-            each_shape(file, &["interior", "exterior"]);
-        }
+        K::Medium => media(file, "homogeneous"),
+        K::Volumes => media(file, "grid"),
         K::Masks => replace(file, "mask", &|mask| mask["material"].clone()),
         K::BumpMaps => replace(file, "bump_map", &|bumps| bumps["material"].clone()),
         K::Textures => {
@@ -279,6 +277,24 @@ fn take_out(file: &mut Value, kind: EffectKind) {
             replace(file, "plastic", &plain);
         }
         K::DirectLight | K::Photons | K::Guiding | K::Reconstruction => {}
+    }
+}
+
+/// Takes media of this type out.
+fn media(file: &mut Value, kind: &str) {
+    let Some(all) = file.get_mut("media").and_then(Value::as_object_mut) else { return };
+    let of_kind = all.iter().filter(|(_, medium)| medium["type"] == kind).map(|(name, _)| name.clone());
+    for name in of_kind.collect::<Vec<_>>() {
+        file["media"].as_object_mut().expect("it was just there").remove(&name);
+        let forget = |holder: &mut Value, key: &str| {
+            if holder.get(key).is_some_and(|medium| *medium == name) {
+                holder.as_object_mut().expect("it has keys").remove(key);
+            }
+        };
+        forget(&mut file["camera"], "medium");
+        for shape in file["shapes"].as_array_mut().expect("there are shapes") {
+            ["interior", "exterior"].iter().for_each(|side| forget(shape, side));
+        }
     }
 }
 

@@ -20,3 +20,4 @@ mod robustness;
 mod stopping;
 mod surfaces;
 mod views;
+mod volumes;

@@ -11,17 +11,17 @@ use glam::{Mat4, Vec3};
 use scenes::{GUIDES, Guide, box_furnace, built, picture, settings};
 use statistics::{Summary, sidak, student_quantile};
 
-fn medium(sigma_t: [f32; 3], albedo: f32, g: f32) -> MediumFile {
+pub fn medium(sigma_t: [f32; 3], albedo: f32, g: f32) -> MediumFile {
     MediumFile::Homogeneous { sigma_t, albedo: [albedo; 3], g }
 }
 
 /// Means per channel over seeds against what they should be, all tests of this file but the furnaces together at 1 % (Šidák).
-fn check(scene: &Scene, guide: Guide, spp: u32, max_depth: u32, expected: [f64; 3]) {
+pub fn check(scene: &Scene, guide: Guide, spp: u32, max_depth: u32, expected: [f64; 3]) {
     check_at(sidak(0.01, 200), scene, guide, [spp, max_depth], expected);
 }
 
 /// The same with false alarms at the rate `level` in each channel. The standard error must resolve 2 %, or the test could not fail.
-fn check_at(level: f64, scene: &Scene, guide: Guide, [spp, max_depth]: [u32; 2], expected: [f64; 3]) {
+pub fn check_at(level: f64, scene: &Scene, guide: Guide, [spp, max_depth]: [u32; 2], expected: [f64; 3]) {
     let pictures: Vec<[f64; 3]> = (0..12)
         .map(|seed| {
             let mut settings = settings(guide, spp, seed);
@@ -45,7 +45,7 @@ fn check_at(level: f64, scene: &Scene, guide: Guide, [spp, max_depth]: [u32; 2],
 }
 
 /// A box of half size 1 filled with `inside`, under a sky of radiance 1, seen through its middle.
-fn block(name: &str, inside: MediumFile) -> SceneFile {
+pub fn block(name: &str, inside: MediumFile) -> SceneFile {
     let mut b = Builder::new(name, [8, 8]);
     let border = b.add_material("border", MaterialFile::Null);
     b.add_block("block", Vec3::splat(-1.0), Vec3::splat(1.0), &border);

@@ -54,6 +54,9 @@ fn describe(found: &Explanation, scene: &Scene, loaded: &LoadedScene, sample: Sa
     for (number, vertex) in (1..).zip(&found.vertices) {
         lines.extend(described(number, vertex, scene, loaded));
     }
+    if found.background_glow != Vec3::ZERO {
+        lines.push(format!("media on the way there shine with {}", vector(found.background_glow)));
+    }
     if found.background.weight != 0.0 || !found.background.radiance.is_finite() {
         let (radiance, weight) = (vector(found.background.radiance), found.background.weight);
         lines.push(format!("background: radiance {radiance}, weight {weight:.6}"));
@@ -74,6 +77,9 @@ fn described(number: usize, vertex: &ExplainedVertex, scene: &Scene, loaded: &Lo
     say(format!("distance {:.6e}, throughput {}", vertex.distance, vector(vertex.throughput)));
     if vertex.passed != Vec3::ONE {
         say(format!("medium on the way lets through {}", vector(vertex.passed)));
+    }
+    if vertex.glow != Vec3::ZERO {
+        say(format!("and shines with {}", vector(vertex.glow)));
     }
     if vertex.met.radiance != Vec3::ZERO {
         say(format!("emission {}, weight {:.6}", vector(vertex.met.radiance), vertex.met.weight));

@@ -9,6 +9,7 @@ use super::{
 };
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
+use crate::base::random::Random;
 use crate::geometry::{Hit, Met, Ray, RayKind, Scratch, Surface};
 use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::DirectionGuide;
@@ -42,6 +43,8 @@ pub(super) struct Vertices {
     pub all: Vec<Vertex>,
     /// Transmittance of the media before each, over the density of getting there; empty where there are no media.
     pub passed: Vec<Vec3>,
+    /// Light of media on the way to each; empty where none has any.
+    pub glow: Vec<Vec3>,
     /// Of each where records are wanted, otherwise none.
     pub details: Vec<Details>,
 }
@@ -73,6 +76,7 @@ impl Vertices {
     fn clear(&mut self) {
         self.all.clear();
         self.passed.clear();
+        self.glow.clear();
         self.details.clear();
     }
 }
@@ -115,6 +119,8 @@ pub(super) struct Shadows {
     pub guided: Vec<Towards>,
     /// Media that the rays start in; empty where there are no media.
     pub media: Vec<Option<MediumId>>,
+    /// Random numbers for what lies on the way; empty where no medium varies.
+    pub random: Vec<Random>,
     /// What each ray meets.
     met: Vec<Met>,
     occluded: Vec<bool>,
@@ -126,6 +132,7 @@ impl Shadows {
         self.connections.clear();
         self.guided.clear();
         self.media.clear();
+        self.random.clear();
     }
 }
 
@@ -135,9 +142,9 @@ impl PathScratch {
         self.paths.len()
     }
 
-    /// Emission that the only path ran into infinitely far away.
-    pub(super) fn background(&self) -> Emission {
-        self.paths[0].background
+    /// Emission that the only path ran into infinitely far away, and that of media on the way there.
+    pub(super) fn background(&self) -> (Emission, Vec3) {
+        (self.paths[0].background, self.paths[0].glow)
     }
 }
 
@@ -268,12 +275,14 @@ impl PathTracer<'_> {
                 accel.occluded_all(rays, way, queries, occluded);
             }
         });
-        let Shadows { rays, media, occluded, met, .. } = &*shadows;
+        let Shadows { rays, media, random, occluded, met, .. } = &*shadows;
+        let unused = Random::new(0, 0, 0);
         for first in (0..count).step_by(LANES) {
             self.bring::<E, RECORDS>(first, shadows, vertices, |number| {
                 if veiled {
                     let ((ray, length), medium) = (&rays[number], media.get(number).copied().flatten());
-                    self.scene.transmittance_past(met[number], ray, *length, medium)
+                    let random = random.get(number).unwrap_or(&unused);
+                    self.scene.transmittance_past(met[number], ray, *length, medium, random)
                 } else if occluded[number] {
                     Vec3::ZERO
                 } else {
@@ -350,7 +359,8 @@ impl PathTracer<'_> {
 /// next, and what arrived from there beside the emission that was met.
 #[inline(always)]
 fn gather(path: &PathState, vertices: &Vertices, mut step: impl FnMut(usize, Option<usize>, Vec3)) -> Vec3 {
-    let (mut incoming, mut onward) = (path.background.weighted(), Vec3::ZERO);
+    let mut onward = path.glow;
+    let mut incoming = path.background.weighted() + onward;
     let (mut at, mut next) = (path.last, None);
     while at != NO_VERTEX {
         let index = at as usize;
@@ -360,6 +370,9 @@ fn gather(path: &PathState, vertices: &Vertices, mut step: impl FnMut(usize, Opt
         onward = vertex.direct + vertex.weight * incoming / vertex.survival;
         if let Some(passed) = vertices.passed.get(index) {
             onward *= *passed;
+        }
+        if let Some(glow) = vertices.glow.get(index) {
+            onward += *glow;
         }
         incoming = vertex.emitted + onward;
         (at, next) = (vertex.previous, Some(index));

@@ -110,6 +110,8 @@ pub struct ExplainedVertex {
     pub throughput: Vec3,
     /// Transmittance of a medium on the way, over the density of getting here.
     pub passed: Vec3,
+    /// Light of media on the way.
+    pub glow: Vec3,
     /// Emission of the surface.
     pub met: Met,
     /// Light sampling here: f·L·w / p.
@@ -131,7 +133,9 @@ pub struct Explanation {
     pub vertices: Vec<ExplainedVertex>,
     /// Emission of the background that the last segment ran into.
     pub background: Met,
-    /// Contribution of the background to the sample's radiance.
+    /// Light of media on the last segment, where that ends there.
+    pub background_glow: Vec3,
+    /// Contribution of both to the sample's radiance.
     pub background_contribution: Vec3,
     /// Radiance of the sample, as the film gets it.
     pub radiance: Vec3,
@@ -150,24 +154,30 @@ impl PathTracer<'_> {
         let mut vertices = Vec::with_capacity(of.all.len());
         for (i, (vertex, details)) in of.all.iter().zip(&of.details).enumerate() {
             let passed = of.passed.get(i).copied().unwrap_or(Vec3::ONE);
-            let explained = explained(vertex, passed, details, throughput);
+            let glow = of.glow.get(i).copied().unwrap_or(Vec3::ZERO);
+            let explained = explained(vertex, [passed, glow], details, throughput);
             throughput *= passed * vertex.weight / vertex.survival;
             vertices.push(explained);
         }
-        let background = Met::new(scratch.background());
+        let (background, background_glow) = scratch.background();
+        let background = Met::new(background);
         let finite_ray = ray.origin.is_finite() && ray.direction.is_finite();
-        let first = || vertices.iter().find_map(|v| v.cause).or_else(|| background.cause(Cause::Background));
+        let first = || {
+            let behind =
+                background.cause(Cause::Background).or((!background_glow.is_finite()).then_some(Cause::Emission));
+            vertices.iter().find_map(|v| v.cause).or(behind)
+        };
         let cause = match radiance.is_finite() {
             true => None,
             false if !finite_ray => Some(Cause::Camera),
             false => Some(first().unwrap_or(Cause::Overflow)),
         };
-        let background_contribution = throughput * background.radiance * background.weight;
-        Explanation { ray, vertices, background, background_contribution, radiance, cause }
+        let background_contribution = throughput * (background.radiance * background.weight + background_glow);
+        Explanation { ray, vertices, background, background_glow, background_contribution, radiance, cause }
     }
 }
 
-fn explained(vertex: &Vertex, passed: Vec3, details: &Details, throughput: Vec3) -> ExplainedVertex {
+fn explained(vertex: &Vertex, [passed, glow]: [Vec3; 2], details: &Details, throughput: Vec3) -> ExplainedVertex {
     let onward = |step: &Step| Onward {
         direction: step.sample.direction,
         value: step.sample.value,
@@ -190,6 +200,7 @@ fn explained(vertex: &Vertex, passed: Vec3, details: &Details, throughput: Vec3)
     let cause = (!passed.is_finite())
         .then_some(Cause::Transmittance)
         .or_else(|| met.cause(Cause::Emission))
+        .or_else(|| (!glow.is_finite()).then_some(Cause::Emission))
         .or_else(|| (!vertex.direct.is_finite()).then_some(Cause::DirectLight))
         .or(scattering)
         .or_else(|| (!vertex.weight.is_finite()).then_some(Cause::Bsdf));
@@ -200,10 +211,11 @@ fn explained(vertex: &Vertex, passed: Vec3, details: &Details, throughput: Vec3)
         shape: (details.normal != Vec3::ZERO).then_some(details.shape),
         throughput,
         passed,
+        glow,
         met,
         direct: vertex.direct,
         onward,
-        contribution: throughput * (vertex.emitted + passed * vertex.direct),
+        contribution: throughput * (vertex.emitted + glow + passed * vertex.direct),
         cause,
     }
 }

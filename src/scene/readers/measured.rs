@@ -27,6 +27,13 @@ impl Measured {
     }
 }
 
+/// Extinction σ_t and albedo per channel, of absorption and scattering.
+pub fn extinction([absorption, scattering]: [[f32; 3]; 2]) -> ([f32; 3], [f32; 3]) {
+    let sum = [0, 1, 2].map(|c| absorption[c] + scattering[c]);
+    let albedo = |c: usize| if sum[c] > 0.0 { scattering[c] / sum[c] } else { 0.0 };
+    (sum, [0, 1, 2].map(albedo))
+}
+
 /// The measured medium of this name, in any case.
 pub fn measured(name: &str) -> Option<&'static Measured> {
     MEASURED.iter().find(|medium| medium.name.eq_ignore_ascii_case(name))

@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use crate::base::{At, Error, Place, Result};
-use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
+use crate::scene::file::{GridFile, LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
 
 use super::held::Held;
 use super::left_out::Reasons;
@@ -49,6 +49,11 @@ pub(super) struct Absent {
 }
 
 impl Absent {
+    /// A missing volume of a medium, which is 1 everywhere instead.
+    pub fn volume(file: &str, place: Place) -> Self {
+        Self { file: file.to_owned(), place, instead: Some("the constant 1 is used instead".to_owned()) }
+    }
+
     /// A missing picture that a colour replaces.
     pub fn picture(file: &str, place: Place, color: [f32; 3]) -> Self {
         let [r, g, b] = color;
@@ -81,12 +86,14 @@ pub(super) fn settle(
 ) -> Result<(Reasons, Vec<String>)> {
     let reasons = absent_meshes(scene, folder, places, &mut found);
     replace_pictures(scene, folder, places, held, &mut found);
+    replace_grids(scene, folder, places, &mut found);
     found.sort_by_key(|absent| (absent.place.path.clone(), line(&absent.place)));
     let mut files: Vec<(String, Place)> = Vec::new();
     let (mut seen, mut told) = (BTreeSet::new(), BTreeSet::new());
     for Absent { file, place, instead } in found {
         if let Some(instead) = instead {
-            let text = format!("{place}: the picture \"{file}\" is missing: {instead}");
+            let kind = if file.ends_with(".vol") { "volume" } else { "picture" };
+            let text = format!("{place}: the {kind} \"{file}\" is missing: {instead}");
             if told.insert(text.clone()) {
                 warnings.push(text);
             }
@@ -165,6 +172,19 @@ fn replace_pictures(scene: &mut SceneFile, folder: &Path, places: &Places, held:
             let radiance = [GREY * *scale; 3];
             found.push(Absent::picture(file, place(), radiance));
             *light = LightFile::Constant { radiance };
+        }
+    }
+}
+
+/// Replaces missing grids of media by a cell of value 1.
+fn replace_grids(scene: &mut SceneFile, folder: &Path, places: &Places, found: &mut Vec<Absent>) {
+    for (name, medium) in &mut scene.media {
+        for (key, grid) in medium.grids_mut() {
+            let GridFile::Vol { file, to_world, .. } = grid else { continue };
+            if is_absent(folder, file) {
+                found.push(Absent::volume(file, places.at(&format!("media.{name}.{key}"))));
+                *grid = GridFile::Inline { size: [1; 3], values: vec![1.0], to_world: *to_world, fades: false };
+            }
         }
     }
 }

@@ -12,6 +12,7 @@ mod definitions;
 pub(super) mod extent;
 mod frames;
 mod gltf;
+mod grids;
 mod gzip;
 mod held;
 mod json;
@@ -35,6 +36,7 @@ pub(super) mod slips;
 mod spectrum;
 mod textures;
 mod validate;
+mod vol;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -53,10 +55,12 @@ use crate::scene::overrides::{self, Override};
 
 pub use attributes::Attributes;
 pub use definitions::Definition;
+pub use grids::{Grids, PlacedGrid, grid_key};
 pub use json::save;
 pub use missing::Missing;
 pub use paint::{painted, painted_corners};
 pub use textures::image_key;
+pub use vol::Vol;
 
 use held::Held;
 use left_out::Reasons;
@@ -82,6 +86,8 @@ pub struct LoadedScene {
     pub images: BTreeMap<String, Texels>,
     /// What textures take from the corners of each triangle, by the names of mesh and attribute.
     pub attributes: Attributes,
+    /// Grids of media, by [`grid_key`].
+    pub grids: Grids,
     /// Triangles left out because they have no area or use a vertex twice.
     pub skipped_triangles: usize,
     /// Meshes and pictures that were not there, as the scene names them; substitutes replace them.
@@ -108,7 +114,9 @@ impl LoadedScene {
         });
         let images = self.images.values().map(Texels::bytes);
         let attributes = self.attributes.values().map(|corners| bytemuck::cast_slice(corners));
-        crc32([file.as_slice(), needs.as_bytes()].into_iter().chain(meshes).chain(images).chain(attributes))
+        let grids = self.grids.values().map(|placed| placed.grid.bytes());
+        let parts = [file.as_slice(), needs.as_bytes()].into_iter().chain(meshes).chain(images);
+        crc32(parts.chain(attributes).chain(grids))
     }
 }
 
@@ -242,6 +250,7 @@ fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
     }
     let images = load_images(&file, pictures, &places, &mut warnings)?;
     let attributes = attributes::load(&file, &meshes, directory, &places, &mut warnings)?;
+    let grids = grids::load(&file, directory, &places, &mut warnings)?;
     for (index, shape) in file.shapes.iter().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
         if file.materials.get(&shape.material).is_some_and(MaterialFile::is_masked) {
             let place = places.at(&format!("shapes[{index}]"));
@@ -250,7 +259,7 @@ fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
     }
     left_out::take_out(&mut file, &meshes, &reasons, &places, &mut warnings)?;
     let directory = directory.to_owned();
-    Ok(LoadedScene { file, directory, meshes, images, attributes, skipped_triangles, missing, warnings, needs })
+    Ok(LoadedScene { file, directory, meshes, images, attributes, grids, skipped_triangles, missing, warnings, needs })
 }
 
 /// Name of a mesh, where it comes from, and the mesh where it is held already.

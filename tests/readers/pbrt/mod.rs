@@ -20,7 +20,7 @@ use tempfile::TempDir;
 use crate::support::{files, scenes};
 
 /// Loads `text` as a scene of its own in `folder`.
-fn load_text(folder: &Path, text: &str) -> Result<LoadedScene, Error> {
+pub fn load_text(folder: &Path, text: &str) -> Result<LoadedScene, Error> {
     let path = folder.join("tested.pbrt");
     std::fs::write(&path, text).unwrap();
     load(&path)
@@ -32,7 +32,7 @@ fn folder() -> TempDir {
 }
 
 /// What is loaded of a world with `body` in it.
-fn world(body: &str) -> LoadedScene {
+pub fn world(body: &str) -> LoadedScene {
     let folder = folder();
     load_text(folder.path(), &format!("WorldBegin\n{body}")).unwrap_or_else(|error| panic!("{body}: {error}"))
 }

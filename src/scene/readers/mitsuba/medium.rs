@@ -1,8 +1,8 @@
 //! Participating media.
 
 use crate::base::Result;
-use crate::scene::file::MediumFile;
-use crate::scene::readers::measured::{MEASURED, Measured, measured};
+use crate::scene::file::{GridMediumFile, MediumFile};
+use crate::scene::readers::measured::{MEASURED, Measured, extinction, measured};
 
 use super::Reader;
 use super::element::Element;
@@ -33,12 +33,6 @@ fn preset(object: &Object) -> Result<&'static Measured> {
     let names = || MEASURED.iter().map(|medium| medium.name).collect::<Vec<_>>();
     let unknown = || object.element.unsupported(format!("the measured medium \"{name}\""), &names());
     measured(name).ok_or_else(unknown)
-}
-
-/// Extinction and albedo of absorption and scattering.
-fn extinction([a, s]: [[f32; 3]; 2]) -> ([f32; 3], [f32; 3]) {
-    let albedo = |c: usize| if s[c] > 0.0 { s[c] / (a[c] + s[c]) } else { 0.0 };
-    ([a[0] + s[0], a[1] + s[1], a[2] + s[2]], [0, 1, 2].map(albedo))
 }
 
 impl<'a> Reader<'a> {
@@ -86,12 +80,19 @@ impl<'a> Reader<'a> {
         let kind = kind(element)?;
         if kind != "homogeneous" {
             refuse_slip_of_kind(element, &["homogeneous", "heterogeneous"])?;
+        }
+        let object = Object::new(element, &self.ids, &PROPERTIES, &["phase"])?;
+        if kind == "heterogeneous"
+            && let Some(medium) = self.grid_medium(&object)?
+        {
+            return Ok(MediumFile::Grid(Box::new(medium)));
+        }
+        if kind != "homogeneous" {
             self.warn(
                 element,
                 format_args!("the medium \"{kind}\" is read as homogeneous: the mean of what varies is used"),
             );
         }
-        let object = Object::new(element, &self.ids, &PROPERTIES, &["phase"])?;
         let scale = object.float("scale")?.unwrap_or(1.0) as f32;
         let mut g = object.single("phase")?.map_or(Ok(None), |phase| self.phase(phase).map(Some))?;
         let density = if object.property("density").is_some() { "density" } else { "sigma_t" };
@@ -114,6 +115,22 @@ impl<'a> Reader<'a> {
         };
         sigma_t.iter_mut().for_each(|sigma| *sigma *= scale);
         Ok(MediumFile::Homogeneous { sigma_t, albedo, g: g.unwrap_or(0.0) })
+    }
+
+    /// The medium whose density is a grid; none where it is anything else.
+    fn grid_medium(&mut self, object: &Object<'a>) -> Result<Option<GridMediumFile>> {
+        let others = ["sigma_a", "sigma_s", "material"].iter().any(|name| object.property(name).is_some());
+        let name = if object.property("density").is_some() { "density" } else { "sigma_t" };
+        let Some(density) = self.grid(object, name)?.filter(|_| !others) else { return Ok(None) };
+        let albedo_grid = self.grid(object, "albedo")?;
+        let albedo = match &albedo_grid {
+            Some(_) => [1.0; 3],
+            None => self.varying(object, "albedo")?.unwrap_or([0.75; 3]).map(|x| x.clamp(0.0, 1.0)),
+        };
+        let scale = object.float("scale")?.unwrap_or(1.0) as f32;
+        let g = object.single("phase")?.map_or(Ok(0.0), |phase| self.phase(phase))?;
+        let (emission, emission_grid) = ([0.0; 3], None);
+        Ok(Some(GridMediumFile { density, sigma_t: [scale; 3], albedo, albedo_grid, g, emission, emission_grid }))
     }
 
     /// The mean cosine of a phase function.

@@ -8,6 +8,9 @@ use super::element::{Element, numbers};
 /// Type that the `sunsky` of Mitsuba 0.6 gets in the upgrade.
 pub const OLD_SUNSKY: &str = "sunsky 0.6";
 
+/// Type that the `gridvolume` of Mitsuba 0.6 gets in the upgrade: it fills its file's box, from centre to centre.
+pub const OLD_GRID: &str = "gridvolume 0.6";
+
 /// Renamed elements: the old and the new tag.
 const TAGS: [(&str, &str); 2] = [("luminaire", "emitter"), ("camera", "sensor")];
 
@@ -107,6 +110,7 @@ fn upgrade(element: &mut Element, warnings: &mut Vec<String>) {
         ("medium", "homogeneous") => skin(element),
         // The same name, but another frame, another sun and other defaults.
         ("emitter", "sunsky") => element.set("type", OLD_SUNSKY.to_owned()),
+        ("volume", "gridvolume") => element.set("type", OLD_GRID.to_owned()),
         ("spectrum", "") => plain_numbers(element),
         _ => {}
     }

@@ -8,8 +8,8 @@ use glam::DMat3;
 
 use crate::base::{Error, Place, Result};
 use crate::scene::file::{
-    CameraFile, FilmFile, FilterFile, GeometryFile, LightFile, MaterialFile, Matrix, MediumFile, MeshFile, RenderFile,
-    SceneFile, ShapeFile, VERSION,
+    CameraFile, FilmFile, FilterFile, GeometryFile, GridFile, LightFile, MaterialFile, Matrix, MediumFile, MeshFile,
+    RenderFile, SceneFile, ShapeFile, VERSION,
 };
 use crate::scene::plan::is_environment;
 
@@ -104,11 +104,23 @@ fn camera(check: &Checker, key: &str, camera: &CameraFile, file: &SceneFile) -> 
 }
 
 fn medium(check: &Checker, key: &str, medium: &MediumFile) -> Result<()> {
-    let MediumFile::Homogeneous { sigma_t, albedo, g } = medium;
+    let (sigma_t, albedo, g) = match medium {
+        MediumFile::Homogeneous { sigma_t, albedo, g } => (sigma_t, albedo, *g),
+        MediumFile::Grid(file) => {
+            check.color(&format!("{key}.emission"), &file.emission)?;
+            (&file.sigma_t, &file.albedo, file.g)
+        }
+    };
     check.color(&format!("{key}.sigma_t"), sigma_t)?;
     check.albedo(&format!("{key}.albedo"), albedo)?;
-    if !(*g > -1.0 && *g < 1.0) {
+    if !(g > -1.0 && g < 1.0) {
         return check.fail(&format!("{key}.g"), format!("g is {g}, expected a number between -1 and 1"));
+    }
+    for (name, grid) in medium.grids() {
+        check.transform(&format!("{key}.{name}.to_world"), grid.to_world())?;
+        if let GridFile::Inline { values, .. } = grid {
+            check.finite(&format!("{key}.{name}.values"), values)?;
+        }
     }
     Ok(())
 }
