@@ -65,11 +65,14 @@ fn check_extinction(file: &GridMediumFile, density: &PlacedGrid, place: &Place) 
     Err(Error::malformed(place.clone(), message))
 }
 
+/// A file's grid and its box.
+type Loaded = (Arc<Grid>, [[f32; 3]; 2]);
+
 struct Loader<'a> {
     folder: &'a Path,
     warnings: &'a mut Vec<String>,
-    /// Grids of files that were read, with their boxes, by file and whether they are albedos.
-    files: BTreeMap<(String, bool), (Arc<Grid>, [[f32; 3]; 2])>,
+    /// Files that were read, by name and whether they are albedos.
+    files: BTreeMap<(String, bool), Loaded>,
 }
 
 impl Loader<'_> {
