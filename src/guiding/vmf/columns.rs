@@ -231,11 +231,11 @@ struct Parts<'a> {
 impl Parts<'_> {
     fn one_by_one(self) -> Each {
         let mut parts = [[0.0; LANES]; BLOCKS];
-        for (number, block) in self.blocks.iter().enumerate() {
-            for lane in 0..LANES {
+        for (number, (parts, block)) in parts.iter_mut().zip(self.blocks).enumerate() {
+            for (lane, part) in parts.iter_mut().enumerate() {
                 let own = block.one(lane);
                 let mean = self.means.map_or(own.mean, |means| lanes::vector(&means[number], lane).into());
-                parts[number][lane] = Lobes { mean, ..own }.density(self.direction.into());
+                *part = Lobes { mean, ..own }.density(self.direction.into());
             }
         }
         parts
