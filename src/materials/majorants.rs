@@ -128,7 +128,7 @@ impl Iterator for Walk<'_> {
 
     #[inline]
     fn next(&mut self) -> Option<Span> {
-        if !(self.at < self.to) {
+        if self.at >= self.to {
             return None;
         }
         let [x, y, z] = self.cell.map(|cell| cell as usize);

@@ -68,9 +68,12 @@ fn check_extinction(file: &GridMediumFile, density: &PlacedGrid, place: &Place) 
 struct Loader<'a> {
     folder: &'a Path,
     warnings: &'a mut Vec<String>,
-    /// Grids of files that were read, with their boxes, by file and whether they are albedos.
-    files: BTreeMap<(String, bool), (Arc<Grid>, [[f32; 3]; 2])>,
+    /// Files that were read, by their names and whether they are albedos.
+    files: BTreeMap<(String, bool), Boxed>,
 }
+
+/// A file's grid and its box.
+type Boxed = (Arc<Grid>, [[f32; 3]; 2]);
 
 impl Loader<'_> {
     fn load(&mut self, file: &GridFile, is_albedo: bool, place: &Place) -> Result<PlacedGrid> {
