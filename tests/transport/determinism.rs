@@ -115,10 +115,12 @@ fn batches_change_nothing() {
     let museum = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/museum");
     let museum =
         Scene::build(&readers::load(&museum).expect("the museum is sound"), [32, 24]).expect("so is what it says");
-    let smoke = committed("smoke", [32, 24]);
-    for scene in [committed("cornell", [32, 24]), committed("glass-caustic", [32, 24]), smoke, museum] {
+    // Of the light outside little gets through the window.
+    let scenes = [("cornell", 500), ("glass-caustic", 500), ("smoke", 50)];
+    let scenes = scenes.map(|(name, least)| (committed(name, [32, 24]), least));
+    for (scene, least) in scenes.into_iter().chain([(museum, 500)]) {
         let alone = told(&scene, 700, 1);
-        assert!(alone.iter().all(|told| told.len() > 500), "{:?}", alone.map(|told| told.len()));
+        assert!(alone.iter().all(|told| told.len() > least), "{:?}", alone.map(|told| told.len()));
         for size in [3, 16, 17, 700] {
             assert!(told(&scene, 700, size) == alone, "{}: batches of {size}", scene.name);
         }
