@@ -34,8 +34,8 @@ pub struct Sample {
     pub nearness: f32,
 }
 
-/// Each lobe's part of a sample: calls `take` with its number, its part of the density and that times the weight, and returns the
-/// density of all; where that is next to nothing the sample is no lobe's.
+/// Divides a sample among lobes: calls `take` with the number of each and its part γ of the density, and returns the density of all; none
+/// where that is next to nothing and the sample is no lobe's.
 #[inline]
 pub fn divided(blocks: &[Block], direction: Vec3, mut take: impl FnMut(usize, f64)) -> Option<f64> {
     let (parts, total) = parts(blocks, direction);
