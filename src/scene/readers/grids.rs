@@ -61,7 +61,8 @@ fn check_extinction(file: &GridMediumFile, density: &PlacedGrid, place: &Place) 
     if most <= LARGEST_EXTINCTION {
         return Ok(());
     }
-    let message = format!("the extinction reaches {most:e} per unit, the limit is {LARGEST_EXTINCTION:e}");
+    let of = if let GridFile::Vol { file, .. } = &file.density { format!(" of \"{file}\"") } else { String::new() };
+    let message = format!("the extinction{of} reaches {most:e} per unit, the limit is {LARGEST_EXTINCTION:e}");
     Err(Error::malformed(place.clone(), message))
 }
 
@@ -89,9 +90,10 @@ impl Loader<'_> {
             GridFile::Vol { file, own_box, centred, .. } => {
                 let known = (file.clone(), is_albedo);
                 if !self.files.contains_key(&known) {
-                    let vol = Vol::read(&path::resolve(self.folder, file, place)?)?;
-                    let values = self.bounded(vol.values, is_albedo, place);
-                    let grid = grid(vol.size, vol.channels, &values, Edge::Continues, place)?;
+                    let path = path::resolve(self.folder, file, place)?;
+                    let (vol, place) = (Vol::read(&path)?, Place::file(path));
+                    let values = self.bounded(vol.values, is_albedo, &place);
+                    let grid = grid(vol.size, vol.channels, &values, Edge::Continues, &place)?;
                     self.files.insert(known.clone(), (grid, vol.corners));
                 }
                 let (grid, corners) = &self.files[&known];
