@@ -112,7 +112,7 @@ fn s11_transmittance_of_known_fields() {
 }
 
 /// Density on a single cell, or on many of the same value, is the fog of a room as it is everywhere: means of blocks over 8 seeds
-/// (Welch, one false alarm in 1000 for all of them), with and without a guide. A twentieth more of it is seen.
+/// (Welch, one false alarm in 1000 for all of them), with and without a guide. Half as much again is seen.
 #[test]
 fn s11_a_constant_grid_is_homogeneous() {
     let fog = |inside: MediumFile| {
