@@ -46,7 +46,7 @@ def switch(value: Any) -> str:
 def joined(between: str, item: Word, count: int | None = None) -> Word:
     """A sequence of items, `count` of them if that is given. A single string stands for itself."""
 
-    def word(value: Any) -> str | None:
+    def word(value: Any) -> str | list[str] | None:
         if isinstance(value, str):
             if count is not None:
                 raise TypeError
