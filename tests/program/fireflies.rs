@@ -83,8 +83,8 @@ fn f09_parts_take_out_what_one_process_does() {
 #[test]
 fn views_are_judged_alone() {
     let files = Files::new();
-    let caustic = scene("glass-caustic");
-    let options = [&caustic[..], "--guide", "none", "--spp", "8", "--size", "20x15"];
+    let door = scene("door-ajar");
+    let options = [&door[..], "--guide", "none", "--spp", "16", "--size", "24x20"];
     let options = [&options[..], &REWEIGHT[..]].concat();
     files.render(&options, "turn.exr", &["--orbit", "2"]);
     let alone = files.render(&options, "alone.exr", &[]);
