@@ -1,13 +1,15 @@
 //! What is learned comes closer to the truth as fast as statistics says. Everything has a fixed seed; the tolerances are five
 //! standard errors and more of what is fitted, so that another seed fails once in a million.
 
+use std::path::PathBuf;
+
 use fanal::base::random::Random;
 use fanal::base::tensors;
 use fanal::guiding::cache::parallax::Parallax;
 use fanal::guiding::learn::learner::{Learner, LearnerSettings, Use};
 use fanal::guiding::model::ModelKind;
 use fanal::guiding::record::{PathRecord, PhotonRecord};
-use fanal::guiding::sample::field::Evidence;
+use fanal::guiding::sample::field::{Evidence, GuideField};
 use fanal::guiding::sample::file;
 use fanal::guiding::target::{DirectLight, Target};
 use fanal::guiding::tree::distribution::{Distribution, kl};
@@ -19,6 +21,7 @@ use fanal::guiding::tree::topology::Topology;
 use fanal::guiding::tree::{TreeSettings, Trees};
 use fanal::math::cylindrical;
 use glam::Vec3;
+use tempfile::TempDir;
 
 use crate::support::records::{onward, path_at};
 
@@ -197,6 +200,17 @@ fn voxels_are_divided_until_none_has_too_many_samples() {
     assert_eq!(learner.voxels(), voxels, "there is nothing left to divide");
 }
 
+/// A file of the field in a folder of its own, which loads as the same.
+fn saved(field: &GuideField) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.guide");
+    file::save(&path, field, &Evidence::default()).expect("it can be written");
+    let (loaded, _) = file::load(&path).expect("it was written just now");
+    assert_eq!(loaded.voxels(), field.voxels());
+    assert_eq!((loaded.bytes(), loaded.nodes()), (field.bytes(), field.nodes()));
+    (folder, path)
+}
+
 /// Histograms in guide files sample as before; what is no mass is refused.
 #[test]
 fn histograms_are_loaded_as_they_were_saved() {
@@ -208,12 +222,7 @@ fn histograms_are_loaded_as_they_were_saved() {
     learner.fit(&mut |_| panic!("there are no trees")).expect("nothing here fails");
     let field = learner.field(Use::Rendering);
     assert!(field.distributions().count() > 100);
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("a.guide");
-    file::save(&path, &field, &Evidence::default()).expect("it can be written");
-    let (loaded, _) = file::load(&path).expect("it was written just now");
-    assert_eq!(loaded.voxels(), field.voxels());
-    assert_eq!((loaded.bytes(), loaded.nodes()), (field.bytes(), field.nodes()));
+    let (_folder, path) = saved(&field);
     let arrays = || file::arrays(&field, &Evidence::default());
     for bad in [f32::NAN, -1.0, f32::INFINITY, f32::MIN_POSITIVE / 2.0] {
         let mut arrays = arrays();
@@ -245,12 +254,7 @@ fn mixtures_are_loaded_as_they_were_saved() {
     }
     let field = learner.field(Use::Learning);
     assert!(field.distributions().count() > 100 && learner.model().nodes() > 800);
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("a.guide");
-    file::save(&path, &field, &Evidence::default()).expect("it can be written");
-    let (loaded, _) = file::load(&path).expect("it was written just now");
-    assert_eq!(loaded.voxels(), field.voxels());
-    assert_eq!((loaded.bytes(), loaded.nodes()), (field.bytes(), field.nodes()));
+    let (_folder, path) = saved(&field);
     let refused = |array: &str, place: usize, bad: &[u8]| {
         let mut arrays = file::arrays(&field, &Evidence::default());
         let found = arrays.iter_mut().find(|(name, ..)| name == array).expect("there are lobes");
