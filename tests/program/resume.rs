@@ -28,7 +28,7 @@ use fanal::scene::Scene;
 use fanal::scene::orbit::orbit;
 use fanal::scene::readers::load;
 use glam::DVec3;
-use scenes::{GUIDES, committed, reconstructor, settings};
+use scenes::{GUIDES, Guide, coarse, committed, reconstructor, settings};
 use stop::StopAfter;
 
 /// Renders, guided by `field` if there is one, and stops after `chunks` chunks; says whether it was stopped by that.
@@ -96,12 +96,19 @@ fn interrupted(scene: &Scene, settings: &RenderSettings, field: Option<&GuideFie
     interruptions
 }
 
+/// Short paths: what is kept between chunks does not know how long they were.
+fn short(guide: Guide, spp: u32, seed: u64) -> RenderSettings {
+    let mut settings = coarse(guide, spp, seed);
+    settings.transport.max_depth = 6;
+    settings
+}
+
 /// Every chunk of a render is the last of some process: within iterations, between them, at their end, in the final pass.
 #[test]
 fn f01_every_chunk_may_be_the_last() {
     let scene = committed("door-ajar", [64, 48]);
     for guide in GUIDES {
-        let interruptions = interrupted(&scene, &settings(guide, 192, 3), None, 1);
+        let interruptions = interrupted(&scene, &short(guide, 192, 3), None, 1);
         assert!(interruptions >= 3, "{guide:?}: only {interruptions}");
     }
 }
@@ -110,7 +117,7 @@ fn f01_every_chunk_may_be_the_last() {
 #[test]
 fn f01_passes_of_several_chunks() {
     let scene = committed("cornell", [160, 120]);
-    let mut settings = RenderSettings { gives_up: true, keeps_spread: true, ..settings(GUIDES[5], 64, 1) };
+    let mut settings = RenderSettings { gives_up: true, keeps_spread: true, ..short(GUIDES[5], 64, 1) };
     settings.learner.keeps_evidence = true;
     settings.learner.tree.filtered = true;
     assert!(interrupted(&scene, &settings, None, 2) >= 3);
@@ -121,7 +128,7 @@ fn f01_passes_of_several_chunks() {
 fn f01_samples_that_follow_noise() {
     let scene = committed("cornell", [160, 120]);
     for guide in [GUIDES[0], GUIDES[5]] {
-        let settings = RenderSettings { adaptive: true, gives_up: true, keeps_spread: true, ..settings(guide, 96, 1) };
+        let settings = RenderSettings { adaptive: true, gives_up: true, keeps_spread: true, ..short(guide, 96, 1) };
         assert!(interrupted(&scene, &settings, None, 1) >= 3, "{guide:?}");
     }
 }
@@ -148,14 +155,14 @@ fn f01_windows_target_errors_and_loaded_guides() {
 fn f01_parts_of_a_render() {
     let scene = committed("door-ajar", [64, 48]);
     let part = Some(PartOf::new(2, 2).unwrap());
-    let plain = RenderSettings { part, keeps_spread: true, ..settings(GUIDES[0], 320, 1) };
+    let plain = RenderSettings { part, keeps_spread: true, ..short(GUIDES[0], 320, 1) };
     assert!(interrupted(&scene, &plain, None, 1) >= 2);
     let stop = AtomicBool::new(false);
-    let learning = settings(GUIDES[5], 32, 1);
+    let learning = short(GUIDES[5], 32, 1);
     let field =
         learn(&scene, &learning, reconstructor(learning.guide).as_ref(), &Control::new(&Silent, &stop)).unwrap();
     let known = PixelValues { of: "it".into(), window: Window::whole(scene.size), values: vec![0.5; 64 * 48] };
-    let guided = RenderSettings { part, ..settings(GUIDES[5], 320, 4) };
+    let guided = RenderSettings { part, ..short(GUIDES[5], 320, 4) };
     for field in [field.clone(), field.with_pixel_values(Some(known))] {
         assert!(interrupted(&scene, &guided, Some(&field), 1) >= 2);
     }
@@ -166,11 +173,11 @@ fn f01_parts_of_a_render() {
 fn f01_fireflies_that_are_taken_out() {
     let scene = committed("door-ajar", [64, 48]);
     let fireflies = Fireflies::Reweight { kappa: 2.0 };
-    let blocks = RenderSettings { fireflies, ..settings(GUIDES[0], 192, 3) };
-    let part = RenderSettings { part: Some(PartOf::new(2, 2).unwrap()), ..settings(GUIDES[0], 320, 1) };
-    let target = RenderSettings { stop: StopRule::TargetError(2.0), ..settings(GUIDES[0], 1, 2) };
-    let passes = settings(GUIDES[5], 192, 3);
-    let noise = RenderSettings { adaptive: true, ..settings(GUIDES[5], 192, 3) };
+    let blocks = RenderSettings { fireflies, ..short(GUIDES[0], 192, 3) };
+    let part = RenderSettings { part: Some(PartOf::new(2, 2).unwrap()), ..short(GUIDES[0], 320, 1) };
+    let target = RenderSettings { stop: StopRule::TargetError(2.0), ..short(GUIDES[0], 1, 2) };
+    let passes = short(GUIDES[5], 192, 3);
+    let noise = RenderSettings { adaptive: true, ..short(GUIDES[5], 192, 3) };
     for settings in [blocks, part, target, passes, noise] {
         let settings = RenderSettings { fireflies, ..settings };
         assert!(interrupted(&scene, &settings, None, 1) >= 2, "{:?} {:?}", settings.guide, settings.stop);
@@ -212,7 +219,7 @@ impl Reconstructor for Stopping<'_> {
 #[test]
 fn f01_wishes_between_passes_are_kept() {
     let scene = committed("door-ajar", [64, 48]);
-    let settings = settings(GUIDES[5], 192, 3);
+    let settings = short(GUIDES[5], 192, 3);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.part");
     let stopped = |checkpoint: &Checkpointing| {

@@ -15,12 +15,14 @@ use fanal::scene::overrides::{Override, decide};
 use fanal::scene::plan::{EffectKind, EffectPlan, plan};
 use fanal::scene::readers::{LoadedScene, load_with, resolve};
 use rayon::prelude::*;
-use scenes::{GUIDES, Guide, reconstructor, settings};
+use scenes::{GUIDES, Guide, coarse, reconstructor, settings};
 use serde_json::{Value, json};
 use statistics::{Summary, sidak};
 
 /// Six blocks.
 const SIZE: [u32; 2] = [48, 32];
+/// Where pictures are compared bit by bit: what differs does so in most of some hundred pixels.
+const SMALL: [u32; 2] = [24, 16];
 /// Independent pictures per mean.
 const SEEDS: u64 = 5;
 /// Samples per pixel of each.
@@ -58,20 +60,20 @@ struct Switched {
 }
 
 impl Switched {
-    fn new(folder: &Path, overrides: &[Override]) -> Self {
+    fn new(folder: &Path, overrides: &[Override], size: [u32; 2]) -> Self {
         let loaded = load_with(folder, overrides).unwrap_or_else(|e| panic!("{overrides:?}: {e}"));
         let mut plan = plan(&loaded.file);
         decide(&mut plan, overrides);
-        Self { plan, ..Self::of(&loaded) }
+        Self { plan, ..Self::of(&loaded, size) }
     }
 
-    fn of(loaded: &LoadedScene) -> Self {
-        let scene = Scene::build(loaded, SIZE).unwrap_or_else(|e| panic!("{}: {e}", loaded.file.name));
+    fn of(loaded: &LoadedScene, size: [u32; 2]) -> Self {
+        let scene = Scene::build(loaded, size).unwrap_or_else(|e| panic!("{}: {e}", loaded.file.name));
         Self { scene, plan: plan(&loaded.file), max_depth: loaded.file.render.max_depth }
     }
 
     fn picture(&self, guide: Guide, spp: u32, seed: u64) -> Image {
-        self.picture_with(settings(guide, spp, seed).following(&self.plan))
+        self.picture_with(coarse(guide, spp, seed).following(&self.plan))
     }
 
     fn picture_with(&self, mut settings: RenderSettings) -> Image {
@@ -105,11 +107,11 @@ fn lit(image: &Image) -> usize {
 #[test]
 fn what_is_on_without_need_changes_nothing() {
     for folder in folders() {
-        let whole = Switched::new(&folder, &[]);
+        let whole = Switched::new(&folder, &[], SMALL);
         let guided = whole.picture(HYBRID, 12, 1);
         let plain = whole.picture(NONE, 12, 1);
         for effect in whole.plan.effects.iter().filter(|effect| !effect.on) {
-            let more = Switched::new(&folder, &[Override { kind: effect.name, on: true }]);
+            let more = Switched::new(&folder, &[Override { kind: effect.name, on: true }], SMALL);
             let place = format!("{} with {}", folder.display(), effect.name.name());
             assert!(bits(&more.picture(NONE, 12, 1)) == bits(&plain), "{place}");
             if !SEEKING.contains(&effect.name) {
@@ -142,7 +144,7 @@ fn s05_every_mode_on_the_other_scenes() {
     let mut tests = Vec::new();
     let tested = ["cornell", "door-ajar", "glass-caustic", "lamp-room", "pinhole"];
     for folder in folders().into_iter().filter(|folder| !tested.iter().any(|name| folder.ends_with(name))) {
-        let whole = Switched::new(&folder, &[]);
+        let whole = Switched::new(&folder, &[], SIZE);
         // Whatever the plan would say.
         let means = |guide: Guide, first: u64| {
             let seeds = (first..first + SEEDS).into_par_iter();
@@ -175,7 +177,7 @@ fn s05_every_mode_on_the_other_scenes() {
 fn seeking_light_in_another_way_changes_no_mean() {
     let mut tests = Vec::new();
     for folder in folders() {
-        let whole = Switched::new(&folder, &[]);
+        let whole = Switched::new(&folder, &[], SIZE);
         // The network costs more than all else here, so it is used where it is what is compared.
         let planned = [HYBRID, NEURAL].map(|guide| whole.means(guide, SPP, 100));
         let reachable = is_reachable(&load_with(&folder, &[]).expect("it was just read").file);
@@ -183,7 +185,7 @@ fn seeking_light_in_another_way_changes_no_mean() {
             if kind == EffectKind::DirectLight && !reachable {
                 continue;
             }
-            let other = Switched::new(&folder, &[Override { kind, on: !whole.plan.is_on(kind) }]);
+            let other = Switched::new(&folder, &[Override { kind, on: !whole.plan.is_on(kind) }], SIZE);
             let neural = kind == EffectKind::Reconstruction;
             let others = other.means(if neural { NEURAL } else { HYBRID }, SPP, 1000 + 100 * index);
             tests.push((folder.display().to_string(), kind, planned[usize::from(neural)].clone(), others));
@@ -206,8 +208,8 @@ fn seeking_light_in_another_way_changes_no_mean() {
     let folder = &folders()[1];
     let mut loaded = load_with(folder, &[]).expect("it was just read");
     loaded.file.shapes.iter_mut().filter_map(|s| s.emission.as_mut()).for_each(|e| *e = e.map(|x| 1.2 * x));
-    let brighter = Switched::of(&loaded).means(HYBRID, SPP, 5000);
-    let means = Switched::new(folder, &[]).means(HYBRID, SPP, 100);
+    let brighter = Switched::of(&loaded, SIZE).means(HYBRID, SPP, 5000);
+    let means = Switched::new(folder, &[], SIZE).means(HYBRID, SPP, 100);
     let seen = means.iter().zip(&brighter).filter(|(a, b)| a.welch(b, tail) > 1.0).count();
     assert!(2 * seen > means.len(), "{seen} blocks tell: {means:?} {brighter:?}");
 }
@@ -217,7 +219,7 @@ fn seeking_light_in_another_way_changes_no_mean() {
 fn what_is_off_is_as_if_it_had_never_been() {
     let mut seen = Vec::new();
     for folder in folders() {
-        let whole = Switched::new(&folder, &[]);
+        let whole = Switched::new(&folder, &[], SMALL);
         let pictures = [NONE, HYBRID].map(|guide| bits(&whole.picture(guide, 16, 1)));
         for effect in whole.plan.effects.iter().filter(|effect| effect.on && !SEEKING.contains(&effect.name)) {
             let kind = effect.name;
@@ -226,8 +228,8 @@ fn what_is_off_is_as_if_it_had_never_been() {
             let mut file: Value = serde_json::from_str(&text).expect("it was just read");
             take_out(&mut file, kind);
             let file = serde_json::from_value(file).unwrap_or_else(|e| panic!("{place}: {e}"));
-            let less = Switched::of(&resolve(file, &folder, &folder).unwrap_or_else(|e| panic!("{place}: {e}")));
-            let off = Switched::new(&folder, &[Override { kind, on: false }]);
+            let less = Switched::of(&resolve(file, &folder, &folder).unwrap_or_else(|e| panic!("{place}: {e}")), SMALL);
+            let off = Switched::new(&folder, &[Override { kind, on: false }], SMALL);
             let without = [NONE, HYBRID].map(|guide| bits(&off.picture(guide, 16, 1)));
             assert!(without == [NONE, HYBRID].map(|guide| bits(&less.picture(guide, 16, 1))), "{place}");
             assert!(without != pictures, "{place}: nothing changed");

@@ -10,7 +10,7 @@ use fanal::picture::Image;
 use fanal::render::{Fireflies, Outcome, RenderSettings, StopRule, render};
 use fanal::scene::Scene;
 use glam::Vec3;
-use scenes::{GUIDES, box_furnace, built, committed, mean, outcome, reconstructor, room, settings};
+use scenes::{GUIDES, box_furnace, built, coarse, committed, mean, outcome, reconstructor, room, settings};
 
 const REWEIGHT: Fireflies = Fireflies::Reweight { kappa: Fireflies::KAPPA };
 
@@ -48,10 +48,10 @@ fn assert_whole(scene: &Scene, settings: &RenderSettings) -> f64 {
 fn s10_both_pictures_are_the_plain_one() {
     let scene = committed("door-ajar", [48, 36]);
     for guide in GUIDES {
-        let share = assert_whole(&scene, &settings(guide, 64, 1));
+        let share = assert_whole(&scene, &coarse(guide, 64, 1));
         assert!(share > 0.0 && share < 0.6, "{guide:?}: {share}");
     }
-    let guided = settings(GUIDES[5], 96, 2);
+    let guided = coarse(GUIDES[5], 96, 2);
     assert_whole(&scene, &RenderSettings { adaptive: true, ..guided.clone() });
     assert_whole(&scene, &RenderSettings { keeps_spread: true, ..guided });
     assert_whole(&scene, &settings(GUIDES[0], 1, 3));

@@ -17,7 +17,7 @@ use fanal::scene::orbit::{ahead, orbit};
 use fanal::scene::readers::resolve;
 use fanal::scene::views::choose;
 use glam::Vec3;
-use scenes::{GUIDES, mean, picture, reconstructor, room, settings};
+use scenes::{GUIDES, coarse, mean, picture, reconstructor, room, settings};
 use statistics::{Summary, sidak};
 
 const SIZE: [u32; 2] = [16, 12];
@@ -75,9 +75,9 @@ fn a_shared_guide_changes_no_mean() {
         [0, 1].map(|view| Summary::new(&pictures.iter().map(|parts| mean(&parts[view])).collect::<Vec<_>>()))
     };
     let truth = means(&|seed| settings(GUIDES[0], 384, 500 + seed));
-    let adaptive = |seed| RenderSettings { adaptive: true, ..settings(GUIDES[5], 96, seed) };
+    let adaptive = |seed| RenderSettings { adaptive: true, ..coarse(GUIDES[5], 96, seed) };
     let found =
-        [means(&|seed| settings(GUIDES[1], 96, seed)), means(&|seed| settings(GUIDES[4], 96, seed)), means(&adaptive)];
+        [means(&|seed| coarse(GUIDES[1], 96, seed)), means(&|seed| coarse(GUIDES[4], 96, seed)), means(&adaptive)];
     for (guide, found) in found.iter().enumerate() {
         for (view, (found, truth)) in found.iter().zip(&truth).enumerate() {
             assert!(found.error() < 0.02 * truth.mean, "the test could not see a bias: {found:?}");
