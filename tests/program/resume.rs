@@ -314,7 +314,7 @@ fn kill_renders(guide: &str, seed: u64) {
     let file = |name: &str| folder.path().join(name).display().to_string();
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/door-ajar").display().to_string();
     let (whole, broken, checkpoint) = (file("whole.exr"), file("broken.exr"), file("a.part"));
-    let base = ["render", &scene, "--size", "96x72", "--spp", "256", "--guide", guide, "--quiet", "--seed", "5", "-o"];
+    let base = ["render", &scene, "--size", "96x72", "--spp", "160", "--guide", guide, "--quiet", "--seed", "5", "-o"];
     let with = |more: &[&'static str], output: &str| -> Vec<String> {
         let words = base.iter().copied().chain([output]).chain(more.iter().copied());
         words.map(str::to_owned).collect()
