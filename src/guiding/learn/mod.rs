@@ -7,6 +7,7 @@ pub mod fraction;
 pub mod learner;
 
 mod outliers;
+mod sphere;
 mod stored;
 mod voxel;
 

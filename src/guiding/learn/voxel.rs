@@ -4,6 +4,7 @@ use super::LEARNING_FRACTION;
 use super::adam::Adam;
 use super::adjoint::Adjoint;
 use super::fraction::FractionRule;
+use super::sphere::{self, Arrival};
 use crate::guiding::cache::Bounds;
 use crate::guiding::cache::parallax::Parallax;
 use crate::guiding::model::Directions;
@@ -122,17 +123,15 @@ impl Voxel {
     ) -> Parallax {
         let total = [paths.clone().map(|r| learned.value(r)).sum::<f32>(), photons.clone().map(|r| r.power).sum()];
         let share = [path_share as f32, 1.0 - path_share as f32];
-        let start = |kind: usize, value: f32, (point, direction, distance)| {
-            let density = self.guide.as_ref().map_or(1.0, |guide| {
+        let weight = |kind: usize, value: f32| if total[kind] > 0.0 { share[kind] * value / total[kind] } else { 0.0 };
+        let paths = paths.map(|r| Arrival::of_path(r, weight(0, learned.value(r))));
+        let photons = photons.map(|r| Arrival::of_photon(r, weight(1, r.power)));
+        sphere::fitted(bounds, paths.chain(photons), |point, direction| {
+            self.guide.as_ref().map_or(1.0, |guide| {
                 let seen = self.spheres.guide.to_centre(point, direction);
                 guide.pdf(seen.direction) * seen.density
-            });
-            let weight = if total[kind] > 0.0 { share[kind] * value / total[kind] * density } else { 0.0 };
-            (point + direction * distance, weight)
-        };
-        let paths = paths.map(|r| start(0, learned.value(r), (r.point, r.direction, r.distance)));
-        let photons = photons.map(|r| start(1, r.power, (r.point, r.direction, r.distance)));
-        Parallax::fit(bounds, paths.chain(photons))
+            })
+        })
     }
 
     /// The fraction of BSDF samples by `rule` and what was measured; none where that is too little.
