@@ -164,6 +164,10 @@ fn stop(args: &RenderArgs, scene: &SceneFile) -> Result<StopRule> {
 /// Whether samples are divided among pixels by noise.
 fn adaptive(args: &RenderArgs, defaults: &RenderSettings) -> Result<bool> {
     let adaptive = args.adaptive.map_or(defaults.adaptive, Switch::is_on);
+    if adaptive && !defaults.guide.adapts() {
+        let guide = defaults.guide.name();
+        return Err(Error::Options(format!("--adaptive on: --guide {guide} samples all pixels evenly; leave it out")));
+    }
     if adaptive && matches!(defaults.stop, StopRule::TargetError(_)) {
         return Err(Error::Options(
             "--adaptive on: --target-error judges pictures that are sampled evenly; leave it out, or give --time"
@@ -210,6 +214,14 @@ fn check_guide(args: &RenderArgs) -> Result<()> {
     };
     if args.of.guide == GuideMode::None {
         refused("--guide none learns nothing", &given.map(|(name, _)| name))?;
+    }
+    if args.of.guide == GuideMode::Paths {
+        refused("--guide paths learns no directions", &given.map(|(name, _)| name))?;
+        for (name, given) in [("--checkpoint", args.checkpoint.is_some()), ("--resume", args.resume.is_some())] {
+            if given {
+                return Err(Error::Options(format!("--guide paths is in no checkpoint; leave {name} out")));
+            }
+        }
     }
     if args.of.guide.model() != ModelKind::Trees {
         let why = format!("--guide {} has no trees", args.of.guide.name());

@@ -16,7 +16,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 /// Brightness of a level over that of the one below.
-const BASE: f64 = 8.0;
+pub const BASE: f64 = 8.0;
 /// log₂ of [`BASE`].
 const STEP: i32 = 3;
 /// log₂ of the brightness of level 0, negated: below all singles that are normal.

@@ -78,6 +78,25 @@ impl PixelFilter {
         })
     }
 
+    /// The pixels of a picture of `size` in whose surroundings a place of the film lies, with the density of that place around each.
+    pub fn around(&self, film: [f32; 2], size: [u32; 2]) -> impl Iterator<Item = ([u32; 2], f32)> + '_ {
+        let range = |axis: usize| {
+            let first = (film[axis] - 0.5 - self.radius).floor().max(0.0);
+            let last = (film[axis] - 0.5 + self.radius).floor();
+            // Conversion saturates, and a range that ends before it begins is empty.
+            first as u32..((last + 1.0).max(0.0) as u32).min(size[axis])
+        };
+        let columns = range(0);
+        let pixels = range(1).flat_map(move |y| columns.clone().map(move |x| [x, y]));
+        pixels.filter_map(move |pixel| {
+            let place = [film[0] - pixel[0] as f32, film[1] - pixel[1] as f32];
+            // The far edge of a box belongs to the next pixel.
+            let inside = place.iter().all(|x| *x < 0.5 + self.radius);
+            let density = if inside { self.pdf(place) } else { 0.0 };
+            (density > 0.0).then_some((pixel, density))
+        })
+    }
+
     /// Density of [`PixelFilter::sample`] per square pixel.
     pub fn pdf(&self, place: [f32; 2]) -> f32 {
         place.iter().map(|x| self.profile.density((x - 0.5).abs() / self.radius) / (2.0 * self.radius)).product()

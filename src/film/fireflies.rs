@@ -21,7 +21,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::accumulator::{FinishedPass, Summed, filled, sample_weights};
-use super::cascade::{Cascade, Layer, brightness, brightness_of};
+use super::cascade::{BASE, Cascade, Layer, brightness, brightness_of};
 use super::error::outliers;
 use crate::math::{channel_mean, trimmed_mean};
 use crate::picture::Image;
@@ -74,18 +74,58 @@ impl Value {
         self.parts.iter().filter(|part| part.level.abs_diff(level) <= 1).map(|part| part.count).sum()
     }
 
-    /// The light that is taken out, where there are `company` samples near a level in the 3 × 3 pixels around, and light of `least` never
-    /// matters.
-    fn taken(&self, kappa: f64, least: f64, company: impl Fn(u8) -> f64) -> DVec3 {
-        let (mut kept, mut taken) = (DVec3::ZERO, DVec3::ZERO);
-        for part in &self.parts {
+    /// The parts with the share of each that is kept, where there are `company` samples near a level in the 3 × 3 pixels around, and light
+    /// of `least` never matters.
+    fn shares(&self, kappa: f64, least: f64, company: impl Fn(u8) -> f64) -> impl Iterator<Item = (&Part, f64)> {
+        self.parts.iter().scan(DVec3::ZERO, move |kept, part| {
             let believed = (company(part.level) - 1.0) / kappa;
-            let small = brightness(kept).max(least) * self.samples / (kappa * brightness_of(part.level));
+            let small = brightness(*kept).max(least) * self.samples / (kappa * brightness_of(part.level));
             let share = (0.5 * (believed + small)).clamp(0.0, 1.0);
-            kept += part.light * share;
-            taken += part.light * (1.0 - share);
-        }
-        taken
+            *kept += part.light * share;
+            Some((part, share))
+        })
+    }
+
+    /// The light that is taken out.
+    fn taken(&self, kappa: f64, least: f64, company: impl Fn(u8) -> f64) -> DVec3 {
+        self.shares(kappa, least, company).map(|(part, share)| part.light * (1.0 - share)).sum()
+    }
+}
+
+/// Judges single samples of a picture by its samples of like brightness, as [`taken_from_sum`] does the light of pixels: which of them are
+/// fireflies is known while there is no picture yet.
+pub struct Judge<'a> {
+    /// The samples so far, of pixels or larger cells.
+    pub cascade: &'a Cascade,
+    /// Columns and rows of cells.
+    pub size: [usize; 2],
+    /// Samples of each cell, about; above 0.
+    pub samples: f64,
+    /// See [`taken_from_sum`].
+    pub kappa: f64,
+    /// Mean of the samples' brightness.
+    pub mean: f64,
+}
+
+impl Judge<'_> {
+    /// The share of the light of a sample in a cell that is believed, in [0, 1].
+    pub fn believed(&self, cell: usize, value: Vec3) -> f64 {
+        let [width, height] = self.size;
+        let (x, y) = (cell % width, cell / width);
+        let of = |cell: usize| {
+            let mut value = Value { samples: self.samples, parts: Vec::new() };
+            self.cascade.layers(cell).for_each(|layer| value.add(layer, 1.0 / self.samples));
+            value
+        };
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        let rows = y.saturating_sub(1)..(y + 2).min(height);
+        let around: Vec<Value> = rows.flat_map(|row| columns.clone().map(move |x| row * width + x)).map(of).collect();
+        let company = |level: u8| around.iter().map(|value| value.near(level)).sum::<f64>();
+        let own = of(cell);
+        let light = brightness(value.as_dvec3());
+        // A sample between two levels is that of the brighter one, which fewer are of.
+        let shares = own.shares(self.kappa, LEAST * self.mean, company);
+        shares.filter(|(part, _)| brightness_of(part.level) < BASE * light).last().map_or(1.0, |(_, share)| share)
     }
 }
 

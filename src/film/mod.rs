@@ -20,5 +20,5 @@ pub use denoise::{Denoiser, Features};
 pub use error::{Measures, mean_and_variance, measure, measure_noisy, outliers, pixel_error, relative_variance};
 pub use expected::{expected_values, roulette_values};
 pub use filter::PixelFilter;
-pub use fireflies::{taken_from_passes, taken_from_sum, without};
+pub use fireflies::{Judge, taken_from_passes, taken_from_sum, without};
 pub use spread::{PixelSpread, pixel_spread, spread_of_sum};

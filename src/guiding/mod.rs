@@ -22,6 +22,7 @@ pub mod jensen;
 pub mod learn;
 pub mod model;
 pub mod moments;
+pub mod paths;
 pub mod record;
 pub mod sample;
 pub mod samples;

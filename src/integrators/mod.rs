@@ -1,6 +1,7 @@
-//! Light transport: the path tracer, the photon tracer, the sites where their paths scatter, and the mixture of BSDF and guide.
+//! Light transport: the path tracer, the photon tracer, paths that follow kept ones, the sites where their paths scatter, and the mixture of BSDF and guide.
 
 pub mod block;
+pub mod guided;
 pub mod mixture;
 pub mod path;
 pub mod photon;

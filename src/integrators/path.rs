@@ -3,10 +3,13 @@
 
 #[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 mod batch;
+mod complete;
 mod explain;
 mod shade;
 
 pub use batch::PathScratch;
+pub(super) use complete::sky_point;
+pub use complete::{Contribution, KernelShares};
 pub use explain::{Cause, ExplainedVertex, Explanation, Met, Onward};
 
 use glam::Vec3;
@@ -46,6 +49,7 @@ pub struct PathTracer<'a> {
 }
 
 /// The beginning of a camera path.
+#[derive(Clone)]
 pub struct CameraPath {
     /// The camera's ray.
     pub ray: Ray,
@@ -176,6 +180,18 @@ struct Direct {
     bsdf_share: f32,
     /// Density of light sampling over that one.
     ratio: f32,
+    /// Towards the light.
+    towards: Option<ToLight>,
+}
+
+/// The connection to a light that was sampled.
+#[derive(Clone, Copy)]
+struct ToLight {
+    /// The shadow ray with its length, which is infinite for a light that is infinitely far away.
+    ray: (Ray, f32),
+    /// Densities of light sampling and of the BSDF; the latter is 0 where no ray can hit the light.
+    pdf: f32,
+    bsdf_pdf: f32,
 }
 
 struct Step {
@@ -422,7 +438,7 @@ impl PathTracer<'_> {
         }
         let judged = if E::GUIDING { path.throughput.max(path.reflected) } else { path.throughput };
         let pixel = if E::GUIDING { None } else { path.pixel };
-        ((judged * path.squeezed).max_element() / pixel.unwrap_or(1.0)).clamp(0.05, ROULETTE_MOST)
+        survival_by((judged * path.squeezed).max_element() / pixel.unwrap_or(1.0))
     }
 
     /// Emission of a surface that the path ran into.
@@ -491,8 +507,23 @@ impl PathTracer<'_> {
             None => (connection.bsdf_pdf, 1.0),
         };
         let pdf = connection.pdf;
-        (mis::balance(pdf, onward) / pdf, Direct { value: Vec3::ZERO, bsdf_share, ratio: pdf / onward })
+        (mis::balance(pdf, onward) / pdf, Direct { value: Vec3::ZERO, bsdf_share, ratio: pdf / onward, towards: None })
     }
+}
+
+/// Probability that a path goes on by what it carries.
+#[inline(always)]
+fn survival_by(carried: f32) -> f32 {
+    carried.clamp(0.05, ROULETTE_MOST)
+}
+
+/// Probability with which a path without a guide goes on from its vertex number `depth`, where it carries `throughput` and the product of
+/// squared indices `squeezed`, and nothing is known of its pixel.
+pub(super) fn unguided_survival(roulette: Roulette, depth: u32, throughput: Vec3, squeezed: f32) -> f32 {
+    if roulette == Roulette::Off || depth < ROULETTE_START {
+        return 1.0;
+    }
+    survival_by((throughput * squeezed).max_element())
 }
 
 /// Light that a path ran into.

@@ -49,6 +49,7 @@ use rough_dielectric::RoughDielectric;
 use rough_diffuse::RoughDiffuse;
 use texture::Texture;
 
+use crate::math::channel_mean;
 use crate::math::lanes::V3;
 
 /// The quantity that a path carries: radiance from the lights to the camera, or importance the other way (photons). Refraction
@@ -199,6 +200,21 @@ impl Material {
             Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => true,
             Kind::Blend(blend) => blend.parts.iter().all(Self::is_delta),
             _ => false,
+        }
+    }
+
+    /// About the roughness α of the narrowest lobe that is no delta lobe, in [0, 1]; 1 where all are diffuse.
+    pub fn roughness(&self) -> f32 {
+        let squared = |root: &Texture| channel_mean(root.mean()).clamp(0.0, 1.0).powi(2);
+        match &self.kind {
+            Kind::RoughConductor(m) => m.facets.alpha.min(1.0),
+            Kind::RoughDielectric(m) => m.facets.alpha.min(1.0),
+            Kind::Plastic(m) => m.roughness(),
+            Kind::Principled(m) => squared(m.root_of_roughness()),
+            Kind::PrincipledThin(m) => squared(m.root_of_roughness()),
+            Kind::Blend(blend) => blend.parts.iter().map(Self::roughness).fold(1.0, f32::min),
+            Kind::Diffuse(_) | Kind::RoughDiffuse(_) => 1.0,
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => 1.0,
         }
     }
 

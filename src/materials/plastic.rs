@@ -55,6 +55,11 @@ const COSINES: usize = 64;
 const NORMALS: usize = 32;
 
 impl Plastic {
+    /// Roughness α of the coat; 1 where it is smooth, and so the base alone is no delta lobe.
+    pub(super) fn roughness(&self) -> f32 {
+        self.facets.map_or(1.0, |facets| facets.alpha.min(1.0))
+    }
+
     /// Plastic with a coat of refractive index `eta` relative to the outside over a base with albedo `base`. `reflectance` is a
     /// factor on the coat's reflection. Without `facets` the coat is smooth.
     pub fn new(base: Texture, reflectance: Texture, eta: f32, nonlinear: bool, facets: Option<Microfacets>) -> Self {

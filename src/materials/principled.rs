@@ -113,6 +113,11 @@ impl Principled {
         self.given.eta
     }
 
+    /// Square root of the facets' roughness α.
+    pub(super) fn root_of_roughness(&self) -> &Texture {
+        &self.given.roughness
+    }
+
     /// See [`Material::prefetch`](super::Material::prefetch).
     pub(super) fn prefetch(&self, uv: Vec2) {
         let Parameters { base_color, roughness, metallic, .. } = &self.given;

@@ -104,6 +104,11 @@ impl PrincipledThin {
         Self { given, bounds: Arc::new(bounds) }
     }
 
+    /// Square root of the facets' roughness α.
+    pub(super) fn root_of_roughness(&self) -> &Texture {
+        &self.given.roughness
+    }
+
     /// See [`Material::prefetch`](super::Material::prefetch).
     pub(super) fn prefetch(&self, uv: Vec2) {
         let Parameters { base_color, roughness, spec_trans, diff_trans, .. } = &self.given;

@@ -54,6 +54,12 @@ impl Window {
         [self.x + (index % width) as u32, self.y + (index / width) as u32]
     }
 
+    /// Index of the pixel of the window at this column and row of the picture; none outside of it.
+    pub fn index(&self, [column, row]: [u32; 2]) -> Option<u64> {
+        let [x, y] = [column.checked_sub(self.x)?, row.checked_sub(self.y)?];
+        (x < self.width && y < self.height).then(|| u64::from(y) * u64::from(self.width) + u64::from(x))
+    }
+
     /// Cuts the window out of a whole picture.
     ///
     /// # Errors

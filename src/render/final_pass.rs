@@ -46,11 +46,16 @@ impl Run<'_> {
         let known = field.as_ref();
         self.statistics.guide = known.map_or(GuideStatistics::default(), GuideStatistics::of);
         self.watcher.control.progress.message("rendering");
-        let Rendered { plain, spread, fireflies } = match self.settings.stop {
+        let rendered = match self.settings.stop {
             StopRule::TargetError(error) => self.render_to(error, field.as_ref())?,
             StopRule::Spp(spp) if self.goes_by_blocks() => self.block_pass(spp, field.as_ref())?,
             StopRule::Spp(_) | StopRule::Time(_) => self.final_pass(field.as_ref())?,
         };
+        Ok(self.end(rendered, field))
+    }
+
+    /// Ends a render with its picture and the field that has guided it.
+    pub(super) fn end(self, Rendered { plain, spread, fireflies }: Rendered, field: Option<GuideField>) -> Outcome {
         let keeps = self.settings.learner.keeps_evidence && self.statistics.guide.trees > 0;
         let pixel_values = if keeps { self.values_of(&plain) } else { None };
         let image = fireflies.as_ref().map(|taken| without(&plain, taken)).unwrap_or(plain);
@@ -72,7 +77,7 @@ impl Run<'_> {
             format!("fireflies: {part:.3} % of the picture's light taken out")
         }));
         statistics.describe(self.scene, self.settings, self.state.spent.min(traced).ceil() as u32);
-        Ok(Outcome {
+        Outcome {
             image,
             fireflies,
             spread,
@@ -87,7 +92,7 @@ impl Run<'_> {
             cascade: self.state.cascade.filter(|_| self.settings.part.is_some()),
             unkept: self.watcher.unkept,
             interrupted: self.interrupted,
-        })
+        }
     }
 
     /// Renders a first pass with a given field, which estimates the pixel values that roulette judges the rest by, where the field does

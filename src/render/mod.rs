@@ -16,6 +16,7 @@ mod order;
 mod part;
 pub mod part_file;
 mod pass;
+mod paths;
 mod replay;
 mod run;
 mod settings;
@@ -117,6 +118,11 @@ pub fn render_watched(
     control: &Control,
 ) -> Result<Outcome> {
     let mut run = Run::begin(scene, settings, control)?;
+    if settings.guide == GuideMode::Paths {
+        paths::check(scene, settings, control)?;
+        run.start(own_samples(settings, scene.size, None)?)?;
+        return run.by_paths();
+    }
     run.start(own_samples(settings, scene.size, None)?)?;
     let resumed = run.resumed.as_mut().and_then(|resumed| resumed.field.take());
     if settings.part.is_some() && settings.guide != GuideMode::None {
@@ -147,6 +153,7 @@ pub fn render_with_field(
     field: GuideField,
     control: &Control,
 ) -> Result<Outcome> {
+    paths::refuse(settings)?;
     let mut run = Run::begin(scene, settings, control)?;
     run.start(own_samples(settings, scene.size, Some(&field))?)?;
     run.known = field.pixel_values().and_then(|known| known.within(run.window));
@@ -199,6 +206,7 @@ pub fn learn_whole(
     if settings.part.is_some() {
         return Err(Error::Options("a part learns a share: see learn_part".into()));
     }
+    paths::refuse(settings)?;
     let mut run = Run::begin(scene, settings, control)?;
     run.start(own_samples(settings, scene.size, None)?)?;
     run.learn_only = true;
@@ -222,6 +230,7 @@ pub fn learn_part(
             "a share of learning is one of samples that are counted: give a part and --spp".into(),
         ));
     };
+    paths::refuse(settings)?;
     let mut run = Run::begin(scene, settings, control)?;
     run.start(spp)?;
     run.learn_only = true;

@@ -235,11 +235,11 @@ impl PassTracer<'_> {
 }
 
 /// Scratch space that is not in use at the moment.
-type Pool<S> = Mutex<Vec<S>>;
+pub(super) type Pool<S> = Mutex<Vec<S>>;
 
 /// Traces a range of numbers in parallel blocks, which come back in order. Each takes scratch space from the pool and leaves it there, so
 /// that no memory is asked for from chunk to chunk.
-fn in_blocks<S: Default + Send, B: Send>(
+pub(super) fn in_blocks<S: Default + Send, B: Send>(
     range: Range<u64>,
     pool: &Pool<S>,
     trace: impl Fn(&mut S, Range<u64>) -> B + Sync + Send,
@@ -288,13 +288,24 @@ pub(super) fn camera_ray(
     sample: CameraSample,
 ) -> (Ray, Random) {
     // By its place in its own picture: on a sheet as alone.
+    let (view, film, random) = camera_film(scene, settings, filter, sample);
+    let camera = scene.camera_of(view);
+    (camera.ray(film, camera.lens(&random)), random)
+}
+
+/// The view of a camera sample, its place in the picture of that, and its random numbers.
+pub(super) fn camera_film(
+    scene: &Scene,
+    settings: &RenderSettings,
+    filter: &PixelFilter,
+    sample: CameraSample,
+) -> (usize, [f32; 2], Random) {
     let [column, row] = sample.place;
     let (view, within) = scene.view_of(row);
     let pixel = u64::from(within) * u64::from(scene.size[0]) + u64::from(column);
     let random = sample.random(settings.seed, pixel);
     let [dx, dy] = filter.sample(random.at(Dimension::FILM).next_2d());
-    let (film, camera) = ([column as f32 + dx, within as f32 + dy], scene.camera_of(view));
-    (camera.ray(film, camera.lens(&random)), random)
+    (view, [column as f32 + dx, within as f32 + dy], random)
 }
 
 /// The first surface on the ray of a camera sample, whatever it is made of, with the ray; none where it hits nothing.

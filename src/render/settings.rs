@@ -29,6 +29,8 @@ pub enum GuideMode {
     Ppg,
     /// Ruppert 2020: path samples of radiance in mixtures of von Mises-Fisher lobes.
     Vmf,
+    /// Reibold 2018: complete paths that the path tracer finds too rarely.
+    Paths,
     /// Path samples of the variance-aware target (Rath 2020), trees as counted.
     Variance,
     /// Path samples and photons, trees as counted.
@@ -41,8 +43,17 @@ pub enum GuideMode {
 
 impl GuideMode {
     /// All modes.
-    pub const ALL: [Self; 8] =
-        [Self::None, Self::Jensen, Self::Ppg, Self::Vmf, Self::Variance, Self::Hybrid, Self::Gaussian, Self::Neural];
+    pub const ALL: [Self; 9] = [
+        Self::None,
+        Self::Jensen,
+        Self::Ppg,
+        Self::Vmf,
+        Self::Paths,
+        Self::Variance,
+        Self::Hybrid,
+        Self::Gaussian,
+        Self::Neural,
+    ];
 
     /// Name on the command line and in statistics, and its line of help.
     fn words(self) -> [&'static str; 2] {
@@ -51,6 +62,7 @@ impl GuideMode {
             Self::Jensen => ["jensen", "Jensen 1995: photons in histograms of fixed directions"],
             Self::Ppg => ["ppg", "Müller 2017: path samples of radiance in a spatial and directional tree"],
             Self::Vmf => ["vmf", "Ruppert 2020: path samples of radiance in mixtures of von Mises-Fisher lobes"],
+            Self::Paths => ["paths", "Reibold 2018: complete paths that the path tracer finds too rarely"],
             Self::Variance => {
                 ["variance", "Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees"]
             }
@@ -68,6 +80,11 @@ impl GuideMode {
     /// Line of help.
     pub fn help(self) -> &'static str {
         self.words()[1]
+    }
+
+    /// Whether noisy pixels can get more samples than others: guided paths fall where they may.
+    pub fn adapts(self) -> bool {
+        self != Self::Paths
     }
 
     /// Model of directions that learns.
@@ -184,6 +201,9 @@ impl Fireflies {
     }
 }
 
+/// Part of the budget in which complete paths are learned (Reibold 2018, §4.3).
+const PATHS_SHARE: f64 = 0.1;
+
 /// Rule by which a render ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StopRule {
@@ -259,7 +279,9 @@ impl RenderSettings {
             _ => LearnerSettings::default(),
         };
         let samples = match guide {
-            GuideMode::None | GuideMode::Ppg | GuideMode::Vmf | GuideMode::Variance => SampleKinds::Path,
+            GuideMode::None | GuideMode::Ppg | GuideMode::Vmf | GuideMode::Paths | GuideMode::Variance => {
+                SampleKinds::Path
+            }
             GuideMode::Jensen => SampleKinds::Photon,
             _ => SampleKinds::Both,
         };
@@ -275,7 +297,7 @@ impl RenderSettings {
             samples,
             reconstruction,
             learner: LearnerSettings { model: guide.model(), ..learner },
-            learning_share: 0.5,
+            learning_share: if guide == GuideMode::Paths { PATHS_SHARE } else { 0.5 },
             gives_up: guide != GuideMode::Ppg,
             reconstruction_share: 0.15,
             filter: FilterFile::default(),
@@ -283,7 +305,7 @@ impl RenderSettings {
             part: None,
             keeps_spread: false,
             // Samples that are asked for by their number are those of each pixel.
-            adaptive: matches!(stop, StopRule::Time(_)),
+            adaptive: matches!(stop, StopRule::Time(_)) && guide.adapts(),
             fireflies: Fireflies::Keep,
             stop,
             seed: 0,
@@ -307,7 +329,7 @@ impl RenderSettings {
         let learner = LearnerSettings { memory: self.learner.memory, ..defaults.learner };
         let transport = TransportSettings { roulette: defaults.transport.roulette, ..self.transport };
         let Self { seed, filter, crop, adaptive, fireflies, .. } = *self;
-        Self { transport, seed, filter, crop, adaptive, fireflies, learner, ..defaults }
+        Self { transport, seed, filter, crop, adaptive: adaptive && guide.adapts(), fireflies, learner, ..defaults }
     }
 
     /// Window that is rendered of a picture of `size` (columns, rows).

@@ -279,7 +279,12 @@ impl Experiment<'_> {
         let adaptive = matches!(stop, StopRule::Time(_));
         match method {
             Method::Guide(guide) => {
-                let settings = RenderSettings { stop, seed, adaptive, ..self.settings.with_guide(guide) };
+                let settings = RenderSettings {
+                    stop,
+                    seed,
+                    adaptive: adaptive && guide.adapts(),
+                    ..self.settings.with_guide(guide)
+                };
                 settings.following(&plan(&self.loaded.file))
             }
             Method::Oracle => RenderSettings { stop, seed, adaptive, ..self.settings.with_guide(ORACLE_GUIDE) },
@@ -287,7 +292,7 @@ impl Experiment<'_> {
                 let Variant { settings, adaptive: given, .. } = &self.variants[index];
                 let transport =
                     TransportSettings { max_depth: self.settings.transport.max_depth, ..settings.transport };
-                let adaptive = given.unwrap_or(adaptive);
+                let adaptive = given.unwrap_or(adaptive && settings.guide.adapts());
                 RenderSettings { transport, filter: self.settings.filter, stop, seed, adaptive, ..settings.clone() }
             }
         }

@@ -4,5 +4,6 @@
 #[allow(dead_code, reason = "no unit of tests needs all of it")]
 mod support;
 
+mod complete_paths;
 mod hard_trees;
 mod learning;

@@ -4,6 +4,7 @@
 #[allow(dead_code, reason = "no unit of tests needs all of it")]
 mod support;
 
+mod complete_paths;
 mod denoise;
 mod determinism;
 mod dropped;

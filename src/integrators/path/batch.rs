@@ -5,7 +5,7 @@ use glam::Vec3;
 
 use super::shade::Groups;
 use super::{
-    Arrival, CameraPath, Details, Direct, Emission, NO_VERTEX, PathState, PathTracer, RayCount, Vertex, record,
+    Arrival, CameraPath, Details, Direct, Emission, NO_VERTEX, PathState, PathTracer, RayCount, ToLight, Vertex, record,
 };
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
@@ -24,7 +24,7 @@ const CHUNK: usize = 256;
 /// Scratch space of a worker, reused from batch to batch.
 #[derive(Default)]
 pub struct PathScratch {
-    paths: Vec<PathState>,
+    pub(super) paths: Vec<PathState>,
     /// Indices of the paths that go on.
     alive: Vec<u32>,
     rays: Vec<Ray>,
@@ -322,7 +322,8 @@ impl PathTracer<'_> {
             let (vertex, value) = (connection.vertex as usize, connection.value * passed[lane] * factor);
             vertices.all[vertex].direct = value;
             if RECORDS {
-                vertices.details[vertex].direct = Direct { value, ..direct };
+                let towards = ToLight { ray: shadows.rays[number], pdf: connection.pdf, bsdf_pdf: connection.bsdf_pdf };
+                vertices.details[vertex].direct = Direct { value, towards: Some(towards), ..direct };
             }
         }
     }

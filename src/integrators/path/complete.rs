@@ -1,0 +1,188 @@
+//! The complete paths that traced ones consist of: each light that a path ran into, and each light that was sampled on its way, ends one.
+
+use glam::Vec3;
+use smallvec::SmallVec;
+
+use super::{Details, Emission, NO_VERTEX, PathScratch, PathTracer, Step as Traced};
+use crate::base::random::Random;
+use crate::guiding::paths::path::{CompletePath, End, Event, MOST_VERTICES, Step};
+use crate::scene::Scene;
+
+/// A complete path and what it brings to its sample.
+#[derive(Debug, Clone)]
+pub struct Contribution {
+    /// The path; none where it leads from the camera straight to a light, or is too long.
+    pub path: Option<CompletePath>,
+    /// Its part of the sample's radiance, W·m⁻²·sr⁻¹.
+    pub value: Vec3,
+    /// Density p_u with which BSDFs or light sampling make the path, given its place in the picture. Roulette at its last point before the
+    /// light does not count, as in the balance of both.
+    pub unguided: f64,
+}
+
+/// Probabilities with which guided paths go on by a kernel, by material.
+#[derive(Debug, Clone)]
+pub struct KernelShares(Vec<f32>);
+
+/// Roughness at which BSDFs and above which kernels choose all directions.
+const NARROW: f32 = 0.02;
+const WIDE: f32 = 0.2;
+
+impl KernelShares {
+    /// Those of a scene: the smoother a material, the more of its directions does the BSDF choose (Reibold 2018, §3.3).
+    pub fn new(scene: &Scene) -> Self {
+        let share = |roughness: f32| ((roughness - NARROW) / (WIDE - NARROW)).clamp(0.0, 1.0);
+        Self(scene.materials().iter().map(|material| share(material.roughness())).collect())
+    }
+
+    /// The probability at a surface of this shape.
+    pub fn at(&self, scene: &Scene, shape: u32) -> f32 {
+        self.0[scene.material_of(shape)]
+    }
+}
+
+/// The point that stands for the sky in a direction: on a sphere around the scene.
+pub(in crate::integrators) fn sky_point(scene: &Scene, from: Vec3, direction: Vec3) -> Vec3 {
+    let (centre, radius) = (scene.bounds.center, 4.0 * scene.bounds.radius);
+    let to = from - centre;
+    let along = to.dot(direction);
+    let inside = (along * along - to.length_squared() + radius * radius).max(0.0);
+    from + direction * (inside.sqrt() - along)
+}
+
+/// A path so far.
+struct Begun {
+    points: SmallVec<[Vec3; 6]>,
+    steps: SmallVec<[Step; 6]>,
+    /// Density of its steps but the last, roulette included.
+    before: f64,
+    /// The same with the roulette of the last step, but not its density; and that.
+    survival: f64,
+    last: f64,
+}
+
+impl PathTracer<'_> {
+    /// Gives `take` the complete paths of which path `index` of those traced last, with records, consists. `film` is its place in the picture,
+    /// `random` are the numbers that it began with, and `origin` is where its ray started.
+    pub fn contributions(
+        &self,
+        index: usize,
+        scratch: &PathScratch,
+        (film, origin, random): ([f32; 2], Vec3, &Random),
+        shares: &KernelShares,
+        mut take: impl FnMut(Contribution),
+    ) {
+        let (path, vertices) = (&scratch.paths[index], &scratch.vertices);
+        let mut order: SmallVec<[u32; 16]> = SmallVec::new();
+        let mut at = path.last;
+        while at != NO_VERTEX {
+            order.push(at);
+            at = vertices.all[at as usize].previous;
+        }
+        order.reverse();
+        let mut begun =
+            Begun { points: SmallVec::new(), steps: SmallVec::new(), before: 1.0, survival: 1.0, last: 1.0 };
+        for (number, &vertex) in order.iter().enumerate() {
+            let details = &vertices.details[vertex as usize];
+            let (met, last) = (details.emission, number + 1 == order.len());
+            begun.points.push(details.point);
+            let value = details.throughput * met.weighted();
+            if value != Vec3::ZERO {
+                take(begun.ended(value, met, End::Surface, film, origin));
+            }
+            let share = self.share(shares, details);
+            self.direct(number, details, share, (&begun, film, origin, random), &mut take);
+            match &details.step {
+                Some(step) if !last || path.background.weight > 0.0 => begun.go_on(step, details, share),
+                _ => {}
+            }
+        }
+        let value = path.throughput * path.background.weighted();
+        if value != Vec3::ZERO {
+            begun.points.push(sky_point(
+                self.scene,
+                begun.points.last().copied().unwrap_or(origin),
+                path.ray.direction,
+            ));
+            take(begun.ended(value, path.background, End::Sky, film, origin));
+        }
+    }
+
+    fn share(&self, shares: &KernelShares, details: &Details) -> f32 {
+        if details.normal == Vec3::ZERO { 0.0 } else { shares.at(self.scene, details.shape) }
+    }
+
+    /// The path that ends at the light that was sampled at vertex `number`.
+    fn direct(
+        &self,
+        number: usize,
+        details: &Details,
+        by_kernel: f32,
+        (begun, film, origin, random): (&Begun, [f32; 2], Vec3, &Random),
+        take: &mut impl FnMut(Contribution),
+    ) {
+        let Some(light) = &details.direct.towards else { return };
+        let value = details.throughput * details.direct.value;
+        if value == Vec3::ZERO {
+            return;
+        }
+        let ((ray, length), direction) = (light.ray, light.ray.0.direction);
+        let end = match self.sampled_light(number, details.point, random) {
+            Some(index) if light.bsdf_pdf == 0.0 && !self.scene.lights.lights[index].is_reachable() => {
+                End::Light(index as u32)
+            }
+            _ if length.is_infinite() => End::Sky,
+            _ => End::Surface,
+        };
+        let unguided = begun.before * begun.survival * begun.last * f64::from(light.pdf + light.bsdf_pdf);
+        let event = Event { transmits: details.normal.dot(direction) < 0.0, delta: false };
+        let step = Step { direction, pdf: light.bsdf_pdf, by_kernel, event };
+        let (mut points, mut steps) = (begun.points.clone(), begun.steps.clone());
+        steps.push(step);
+        match end {
+            End::Surface => points.push(ray.at(length)),
+            End::Sky => points.push(sky_point(self.scene, details.point, direction)),
+            End::Light(_) => {}
+        }
+        let path = CompletePath { film, origin, points, steps, end };
+        take(Contribution { path: usable(path), value, unguided });
+    }
+
+    /// Index of the light that was chosen at vertex `number`.
+    fn sampled_light(&self, number: usize, point: Vec3, random: &Random) -> Option<usize> {
+        let mut random = random.clone();
+        random.begin_vertex(number as u32 + 1);
+        let lights = &self.scene.lights;
+        Some(lights.choose(point, lights.choice(&random))?.0)
+    }
+}
+
+/// The path if it is not too long.
+fn usable(path: CompletePath) -> Option<CompletePath> {
+    (path.points.len() <= MOST_VERTICES && path.is_finite()).then_some(path)
+}
+
+impl Begun {
+    /// Takes the path on from its last point.
+    fn go_on(&mut self, Traced { sample, survival }: &Traced, details: &Details, by_kernel: f32) {
+        self.before *= self.last * self.survival;
+        (self.last, self.survival) = (f64::from(sample.pdf), f64::from(*survival));
+        self.steps.push(Step {
+            direction: sample.direction,
+            pdf: sample.pdf,
+            by_kernel: if sample.delta { 0.0 } else { by_kernel },
+            event: Event { transmits: details.normal.dot(sample.direction) < 0.0, delta: sample.delta },
+        });
+    }
+
+    /// The path that ended on the light that it `met`.
+    fn ended(&self, value: Vec3, met: Emission, end: End, film: [f32; 2], origin: Vec3) -> Contribution {
+        // The weight is p / (p + p_l).
+        let unguided = self.before * self.last / f64::from(met.weight);
+        if self.steps.is_empty() {
+            return Contribution { path: None, value, unguided };
+        }
+        let (points, steps) = (self.points.clone(), self.steps.clone());
+        Contribution { path: usable(CompletePath { film, origin, points, steps, end }), value, unguided }
+    }
+}

@@ -1,0 +1,199 @@
+//! The picture by complete paths, round by round: a path of the path tracer in every pixel, and as many guided ones wherever they fall.
+
+use std::ops::Range;
+use std::time::Instant;
+
+use glam::Vec3;
+
+use super::super::pass::{CameraSample, Pool, in_blocks};
+use super::super::run::{Rendered, Run};
+use super::super::settings::{RenderSettings, StopRule};
+use super::super::state::{Phase, Position};
+use super::{GUIDED_STREAM, Placed, camera_film};
+use crate::base::Result;
+use crate::base::random::Random;
+use crate::film::{Pass, PixelFilter, combine_sheet};
+use crate::guiding::paths::guide::PathGuide;
+use crate::integrators::guided::GuidedTracer;
+use crate::integrators::path::{KernelShares, PathScratch, PathTracer, RayCount};
+use crate::picture::Window;
+use crate::scene::Scene;
+
+/// Pixels of a round that are traced before the clock is looked at.
+const PIECE: u64 = 1 << 15;
+
+/// What a round is drawn with.
+struct Round<'a> {
+    scene: &'a Scene,
+    settings: &'a RenderSettings,
+    window: Window,
+    filter: &'a PixelFilter,
+    tracer: PathTracer<'a>,
+    guided: GuidedTracer<'a>,
+    shares: &'a KernelShares,
+    number: u64,
+}
+
+/// Light of pixels.
+#[derive(Default)]
+struct Light {
+    /// Pixels and what is added to them.
+    values: Vec<(u32, Vec3)>,
+    rays: u64,
+    /// Samples that are not finite and were left out.
+    dropped: u64,
+}
+
+impl Light {
+    fn add(&mut self, pixel: u64, value: Vec3) {
+        if value.is_finite() { self.values.push((pixel as u32, value)) } else { self.dropped += 1 }
+    }
+}
+
+impl Round<'_> {
+    /// Paths of the path tracer in these pixels.
+    fn unguided(&self, pixels: Range<u64>, scratch: &mut PathScratch) -> Light {
+        let place = |pixel: u64| {
+            let place = self.window.place(pixel);
+            let sample = CameraSample { place, number: self.number, sequences_from: Some(0) };
+            let (_, film, random) = camera_film(self.scene, self.settings, self.filter, sample);
+            (pixel, Placed::new(self.scene, film, random))
+        };
+        // Where no guided path may come from, nothing has to be known of paths but their sum.
+        let (covered, plain): (Vec<_>, Vec<_>) =
+            pixels.map(place).partition(|(_, placed)| self.guided.guide.covers(placed.film));
+        let (mut light, mut count) = (Light::default(), RayCount::default());
+        let paths = |of: &[(u64, Placed)]| of.iter().map(|(_, placed)| placed.path.clone()).collect::<Vec<_>>();
+        self.tracer.trace_all(paths(&plain), false, scratch, &mut count);
+        for (index, (pixel, _)) in plain.iter().enumerate() {
+            light.add(*pixel, self.tracer.radiance(index, scratch, None));
+        }
+        self.tracer.trace_all(paths(&covered), true, scratch, &mut count);
+        for (index, (pixel, placed)) in covered.iter().enumerate() {
+            light.add(*pixel, self.balanced(index, *pixel, placed, scratch));
+        }
+        light.rays = count.rays;
+        light
+    }
+
+    /// Density of a place of the film around a pixel.
+    fn filtered(&self, pixel: u64, film: [f32; 2]) -> f64 {
+        let [x, y] = self.window.place(pixel);
+        f64::from(self.filter.pdf([film[0] - x as f32, film[1] - y as f32]))
+    }
+
+    /// Radiance of path `index` as far as guided ones do not bring it.
+    fn balanced(&self, index: usize, pixel: u64, Placed { film, path }: &Placed, scratch: &PathScratch) -> Vec3 {
+        let (mut sum, start) = (Vec3::ZERO, (*film, path.ray.origin, &path.random));
+        let guided_per_pixel = self.window.pixels() as f64 / self.filtered(pixel, *film);
+        self.tracer.contributions(index, scratch, start, self.shares, |contribution| {
+            let guided = contribution.path.as_ref().map_or(0.0, |path| self.guided.guide.density(path));
+            let share = if guided > 0.0 {
+                contribution.unguided / (contribution.unguided + guided_per_pixel * guided)
+            } else {
+                1.0
+            };
+            sum += contribution.value * share as f32;
+        });
+        sum
+    }
+
+    /// Guided paths of these numbers.
+    fn guided(&self, numbers: Range<u64>) -> Light {
+        let (mut light, all) = (Light::default(), self.window.pixels() as f64);
+        for index in numbers {
+            let random = Random::new(self.settings.seed, self.number | GUIDED_STREAM, index);
+            let Some(path) = self.guided.sample(random) else { continue };
+            light.rays += path.rays;
+            for (place, density) in self.filter.around(path.path.film, self.scene.size) {
+                let Some(pixel) = self.window.index(place) else { continue };
+                let density = f64::from(density);
+                let value = path.value * density / (density * path.unguided + all * path.guided);
+                light.add(pixel, value.as_vec3());
+            }
+        }
+        light
+    }
+}
+
+impl Run<'_> {
+    /// The picture that the rest of the budget allows.
+    pub(super) fn guided_picture(&mut self, guide: &PathGuide) -> Result<Rendered> {
+        self.watcher.control.progress.message("rendering");
+        self.state.position = Position { phase: Phase::Final, began: self.watcher.elapsed(), ..Position::default() };
+        let rounds = match self.settings.stop {
+            StopRule::Spp(spp) => ((f64::from(spp) - self.state.spent) / 2.0).max(1.0) as u64,
+            _ => u64::MAX,
+        };
+        if let StopRule::Time(seconds) = self.settings.stop {
+            self.watcher.deadline = Some(seconds);
+        }
+        let (mut pass, shares) = (self.empty_pass(), KernelShares::new(self.scene));
+        let pool = Pool::default();
+        self.watcher.begin_chunk();
+        for number in 0..rounds {
+            let Some((sum, goes_on)) = self.round(guide, &shares, &pool, &pass, number) else { break };
+            sum.into_iter().enumerate().for_each(|(pixel, value)| pass.add(pixel, number, value));
+            self.state.spent += 2.0;
+            if !goes_on {
+                self.interrupted |= self.watcher.stopped() && number + 1 < rounds;
+                break;
+            }
+        }
+        if pass.finish().samples() > 0 {
+            let finished = self.finished(&pass);
+            self.state.passes.push(finished);
+        }
+        self.of_passes()
+    }
+
+    /// What a round adds to each pixel, and whether there is time for another; none where there is none for all of it, unless it is the
+    /// first.
+    fn round(
+        &mut self,
+        guide: &PathGuide,
+        shares: &KernelShares,
+        pool: &Pool<PathScratch>,
+        pass: &Pass,
+        number: u64,
+    ) -> Option<(Vec<Vec3>, bool)> {
+        let (scene, settings, pixels) = (self.scene, self.settings, self.pixels());
+        let mut sum = vec![Vec3::ZERO; pixels as usize];
+        let (mut start, mut goes_on) = (0, true);
+        while start < pixels {
+            let (began, end) = (Instant::now(), (start + PIECE).min(pixels));
+            let sky = (&self.sky).into();
+            let round = Round {
+                scene,
+                settings,
+                window: self.window,
+                filter: &self.filter,
+                tracer: PathTracer { scene, settings: settings.transport, field: None, sky },
+                guided: GuidedTracer { scene, settings: settings.transport, sky, guide, shares },
+                shares,
+                number,
+            };
+            let mut blocks = in_blocks(start..end, pool, |scratch, pixels| round.unguided(pixels, scratch));
+            blocks.extend(in_blocks(start..end, pool, |_, numbers| round.guided(numbers)));
+            for Light { values, rays, dropped } in blocks {
+                values.into_iter().for_each(|(pixel, value)| sum[pixel as usize] += value);
+                self.statistics.rays += rays;
+                self.statistics.camera_rays += rays;
+                self.statistics.dropped_samples += dropped;
+            }
+            let samples = 2 * (end - start);
+            self.statistics.samples += samples;
+            self.statistics.seconds.trace += began.elapsed().as_secs_f64();
+            start = end;
+            let (views, passes) = (scene.views(), &self.state.passes);
+            let so_far = || combine_sheet(&[passes.as_slice(), &[pass.finish()]].concat(), views).ok();
+            let reached = (self.statistics.samples / pixels) as u32;
+            goes_on = self.watcher.end_chunk(samples, reached, so_far, |_, _, _| Ok(()));
+            if !goes_on && start < pixels && number > 0 {
+                self.interrupted |= self.watcher.stopped();
+                return None;
+            }
+        }
+        Some((sum, goes_on))
+    }
+}

@@ -1,0 +1,341 @@
+//! Guiding by complete paths: densities of paths of both techniques against one another, and pictures against plain path tracing.
+
+use crate::support::blocks::summaries;
+use crate::support::scenes::{built, picture, settings};
+use crate::support::statistics::{normal_quantile, sidak};
+
+use std::sync::atomic::AtomicBool;
+
+use fanal::base::Error;
+use fanal::base::progress::Silent;
+use fanal::base::random::{Dimension, Random};
+use fanal::generate::build::{Builder, diffuse, glass, matrix};
+use fanal::guiding::paths::cache::{Kept, PathCache};
+use fanal::guiding::paths::guide::PathGuide;
+use fanal::guiding::paths::path::End;
+use fanal::guiding::target::Target;
+use fanal::integrators::guided::GuidedTracer;
+use fanal::integrators::path::{CameraPath, Contribution, KernelShares, PathScratch, PathTracer, RayCount};
+use fanal::integrators::{Roulette, TransportSettings};
+use fanal::lights::counted::SkySampling;
+use fanal::math::channel_mean;
+use fanal::reconstruct::AsCounted;
+use fanal::render::{GuideMode, RenderSettings, SampleKinds, StopRule, render};
+use fanal::scene::Scene;
+use fanal::scene::file::{Distribution, LightFile, MaterialFile, SceneFile, TextureFile};
+use glam::{Mat4, Vec3};
+
+const SIZE: [u32; 2] = [32, 24];
+const PIXELS: f64 = (SIZE[0] * SIZE[1]) as f64;
+const PATHS: (GuideMode, SampleKinds, Target) = (GuideMode::Paths, SampleKinds::Path, Target::Variance);
+const NONE: (GuideMode, SampleKinds, Target) = (GuideMode::None, SampleKinds::Path, Target::Variance);
+
+/// A closed room with a lamp, a ball of glass that throws a caustic, a mirror, and a glossy block.
+fn caustic_room() -> Builder {
+    let mut b = Builder::new("caustic", SIZE);
+    let wall = b.add_material("wall", diffuse([0.6, 0.5, 0.4]));
+    let clear = b.add_material("glass", glass(1.5));
+    b.add_block("room", Vec3::splat(-1.0), Vec3::ONE, &wall);
+    b.add_sphere("ball", Vec3::new(0.1, -0.55, 0.0), 0.3, &clear, None);
+    b.add_quad("lamp", Vec3::new(0.1, 0.6, 0.0), [Vec3::X * 0.2, Vec3::Z * 0.2], &wall, Some([10.0; 3]));
+    b.look_at(Vec3::new(0.5, 0.3, 0.9), Vec3::new(0.0, -0.7, 0.0), Vec3::Y, 70.0);
+    b
+}
+
+/// The same with a spot and a sky through a missing wall: ends of all kinds.
+fn all_ends() -> SceneFile {
+    let mut b = Builder::new("ends", SIZE);
+    let wall = b.add_material("wall", diffuse([0.6, 0.5, 0.4]));
+    let clear = b.add_material("glass", glass(1.5));
+    b.add_quad("floor", Vec3::new(0.0, -1.0, 0.0), [Vec3::Z * 2.0, Vec3::X * 2.0], &wall, None);
+    b.add_quad("back", Vec3::new(0.0, 0.0, -1.0), [Vec3::X * 2.0, Vec3::Y * 2.0], &wall, None);
+    b.add_sphere("ball", Vec3::new(0.1, -0.55, 0.0), 0.3, &clear, None);
+    b.add_sphere("lamp", Vec3::new(-0.6, -0.2, 0.2), 0.1, &wall, Some([6.0; 3]));
+    b.add_light(LightFile::Constant { radiance: [0.4, 0.5, 0.6] });
+    let to_world = matrix(Mat4::from_translation(Vec3::new(0.8, 1.0, 0.8)) * Mat4::from_rotation_x(1.9));
+    b.add_light(LightFile::Spot { to_world, intensity: [3.0; 3], cutoff_angle: 60.0, beam_width: 40.0 });
+    b.look_at(Vec3::new(0.5, 0.3, 1.9), Vec3::new(0.0, -0.5, 0.0), Vec3::Y, 50.0);
+    b.finish()
+}
+
+/// A closed room with narrow and wide lobes that reflect and refract, alone, over delta lobes and mixed; `masked` with a pane of holes.
+fn lobes(masked: bool) -> SceneFile {
+    let mut b = caustic_room();
+    let (eta, k) = ([0.2, 0.4, 1.4], [3.9, 2.4, 1.6]);
+    let specular_reflectance = TextureFile::rgb([0.9; 3]);
+    let distribution = Distribution::Ggx;
+    let metal = MaterialFile::RoughConductor { alpha: 0.15, distribution, eta, k, specular_reflectance };
+    let frosted = MaterialFile::RoughDielectric { alpha: 0.3, distribution, int_ior: 1.5, ext_ior: 1.0 };
+    let coated = |alpha: f32| MaterialFile::Plastic {
+        alpha,
+        distribution,
+        int_ior: 1.5,
+        ext_ior: 1.0,
+        diffuse_reflectance: TextureFile::rgb([0.5, 0.3, 0.2]),
+        specular_reflectance: TextureFile::rgb([1.0; 3]),
+        nonlinear: false,
+    };
+    let materials = Box::new([glass(1.3), coated(0.1)]);
+    let mixed = MaterialFile::Blend { weight: TextureFile::rgb([0.5; 3]), materials };
+    for (i, material) in [metal, frosted, coated(0.0), coated(0.08), mixed].into_iter().enumerate() {
+        let name = b.add_material(&format!("lobes {i}"), material);
+        b.add_sphere("ball", Vec3::new(0.35 * i as f32 - 0.75, -0.8, -0.5), 0.17, &name, None);
+    }
+    if masked {
+        let material = Box::new(diffuse([0.7; 3]));
+        let pane = b.add_material("pane", MaterialFile::Mask { opacity: TextureFile::rgb([0.4; 3]), material });
+        b.add_quad("pane", Vec3::new(0.0, 0.2, 0.0), [Vec3::X * 0.9, Vec3::Z * 0.9], &pane, None);
+    }
+    b.finish()
+}
+
+fn transport(roulette: Roulette) -> TransportSettings {
+    TransportSettings { max_depth: 7, light_sampling: true, roulette }
+}
+
+/// Complete paths of the path tracer from places that are spread evenly over the picture.
+fn traced(scene: &Scene, roulette: Roulette, stream: u64, count: u64, mut take: impl FnMut(Contribution)) {
+    let tracer = PathTracer { scene, settings: transport(roulette), field: None, sky: SkySampling::Plain };
+    let (shares, mut scratch) = (KernelShares::new(scene), PathScratch::default());
+    for first in (0..count).step_by(1 << 10) {
+        let begun: Vec<([f32; 2], CameraPath)> = (first..count.min(first + (1 << 10)))
+            .map(|index| {
+                let random = Random::new(77, stream, index);
+                let [x, y] = random.at(Dimension::FILM).next_2d();
+                let film = [x * SIZE[0] as f32, y * SIZE[1] as f32];
+                let ray = scene.camera.ray(film, scene.camera.lens(&random));
+                (film, CameraPath { ray, random, pixel: None })
+            })
+            .collect();
+        let paths = begun.iter().map(|(_, path)| path.clone());
+        tracer.trace_all(paths, true, &mut scratch, &mut RayCount::default());
+        for (index, (film, path)) in begun.iter().enumerate() {
+            let mut sum = Vec3::ZERO;
+            tracer.contributions(index, &scratch, (*film, path.ray.origin, &path.random), &shares, |contribution| {
+                sum += contribution.value;
+                take(contribution);
+            });
+            // Together they are the path's radiance.
+            let whole = tracer.radiance(index, &scratch, None);
+            assert!((sum - whole).abs().max_element() <= 1e-4 * whole.max_element(), "{sum} {whole}");
+        }
+    }
+}
+
+/// A guide of some of the paths that the path tracer finds, one in `every`.
+fn guide(scene: &Scene, roulette: Roulette, every: usize) -> PathGuide {
+    let (mut kept, mut number) = (Vec::new(), 0);
+    traced(scene, roulette, 1, 3000, |Contribution { path, value, unguided }| {
+        number += 1;
+        if let Some(path) = path.filter(|_| number % every == 0) {
+            kept.push(Kept { path, value: f64::from(channel_mean(value)) * unguided, unguided, footprint: 0.03 });
+        }
+    });
+    assert!(kept.len() > 100);
+    // Two batches, so that weights differ, and kernels are not the first.
+    let (mut cache, second) = (PathCache::default(), kept.split_off(kept.len() / 2));
+    let first = cache.learn(kept, &PathGuide::default(), PIXELS, SIZE);
+    cache.learn(second, &first, PIXELS, SIZE)
+}
+
+/// Sums and sums of squares of independent samples, in classes.
+#[derive(Clone)]
+struct Sums(Vec<[f64; 2]>);
+
+/// Classes of paths: how they end, whether a delta lobe scatters, and how long they are up to 5 points.
+const CLASSES: usize = 3 * 2 * 5;
+
+fn class(path: &fanal::guiding::paths::path::CompletePath) -> usize {
+    let end = match path.end {
+        End::Surface => 0,
+        End::Sky => 1,
+        End::Light(_) => 2,
+    };
+    let delta = usize::from(path.steps.iter().any(|step| step.event.delta));
+    (end * 2 + delta) * 5 + path.points.len().min(5) - 1
+}
+
+impl Sums {
+    fn new() -> Self {
+        Self(vec![[0.0; 2]; CLASSES])
+    }
+
+    fn add(&mut self, values: &[f64]) {
+        for (sum, value) in self.0.iter_mut().zip(values) {
+            *sum = [sum[0] + value, sum[1] + value * value];
+        }
+    }
+}
+
+/// Two estimates of the same in each class, of so many samples: none differs by more than chance allows with a false alarm of 1e-3 for all;
+/// returns the number of classes that have any.
+fn agree(name: &str, (a, of_a): (&Sums, f64), (b, of_b): (&Sums, f64)) -> usize {
+    let limit = normal_quantile(0.5 * sidak(1e-3, CLASSES));
+    let mean = |sums: [f64; 2], n: f64| {
+        let mean = sums[0] / n;
+        (mean, (sums[1] / n - mean * mean) / n)
+    };
+    let mut seen = 0;
+    for (class, (&a, &b)) in a.0.iter().zip(&b.0).enumerate() {
+        let ((a, va), (b, vb)) = (mean(a, of_a), mean(b, of_b));
+        if a > 0.0 || b > 0.0 {
+            seen += 1;
+            let z = (a - b) / (va + vb).sqrt();
+            assert!(z.abs() < limit, "{name}, class {class}: {a} ± {} and {b} ± {}, z = {z}", va.sqrt(), vb.sqrt());
+        }
+    }
+    seen
+}
+
+/// By both techniques, in each class of paths, where the guide has a density at all:
+///
+/// - ∫ p_g p_u / (p_u + p_g): of the guided samples, which of them the path tracer finds, and the other way round. Were p_g not the density of
+///   what guided paths do, or did it hold paths that bring no light, it would be less;
+/// - ∫ p_g p_u² / (p_u + p_g)²: another part of the same paths;
+/// - ∫ f p_g p_u / (p_u + p_g)²: their light.
+///
+/// The weights bound what single samples bring, so that the means are near enough to normal.
+#[test]
+fn densities_are_those_of_both_techniques() {
+    let scenes = [
+        ("closed", built(caustic_room().finish()), 6),
+        ("ends", built(all_ends()), 12),
+        ("lobes", built(lobes(false)), 6),
+        ("holes", built(lobes(true)), 6),
+    ];
+    let cases = scenes.iter().flat_map(|scene| [Roulette::Off, Roulette::Throughput].map(|roulette| (scene, roulette)));
+    for ((name, scene, most), roulette) in cases {
+        let guide = guide(scene, roulette, 4);
+        let shares = KernelShares::new(scene);
+        let tracer = GuidedTracer {
+            scene,
+            settings: transport(roulette),
+            sky: SkySampling::Plain,
+            guide: &guide,
+            shares: &shares,
+        };
+        let n = 150_000;
+        let mut sums: [Sums; 6] = std::array::from_fn(|_| Sums::new());
+        let value = |sums: &mut Sums, class: usize, value: f64| {
+            let mut values = [0.0; CLASSES];
+            values[class] = value;
+            sums.add(&values);
+        };
+        for index in 0..n {
+            let Some(path) = tracer.sample(Random::new(3, 4, index)) else { continue };
+            let (class, pu, pg) = (class(&path.path), path.unguided, PIXELS * path.guided);
+            let both = pu + pg;
+            assert!(pu > 0.0, "the path tracer finds all that guided paths do");
+            value(&mut sums[0], class, pu / both);
+            value(&mut sums[1], class, pu * pu / (both * both));
+            value(&mut sums[2], class, path.value.element_sum() / 3.0 * pu / (both * both));
+        }
+        // A camera path has several complete ones, which depend on one another; their classes are summed first.
+        let mut of_path = [[0.0; CLASSES]; 3];
+        let mut last = None;
+        traced(scene, roulette, 2, n, |Contribution { path, value, unguided }| {
+            let Some(path) = path else { return };
+            if last != Some(path.film) {
+                (3..6).for_each(|i| sums[i].add(&of_path[i - 3]));
+                (of_path, last) = ([[0.0; CLASSES]; 3], Some(path.film));
+            }
+            let (class, pg) = (class(&path), PIXELS * guide.density(&path));
+            if pg > 0.0 {
+                let both = unguided + pg;
+                of_path[0][class] += pg / both;
+                of_path[1][class] += unguided * pg / (both * both);
+                of_path[2][class] += f64::from(channel_mean(value)) * unguided * pg / (both * both);
+            }
+        });
+        (3..6).for_each(|i| sums[i].add(&of_path[i - 3]));
+        let mut seen = 0;
+        for (i, what) in ["densities", "squares", "light"].into_iter().enumerate() {
+            // Roulette before a light that is run into does not count in p_u, and so not every such path is found; its light makes up for it. Nor
+            // do holes, which light sampling sees through.
+            if (roulette != Roulette::Off || *name == "holes") && i < 2 {
+                continue;
+            }
+            seen = agree(&format!("{name}, {what}"), (&sums[i], n as f64), (&sums[3 + i], n as f64));
+        }
+        assert!(seen >= *most, "{name}: {seen} classes");
+    }
+}
+
+/// Settings under which most of the budget is for learning: small pictures have small batches, of which few paths are kept.
+fn learning(seed: u64) -> RenderSettings {
+    let mut settings = RenderSettings { learning_share: 0.75, ..settings(PATHS, 320, seed) };
+    settings.transport.max_depth = 7;
+    settings
+}
+
+/// A room with a caustic, by complete paths and by path tracing alone: means of 16 × 16 blocks over 24 pictures each, with a false alarm of
+/// 1e-3 for all. At least 20 paths are kept, each of which reaches 28 of 768 pixels.
+#[test]
+fn pictures_have_the_means_of_path_tracing() {
+    let scene = built(caustic_room().finish());
+    let guided = |seed| {
+        let outcome = rendered(&scene, &learning(seed)).unwrap();
+        let kept = outcome.statistics.guide.nodes;
+        assert!(kept > 20, "{kept} paths");
+        outcome.image
+    };
+    let plain = |seed| {
+        let mut settings = settings(NONE, 256, seed);
+        settings.transport.max_depth = 7;
+        picture(&scene, &settings)
+    };
+    let guided = summaries(&(1..25).map(guided).collect::<Vec<_>>());
+    let plain = summaries(&(1..25).map(plain).collect::<Vec<_>>());
+    for (block, (guided, plain)) in guided.iter().zip(&plain).enumerate() {
+        let means = format!("{} ± {} and {} ± {}", guided.mean, guided.error(), plain.mean, plain.error());
+        assert!(!guided.differs(plain, sidak(1e-3, 4)), "block {block}: {means}");
+        assert!(guided.error() < 0.05 * guided.mean, "nothing is tested: {means}");
+    }
+}
+
+fn rendered(scene: &Scene, settings: &RenderSettings) -> fanal::base::Result<fanal::render::Outcome> {
+    render(scene, settings, &AsCounted::default(), &Silent, &AtomicBool::new(false))
+}
+
+/// The same bits for any number of threads, and paths are kept; few samples and wide filters give a picture too.
+#[test]
+fn pictures_do_not_depend_on_threads() {
+    let scene = built(caustic_room().finish());
+    let mut wanted = learning(5);
+    wanted.filter = fanal::scene::file::FilterFile::TENT;
+    let of = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| rendered(&scene, &wanted)).unwrap()
+    };
+    let [one, three] = [1, 3].map(of);
+    assert!(one.statistics.guide.nodes > 20, "{:?}", one.statistics.decisions);
+    assert_eq!(one.image.pixels, three.image.pixels);
+    assert_eq!(one.statistics.guide.nodes, three.statistics.guide.nodes);
+    assert!(one.statistics.spp <= 320);
+    for spp in [1, 2, 3, 11, 31] {
+        let outcome = rendered(&scene, &settings(PATHS, spp, 1)).unwrap();
+        assert!(outcome.image.pixels.iter().all(|p| p.is_finite() && p.min_element() >= 0.0));
+        assert!(outcome.statistics.spp <= spp);
+    }
+}
+
+/// What there is no picture by complete paths for is an error, and no panic; nor are they learned for a file.
+#[test]
+fn what_cannot_be_is_refused() {
+    let scene = built(caustic_room().finish());
+    let refused = |change: fn(&mut RenderSettings)| {
+        let mut settings = settings(PATHS, 16, 1);
+        change(&mut settings);
+        matches!(rendered(&scene, &settings), Err(Error::Options(_)))
+    };
+    assert!(refused(|settings| settings.stop = StopRule::TargetError(0.1)));
+    assert!(refused(|settings| settings.adaptive = true));
+    let wanted = settings(PATHS, 16, 1);
+    let learned = fanal::render::learn(
+        &scene,
+        &wanted,
+        &AsCounted::default(),
+        &fanal::render::Control::new(&Silent, &AtomicBool::new(false)),
+    );
+    assert!(matches!(learned, Err(Error::Options(_))));
+}
