@@ -220,7 +220,9 @@ impl Run<'_> {
     /// depends on it. Both trace the same samples in turns, which are in no picture, for about a two-hundredth of the time for the render.
     fn try_cost(&mut self, learning: &Learning, voxels: usize) {
         let StopRule::Time(budget) = self.settings.stop else { return };
-        if self.is_always_guided() || self.state.trend.verdict.gain().is_none_or(|gain| gain < STRONG) {
+        let verdict = self.state.trend.verdict;
+        let open = verdict.gain().is_some_and(|gain| gain >= STRONG) && verdict.may_pay(LEAST_COST);
+        if self.is_always_guided() || !open {
             return;
         }
         let (field, picture) = (learning.learner.field_of(voxels, Use::Rendering), self.pixel_values());
