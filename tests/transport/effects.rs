@@ -108,14 +108,14 @@ fn lit(image: &Image) -> usize {
 fn what_is_on_without_need_changes_nothing() {
     for folder in folders() {
         let whole = Switched::new(&folder, &[], SMALL);
-        let guided = whole.picture(HYBRID, 12, 1);
-        let plain = whole.picture(NONE, 12, 1);
+        let guided = whole.picture(HYBRID, SPP, 1);
+        let plain = whole.picture(NONE, SPP, 1);
         for effect in whole.plan.effects.iter().filter(|effect| !effect.on) {
             let more = Switched::new(&folder, &[Override { kind: effect.name, on: true }], SMALL);
             let place = format!("{} with {}", folder.display(), effect.name.name());
-            assert!(bits(&more.picture(NONE, 12, 1)) == bits(&plain), "{place}");
+            assert!(bits(&more.picture(NONE, SPP, 1)) == bits(&plain), "{place}");
             if !SEEKING.contains(&effect.name) {
-                assert!(bits(&more.picture(HYBRID, 12, 1)) == bits(&guided), "{place}, guided");
+                assert!(bits(&more.picture(HYBRID, SPP, 1)) == bits(&guided), "{place}, guided");
             }
         }
         assert!(lit(&guided) > 5, "{}: {} pixels are lit", folder.display(), lit(&guided));
