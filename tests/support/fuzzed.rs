@@ -188,7 +188,7 @@ pub fn reader(name: &str, folder: &Path) -> Reader {
             let floats = Values::Floats((0..24).map(|i| i as f32 * 0.1).collect());
             let colours = Vol { size: [2, 2, 2], channels: 3, corners: [[-1.0; 3], [2.0; 3]], values: floats };
             let seeds = vec![bytes.encode(), colours.encode()];
-            Reader::new("volume", "grid.vol", seeds, 2_000, Box::new(volume)).with(Container::Plain, "VOL")
+            Reader::new("volume", "grid.vol", seeds, 600, Box::new(volume)).with(Container::Plain, "VOL")
         }
         "image_exr" => Reader::new("image_exr", "image.exr", exrs(folder), 50_000, Box::new(both_ways))
             .with(Container::Plain, "R G B A Y compression dataWindow displayWindow chlist box2i tiles chunkCount lineOrder"),
