@@ -9,3 +9,4 @@ mod lights;
 mod materials;
 mod oracle;
 mod oracle_materials;
+mod oracle_principled;
