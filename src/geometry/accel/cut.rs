@@ -32,9 +32,9 @@ pub enum Leaf {
 
 /// The choice of the binary nodes that become children of wide nodes. Costs and counts are written by several threads, each of
 /// which has subtrees of its own.
-pub struct Cut<'a> {
+pub struct Cut {
     /// The binary hierarchy.
-    pub binary: &'a Bvh2,
+    pub binary: Bvh2,
     /// [`Costs`] of each subtree, as bits.
     costs: Vec<[AtomicU32; WIDTH]>,
     /// Triangles of each subtree; more than a packet holds where it may not become one.
@@ -44,16 +44,16 @@ pub struct Cut<'a> {
     memory: f32,
 }
 
-impl<'a> Cut<'a> {
+impl Cut {
     /// Finds the best cut. The first `triangles` primitives are triangles, which may share a leaf.
-    pub fn new(binary: &'a Bvh2, triangles: usize) -> Self {
-        let nodes = &binary.nodes;
-        let area = nodes.first().map_or(0.0, |root| root.aabb().half_area());
+    pub fn new(binary: Bvh2, triangles: usize) -> Self {
+        let is_empty = binary.nodes.is_empty();
+        let area = binary.nodes.first().map_or(0.0, |root| root.aabb().half_area());
         let memory = MEMORY_COST * area / triangles.max(1) as f32;
-        let costs = nodes.par_iter().map(|_| Default::default()).collect();
-        let counts = nodes.par_iter().map(|_| AtomicU8::new(0)).collect();
+        let costs = binary.nodes.par_iter().map(|_| Default::default()).collect();
+        let counts = binary.nodes.par_iter().map(|_| AtomicU8::new(0)).collect();
         let cut = Self { binary, costs, counts, triangles, memory };
-        if !nodes.is_empty() {
+        if !is_empty {
             let (top, parts) = cut.parts();
             parts.into_par_iter().with_max_len(1).for_each(|part| cut.visit_subtree(part));
             top.into_iter().rev().for_each(|index| cut.visit(index));
@@ -79,6 +79,11 @@ impl<'a> Cut<'a> {
             pending.extend(children(&self.binary.nodes[index]).into_iter().flatten());
         }
         order.into_iter().rev().for_each(|index| self.visit(index as usize));
+    }
+
+    /// Cost of the whole, in units of area; 0 of nothing. Costs of two cuts of the same scene can be compared.
+    pub fn cost(&self) -> f32 {
+        if self.costs.is_empty() { 0.0 } else { self.costs(0)[0] }
     }
 
     fn costs(&self, index: usize) -> Costs {

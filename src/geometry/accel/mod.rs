@@ -17,6 +17,7 @@ mod order;
 mod portable;
 mod query;
 mod search;
+mod split;
 #[cfg(test)]
 mod tests;
 #[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]

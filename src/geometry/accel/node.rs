@@ -129,6 +129,11 @@ impl Packet {
         self.triangles[slot] = triangle.index;
     }
 
+    /// Whether a triangle is in one of the slots.
+    pub fn holds(&self, triangle: &Triangle) -> bool {
+        self.shapes.iter().zip(&self.triangles).any(|held| held == (&triangle.shape, &triangle.index))
+    }
+
     /// The vertices of the triangle in a slot.
     #[inline]
     pub fn triangle(&self, slot: usize) -> [Vec3; 3] {
