@@ -381,10 +381,10 @@ pub struct LearningArgs {
     /// What guiding distributions are proportional to [default: by --guide]
     #[arg(long, value_enum)]
     pub target: Option<Target>,
-    /// What trees learn of light that light sampling finds too [default: all; nothing for --guide ppg]
+    /// What trees learn of light that light sampling finds too [default: all; nothing for --guide ppg and ppg2]
     #[arg(long, value_enum)]
     pub direct: Option<DirectLight>,
-    /// How often the BSDF is sampled instead of the guide [default: moments; half for --guide ppg]
+    /// How often the BSDF is sampled instead of the guide [default: moments; half for --guide ppg, adam for ppg2]
     #[arg(long, value_enum)]
     pub fraction: Option<FractionRule>,
     /// Move samples at random within the size of their leaf and their voxel (Müller 2019)
@@ -393,7 +393,7 @@ pub struct LearningArgs {
     /// Iterations in which `variance` is learned before `--target variance-pixel` (3 in Nilsson 2022)
     #[arg(long, value_name = "N")]
     pub simple_iterations: Option<u32>,
-    /// As what part of their number the samples of earlier iterations count in the next [default: 0.5; 0 for --guide ppg]
+    /// As what part of their number the samples of earlier iterations count in the next [default: 0.5; 0 for --guide ppg and ppg2]
     #[arg(long, value_name = "PART", value_parser = part)]
     pub past: Option<f64>,
     /// What is made of the trees as counted [default: by --guide]

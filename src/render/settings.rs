@@ -27,6 +27,8 @@ pub enum GuideMode {
     Jensen,
     /// Müller 2017: path samples of radiance, one spatial tree, no context.
     Ppg,
+    /// Müller 2019: the same with filtered deposits and a learned fraction of BSDF samples.
+    Ppg2,
     /// Ruppert 2020: path samples of radiance in mixtures of von Mises-Fisher lobes.
     Vmf,
     /// Reibold 2018: complete paths that the path tracer finds too rarely.
@@ -43,10 +45,11 @@ pub enum GuideMode {
 
 impl GuideMode {
     /// All modes.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::None,
         Self::Jensen,
         Self::Ppg,
+        Self::Ppg2,
         Self::Vmf,
         Self::Paths,
         Self::Variance,
@@ -61,6 +64,7 @@ impl GuideMode {
             Self::None => ["none", "Path tracing with light sampling and multiple importance sampling"],
             Self::Jensen => ["jensen", "Jensen 1995: photons in histograms of fixed directions"],
             Self::Ppg => ["ppg", "Müller 2017: path samples of radiance in a spatial and directional tree"],
+            Self::Ppg2 => ["ppg2", "Müller 2019: the same, filtered, with a learned fraction of BSDF samples"],
             Self::Vmf => ["vmf", "Ruppert 2020: path samples of radiance in mixtures of von Mises-Fisher lobes"],
             Self::Paths => ["paths", "Reibold 2018: complete paths that the path tracer finds too rarely"],
             Self::Variance => {
@@ -80,6 +84,11 @@ impl GuideMode {
     /// Line of help.
     pub fn help(self) -> &'static str {
         self.words()[1]
+    }
+
+    /// Whether all around its model is as in its paper (Müller 2017, 2019): trees from voxel to quadtree, roulette, and that it is never given up.
+    pub fn has_own_surroundings(self) -> bool {
+        matches!(self, Self::Ppg | Self::Ppg2)
     }
 
     /// Whether noisy pixels can get more samples than others: guided paths fall where they may.
@@ -259,18 +268,8 @@ impl RenderSettings {
     /// Defaults for a mode and a budget.
     pub fn new(guide: GuideMode, stop: StopRule) -> Self {
         let learner = match guide {
-            GuideMode::Ppg => LearnerSettings {
-                resolution: 1.0,
-                facing: false,
-                voxel_samples: 12_000,
-                growing: true,
-                target: Target::Radiance,
-                fraction: FractionRule::Half,
-                direct: DirectLight::Nothing,
-                tree: TreeSettings { split_share: 0.01, context: 0.0, past: 0.0, ..TreeSettings::default() },
-                parallax: false,
-                ..LearnerSettings::default()
-            },
+            GuideMode::Ppg => mueller_2017(),
+            GuideMode::Ppg2 => mueller_2019(),
             GuideMode::Jensen => LearnerSettings { target: Target::Radiance, ..LearnerSettings::default() },
             // Each lobe is aimed by its own distance.
             GuideMode::Vmf => {
@@ -279,13 +278,11 @@ impl RenderSettings {
             _ => LearnerSettings::default(),
         };
         let samples = match guide {
-            GuideMode::None | GuideMode::Ppg | GuideMode::Vmf | GuideMode::Paths | GuideMode::Variance => {
-                SampleKinds::Path
-            }
             GuideMode::Jensen => SampleKinds::Photon,
-            _ => SampleKinds::Both,
+            GuideMode::Hybrid | GuideMode::Gaussian | GuideMode::Neural => SampleKinds::Both,
+            _ => SampleKinds::Path,
         };
-        let roulette = if guide == GuideMode::Ppg { Roulette::Throughput } else { Roulette::Window };
+        let roulette = if guide.has_own_surroundings() { Roulette::Throughput } else { Roulette::Window };
         let reconstruction = match guide {
             GuideMode::Gaussian => Reconstruction::Gaussian,
             GuideMode::Neural => Reconstruction::Neural,
@@ -298,7 +295,7 @@ impl RenderSettings {
             reconstruction,
             learner: LearnerSettings { model: guide.model(), ..learner },
             learning_share: if guide == GuideMode::Paths { PATHS_SHARE } else { 0.5 },
-            gives_up: guide != GuideMode::Ppg,
+            gives_up: !guide.has_own_surroundings(),
             reconstruction_share: 0.15,
             filter: FilterFile::default(),
             crop: None,
@@ -415,4 +412,27 @@ impl RenderSettings {
         }
         Ok(())
     }
+}
+
+/// The settings of Müller, Gross and Novák 2017, *Practical Path Guiding*.
+fn mueller_2017() -> LearnerSettings {
+    LearnerSettings {
+        resolution: 1.0,
+        facing: false,
+        voxel_samples: 12_000,
+        growing: true,
+        target: Target::Radiance,
+        fraction: FractionRule::Half,
+        direct: DirectLight::Nothing,
+        tree: TreeSettings { split_share: 0.01, context: 0.0, past: 0.0, ..TreeSettings::default() },
+        parallax: false,
+        ..LearnerSettings::default()
+    }
+}
+
+/// Those of Müller 2019, *Practical Path Guiding in Production* (§10.4): filters let voxels be smaller.
+fn mueller_2019() -> LearnerSettings {
+    let before = mueller_2017();
+    let tree = TreeSettings { filtered: true, ..before.tree };
+    LearnerSettings { voxel_samples: 4000, fraction: FractionRule::Adam, tree, ..before }
 }

@@ -200,6 +200,43 @@ fn voxels_are_divided_until_none_has_too_many_samples() {
     assert_eq!(learner.voxels(), voxels, "there is nothing left to divide");
 }
 
+/// Müller 2017 §3.4: after an iteration of 2ᵏ samples per pixel a leaf has at most c·√2ᵏ of them, however many there were in its parent, of
+/// which either half is taken to have half. Other modes divide a voxel into eighths at most, which is all that was counted.
+#[test]
+fn leaves_of_mueller_have_as_many_samples_as_the_root_of_the_samples_per_pixel() {
+    let voxels = |growing: bool, spp: u32| {
+        let mut random = Random::new(13, 0, 0);
+        let tree = TreeSettings { context: 0.0, past: 0.0, ..TreeSettings::default() };
+        let settings = LearnerSettings {
+            resolution: 1.0,
+            facing: false,
+            voxel_samples: 400,
+            growing,
+            tree,
+            ..LearnerSettings::default()
+        };
+        let mut learner = Learner::new(settings);
+        let mut point = || Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
+        let points: Vec<Vec3> = (0..20_000).map(|_| point()).collect();
+        let samples: Vec<PathRecord> =
+            points.into_iter().map(|point| PathRecord { point, ..path(&mut Random::new(14, 0, 0)) }).collect();
+        learner.absorb(&samples, &[], true);
+        let before = learner.voxels();
+        learner.refine(spp);
+        let after = learner.voxels();
+        learner.absorb(&samples, &[], true);
+        let most = quadtrees(&learner).map(|tree| tree.counts()[0]).max();
+        [before, after, most.unwrap_or(0) as usize]
+    };
+    let ([first, small, most], [_, large, more], [_, eighths, _]) =
+        (voxels(true, 1), voxels(true, 16), voxels(false, 1));
+    assert!(eighths <= 8 * first && small > eighths, "{first}, {eighths}, {small}");
+    // Samples lie evenly but for the rim of the cell, which they need not fill.
+    assert!(most <= 520 && more <= 4 * 520, "{most}, {more}");
+    let ratio = small as f64 / large as f64;
+    assert!((2.5..6.5).contains(&ratio), "{small} leaves, {large} where four times as many samples are allowed");
+}
+
 /// A file of the field in a folder of its own, which loads as the same.
 fn saved(field: &GuideField) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().expect("a folder");

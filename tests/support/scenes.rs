@@ -44,7 +44,7 @@ pub fn settings((guide, samples, target): Guide, spp: u32, seed: u64) -> RenderS
 pub fn coarse(guide: Guide, spp: u32, seed: u64) -> RenderSettings {
     let mut settings = settings(guide, spp, seed);
     // Müller's grid begins with one.
-    if guide.0 != GuideMode::Ppg {
+    if !guide.0.has_own_surroundings() {
         settings.learner.resolution = 8.0;
     }
     settings

@@ -13,6 +13,9 @@ pub struct Adam {
 /// Step size and decay of both moments, as Müller has them.
 const RATE: f64 = 0.01;
 const DECAY: [f64; 2] = [0.9, 0.999];
+/// Pull of the logit towards one half (Müller 2019 §10.5 regularises it by 0.01 in the unit of radiance), in units of the gradient's root mean
+/// square, so that the brightness of a scene does not matter.
+const PULL: f64 = 0.01;
 /// Bound of the logit: fractions stay within [0.1, 0.9], so that no sample is worth more than ten times the better strategy's.
 const LOGIT: f64 = 2.197_224_577_336_219_6;
 
@@ -32,13 +35,19 @@ impl Adam {
         1.0 / (1.0 + (-self.logit).exp())
     }
 
+    /// Root mean square of the gradients so far.
+    fn spread(&self) -> f64 {
+        if self.steps == 0 { 0.0 } else { (self.square / (1.0 - DECAY[1].powi(self.steps))).sqrt() }
+    }
+
     /// One step by a sample with this estimate f·L/p, drawn with a fraction `alpha` of BSDF samples, where the BSDF had
     /// `bsdf_share` of the density. The unit of the estimate does not matter.
     pub fn step(&mut self, estimate: f64, bsdf_share: f64, alpha: f64) {
         let (bsdf, guide) = (bsdf_share / alpha, (1.0 - bsdf_share) / (1.0 - alpha));
         let fraction = self.fraction();
         let mixture = fraction * bsdf + (1.0 - fraction) * guide;
-        let gradient = -estimate * (bsdf - guide) / mixture * fraction * (1.0 - fraction);
+        let gradient =
+            -estimate * (bsdf - guide) / mixture * fraction * (1.0 - fraction) + PULL * self.logit * self.spread();
         if !gradient.is_finite() {
             return;
         }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Rule for the fraction of BSDF samples once learning is over; while learning it is one half.
+/// Rule for the fraction of BSDF samples once learning is over; while learning it is one half, but for [`FractionRule::Adam`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FractionRule {
@@ -10,7 +10,7 @@ pub enum FractionRule {
     Half,
     /// The fraction that is best by measured second moments, see [`Moments`](crate::guiding::moments::Moments).
     Moments,
-    /// Stochastic gradient descent (Müller 2019 §10.5).
+    /// Stochastic gradient descent (Müller 2019 §10.5), also while learning.
     Adam,
 }
 

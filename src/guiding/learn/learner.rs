@@ -81,7 +81,7 @@ impl Default for LearnerSettings {
 /// Purpose of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Use {
-    /// To learn more: half of the samples come from the BSDF.
+    /// To learn more: half of the samples come from the BSDF, or the part that a descent has learned so far.
     Learning,
     /// Each voxel has its own fraction of BSDF samples; a voxel that is better off without its guide has no guide.
     Rendering,
@@ -296,13 +296,14 @@ impl Learner {
             let by_photons = bounds(v).map_or(0.0, |bounds| voxel.shown_by_photons(&bounds));
             shown += by_photons;
             sum.unseen += if voxel.contribution > 0.0 { 0.0 } else { by_photons };
+            let drawn = f64::from(voxel.drawn_fraction);
             let (mut own, mut all, mut fractions) = (voxel.squares, voxel.all_squares, voxel.fractions);
             while let Some(outlier) = outliers.next_if(|outlier| outlier.voxel as usize == v) {
                 own.remove([outlier.squares[0]]);
                 all = (all - outlier.squares[1]).max(0.0);
-                fractions.remove_estimates(&outlier.estimates, LEARNING_FRACTION);
+                fractions.remove_estimates(&outlier.estimates, drawn);
             }
-            let relative = fractions.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
+            let relative = fractions.relative(drawn, f64::from(voxel.bsdf_fraction));
             let [learning, guided, unguided] = relative.map(|moment| all * moment);
             sum.learning += learning;
             sum.guided += guided;
@@ -353,7 +354,7 @@ impl Learner {
             let chosen = voxel.chosen_fraction(rule);
             voxel.bsdf_fraction = chosen.unwrap_or(voxel.bsdf_fraction);
             if keeps_evidence {
-                let [_, chosen, bsdf] = measured.relative(LEARNING_FRACTION, f64::from(voxel.bsdf_fraction));
+                let [_, chosen, bsdf] = measured.relative(voxel.drawn_fraction.into(), voxel.bsdf_fraction.into());
                 voxel.gain = (chosen / bsdf) as f32;
             }
         });
@@ -375,11 +376,15 @@ impl Learner {
             voxel.guide = guide;
             voxel.told = voxel.best.is_some() || voxel.lit;
             voxel.bsdf_fraction = voxel.chosen_fraction(rule).unwrap_or(LEARNING_FRACTION as f32);
+            // Müller 2019 §10.5 draws by what has been learned so far; other rules by what judges all fractions alike.
+            voxel.drawn_fraction =
+                if rule == FractionRule::Adam { voxel.bsdf_fraction } else { LEARNING_FRACTION as f32 };
         });
     }
 
     /// Ends a pass: halves voxels with many samples (both halves inherit the guide and the past) until none has too many (Müller
-    /// 2017 §3.2, Zhu 2021 §7) or is an eighth of what it was, and forgets the samples. The pass had `spp` camera paths per pixel.
+    /// 2017 §3.2, Zhu 2021 §7), and forgets the samples. The pass had `spp` camera paths per pixel. How the samples lie within an eighth of a
+    /// voxel is not known: no part becomes smaller than that, unless the limit is growing, where they are taken to lie evenly (Müller 2017).
     pub fn refine(&mut self, spp: u32) {
         if self.cache.is_none() {
             return;
@@ -387,9 +392,16 @@ impl Learner {
         self.model.turn();
         let growth = if self.settings.growing { f64::from(spp).sqrt() } else { 1.0 };
         let limit = (f64::from(self.settings.voxel_samples) * growth) as u32;
-        // Once along each axis: how the samples lie within an eighth is not known.
-        for _ in 0..3 {
-            self.halve(limit);
+        loop {
+            let before = self.voxels.len();
+            // Once along each axis.
+            for _ in 0..3 {
+                self.halve(limit);
+            }
+            if !self.settings.growing || self.voxels.len() == before {
+                break;
+            }
+            self.voxels.iter_mut().for_each(Voxel::spread);
         }
         self.iterations += 1;
         self.clear();
@@ -446,7 +458,7 @@ impl Learner {
         let Some(cache) = &self.cache else { return GuideField::empty() };
         let guide = |voxel: &Voxel| {
             let bsdf_fraction = match of {
-                Use::Learning => LEARNING_FRACTION as f32,
+                Use::Learning => voxel.drawn_fraction,
                 Use::WhereTold if !voxel.told => 1.0,
                 Use::Rendering | Use::WhereTold => voxel.bsdf_fraction,
             };

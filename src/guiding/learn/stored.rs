@@ -90,7 +90,7 @@ impl Voxel {
         let mut all: Vec<f64> = Vec::with_capacity(64);
         let Spheres { learned, guide } = self.spheres;
         all.extend(learned.to_array().into_iter().chain(guide.to_array()).map(f64::from));
-        all.extend([self.bsdf_fraction, self.gain].map(f64::from));
+        all.extend([self.bsdf_fraction, self.drawn_fraction, self.gain].map(f64::from));
         all.extend(self.eighths.into_iter().chain([self.photons]).map(f64::from));
         all.extend([self.begun, self.lit, self.told].map(|flag| f64::from(u8::from(flag))));
         all.extend([self.power, self.importance, self.contribution, self.all_squares]);
@@ -112,7 +112,7 @@ impl Voxel {
         };
         let spheres = [sphere(), sphere()];
         self.spheres = Spheres { learned: spheres[0], guide: spheres[1] };
-        [self.bsdf_fraction, self.gain] = [0; 2].map(|_| next() as f32);
+        [self.bsdf_fraction, self.drawn_fraction, self.gain] = [0; 3].map(|_| next() as f32);
         self.eighths = [0; 8].map(|_| (next() as u32).min(1 << 26));
         self.photons = (next() as u32).min(1 << 30);
         [self.begun, self.lit, self.told] = [0; 3].map(|_| next() != 0.0);
@@ -123,8 +123,7 @@ impl Voxel {
         self.known_adjoint = Adjoint::pull_from(&mut next);
         self.adam = Adam::from_numbers([0; 4].map(|_| next()));
         spheres.iter().all(|s| s.to_array().iter().all(|x| x.is_finite()))
-            && self.bsdf_fraction > 0.0
-            && self.bsdf_fraction <= 1.0
+            && [self.bsdf_fraction, self.drawn_fraction].iter().all(|&fraction| fraction > 0.0 && fraction <= 1.0)
     }
 }
 

@@ -31,6 +31,8 @@ pub(super) struct Voxel {
     /// Fraction of BSDF samples once learning is over, and whether path samples or photons have shown enough to judge the guide.
     pub bsdf_fraction: f32,
     pub told: bool,
+    /// Fraction of BSDF samples with which this iteration draws.
+    pub drawn_fraction: f32,
     /// Index of the fraction that this iteration has shown to be best, its surroundings included; none where that is not known.
     pub best: Option<usize>,
     /// Sum of the samples' weights in the picture, of their contributions to it, their squares, and the sum of the squares with
@@ -61,6 +63,7 @@ impl Default for Voxel {
             guide: None,
             bsdf_fraction: LEARNING_FRACTION as f32,
             told: false,
+            drawn_fraction: LEARNING_FRACTION as f32,
             best: None,
             importance: 0.0,
             contribution: 0.0,
@@ -86,9 +89,10 @@ impl Voxel {
         self.all_squares += all;
         self.adjoint.add([record.direct, record.estimate()].map(f64::from));
         if self.guide.is_some() {
-            self.fractions.add_estimates(&record.estimates(), LEARNING_FRACTION);
+            let drawn = f64::from(self.drawn_fraction);
+            self.fractions.add_estimates(&record.estimates(), drawn);
             if record.is_directed() && rule == FractionRule::Adam {
-                self.adam.step(f64::from(record.estimate()), f64::from(record.bsdf_share), LEARNING_FRACTION);
+                self.adam.step(f64::from(record.estimate()), f64::from(record.bsdf_share), drawn);
             }
         }
     }
@@ -150,6 +154,12 @@ impl Voxel {
         let others = part.eighths.iter_mut().enumerate().filter(|(eighth, _)| (eighth >> axis) & 1 != half);
         others.for_each(|(_, samples)| *samples = 0);
         part
+    }
+
+    /// Takes the path samples to lie evenly in the voxel.
+    pub fn spread(&mut self) {
+        let all = self.paths();
+        self.eighths = std::array::from_fn(|i| (all + i as u32) / 8);
     }
 
     /// What the photons bring to the picture, in a unit that all voxels share: irradiance times the weight of what is seen of it. A

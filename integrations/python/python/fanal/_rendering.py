@@ -98,7 +98,7 @@ def render_full(
     :param spp: samples per pixel, camera and light paths together; the scene's if no other end is given.
     :param time: seconds for all of the call.
     :param target_error: relMSE to reach, as the render itself estimates it. Only one of the three can be given.
-    :param guide: ``"none"``, ``"jensen"``, ``"ppg"``, ``"vmf"``, ``"paths"``, ``"variance"``, ``"hybrid"``, ``"gaussian"`` or
+    :param guide: ``"none"``, ``"jensen"``, ``"ppg"``, ``"ppg2"``, ``"vmf"``, ``"paths"``, ``"variance"``, ``"hybrid"``, ``"gaussian"`` or
         ``"neural"``.
     :param size: columns and rows; the scene's if not given.
     :param max_depth: 1 for emission only, 2 for direct light, and so on.
