@@ -41,9 +41,9 @@ const CURVATURES: [f32; 5] = [1.0, 2.0, 0.5, 0.25, 0.0];
 /// Arrivals by which spheres are compared. Their pairs take 10 µs for each sphere.
 const WITNESSES: usize = 64;
 
-/// Gain of the logarithm of the likelihood of all witnesses below which the first guess is kept: a tenth of the likelihood of each, which
-/// luck seldom gives, and which is little to gain.
-const LEAST_GAIN: f64 = 6.0;
+/// Gain of the logarithm of the likelihood up to which the first guess is kept: so much, and so much for each witness. Luck seldom gives as
+/// much, and where all of many gain little each, a sharper guide is not worth what it errs.
+const LEAST_GAIN: [f64; 2] = [1.0, 0.25];
 
 /// Sphere of the voxel within `bounds` for the light that arrived there; `density` is that of the last guide, by which an error of
 /// direction costs most at narrow peaks.
@@ -79,7 +79,8 @@ fn witnesses(arrivals: impl Iterator<Item = Arrival> + Clone) -> Vec<(Vec3, Vec3
 fn likeliest(first: Parallax, witnesses: &[(Vec3, Vec3)]) -> Parallax {
     let with = |factor: f32| Parallax { curvature: first.curvature * factor, ..first };
     let [known, others @ ..] = CURVATURES.map(with).map(|sphere| (sphere, log_likelihood(&sphere, witnesses)));
-    let start = (known.0, known.1 + LEAST_GAIN);
+    let least = LEAST_GAIN[0] + LEAST_GAIN[1] * witnesses.len() as f64;
+    let start = (known.0, known.1 + least);
     others.into_iter().fold(start, |best, next| if next.1 > best.1 { next } else { best }).0
 }
 
