@@ -47,11 +47,11 @@ impl<'a> LightSampling<'a> {
         if let Self::Learned(learned) = self { learned.places.as_ref().map(|places| places.at(point)) } else { None }
     }
 
-    /// The odds of lights that were learned at sixteen points.
+    /// The odds of lights that were learned at sixteen points, lane by lane.
     #[inline(always)]
-    pub fn odds_lanes(self, points: &[Vec3; LANES]) -> Option<[&'a Odds; LANES]> {
+    pub fn odds_lanes(self, point: impl Fn(usize) -> Vec3) -> Option<[&'a Odds; LANES]> {
         let Self::Learned(LearnedLights { places: Some(places), .. }) = self else { return None };
-        Some(places.at_lanes(points))
+        Some(std::array::from_fn(|lane| places.at(point(lane))))
     }
 
     /// How a point sees the lights from a surface that faces that way.

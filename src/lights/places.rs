@@ -3,8 +3,6 @@
 
 use glam::Vec3;
 
-use crate::math::lanes::LANES;
-
 /// Pairs of nodes whose odds are learned, from the root down; below, lights are so close to one another that they are seen alike.
 pub const LEARNED: usize = 63;
 /// Number of odds in a row: those of [`LEARNED`] pairs, and 1 for all others.
@@ -45,12 +43,6 @@ impl LightPlaces {
     #[inline(always)]
     pub(super) fn at(&self, point: Vec3) -> &Odds {
         &self.odds[self.division.cell(point) as usize]
-    }
-
-    /// The odds at points, lane by lane.
-    #[inline(always)]
-    pub(super) fn at_lanes(&self, points: &[Vec3; LANES]) -> [&Odds; LANES] {
-        points.map(|point| self.at(point))
     }
 }
 

@@ -450,7 +450,7 @@ impl PathTracer<'_> {
             view: LightView {
                 learned: self.lights.sky(),
                 facing,
-                odds: self.lights.odds_lanes(&near.map(|of| of.point)),
+                odds: self.lights.odds_lanes(|lane| near[lane].point),
             },
             shaded,
         };
