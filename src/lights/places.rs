@@ -85,7 +85,7 @@ impl Division {
 /// A part of space while it is divided.
 pub(super) enum Part {
     /// A cell with these odds.
-    Cell(Odds),
+    Cell(Box<Odds>),
     /// Two parts, below a place on an axis and from there on.
     Divided { axis: u32, at: f32, parts: Box<[Self; 2]> },
 }
@@ -101,7 +101,7 @@ impl Division {
     fn add(&mut self, part: &Part, odds: &mut Vec<Odds>) -> Beyond {
         match part {
             Part::Cell(own) => {
-                odds.push(*own);
+                odds.push(**own);
                 CELL | (odds.len() - 1) as u32
             }
             Part::Divided { axis, at, parts } => {
@@ -123,7 +123,7 @@ mod tests {
     /// Every point is in one cell, on the side of each plane that the part said.
     #[test]
     fn points_are_in_the_cells_of_their_parts() {
-        let cell = |value: f32| Part::Cell([value; ROW]);
+        let cell = |value: f32| Part::Cell(Box::new([value; ROW]));
         let right = Part::Divided { axis: 2, at: -1.0, parts: Box::new([cell(2.0), cell(3.0)]) };
         let whole = Part::Divided { axis: 0, at: 0.5, parts: Box::new([cell(1.0), right]) };
         let (division, odds) = Division::new(&whole);

@@ -23,11 +23,11 @@ const PATHS: u64 = 1 << 16;
 /// a checkpoint, has to find the same.
 const EACH_SECOND: f64 = 2048.0;
 /// Samples of the picture for each path, where there is no sky: of lights with a place alone less is known soon enough.
-const EACH_SAMPLE: u64 = 32;
+const EACH_SAMPLE: u64 = 128;
 /// Part of these paths that find out whether the others are worth it.
 const FIRST: u64 = 8;
 /// Second moment with what the first have found over that without, above which there are no others.
-const PROMISING: f64 = 0.95;
+const PROMISING: f64 = 0.8;
 /// Fewest paths that tell anything.
 const LEAST: u64 = 1 << 12;
 /// Paths that are traced together.
