@@ -13,11 +13,10 @@ use crate::geometry::{Ray, Surface};
 use crate::guiding::paths::guide::{Chosen, PathGuide};
 use crate::guiding::paths::path::{CompletePath, End, Event, Step};
 use crate::lights::Light;
-use crate::lights::counted::SkySampling;
-use crate::lights::seen::{ANYWHERE, SkyView, facing};
+use crate::lights::learned::LightSampling;
+use crate::lights::seen::{ANYWHERE, facing};
 use crate::materials::{Material, Transport};
 use crate::math::Frame;
-use crate::math::lanes::LANES;
 use crate::scene::Scene;
 
 /// Draws complete paths.
@@ -26,8 +25,8 @@ pub struct GuidedTracer<'a> {
     pub scene: &'a Scene,
     /// Settings.
     pub settings: TransportSettings,
-    /// How the sky is sampled.
-    pub sky: SkySampling<'a>,
+    /// How lights are sampled.
+    pub lights: LightSampling<'a>,
     /// What is drawn from.
     pub guide: &'a PathGuide,
     /// How often kernels choose.
@@ -180,7 +179,7 @@ impl GuidedTracer<'_> {
         let eta = material.eta(frame.to_local(-walk.ray.direction), frame.to_local(drawn.direction));
         walk.go_on(self.settings.roulette, &drawn, eta);
         walk.connects = self.settings.light_sampling && !event.delta;
-        walk.facing = if self.sky.asks_facing() { facing(normal) } else { ANYWHERE };
+        walk.facing = if self.lights.asks_facing() { facing(normal) } else { ANYWHERE };
         let Drawn { direction, origin, pdf, .. } = drawn;
         walk.points.push(surface.point);
         walk.steps.push(Step { direction, pdf, by_kernel, event });
@@ -194,7 +193,9 @@ impl GuidedTracer<'_> {
         walk.value *= light.emitted(surface, -walk.ray.direction).as_dvec3();
         if walk.connects {
             let from = *walk.points.last()?;
-            walk.last += f64::from(light.pdf(from, surface) * self.scene.lights.probability(from, index));
+            walk.last += f64::from(
+                light.pdf(from, surface) * self.scene.lights.probability(from, index, self.lights.odds(from)),
+            );
         }
         walk.points.push(surface.point);
         Some(())
@@ -202,7 +203,7 @@ impl GuidedTracer<'_> {
 
     /// Ends the path at the sky.
     fn leave(&self, walk: &mut Walk) -> Option<()> {
-        let sky = self.sky(walk.facing);
+        let sky = self.lights.view(*walk.points.last()?, walk.facing);
         let (radiance, pdf) = self.scene.lights.background(walk.ray.direction, &sky);
         walk.value *= radiance.as_dvec3();
         if walk.connects {
@@ -219,7 +220,11 @@ impl GuidedTracer<'_> {
         let SiteAt { site, .. } = Self::site(&walk.ray, surface, self.scene.material(surface));
         let normal = surface.normal_towards(-walk.ray.direction);
         let u = walk.random.at(Dimension::LIGHT_POINT).next_2d();
-        let light = self.scene.lights.lights[index].sample(surface.point, u, &self.sky(facing(normal)))?;
+        let light = self.scene.lights.lights[index].sample(
+            surface.point,
+            u,
+            &self.lights.view(surface.point, facing(normal)),
+        )?;
         let event = Event { transmits: normal.dot(light.wi) < 0.0, delta: false };
         let value: Vec3 = site.eval_and_pdf(light.wi.into()).0.into();
         if event != kept.event || value == Vec3::ZERO {
@@ -230,14 +235,11 @@ impl GuidedTracer<'_> {
         let passed = self.scene.transmittance(&ray, length, None, &walk.random.at(Dimension::CONNECTION));
         walk.value *= (value * light.radiance * passed).as_dvec3();
         walk.before *= walk.last * walk.survival;
-        walk.last = f64::from(self.scene.lights.probability(surface.point, index) * light.pdf);
+        walk.last =
+            f64::from(self.scene.lights.probability(surface.point, index, self.lights.odds(surface.point)) * light.pdf);
         walk.points.push(surface.point);
         walk.steps.push(Step { direction: light.wi, pdf: 0.0, by_kernel: 0.0, event });
         Some(())
-    }
-
-    fn sky(&self, facing: u8) -> SkyView<'_> {
-        SkyView { learned: self.sky.learned(), facing: [facing; LANES] }
     }
 }
 

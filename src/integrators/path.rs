@@ -22,8 +22,8 @@ use crate::guiding::record::{PathRecord, Radiance};
 use crate::guiding::sample::field::{DirectionGuide, GuideField};
 use crate::guiding::sample::roulette::AdjointRoulette;
 use crate::lights::Light;
-use crate::lights::counted::SkySampling;
-use crate::lights::seen::{ANYWHERE, SkyView, facing};
+use crate::lights::learned::LightSampling;
+use crate::lights::seen::{ANYWHERE, LightView, facing};
 use crate::materials::medium::MediumId;
 use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::{Material, Variant};
@@ -33,7 +33,7 @@ use crate::sampling::mis;
 use crate::scene::Scene;
 use crate::scene::effects::Effects;
 use crate::scene::media::{End, Passage};
-use batch::{Connection, Shadows, Towards, Vertices};
+use batch::{Connection, Shadows, Towards, Tried, Vertices};
 use shade::{Sampled, Shaded};
 
 /// Traces camera paths.
@@ -44,8 +44,8 @@ pub struct PathTracer<'a> {
     pub settings: TransportSettings,
     /// The guiding field; none for plain path tracing.
     pub field: Option<&'a GuideField>,
-    /// How the sky is sampled.
-    pub sky: SkySampling<'a>,
+    /// How lights are sampled.
+    pub lights: LightSampling<'a>,
 }
 
 /// The beginning of a camera path.
@@ -271,7 +271,7 @@ impl PathTracer<'_> {
             variant: if phase.is_some() { Variant::PHASE } else { self.scene.variant(surface) },
             phase,
             bumped,
-            facing: if self.sky.asks_facing() { facing(normal) } else { ANYWHERE },
+            facing: if self.lights.asks_facing() { facing(normal) } else { ANYWHERE },
             smooth,
             connects: self.connects::<E>(path, worth.light),
             worth,
@@ -354,6 +354,9 @@ impl PathTracer<'_> {
         vertices: &mut Vertices,
         shadows: &mut Shadows,
     ) -> bool {
+        if at.connects && matches!(self.lights, LightSampling::Counted(_)) {
+            self.count_trial(path, at, surface, shadows);
+        }
         if let Some(sampled) = shaded.light(lane).filter(|_| at.connects) {
             self.connect::<E>(path, at, surface, &sampled, shadows);
             if E::GUIDING {
@@ -385,6 +388,16 @@ impl PathTracer<'_> {
             path.ray = Ray { origin: onward.origin.into(), direction: sample.direction };
         }
         goes_on
+    }
+
+    /// Keeps in mind which light was chosen, if it has a place.
+    fn count_trial(&self, path: &PathState, at: &Arrival, surface: &Surface, shadows: &mut Shadows) {
+        let lights = &self.scene.lights;
+        let chosen = lights.choose(surface.point, lights.choice(&path.random), None);
+        if let Some((light, _)) = chosen.filter(|(light, _)| !lights.lights[*light].is_at_infinity()) {
+            let (point, light) = (surface.point, light as u32);
+            shadows.tried.push(Tried { path: at.path, vertex: at.vertex, point, light, carried: path.throughput });
+        }
     }
 
     /// What the path takes along in the direction that was drawn, to which it survived with probability `survival`.
@@ -448,7 +461,8 @@ impl PathTracer<'_> {
         let radiance = light.emitted(surface, -path.ray.direction);
         match path.previous {
             Some(p) if p.light_probability > 0.0 => {
-                let choice = self.scene.lights.probability(p.point, index) * p.light_probability;
+                let choice =
+                    self.scene.lights.probability(p.point, index, self.lights.odds(p.point)) * p.light_probability;
                 let weight = mis::balance(p.pdf, light.pdf(p.point, surface) * choice);
                 Emission { radiance, weight, connected: true }
             }
@@ -459,7 +473,7 @@ impl PathTracer<'_> {
     #[inline(always)]
     fn background(&self, path: &PathState) -> Emission {
         let facing = path.previous.as_ref().map_or(ANYWHERE, |previous| previous.facing);
-        let sky = SkyView { learned: self.sky.learned(), facing: [facing; LANES] };
+        let sky = LightView { learned: self.lights.sky(), facing: [facing; LANES], odds: None };
         let (radiance, light_pdf) = self.scene.lights.background(path.ray.direction, &sky);
         match path.previous {
             Some(p) if p.light_probability > 0.0 => {

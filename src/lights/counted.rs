@@ -30,38 +30,6 @@ const LEAST_COSINE: f32 = 0.1;
 /// Parts of 1 in which squared cosines are counted.
 const UNIT: f64 = 65536.0;
 
-/// How light sampling treats the sky.
-#[derive(Debug, Clone, Copy, Default)]
-pub enum SkySampling<'a> {
-    /// By the map alone.
-    #[default]
-    Plain,
-    /// By the map alone, and it is counted where the sky is seen.
-    Counted(&'a SkyCounts),
-    /// By what was learned.
-    Learned(&'a LearnedSky),
-}
-
-impl<'a> From<&'a Option<LearnedSky>> for SkySampling<'a> {
-    fn from(learned: &'a Option<LearnedSky>) -> Self {
-        learned.as_ref().map_or(Self::Plain, Self::Learned)
-    }
-}
-
-impl<'a> SkySampling<'a> {
-    /// What was learned.
-    #[inline(always)]
-    pub fn learned(self) -> Option<&'a LearnedSky> {
-        if let Self::Learned(sky) = self { Some(sky) } else { None }
-    }
-
-    /// Whether it matters which way surfaces face.
-    #[inline(always)]
-    pub fn asks_facing(self) -> bool {
-        !matches!(self, Self::Plain)
-    }
-}
-
 /// Where samples have seen the sky: sums of squared cosines by half of the samples, facing and tile. Whole numbers, which no order of adding
 /// changes.
 #[derive(Debug)]
@@ -190,7 +158,7 @@ mod tests {
 
     use super::*;
     use crate::base::random::Random;
-    use crate::lights::seen::{SkyView, facing};
+    use crate::lights::seen::{LightView, facing};
     use crate::math::lanes::LANES;
     use crate::picture::Image;
 
@@ -221,7 +189,7 @@ mod tests {
         let is_seen = |wi: Vec3| wi.x > 0.0 && wi.y > 0.0;
         let sky = counted(&map, 20_000, Vec3::Y, is_seen).learned(&map).expect("it is worth knowing");
         assert!((0.2..0.5).contains(&sky.gain()), "{}", sky.gain());
-        let view = |normal| SkyView { learned: Some(&sky), facing: [facing(normal); LANES] };
+        let view = |normal| LightView { learned: Some(&sky), facing: [facing(normal); LANES], odds: None };
         let share = |normal: Vec3| {
             let mut random = Random::new(6, 0, 0);
             let seen = |_| is_seen(map.samples::<f32>(random.next_2d(), &view(normal)).wi.into());

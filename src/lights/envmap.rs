@@ -10,7 +10,7 @@ use glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
 use super::distant::{cross_section, ray_through};
-use super::seen::SkyView;
+use super::seen::LightView;
 use super::{BoundingSphere, Emission, LightSample, LightSamples};
 use crate::base::processor::prefetch;
 use crate::math::lanes::functions::{atan2, sin_cos};
@@ -151,7 +151,7 @@ impl Envmap {
 
     /// The four texels around a cell, channel by channel in the order of rows, and the density of the cell.
     #[inline(always)]
-    fn read(&self, [x, y]: [usize; 2], lane: usize, sky: &SkyView) -> [f32; 13] {
+    fn read(&self, [x, y]: [usize; 2], lane: usize, sky: &LightView) -> [f32; 13] {
         let next = if x + 1 < self.image.width { x + 1 } else { 0 };
         let (top, bottom) = (row(&self.image, y), row(&self.image, y + 1));
         let [a, b, c, d] = [top[x], top[next], bottom[x], bottom[next]];
@@ -164,7 +164,7 @@ impl Envmap {
 
     /// Radiance from the directions `wi`, and densities of [`Envmap::sample`] w.r.t. solid angle.
     #[inline(always)]
-    pub(super) fn seen<R: Real>(&self, wi: V3<R>, sky: &SkyView) -> (V3<R>, R) {
+    pub(super) fn seen<R: Real>(&self, wi: V3<R>, sky: &LightView) -> (V3<R>, R) {
         let position = self.position(wi);
         // Lanes wait for memory together; one alone would wait twice.
         if size_of::<R>() > size_of::<f32>() {
@@ -180,7 +180,7 @@ impl Envmap {
 
     /// [`Envmap::seen`] at positions.
     #[inline(always)]
-    fn seen_at<R: Real>(&self, position: Position<R>, sky: &SkyView) -> (V3<R>, R) {
+    fn seen_at<R: Real>(&self, position: Position<R>, sky: &LightView) -> (V3<R>, R) {
         let Position { cell, inside: [right, below], sin, covered } = position;
         let texels = by_lane!(cell, |lane, [x, y]| self.read([x as usize, y as usize], lane, sky));
         let [ar, ag, ab, br, bg, bb, cr, cg, cb, dr, dg, db, density] = texels;
@@ -202,7 +202,7 @@ impl Envmap {
 
     /// [`Envmap::radiance`] and [`Envmap::pdf`], in less time than both take.
     pub fn radiance_and_pdf(&self, wi: Vec3) -> (Vec3, f32) {
-        let (radiance, pdf) = self.seen(V3::from(wi), &SkyView::PLAIN);
+        let (radiance, pdf) = self.seen(V3::from(wi), &LightView::PLAIN);
         (radiance.into(), pdf)
     }
 
@@ -218,7 +218,7 @@ impl Envmap {
 
     /// Directions chosen in proportion to radiance.
     #[inline(always)]
-    pub(super) fn directions<R: Real>(&self, u: [R; 2], sky: &SkyView) -> V3<R> {
+    pub(super) fn directions<R: Real>(&self, u: [R; 2], sky: &LightView) -> V3<R> {
         let (cell, [right, below]) = match sky.learned {
             Some(_) => self.tiling.choose(&self.grid, u, |lane| sky.weights(lane)),
             None => self.grid.choose(u),
@@ -235,7 +235,7 @@ impl Envmap {
 
     /// Samples directions in proportion to radiance.
     #[inline(always)]
-    pub(super) fn samples<R: Real>(&self, u: [R; 2], sky: &SkyView) -> LightSamples<R> {
+    pub(super) fn samples<R: Real>(&self, u: [R; 2], sky: &LightView) -> LightSamples<R> {
         let wi = self.directions(u, sky);
         // Looking the density up again keeps it equal to that of `seen` for the rounded direction.
         let (radiance, pdf) = self.seen_at(self.position(wi), sky);
@@ -244,7 +244,7 @@ impl Envmap {
 
     /// Samples a direction in proportion to radiance.
     pub fn sample(&self, u: [f32; 2]) -> Option<LightSample> {
-        self.samples(u, &SkyView::PLAIN).one()
+        self.samples(u, &LightView::PLAIN).one()
     }
 
     /// Samples a photon through the scene.
@@ -325,7 +325,7 @@ mod tests {
                 for _ in 0..200 {
                     let u = random.next_2d();
                     let (cell, inside) = map.grid.choose(u);
-                    let wi = map.directions::<f32>(u, &SkyView::PLAIN);
+                    let wi = map.directions::<f32>(u, &LightView::PLAIN);
                     let found = map.position(wi);
                     let [across, down] = [0, 1].map(|i| {
                         f64::from(found.cell[i]) + f64::from(found.inside[i])

@@ -1,9 +1,10 @@
 //! Lights as seen from sixteen points at once. Each kind of light that occurs is sampled in all lanes, by the formulas of one lane.
 
 use super::area::{self, AreaLight};
+use super::places::Odds;
 use super::point::{self, Point, Spot};
 use super::projector::{self, Projector};
-use super::seen::SkyView;
+use super::seen::LightView;
 use super::{Light, LightSample, LightSet};
 use crate::math::lanes::{Bits, LANES, Mask, Real, V3, Wide};
 
@@ -176,10 +177,10 @@ impl LightSet {
         points: &V3<W::Real>,
         choices: &[f64; LANES],
         u: &[[f32; 2]; LANES],
-        sky: &SkyView,
+        sky: &LightView,
     ) -> LightSamples<W::Real> {
         let u = wide.points(u);
-        let (indices, probability) = self.choose_lanes(wide, points, choices);
+        let (indices, probability) = self.choose_lanes(wide, points, choices, sky.odds.as_ref());
         let chosen = Chosen::new(wide, &self.lights, indices);
         let mut samples = LightSamples::none(points.x);
         if let Some((mask, lights)) = chosen.of(Kind::Mesh, Light::area) {
@@ -214,7 +215,7 @@ impl LightSet {
         probability: R,
         u: [R; 2],
         mut samples: LightSamples<R>,
-        sky: &SkyView,
+        sky: &LightView,
     ) -> LightSamples<R> {
         let mut together = probability.lt(probability);
         // These lights are few: one after the other, in all lanes that have chosen it.
@@ -240,13 +241,19 @@ impl LightSet {
 
     /// [`LightSet::choose`] for sixteen points: indices, of none where there is no light, and probabilities.
     #[inline(always)]
-    fn choose_lanes<W: Wide>(&self, wide: W, points: &V3<W::Real>, choices: &[f64; LANES]) -> ([u32; LANES], W::Real) {
+    fn choose_lanes<W: Wide>(
+        &self,
+        wide: W,
+        points: &V3<W::Real>,
+        choices: &[f64; LANES],
+        odds: Option<&[&Odds; LANES]>,
+    ) -> ([u32; LANES], W::Real) {
         let placed = f64::from(self.placed);
         let mut among_placed = [-1.0; LANES];
         for lane in 0..LANES {
             among_placed[lane] = if choices[lane] < placed { choices[lane] / placed } else { -1.0 };
         }
-        let (mut indices, probability) = self.tree.sample_lanes(wide, points, among_placed);
+        let (mut indices, probability) = self.tree.sample_lanes(wide, points, among_placed, odds);
         let probability = probability * self.placed;
         if placed >= 1.0 {
             return (indices, probability);

@@ -7,6 +7,8 @@ pub mod distant;
 pub mod envmap;
 mod glow;
 mod lanes;
+pub mod learned;
+pub mod places;
 pub mod point;
 pub mod projector;
 pub mod seen;
@@ -15,6 +17,7 @@ pub mod sun;
 #[cfg(test)]
 mod tests;
 pub mod tree;
+pub mod tried;
 
 use glam::Vec3;
 
@@ -27,9 +30,10 @@ use area::AreaLight;
 use distant::{Constant, Directional};
 use envmap::Envmap;
 pub use lanes::LightSamples;
+use places::Odds;
 use point::{Point, Spot};
 use projector::Projector;
-use seen::SkyView;
+use seen::LightView;
 use sun::Sun;
 use tree::{LightBounds, LightTree};
 
@@ -92,7 +96,7 @@ pub enum Light {
 impl Light {
     /// Samples the light as seen from `point`.
     #[inline(always)]
-    pub fn sample(&self, point: Vec3, u: [f32; 2], sky: &SkyView) -> Option<LightSample> {
+    pub fn sample(&self, point: Vec3, u: [f32; 2], sky: &LightView) -> Option<LightSample> {
         match self {
             Self::Area(light) => light.sample(point, u),
             Self::Point(light) => point::sample_points(|_| light, point.into()).one(),
@@ -104,7 +108,7 @@ impl Light {
 
     /// Samples a light that has no position, in lanes.
     #[inline(always)]
-    fn sample_distant<R: Real>(&self, u: [R; 2], sky: &SkyView) -> LightSamples<R> {
+    fn sample_distant<R: Real>(&self, u: [R; 2], sky: &LightView) -> LightSamples<R> {
         match self {
             Self::Directional(light) => light.samples(u[0]),
             Self::Sun(light) => {
@@ -123,7 +127,7 @@ impl Light {
 
     /// Directions to the light, which is around the scene.
     #[inline(always)]
-    fn directions<R: Real>(&self, u: [R; 2], sky: &SkyView) -> V3<R> {
+    fn directions<R: Real>(&self, u: [R; 2], sky: &LightView) -> V3<R> {
         match self {
             Self::Sun(light) => light.directions(u),
             Self::Envmap(light) => light.directions(u, sky),
@@ -148,17 +152,17 @@ impl Light {
 
     /// Radiance from infinitely far away in direction `wi`, zero for lights that are not there.
     pub fn background(&self, wi: Vec3) -> Vec3 {
-        self.seen(V3::from(wi), &SkyView::PLAIN).0.into()
+        self.seen(V3::from(wi), &LightView::PLAIN).0.into()
     }
 
     /// Density with which [`Light::sample`] chooses the background direction `wi`, w.r.t. solid angle.
     pub fn background_pdf(&self, wi: Vec3) -> f32 {
-        self.seen(V3::from(wi), &SkyView::PLAIN).1
+        self.seen(V3::from(wi), &LightView::PLAIN).1
     }
 
     /// [`Light::background`] and [`Light::background_pdf`] in lanes.
     #[inline(always)]
-    fn seen<R: Real>(&self, wi: V3<R>, sky: &SkyView) -> (V3<R>, R) {
+    fn seen<R: Real>(&self, wi: V3<R>, sky: &LightView) -> (V3<R>, R) {
         match self {
             Self::Constant(light) => light.seen(wi),
             Self::Envmap(light) => light.seen(wi, sky),
@@ -268,23 +272,28 @@ impl LightSet {
         if self.has_choice() { random.at(Dimension::LIGHT).next_f64() } else { 0.0 }
     }
 
-    /// Chooses a light for `point`; returns its index and the probability of the choice.
-    pub fn choose(&self, point: Vec3, choice: f64) -> Option<(usize, f32)> {
+    /// Whether there are lights with a place to choose among.
+    pub fn has_places(&self) -> bool {
+        self.tree.has_choice()
+    }
+
+    /// Chooses a light for `point`, with learned `odds` where there are any; returns its index and the probability of the choice.
+    pub fn choose(&self, point: Vec3, choice: f64, odds: Option<&Odds>) -> Option<(usize, f32)> {
         let placed = f64::from(self.placed);
         if choice < placed {
-            let (index, probability) = self.tree.sample(point, choice / placed)?;
+            let (index, probability) = self.tree.sample(point, choice / placed, odds)?;
             return Some((index, self.placed * probability));
         }
         let (index, _) = self.selection.sample((choice - placed) / (1.0 - placed));
         Some((index, (1.0 - self.placed) * self.selection.probability(index) as f32))
     }
 
-    /// The probability with which [`LightSet::sample`] chooses light `index` for `point`.
-    pub fn probability(&self, point: Vec3, index: usize) -> f32 {
+    /// The probability with which [`LightSet::choose`] chooses light `index` for `point`.
+    pub fn probability(&self, point: Vec3, index: usize, odds: Option<&Odds>) -> f32 {
         if self.lights[index].is_at_infinity() {
             (1.0 - self.placed) * self.selection.probability(index) as f32
         } else {
-            self.placed * self.tree.probability(point, index)
+            self.placed * self.tree.probability(point, index, odds)
         }
     }
 
@@ -307,18 +316,18 @@ impl LightSet {
         let density = |map: bool| -> f32 {
             let lights = self.around.iter().map(|&(index, probability)| (&self.lights[index as usize], probability));
             let wanted = lights.filter(|(light, _)| !map || matches!(light, Light::Envmap(_)));
-            wanted.map(|(light, probability)| light.seen::<f32>(wi.into(), &SkyView::PLAIN).1 * probability).sum()
+            wanted.map(|(light, probability)| light.seen::<f32>(wi.into(), &LightView::PLAIN).1 * probability).sum()
         };
         let all = density(false);
         if all > 0.0 { density(true) / all } else { 0.0 }
     }
 
     /// Samples a chosen light; the density includes the choice. Lights at infinity that rays can hit are sampled together.
-    pub fn sample(&self, point: Vec3, choice: f64, u: [f32; 2], sky: &SkyView) -> Option<LightSample> {
+    pub fn sample(&self, point: Vec3, choice: f64, u: [f32; 2], sky: &LightView) -> Option<LightSample> {
         if self.lights.is_empty() {
             return None;
         }
-        let (index, probability) = self.choose(point, choice)?;
+        let (index, probability) = self.choose(point, choice, sky.odds.map(|odds| odds[0]))?;
         let light = &self.lights[index];
         if self.together(light) {
             return self.sample_around(light.directions(u, sky), index as i32, sky).one();
@@ -336,21 +345,21 @@ impl LightSet {
     /// Samples of all lights around the scene, in directions that were chosen for one of them. A ray that leaves the scene meets all of
     /// them at once, so a sample of one is one of their sum.
     #[inline(always)]
-    fn sample_around<R: Real>(&self, wi: V3<R>, chosen: R::Bits, sky: &SkyView) -> LightSamples<R> {
+    fn sample_around<R: Real>(&self, wi: V3<R>, chosen: R::Bits, sky: &LightView) -> LightSamples<R> {
         let (radiance, pdf, own) = self.background_and_own(wi, chosen, sky);
         LightSamples { found: pdf.above(0.0) & own.above(0.0), ..LightSamples::distant(wi, radiance, pdf) }
     }
 
     /// Radiance of all background lights in direction `wi`, and the density with which [`LightSet::sample`] chooses it.
     #[inline]
-    pub fn background(&self, wi: Vec3, sky: &SkyView) -> (Vec3, f32) {
+    pub fn background(&self, wi: Vec3, sky: &LightView) -> (Vec3, f32) {
         let (radiance, pdf) = self.background_lanes(V3::from(wi), sky);
         (radiance.into(), pdf)
     }
 
     /// [`LightSet::background`] in lanes.
     #[inline(always)]
-    pub fn background_lanes<R: Real>(&self, wi: V3<R>, sky: &SkyView) -> (V3<R>, R) {
+    pub fn background_lanes<R: Real>(&self, wi: V3<R>, sky: &LightView) -> (V3<R>, R) {
         let none = wi.x.bits();
         let (radiance, pdf, _) = self.background_and_own(wi, none.all(-1), sky);
         (radiance, pdf)
@@ -358,7 +367,7 @@ impl LightSet {
 
     /// [`LightSet::background`], and the density with which each lane's `chosen` light alone has its direction.
     #[inline(always)]
-    fn background_and_own<R: Real>(&self, wi: V3<R>, chosen: R::Bits, sky: &SkyView) -> (V3<R>, R, R) {
+    fn background_and_own<R: Real>(&self, wi: V3<R>, chosen: R::Bits, sky: &LightView) -> (V3<R>, R, R) {
         let zero = wi.x.all(0.0);
         let (mut sum, mut density, mut own) = (V3::splat(zero), zero, zero);
         for &(index, probability) in &self.around {

@@ -4,6 +4,7 @@
 
 use glam::Vec3;
 
+use super::places::Odds;
 use crate::math::lanes::LANES;
 use crate::sampling::tiles::Weights;
 
@@ -41,18 +42,20 @@ impl LearnedSky {
     }
 }
 
-/// How points see the sky.
+/// How points see the lights.
 #[derive(Debug, Clone, Copy)]
-pub struct SkyView<'a> {
-    /// What was learned; none where the map alone decides.
+pub struct LightView<'a> {
+    /// What was learned of the sky; none where the map alone decides.
     pub learned: Option<&'a LearnedSky>,
     /// Facings of the points, lane by lane.
     pub facing: [u8; LANES],
+    /// The odds of lights with a place, as they were learned where the points are; none where the light tree alone decides.
+    pub odds: Option<[&'a Odds; LANES]>,
 }
 
-impl SkyView<'_> {
+impl LightView<'_> {
     /// Nothing is learned.
-    pub const PLAIN: Self = Self { learned: None, facing: [ANYWHERE; LANES] };
+    pub const PLAIN: Self = Self { learned: None, facing: [ANYWHERE; LANES], odds: None };
 
     /// The probabilities of tiles in a lane; none where the map alone decides.
     #[inline(always)]

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use glam::{Affine2, Affine3A, Mat3, Quat, Vec2, Vec3};
 
 use super::counted::SkyCounts;
+use super::places::Odds;
 use super::projector::{Lens, Profile, Projector};
-use super::seen::{LearnedSky, SkyView};
+use super::seen::{LearnedSky, LightView};
 use super::*;
 use crate::base::processor::{Avx2, Avx512};
 use crate::base::random::Random;
@@ -179,8 +180,15 @@ impl Kernel for Compare<'_> {
             let choices: [f64; LANES] = std::array::from_fn(|_| random.next_f64());
             let u: [[f32; 2]; LANES] = std::array::from_fn(|_| random.next_2d());
             let facing: [u8; LANES] = std::array::from_fn(|_| random.below(7) as u8);
-            let sky = SkyView { learned: learned.as_ref(), facing };
-            let alone_sky = |lane: usize| SkyView { facing: [facing[lane]; LANES], ..sky };
+            let odds: [Odds; LANES] =
+                std::array::from_fn(|_| std::array::from_fn(|_| random.range(-6.0, 6.0f32).exp2()));
+            let odds = (random.below(2) == 0).then(|| odds.each_ref());
+            let sky = LightView { learned: learned.as_ref(), facing, odds };
+            let alone_sky = |lane: usize| LightView {
+                facing: [facing[lane]; LANES],
+                odds: odds.map(|odds| [odds[lane]; LANES]),
+                ..sky
+            };
             let lanes = |i: usize| wide.load(&points.map(|point| point[i]));
             let samples = lights.sample_lanes(wide, &V3::new(lanes(0), lanes(1), lanes(2)), &choices, &u, &sky);
             let (radiance, pdf) = lights.background_lanes(samples.wi, &sky);

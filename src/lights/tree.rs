@@ -8,6 +8,7 @@ use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::Vec3;
 
+use super::places::{LEARNED, Odds};
 use crate::math::lanes::{Bits, LANES, Mask, Real, V3, Wide, by_lane};
 
 /// Bounds of a light's position, directions and intensity.
@@ -225,6 +226,54 @@ fn turn<R: Real>([first, second]: &[Node<R>; 2], point: V3<R>) -> (R, R::Mask) {
     (share, sum.above(0.0) & sum.finite())
 }
 
+/// A turn that was taken at one of the first pairs on the way to a light.
+#[derive(Debug, Clone, Copy)]
+pub struct Turn {
+    /// Index of the pair.
+    pub pair: u32,
+    /// Probability of the first node, by the estimates.
+    share: f32,
+    /// Whether it was not the first that was taken.
+    pub second: bool,
+}
+
+/// Probability of a light with learned odds over that without, by the turns to it.
+pub fn leaning(turns: &[Turn], odds: &Odds) -> f32 {
+    let part = |turn: &Turn| {
+        let leaned = lean(turn.share, odds[turn.pair as usize]);
+        if turn.second { leaned.rest() / turn.share.rest() } else { leaned / turn.share }
+    };
+    mixed(1.0, turns.iter().map(part).product())
+}
+
+/// Part of the samples that take their turns by the estimates alone, whatever was learned.
+const DEFENSIVE: f32 = 0.1;
+
+/// Probability of a light, by those without and with learned odds.
+#[inline(always)]
+fn mixed<R: Real>(plain: R, learned: R) -> R {
+    plain * DEFENSIVE + learned * (1.0 - DEFENSIVE)
+}
+
+/// Probability of the first of two nodes by its share and learned odds.
+#[inline(always)]
+fn lean<R: Real>(share: R, odds: R) -> R {
+    let first = share * odds;
+    first / (first + share.rest())
+}
+
+/// The place of a pair's odds.
+#[inline(always)]
+fn place(link: Link) -> usize {
+    (link as usize).min(LEARNED)
+}
+
+/// Where the turns to a light are taken by learned odds, and the number that chooses them, by the number that chooses all.
+#[inline(always)]
+fn leans(u: f64) -> (bool, f64) {
+    split_number(u, DEFENSIVE)
+}
+
 /// A tree over the lights that have a place.
 #[derive(Debug, Clone)]
 pub struct LightTree {
@@ -258,7 +307,48 @@ impl LightTree {
         if !placed.is_empty() {
             tree.root = tree.grow(&mut placed, 0, 0);
         }
+        tree.by_level();
         tree
+    }
+
+    /// Sorts the pairs by their distance from the root, so that the first are those whose odds are learned.
+    fn by_level(&mut self) {
+        let mut order: Vec<Link> = Vec::with_capacity(self.pairs.len());
+        order.extend((self.root & LEAF == 0).then_some(self.root));
+        let mut sorted = Vec::with_capacity(self.pairs.len());
+        while let Some(&link) = order.get(sorted.len()) {
+            let mut pair = self.pairs[link as usize];
+            for (second, row) in pair.0.iter_mut().enumerate() {
+                let below = self.pairs[link as usize].link(second == 1);
+                if below & LEAF == 0 {
+                    row[NUMBERS] = (order.len() as Link).real_bits();
+                    order.push(below);
+                }
+            }
+            sorted.push(pair);
+        }
+        self.pairs = sorted;
+    }
+
+    /// Whether there are lights to choose among.
+    pub fn has_choice(&self) -> bool {
+        !self.pairs.is_empty()
+    }
+
+    /// Adds to `turns` those to `light` at the pairs whose odds are learned.
+    pub fn turns(&self, point: Vec3, light: usize, turns: &mut Vec<Turn>) {
+        let Some(Some((mut trail, depth))) = self.trails.get(light).copied() else { return };
+        let mut link = self.root;
+        for _ in 0..depth {
+            if link as usize >= LEARNED {
+                return;
+            }
+            let (pair, second) = (&self.pairs[link as usize], trail & 1 == 1);
+            let (share, _) = turn(&pair.nodes(), point.into());
+            turns.push(Turn { pair: link.cast_unsigned(), share, second });
+            link = pair.link(second);
+            trail >>= 1;
+        }
     }
 
     /// Adds the nodes below one with these lights.
@@ -278,31 +368,50 @@ impl LightTree {
         pair as Link
     }
 
-    /// Samples a light for `point`; returns its index and probability, none where no light can light it.
-    pub fn sample(&self, point: Vec3, mut u: f64) -> Option<(usize, f32)> {
-        let (mut link, mut probability) = (self.root, 1.0);
+    /// Samples a light for `point`, with learned `odds` where there are any; returns its index and probability, none where no light can
+    /// light it.
+    pub fn sample(&self, point: Vec3, mut u: f64, odds: Option<&Odds>) -> Option<(usize, f32)> {
+        let (mut link, mut plain, mut learned, mut by_odds) = (self.root, 1.0, 1.0, false);
+        if odds.is_some() {
+            (by_odds, u) = leans(u);
+        }
         while link & LEAF == 0 {
             let pair = &self.pairs[link as usize];
             let (share, possible) = turn(&pair.nodes(), point.into());
             if !possible {
                 return None;
             }
+            let leaned = odds.map_or(share, |odds| lean(share, odds[place(link)]));
             let second;
-            (second, u) = split_number(u, share);
-            probability *= if second { share.rest() } else { share };
+            (second, u) = split_number(u, if by_odds { leaned } else { share });
+            plain *= if second { share.rest() } else { share };
+            learned *= if second { leaned.rest() } else { leaned };
             link = pair.link(second);
         }
+        let probability = if odds.is_some() { mixed(plain, learned) } else { plain };
         (link != NOTHING).then_some(((link ^ LEAF) as usize, probability))
     }
 
     /// As [`LightTree::sample`] in lanes: the light of each, [`NO_LIGHT`] where there is none or `u` is negative, and its probability.
     #[inline(always)]
-    pub fn sample_lanes<W: Wide>(&self, wide: W, points: &V3<W::Real>, mut u: [f64; LANES]) -> ([u32; LANES], W::Real) {
-        let mut begin = [NOTHING; LANES];
+    pub fn sample_lanes<W: Wide>(
+        &self,
+        wide: W,
+        points: &V3<W::Real>,
+        mut u: [f64; LANES],
+        odds: Option<&[&Odds; LANES]>,
+    ) -> ([u32; LANES], W::Real) {
+        let (mut begin, mut by_odds) = ([NOTHING; LANES], [0; LANES]);
         for lane in 0..LANES {
             begin[lane] = if u[lane] >= 0.0 { self.root } else { NOTHING };
+            if odds.is_some() {
+                let leans;
+                (leans, u[lane]) = self::leans(u[lane]);
+                by_odds[lane] = i32::from(leans);
+            }
         }
         let (mut links, mut probability) = (wide.load_bits(&begin), points.x.all(1.0));
+        let (mut learned, by_odds) = (probability, wide.load_bits(&by_odds).same(links.all(1)));
         let nothing = links.all(NOTHING);
         // A lane that has come to its end stays there, whatever becomes of its number.
         loop {
@@ -313,7 +422,15 @@ impl LightTree {
             let rows = self.rows(points.x, &wide.store_bits(links), open.answers());
             let (first, second) = rows.split_at(NUMBERS + 2);
             let (share, possible) = turn(&[Node::of(first), Node::of(second)], *points);
-            let shares = wide.store(share);
+            let mut leaned = share;
+            if let Some(odds) = odds {
+                let (at, mut own) = (wide.store_bits(links), [1.0; LANES]);
+                for lane in 0..LANES {
+                    own[lane] = odds[lane][place(at[lane].max(0))];
+                }
+                leaned = lean(share, wide.load(&own));
+            }
+            let shares = wide.store(by_odds.choose(leaned, share));
             let mut is_second = [0; LANES];
             for lane in 0..LANES {
                 let turned;
@@ -323,8 +440,14 @@ impl LightTree {
             let is_second = wide.load_bits(&is_second).same(links.all(1));
             let taken = is_second.choose(share.rest(), share);
             probability = open.choose(probability * taken, probability);
+            if odds.is_some() {
+                learned = open.choose(learned * is_second.choose(leaned.rest(), leaned), learned);
+            }
             let next = possible.choose(is_second.choose(second[NUMBERS], first[NUMBERS]), nothing.real_bits());
             links = open.choose(next, links.real_bits()).bits();
+        }
+        if odds.is_some() {
+            probability = mixed(probability, learned);
         }
         let mut lights = [NO_LIGHT; LANES];
         let ends = wide.store_bits(links);
@@ -351,19 +474,24 @@ impl LightTree {
     }
 
     /// The probability with which [`LightTree::sample`] chooses `light` for `point`.
-    pub fn probability(&self, point: Vec3, light: usize) -> f32 {
+    pub fn probability(&self, point: Vec3, light: usize, odds: Option<&Odds>) -> f32 {
         let Some((mut trail, depth)) = self.trails[light] else { return 0.0 };
-        let (mut link, mut probability, mut possible) = (self.root, 1.0, true);
+        let (mut link, mut plain, mut learned, mut possible) = (self.root, 1.0, 1.0, true);
         // No branch depends on the estimates, so those of all levels are computed at once.
         for _ in 0..depth {
             let pair = &self.pairs[link as usize];
             let (share, one_is) = turn(&pair.nodes(), point.into());
             let second = trail & 1 == 1;
-            probability *= if second { share.rest() } else { share };
+            plain *= if second { share.rest() } else { share };
+            if let Some(odds) = odds {
+                let leaned = lean(share, odds[place(link)]);
+                learned *= if second { leaned.rest() } else { leaned };
+            }
             possible &= one_is;
             link = pair.link(second);
             trail >>= 1;
         }
+        let probability = if odds.is_some() { mixed(plain, learned) } else { plain };
         if possible { probability } else { 0.0 }
     }
 }
@@ -436,24 +564,69 @@ mod tests {
         (0..count).map(light).collect()
     }
 
-    /// Probabilities equal those of the samples, and add up to one where every light has an estimate above 0.
+    /// Odds from even to very uneven.
+    fn odds(random: &mut Random) -> Odds {
+        let mut odds: Odds = std::array::from_fn(|_| random.range(-6.0, 6.0f32).exp2());
+        odds[LEARNED] = 1.0;
+        odds
+    }
+
+    /// Probabilities equal those of the samples, and add up to one where every light has an estimate above 0; with learned odds too.
     #[test]
     fn probabilities_are_those_of_sampling() {
         let mut random = Random::new(6, 0, 0);
-        for count in [1, 2, 40] {
+        for (count, learned) in [1, 2, 40, 200].into_iter().flat_map(|count| [(count, false), (count, true)]) {
             let lights = lights(count);
             let tree = LightTree::new(&lights);
             for _ in 0..100 {
+                let odds = learned.then(|| odds(&mut random));
+                let odds = odds.as_ref();
                 let point =
                     12.0 * Vec3::new(random.next_f32(), random.next_f32(), random.next_f32()) - Vec3::splat(6.0);
-                let total: f32 = (0..count).map(|light| tree.probability(point, light)).sum();
-                let sampled = tree.sample(point, random.next_f64());
+                let total: f32 = (0..count).map(|light| tree.probability(point, light, odds)).sum();
+                let sampled = tree.sample(point, random.next_f64(), odds);
                 if let Some((light, probability)) = sampled {
                     assert!((total - 1.0).abs() < 1e-4 || total < 1.0, "{total}");
-                    let again = tree.probability(point, light);
+                    let again = tree.probability(point, light, odds);
                     assert!((probability - again).abs() <= 1e-6 * again && again > 0.0, "{probability} {again}");
+                    let plain = tree.probability(point, light, None);
+                    assert!(again >= DEFENSIVE * plain * 0.999, "{again} {plain}");
+                    let mut turns = Vec::new();
+                    tree.turns(point, light, &mut turns);
+                    let ratio = odds.map_or(1.0, |odds| leaning(&turns, odds));
+                    assert!((plain * ratio - again).abs() < 1e-4 * again + 1e-12, "{plain} {ratio} {again}");
                 }
             }
+        }
+    }
+
+    /// Lights that shine everywhere are chosen as often as their probabilities say, which add up to one. Pearson's χ² of 20 points is below
+    /// its quantile of 1e-6 (Wilson and Hilferty) each.
+    #[test]
+    fn lights_are_chosen_as_often_as_odds_say() {
+        let mut random = Random::new(12, 0, 0);
+        let lights: Vec<_> =
+            lights(90).into_iter().flatten().map(|of| Some(LightBounds { cone: Cone::ALL, ..of })).collect();
+        let tree = LightTree::new(&lights);
+        for _ in 0..20 {
+            let odds = odds(&mut random);
+            let point = 12.0 * Vec3::new(random.next_f32(), random.next_f32(), random.next_f32()) - Vec3::splat(6.0);
+            let expected: Vec<f64> =
+                (0..lights.len()).map(|light| f64::from(tree.probability(point, light, Some(&odds)))).collect();
+            assert!((expected.iter().sum::<f64>() - 1.0).abs() < 1e-4);
+            let number = if cfg!(miri) { 10 } else { 100_000 };
+            let mut counts = vec![0.0; lights.len()];
+            for _ in 0..number {
+                counts[tree.sample(point, random.next_f64(), Some(&odds)).expect("all shine").0] += 1.0;
+            }
+            let often = |p: &f64| p * f64::from(number) >= 5.0;
+            let (mut chi2, mut cells) = (0.0, 0.0);
+            for (count, p) in counts.iter().zip(&expected).filter(|(_, p)| often(p)) {
+                chi2 += (count - p * f64::from(number)).powi(2) / (p * f64::from(number));
+                cells += 1.0;
+            }
+            let h = 2.0 / (9.0 * cells);
+            assert!(chi2 < f64::max(cells, 1.0) * (1.0 - h + 4.753 * f64::sqrt(h)).powi(3), "{chi2} of {cells}");
         }
     }
 
@@ -470,7 +643,7 @@ mod tests {
                 let Some(bounds) = bounds else { continue };
                 let angle = bounds.cone.axis.angle_between(point - bounds.centre()) - bounds.cone.half;
                 if angle < FRAC_PI_2 - 0.01 {
-                    assert!(tree.probability(point, index) > 0.0, "{index} from {point}");
+                    assert!(tree.probability(point, index, None) > 0.0, "{index} from {point}");
                     seen += 1;
                 }
             }
@@ -485,10 +658,10 @@ mod tests {
             Some(LightBounds { low: place, high: place, cone: Cone::ALL, intensity })
         };
         let tree = LightTree::new(&[at(0.0, 1.0), at(10.0, 1.0), None, at(5.0, 0.0)]);
-        let near = tree.probability(Vec3::X, 0);
+        let near = tree.probability(Vec3::X, 0, None);
         assert!(near > 0.9 && near <= 1.0 - LEAST, "{near}");
-        assert_eq!(tree.probability(Vec3::X, 2), 0.0);
-        assert!(LightTree::new(&[None]).sample(Vec3::ZERO, 0.5).is_none());
-        assert!(LightTree::default().sample(Vec3::ZERO, 0.5).is_none());
+        assert_eq!(tree.probability(Vec3::X, 2, None), 0.0);
+        assert!(LightTree::new(&[None]).sample(Vec3::ZERO, 0.5, None).is_none());
+        assert!(LightTree::default().sample(Vec3::ZERO, 0.5, None).is_none());
     }
 }

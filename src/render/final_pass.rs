@@ -66,9 +66,15 @@ impl Run<'_> {
         statistics.errors = self.watcher.errors;
         // A pass is spent when it begins.
         let traced = if self.interrupted { statistics.samples as f64 / pixels } else { f64::INFINITY };
-        statistics.decisions.extend(self.sky.as_ref().map(|sky| {
+        statistics.decisions.extend(self.lights.sky.as_ref().map(|sky| {
             let gain = sky.gain();
             format!("sky sampled as it is seen from surfaces: {gain:.2} times the second moment of its light")
+        }));
+        statistics.decisions.extend(self.lights.places.as_ref().map(|places| {
+            let (gain, cells) = (places.gain(), places.cells());
+            format!(
+                "lights sampled as they pay in {cells} parts of space: {gain:.2} times the second moment of their light"
+            )
         }));
         statistics.decisions.extend(fireflies.as_ref().map(|taken| {
             let sum = |image: &Image| image.pixels.iter().map(|pixel| f64::from(pixel.element_sum())).sum::<f64>();

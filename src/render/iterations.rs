@@ -234,7 +234,7 @@ impl Run<'_> {
             let field = (guided == 1).then_some(&field);
             let tracer = PassTracer {
                 field,
-                sky: (&self.sky).into(),
+                lights: (&self.lights).into(),
                 // Values mean another thing to paths without a guide.
                 picture: field.and(picture.as_deref()),
                 first_sample: self.state.rendered,

@@ -23,7 +23,7 @@ use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::GuideField;
 use crate::integrators::path::{CameraPath, PathScratch, PathTracer};
 use crate::integrators::photon::{PhotonScratch, PhotonTracer};
-use crate::lights::counted::SkySampling;
+use crate::lights::learned::LightSampling;
 use crate::picture::Window;
 use crate::scene::Scene;
 
@@ -49,8 +49,8 @@ pub struct PassTracer<'a> {
     pub filter: &'a PixelFilter,
     /// The guiding field; none without guiding.
     pub field: Option<&'a GuideField>,
-    /// How the sky is sampled.
-    pub sky: SkySampling<'a>,
+    /// How lights are sampled.
+    pub lights: LightSampling<'a>,
     /// Values that pixels will about have, without a guide over what vertices are expected to send back; none where nothing is known of
     /// them.
     pub picture: Option<&'a [f32]>,
@@ -92,7 +92,7 @@ impl<'a> PassTracer<'a> {
             window,
             filter,
             field: None,
-            sky: SkySampling::Plain,
+            lights: LightSampling::Plain,
             picture: None,
             first_sample: 0,
             sequences_from: None,
@@ -163,7 +163,7 @@ impl PassTracer<'_> {
         let begun = Instant::now();
         let start = range.start;
         let tracer =
-            PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field, sky: self.sky };
+            PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field, lights: self.lights };
         let begin = |index| {
             let (pixel, sample) = self.camera_sample(index, places);
             let (ray, random) = camera_ray(self.scene, self.settings, self.filter, sample);

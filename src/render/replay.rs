@@ -57,6 +57,7 @@ pub fn replay(
     let value = picture.filter(|_| inside).map(|picture| picture[index + (x - window.x) as usize]);
     let camera = CameraSample { place: sample.pixel, number: sample.number, sequences_from: sample.pass_from };
     let (ray, random) = camera_ray(scene, settings, &PixelFilter::new(settings.filter)?, camera);
-    let tracer = PathTracer { scene, settings: settings.transport, field: field.as_ref(), sky: (&run.sky).into() };
+    let tracer =
+        PathTracer { scene, settings: settings.transport, field: field.as_ref(), lights: (&run.lights).into() };
     Ok(tracer.explain(CameraPath { ray, random, pixel: value }))
 }

@@ -4,10 +4,10 @@ use super::budget::iteration_size;
 use super::checkpoint::{Checkpointing, Moment, Resumed};
 use super::control::{Control, Watcher};
 use super::learning::Learning;
+use super::lights::learned_lights;
 use super::order::Uneven;
 use super::pass::{CHUNK, Chunk, PassTracer};
 use super::settings::{RenderSettings, StopRule};
-use super::sky::learned_sky;
 use super::state::{Part, Phase, Position, State};
 use super::statistics::{ErrorPoint, Statistics};
 use crate::base::{Error, Result};
@@ -16,7 +16,7 @@ use crate::film::{
     taken_from_passes,
 };
 use crate::guiding::sample::field::{Evidence, GuideField};
-use crate::lights::seen::LearnedSky;
+use crate::lights::learned::LearnedLights;
 use crate::picture::{Image, Window};
 use crate::scene::Scene;
 
@@ -46,8 +46,8 @@ pub(super) struct Run<'a> {
     /// Window of the picture that is rendered.
     pub window: Window,
     pub filter: PixelFilter,
-    /// What is known of the sky; none where the map alone decides how it is sampled.
-    pub sky: Option<LearnedSky>,
+    /// What is known of the lights.
+    pub lights: LearnedLights,
     pub watcher: Watcher<'a>,
     pub statistics: Statistics,
     /// Whether no picture is wanted, so that the whole budget may go into learning.
@@ -74,13 +74,13 @@ impl<'a> Run<'a> {
         let filter = PixelFilter::new(settings.filter)?;
         // The clock runs from here on.
         let watcher = Watcher::new(control);
-        let sky = learned_sky(scene, settings, &filter);
+        let lights = learned_lights(scene, settings, &filter);
         let mut run = Self {
             scene,
             settings,
             window,
             filter,
-            sky,
+            lights,
             watcher,
             statistics: Statistics::default(),
             learn_only: false,
@@ -173,7 +173,7 @@ impl<'a> Run<'a> {
         let tracer = PassTracer {
             // One without voxels, of a guide that was given up or not begun, would only be looked up in vain.
             field: field.filter(|field| !field.voxels().is_empty()),
-            sky: (&self.sky).into(),
+            lights: (&self.lights).into(),
             picture: picture.or(told),
             first_sample: begun.unwrap_or(self.state.rendered - *spp),
             uneven,

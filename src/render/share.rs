@@ -87,7 +87,7 @@ impl Run<'_> {
         let (field, picture) = (learning.field_of(voxels), self.pixel_values());
         let tracer = PassTracer {
             field: Some(&field).filter(|field| !field.voxels().is_empty()),
-            sky: (&self.sky).into(),
+            lights: (&self.lights).into(),
             picture: picture.as_deref(),
             first_sample: self.state.rendered,
             sequences_from: Some(self.state.rendered),

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::Scene;
 use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
-use crate::lights::seen::SkyView;
+use crate::lights::seen::LightView;
 use crate::materials::Transport;
 
 /// Seed of the random numbers, so that the learned order is the same whenever the scene is.
@@ -97,7 +97,7 @@ impl Scene {
     /// The shadow ray to a light that is chosen and sampled as the path tracer does; none where the light contributes nothing.
     fn shadow_of(&self, surface: &Surface, wo: Vec3, random: &Random) -> Option<(Ray, f32)> {
         let (choice, u) = (self.lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
-        let light = self.lights.sample(surface.point, choice, u, &SkyView::PLAIN)?;
+        let light = self.lights.sample(surface.point, choice, u, &LightView::PLAIN)?;
         let value = self.material(surface).eval(surface.uv, wo, surface.frame().to_local(light.wi));
         let (ray, t_max) = surface.towards(light.wi, light.distance);
         (value != Vec3::ZERO && t_max > 0.0).then_some((ray, t_max))

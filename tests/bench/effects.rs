@@ -50,7 +50,7 @@ use geometry::{Pace, Way};
 use guiding::target::{DirectLight, Target};
 use integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
 use integrators::{Roulette, TransportSettings};
-use lights::counted::SkySampling;
+use lights::learned::LightSampling;
 use scene::Scene;
 use scene::readers::load;
 use twin::Twin;
@@ -164,7 +164,7 @@ fn samples(scene: &Scene, tracer: Tracer, per_pixel: u64) -> Vec<Vec3> {
     match tracer {
         Tracer::Ours => {
             let settings = TransportSettings { max_depth: MAX_DEPTH, light_sampling: true, roulette: Roulette::Window };
-            let tracer = PathTracer { scene, settings, field: None, sky: SkySampling::Plain };
+            let tracer = PathTracer { scene, settings, field: None, lights: LightSampling::Plain };
             let (mut scratch, mut rays) = (PathScratch::default(), RayCount::default());
             for _ in 0..batches {
                 tracer.trace_all(starts.by_ref().take(BATCH), false, &mut scratch, &mut rays);

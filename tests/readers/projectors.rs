@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use fanal::base::Error;
-use fanal::lights::seen::SkyView;
+use fanal::lights::seen::LightView;
 use fanal::scene::Scene;
 use fanal::scene::file::{LightFile, ProfileFile, TextureFile};
 use fanal::scene::readers::{LoadedScene, Missing, load, load_lacking};
@@ -32,7 +32,7 @@ fn mitsuba(folder: &TempDir, body: &str) -> LoadedScene {
 /// What arrives at points with these coordinates of the light, whose transform does nothing.
 fn arriving(loaded: &LoadedScene, local: Vec3) -> Vec3 {
     let scene = Scene::build(loaded, [4, 4]).unwrap();
-    let sample = scene.lights.lights[0].sample(local, [0.5; 2], &SkyView::PLAIN);
+    let sample = scene.lights.lights[0].sample(local, [0.5; 2], &LightView::PLAIN);
     sample.map_or(Vec3::ZERO, |sample| sample.radiance)
 }
 

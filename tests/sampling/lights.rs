@@ -15,7 +15,7 @@ use fanal::lights::area::AreaLight;
 use fanal::lights::distant::{Constant, Directional};
 use fanal::lights::envmap::Envmap;
 use fanal::lights::point::{Point, Spot};
-use fanal::lights::seen::SkyView;
+use fanal::lights::seen::LightView;
 use fanal::lights::sky::{Atmosphere, Sky};
 use fanal::lights::sun::Sun;
 use fanal::lights::{BoundingSphere, Light, LightSet};
@@ -198,7 +198,7 @@ fn textured_lamps_are_drawn_by_their_picture() {
 
 /// Radiance of a sample is what a ray in its direction finds, and its density what the look-up says.
 fn background(light: &Light, random: &mut Random) -> Option<Vec3> {
-    let sample = light.sample(Vec3::ZERO, random.next_2d(), &SkyView::PLAIN)?;
+    let sample = light.sample(Vec3::ZERO, random.next_2d(), &LightView::PLAIN)?;
     let pdf = light.background_pdf(sample.wi);
     assert!((pdf - sample.pdf).abs() <= 1e-4 * pdf && pdf > 0.0);
     assert!((light.background(sample.wi) - sample.radiance).length() <= 1e-5 * sample.radiance.length());
@@ -311,15 +311,15 @@ fn s01_lights_are_chosen_by_their_probability() {
         let mut counts = vec![0.0; set.lights.len() + 1];
         let mut random = Random::new(22, 0, 0);
         for _ in 0..n {
-            let chosen = set.choose(point, random.next_f64());
+            let chosen = set.choose(point, random.next_f64(), None);
             if let Some((index, probability)) = chosen {
-                let again = set.probability(point, index);
+                let again = set.probability(point, index, None);
                 assert!((probability - again).abs() <= 1e-5 * again, "{index}: {probability} {again}");
             }
             counts[chosen.map_or(set.lights.len(), |(index, _)| index)] += 1.0;
         }
         let mut expected: Vec<f64> =
-            (0..set.lights.len()).map(|i| f64::from(n) * f64::from(set.probability(point, i))).collect();
+            (0..set.lights.len()).map(|i| f64::from(n) * f64::from(set.probability(point, i, None))).collect();
         expected.push((f64::from(n) - expected.iter().sum::<f64>()).max(0.0));
         assert_chi2(&format!("choice at {point}"), &counts, &expected, chart::level());
     }

@@ -17,7 +17,7 @@ use fanal::guiding::target::Target;
 use fanal::integrators::guided::GuidedTracer;
 use fanal::integrators::path::{CameraPath, Contribution, KernelShares, PathScratch, PathTracer, RayCount};
 use fanal::integrators::{Roulette, TransportSettings};
-use fanal::lights::counted::SkySampling;
+use fanal::lights::learned::LightSampling;
 use fanal::math::channel_mean;
 use fanal::reconstruct::AsCounted;
 use fanal::render::{GuideMode, RenderSettings, SampleKinds, StopRule, render};
@@ -95,7 +95,7 @@ fn transport(roulette: Roulette) -> TransportSettings {
 
 /// Complete paths of the path tracer from places that are spread evenly over the picture.
 fn traced(scene: &Scene, roulette: Roulette, stream: u64, count: u64, mut take: impl FnMut(Contribution)) {
-    let tracer = PathTracer { scene, settings: transport(roulette), field: None, sky: SkySampling::Plain };
+    let tracer = PathTracer { scene, settings: transport(roulette), field: None, lights: LightSampling::Plain };
     let (shares, mut scratch) = (KernelShares::new(scene), PathScratch::default());
     for first in (0..count).step_by(1 << 10) {
         let begun: Vec<([f32; 2], CameraPath)> = (first..count.min(first + (1 << 10)))
@@ -210,7 +210,7 @@ fn densities_are_those_of_both_techniques() {
         let tracer = GuidedTracer {
             scene,
             settings: transport(roulette),
-            sky: SkySampling::Plain,
+            lights: LightSampling::Plain,
             guide: &guide,
             shares: &shares,
         };

@@ -11,7 +11,7 @@ use fanal::guiding::learn::emission::EmissionGuide;
 use fanal::integrators::path::{CameraPath, PathScratch, PathTracer};
 use fanal::integrators::photon::{PhotonScratch, PhotonTracer};
 use fanal::integrators::{Roulette, TransportSettings};
-use fanal::lights::counted::SkySampling;
+use fanal::lights::learned::LightSampling;
 use fanal::render::{RenderSettings, render};
 use fanal::scene::{Scene, readers};
 use scenes::{GUIDES, Guide, committed, reconstructor, settings};
@@ -85,7 +85,7 @@ fn guiding_is_left_out_where_it_does_not_pay() {
 fn told(scene: &Scene, paths: u64, size: u64) -> [Vec<String>; 3] {
     let transport = TransportSettings { max_depth: 12, light_sampling: true, roulette: Roulette::Throughput };
     let emission = EmissionGuide::new(&scene.lights.emission);
-    let tracer = PathTracer { scene, settings: transport, field: None, sky: SkySampling::Plain };
+    let tracer = PathTracer { scene, settings: transport, field: None, lights: LightSampling::Plain };
     let photon_tracer = PhotonTracer { scene, settings: transport, emission: &emission };
     let begin = |number: u64| {
         let random = Random::new(7, number, 0);

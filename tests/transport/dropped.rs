@@ -17,7 +17,7 @@ use fanal::guiding::sample::roulette::AdjointRoulette;
 use fanal::guiding::tree::distribution::Distribution;
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::integrators::path::{CameraPath, Cause, PathTracer};
-use fanal::lights::counted::SkySampling;
+use fanal::lights::learned::LightSampling;
 use fanal::picture::Window;
 use fanal::render::{Control, GuideMode, Outcome, RenderSettings, Sample, render, render_with_field, replay};
 use fanal::scene::Scene;
@@ -223,7 +223,7 @@ fn a09_causes_are_told_apart() {
     let field =
         GuideField::new(cache, vec![VoxelGuide { directions: Some(tree.into()), parallax, bsdf_fraction, roulette }]);
     let transport = settings.transport;
-    let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field), sky: SkySampling::Plain };
+    let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field), lights: LightSampling::Plain };
     let ray = || scene.camera.ray([4.0, 3.0], [0.5; 2]);
     let paths = (0..100).map(|i| tracer.explain(CameraPath { ray: ray(), random: Random::new(1, 0, i), pixel: None }));
     let causes: Vec<Option<Cause>> = paths.filter(|path| !path.radiance.is_finite()).map(|path| path.cause).collect();

@@ -26,7 +26,7 @@ use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::guiding::tree::topology::Topology;
 use fanal::integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
 use fanal::integrators::{Roulette, TransportSettings};
-use fanal::lights::counted::SkySampling;
+use fanal::lights::learned::LightSampling;
 use fanal::materials::{Kind, Material, Transport};
 use fanal::math::cylindrical;
 use fanal::reconstruct::{AsCounted, Reconstructor};
@@ -592,7 +592,7 @@ fn peaked_field(fraction: f32, roulette: AdjointRoulette) -> GuideField {
 /// thought to have the value 1.
 fn paths_in(scene: &Scene, n: u32, roulette: Roulette, field: Option<&GuideField>) -> [f64; 3] {
     let settings = TransportSettings { max_depth: 300, light_sampling: false, roulette };
-    let tracer = PathTracer { scene, settings, field, sky: SkySampling::Plain };
+    let tracer = PathTracer { scene, settings, field, lights: LightSampling::Plain };
     let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
     let (mut sum, mut squares) = (0.0, 0.0);
     for i in 0..n {
@@ -640,7 +640,7 @@ fn a15_glass_does_not_end_paths() {
     b.look_at(Vec3::ZERO, Vec3::X, Vec3::Y, 10.0);
     let scene = built(b.finish());
     let transport = TransportSettings { max_depth: 20, light_sampling: true, roulette: Roulette::Throughput };
-    let tracer = PathTracer { scene: &scene, settings: transport, field: None, sky: SkySampling::Plain };
+    let tracer = PathTracer { scene: &scene, settings: transport, field: None, lights: LightSampling::Plain };
     let mut inside = 0;
     for i in 0..200 {
         let ray = Ray { origin: Vec3::ZERO, direction: Vec3::new(1.0, 0.001 * i as f32, 0.0).normalize() };
@@ -668,7 +668,7 @@ fn a15_what_finds_nothing_counts() {
     let guide = VoxelGuide { directions, parallax: Parallax::NONE, bsdf_fraction: 0.5, roulette };
     let field = GuideField::new(cache, vec![guide]);
     let transport = TransportSettings { max_depth: 2, light_sampling: false, roulette: Roulette::Off };
-    let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field), sky: SkySampling::Plain };
+    let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field), lights: LightSampling::Plain };
     let (mut scratch, mut count, mut records) = (PathScratch::default(), RayCount::default(), vec![]);
     for i in 0..20_000 {
         let ray = Ray { origin: Vec3::new(0.1, 1.0, 0.2), direction: Vec3::NEG_Y };

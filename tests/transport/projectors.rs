@@ -5,7 +5,7 @@ use std::sync::Arc;
 use fanal::base::random::Random;
 use fanal::camera::Camera;
 use fanal::lights::projector::{Lens, Profile, Projector};
-use fanal::lights::seen::SkyView;
+use fanal::lights::seen::LightView;
 use fanal::lights::{BoundingSphere, Light};
 use fanal::math::channel_mean;
 use fanal::picture::Image;
@@ -44,7 +44,7 @@ fn light(lens: &Lens, picture: Texture) -> Light {
 
 /// Radiance times solid angle from the light at a point; nothing where it does not shine.
 fn arriving(light: &Light, point: Vec3) -> Vec3 {
-    light.sample(point, [0.5; 2], &SkyView::PLAIN).map_or(Vec3::ZERO, |sample| sample.radiance)
+    light.sample(point, [0.5; 2], &LightView::PLAIN).map_or(Vec3::ZERO, |sample| sample.radiance)
 }
 
 /// What a camera would have in a pixel is lit by that pixel, whatever the length of the light's axes. Catches a picture that is

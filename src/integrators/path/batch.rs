@@ -13,8 +13,10 @@ use crate::base::random::Random;
 use crate::geometry::{Hit, Met, Ray, RayKind, Scratch, Surface};
 use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::DirectionGuide;
-use crate::lights::counted::SkySampling;
+use crate::lights::learned::LightSampling;
+use crate::lights::tried::Trial;
 use crate::materials::medium::MediumId;
+use crate::math::channel_mean;
 use crate::math::lanes::LANES;
 use crate::scene::effects::{Effects, Everything, With};
 
@@ -47,6 +49,8 @@ pub(super) struct Vertices {
     pub glow: Vec<Vec3>,
     /// Of each where records are wanted, otherwise none.
     pub details: Vec<Details>,
+    /// What came of lights that were chosen, where that is counted.
+    pub trials: Vec<Trial>,
 }
 
 impl Vertices {
@@ -78,6 +82,7 @@ impl Vertices {
         self.passed.clear();
         self.glow.clear();
         self.details.clear();
+        self.trials.clear();
     }
 }
 
@@ -93,6 +98,18 @@ pub(super) struct Connection {
     pub pdf: f32,
     /// The BSDF's density in the light's direction; 0 where no ray can hit the light.
     pub bsdf_pdf: f32,
+}
+
+/// A light with a place that was chosen at a vertex, before it is known what it brings.
+pub(super) struct Tried {
+    /// Indices of the path and of the vertex.
+    pub path: u32,
+    pub vertex: u32,
+    pub point: Vec3,
+    /// Index of the light.
+    pub light: u32,
+    /// Throughput of the path up to there.
+    pub carried: Vec3,
 }
 
 /// What the guide at a vertex will be asked of the direction to a light, if nothing is in the way.
@@ -117,6 +134,8 @@ pub(super) struct Shadows {
     pub connections: Vec<Connection>,
     /// For the weight of each; empty without guides.
     pub guided: Vec<Towards>,
+    /// The lights that were chosen, where that is counted.
+    pub tried: Vec<Tried>,
     /// Media that the rays start in; empty where there are no media.
     pub media: Vec<Option<MediumId>>,
     /// Random numbers for what lies on the way; empty where no medium varies.
@@ -131,12 +150,18 @@ impl Shadows {
         self.rays.clear();
         self.connections.clear();
         self.guided.clear();
+        self.tried.clear();
         self.media.clear();
         self.random.clear();
     }
 }
 
 impl PathScratch {
+    /// What came of the lights with a place that were chosen, where [that is counted](LightSampling::Counted).
+    pub fn trials(&self) -> &[Trial] {
+        &self.vertices.trials
+    }
+
     /// Number of paths that were traced last.
     pub fn paths(&self) -> usize {
         self.paths.len()
@@ -290,6 +315,10 @@ impl PathTracer<'_> {
                 }
             });
         }
+        vertices.trials.extend(shadows.tried.iter().map(|&Tried { path, vertex, point, light, carried }| {
+            let brought = channel_mean(carried * vertices.all[vertex as usize].direct);
+            Trial { path, point, light, brought }
+        }));
         shadows.clear();
     }
 
@@ -331,7 +360,7 @@ impl PathTracer<'_> {
     /// Counts a connection to the sky that nothing is in the way of, where that is wanted.
     #[inline(always)]
     fn count_sky(&self, connection: &Connection, (ray, length): &(Ray, f32)) {
-        if let SkySampling::Counted(counts) = self.sky
+        if let LightSampling::Counted(counts) = self.lights
             && length.is_infinite()
             && connection.bsdf_pdf > 0.0
             && let Some(map) = self.scene.lights.map()

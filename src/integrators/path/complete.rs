@@ -153,7 +153,7 @@ impl PathTracer<'_> {
         let mut random = random.clone();
         random.begin_vertex(number as u32 + 1);
         let lights = &self.scene.lights;
-        Some(lights.choose(point, lights.choice(&random))?.0)
+        Some(lights.choose(point, lights.choice(&random), self.lights.odds(point))?.0)
     }
 }
 

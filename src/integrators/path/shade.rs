@@ -10,7 +10,7 @@ use crate::geometry::{Origins, Ray, Surface};
 use crate::guiding::sample::field::DirectionGuide;
 use crate::integrators::mixture::{Proposal, cosine_normal, guided_point, one_draw};
 use crate::integrators::site::{Draw, Lit, Onward, Site};
-use crate::lights::seen::{ANYWHERE, SkyView};
+use crate::lights::seen::{ANYWHERE, LightView};
 use crate::lights::{LightSamples, LightSet};
 use crate::materials::{Bsdf, Transport, Variant};
 use crate::math::lanes::{self, Kernel, LANES, Mask, Real, V3, Vectors, Wide, vector};
@@ -250,8 +250,8 @@ struct Group<'g, 'b> {
     rays: [&'g Ray; LANES],
     randoms: [&'g Random; LANES],
     lights: &'g LightSet,
-    /// How the vertices see the sky.
-    sky: SkyView<'g>,
+    /// How the vertices see the lights.
+    view: LightView<'g>,
     shaded: &'g mut Shaded,
 }
 
@@ -264,7 +264,7 @@ impl Group<'_, '_> {
     #[inline(always)]
     fn lights<W: Wide>(&self, wide: W, points: &V3<W::Real>) -> LightSamples<W::Real> {
         let choices = if self.lights.has_choice() { self.draws(Dimension::LIGHT).doubles() } else { [0.0; LANES] };
-        self.lights.sample_lanes(wide, points, &choices, &self.draws(Dimension::LIGHT_POINT).points(), &self.sky)
+        self.lights.sample_lanes(wide, points, &choices, &self.draws(Dimension::LIGHT_POINT).points(), &self.view)
     }
 
     #[inline(always)]
@@ -447,7 +447,11 @@ impl PathTracer<'_> {
             rays,
             randoms,
             lights: &self.scene.lights,
-            sky: SkyView { learned: self.sky.learned(), facing },
+            view: LightView {
+                learned: self.lights.sky(),
+                facing,
+                odds: self.lights.odds_lanes(|lane| near[lane].point),
+            },
             shaded,
         };
         // There are lanes, or these would have been shaded one by one.
@@ -462,8 +466,8 @@ impl PathTracer<'_> {
         let site = Site::<f32>::new(surface.origin(), normal, smooth, out.into(), bsdf, at.bumped);
         if at.connects {
             let u = random.at(Dimension::LIGHT_POINT).next_2d();
-            let sky = SkyView { learned: self.sky.learned(), facing: [at.facing; LANES] };
-            if let Some(light) = lights.sample(surface.point, lights.choice(random), u, &sky) {
+            let view = self.lights.view(surface.point, at.facing);
+            if let Some(light) = lights.sample(surface.point, lights.choice(random), u, &view) {
                 let light = light.into();
                 shaded.keep_light(First, &light, &site.light(&light));
             }

@@ -205,10 +205,10 @@ impl Run<'_> {
             }
             self.watcher.control.progress.message(&format!("learning, batch {number}"));
             let began = Instant::now();
-            let sky = (&self.sky).into();
-            let guided = GuidedTracer { scene, settings: settings.transport, sky, guide: &guide, shares: &shares };
+            let lights = (&self.lights).into();
+            let guided = GuidedTracer { scene, settings: settings.transport, lights, guide: &guide, shares: &shares };
             let batch = Batch {
-                tracer: PathTracer { scene, settings: settings.transport, field: None, sky },
+                tracer: PathTracer { scene, settings: settings.transport, field: None, lights },
                 guided,
                 shares: &shares,
                 cells: &cells,

@@ -162,14 +162,14 @@ impl Run<'_> {
         let (mut start, mut goes_on) = (0, true);
         while start < pixels {
             let (began, end) = (Instant::now(), (start + PIECE).min(pixels));
-            let sky = (&self.sky).into();
+            let lights = (&self.lights).into();
             let round = Round {
                 scene,
                 settings,
                 window: self.window,
                 filter: &self.filter,
-                tracer: PathTracer { scene, settings: settings.transport, field: None, sky },
-                guided: GuidedTracer { scene, settings: settings.transport, sky, guide, shares },
+                tracer: PathTracer { scene, settings: settings.transport, field: None, lights },
+                guided: GuidedTracer { scene, settings: settings.transport, lights, guide, shares },
                 shares,
                 number,
             };

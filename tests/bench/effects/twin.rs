@@ -13,7 +13,7 @@ use crate::geometry::{Hit, Origins, Ray, RayKind, Scratch as Queries, Surface};
 use crate::integrators::path::CameraPath;
 use crate::lights::Light;
 use crate::lights::area::AreaLight;
-use crate::lights::seen::SkyView;
+use crate::lights::seen::LightView;
 use crate::materials::diffuse::{self, Diffuse};
 use crate::materials::{Kind, Scatter, Transport};
 use crate::math::Frames;
@@ -246,7 +246,7 @@ impl<'a> Twin<'a> {
         let light = &self.lights[index as usize];
         let radiance = light.emitted(surface, -ray.direction);
         let Some(&Previous { point, pdf }) = previous else { return radiance };
-        let choice = self.scene.lights.probability(point, index as usize);
+        let choice = self.scene.lights.probability(point, index as usize, None);
         radiance * mis::balance(pdf, light.pdf(point, surface) * choice)
     }
 
@@ -366,7 +366,7 @@ impl Kernel for Sixteen<'_> {
             &origins.point,
             &choices,
             &draws(Dimension::LIGHT_POINT).points(),
-            &SkyView::PLAIN,
+            &LightView::PLAIN,
         );
         let wi = frames.to_local(light.wi);
         let (value, bsdf_pdf) = bsdf.eval_and_pdf(wo, V3::choose(turned, -wi, wi));

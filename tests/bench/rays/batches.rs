@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use fanal::base::random::{Dimension, Random};
 use fanal::geometry::{Accel, Hit, Ray, Scratch, Surface, Way};
-use fanal::lights::seen::SkyView;
+use fanal::lights::seen::LightView;
 use fanal::materials::Transport;
 use fanal::scene::{Scene, readers};
 use glam::Vec3;
@@ -117,7 +117,7 @@ fn rays_of_path(scene: &Scene, mut ray: Ray, mut random: Random, rays: &mut [[Ba
 /// The ray towards a light that is chosen and sampled as the path tracer does.
 fn shadow(scene: &Scene, surface: &Surface, wo: Vec3, random: &Random) -> Option<(Ray, f32)> {
     let (choice, u) = (scene.lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
-    let light = scene.lights.sample(surface.point, choice, u, &SkyView::PLAIN)?;
+    let light = scene.lights.sample(surface.point, choice, u, &LightView::PLAIN)?;
     let value = scene.material(surface).eval(surface.uv, wo, surface.frame().to_local(light.wi));
     let (ray, t_max) = surface.towards(light.wi, light.distance);
     (value != Vec3::ZERO && t_max > 0.0).then_some((ray, t_max))
