@@ -4,8 +4,9 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
+use super::bounds::{Cone, LightBounds};
 use super::glow::{self, Glow};
-use super::tree::{Cone, LightBounds};
+
 use super::{Emission, LightSample, LightSamples};
 use crate::geometry::sphere::{Sphere, Spheres};
 use crate::geometry::{Geometry, Ray, Shape, Surface};

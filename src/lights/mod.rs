@@ -1,6 +1,7 @@
 //! Light sources: the light that arrives from them at a point, and the emission of photons.
 
 pub mod area;
+pub mod bounds;
 pub mod counted;
 mod cut;
 pub mod distant;
@@ -27,6 +28,7 @@ use crate::math::channel_mean;
 use crate::math::lanes::{Bits, Mask, Real, V3};
 use crate::sampling::discrete::Discrete;
 use area::AreaLight;
+use bounds::LightBounds;
 use distant::{Constant, Directional};
 use envmap::Envmap;
 pub use lanes::LightSamples;
@@ -35,7 +37,7 @@ use point::{Point, Spot};
 use projector::Projector;
 use seen::LightView;
 use sun::Sun;
-use tree::{LightBounds, LightTree};
+use tree::LightTree;
 
 /// A direction towards a light.
 #[derive(Debug, Clone, Copy)]

@@ -4,7 +4,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Affine3A, Vec3};
 
-use super::tree::{Cone, LightBounds};
+use super::bounds::{Cone, LightBounds};
 use super::{Emission, LightSamples};
 use crate::geometry::Ray;
 use crate::math::lanes::functions::atan2;

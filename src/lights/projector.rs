@@ -5,8 +5,9 @@ use std::f32::consts::PI;
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::bounds::{Cone, LightBounds};
 use super::point::{Way, part};
-use super::tree::{Cone, LightBounds};
+
 use super::{Emission, LightSamples};
 use crate::geometry::Ray;
 use crate::math::channel_mean;

@@ -4,88 +4,11 @@
 //! is taken more often (Conty Estevez and Kulla 2018, *Importance Sampling of Many Lights with Adaptive Tree Splitting*, without
 //! the splitting; orientation bounds by their §4.1, costs by §4.4).
 
-use std::f32::consts::{FRAC_PI_2, PI, TAU};
-
 use glam::Vec3;
 
+use super::bounds::{Cone, LightBounds};
 use super::places::{LEARNED, Odds};
 use crate::math::lanes::{Bits, LANES, Mask, Real, V3, Wide, by_lane};
-
-/// Bounds of a light's position, directions and intensity.
-#[derive(Debug, Clone, Copy)]
-pub struct LightBounds {
-    /// Lower corner of the box around it.
-    pub low: Vec3,
-    /// Upper corner of the box.
-    pub high: Vec3,
-    /// Cone around all its normals, or its axes of symmetry.
-    pub cone: Cone,
-    /// Radiant intensity in the direction where it is greatest, W·sr⁻¹, channel mean.
-    pub intensity: f32,
-}
-
-/// A cone of directions around an axis.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Cone {
-    axis: Vec3,
-    /// Half angle in [0, π].
-    half: f32,
-}
-
-impl Cone {
-    /// Every direction.
-    pub const ALL: Self = Self { axis: Vec3::Z, half: PI };
-
-    /// Directions within `half` of the unit vector `axis`.
-    pub fn new(axis: Vec3, half: f32) -> Self {
-        Self { axis, half }
-    }
-
-    /// A cone around both.
-    pub fn union(self, other: Self) -> Self {
-        let (wide, narrow) = if self.half >= other.half { (self, other) } else { (other, self) };
-        let between = wide.axis.angle_between(narrow.axis);
-        if (between + narrow.half).min(PI) <= wide.half {
-            return wide;
-        }
-        let half = 0.5 * (wide.half + between + narrow.half);
-        let turn = wide.axis.cross(narrow.axis);
-        // Nearly opposite axes have no plane to turn in.
-        if half >= PI || turn.length_squared() < 1e-6 {
-            return Self::ALL;
-        }
-        let turned = glam::Quat::from_axis_angle(turn.normalize(), half - wide.half) * wide.axis;
-        Self { axis: turned.normalize(), half }
-    }
-
-    /// About the solid angle into which surfaces with these normals shine.
-    fn measure(self) -> f32 {
-        let end = (self.half + FRAC_PI_2).min(PI);
-        let (half, cos) = (self.half, self.half.cos());
-        let rim = 2.0 * end * half.sin() - (half - 2.0 * end).cos() - 2.0 * half * half.sin() + cos;
-        TAU * (1.0 - cos) + FRAC_PI_2 * rim
-    }
-}
-
-impl LightBounds {
-    fn union(self, other: Self) -> Self {
-        Self {
-            low: self.low.min(other.low),
-            high: self.high.max(other.high),
-            cone: self.cone.union(other.cone),
-            intensity: self.intensity + other.intensity,
-        }
-    }
-
-    fn centre(&self) -> Vec3 {
-        0.5 * (self.low + self.high)
-    }
-
-    fn cost(&self) -> f32 {
-        // Not the area of the box, which is nothing for lights on a line.
-        self.intensity * self.cone.measure() * (self.high - self.low).length_squared()
-    }
-}
 
 /// What is known of the lights below a node, in lanes.
 #[derive(Debug, Clone, Copy)]
@@ -547,6 +470,8 @@ fn split(lights: &mut [(u32, LightBounds)]) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use std::f32::consts::FRAC_PI_2;
+
     use super::*;
     use crate::base::random::Random;
 
