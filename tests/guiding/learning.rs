@@ -231,8 +231,8 @@ fn leaves_of_mueller_have_as_many_samples_as_the_root_of_the_samples_per_pixel()
     let ([first, small, most], [_, large, more], [_, eighths, _]) =
         (voxels(true, 1), voxels(true, 16), voxels(false, 1));
     assert!(eighths <= 8 * first && small > eighths, "{first}, {eighths}, {small}");
-    // Samples lie evenly but for the rim of the cell, which they need not fill.
-    assert!(most <= 520 && more <= 4 * 520, "{most}, {more}");
+    // Samples lie evenly but for the rim of the cell, which they do not fill: half as many more in the worst place.
+    assert!(most <= 600 && more <= 4 * 600, "{most}, {more}");
     let ratio = small as f64 / large as f64;
     assert!((2.5..6.5).contains(&ratio), "{small} leaves, {large} where four times as many samples are allowed");
 }

@@ -30,7 +30,7 @@ use fanal::scene::Scene;
 use fanal::scene::file::{LightFile, Matrix, ProfileFile, TextureFile};
 use glam::{Affine2, Affine3A, DQuat, DVec3, Mat3, Mat4, Quat, Vec2, Vec3};
 use rayon::prelude::*;
-use scenes::{GUIDES, built, built_with, floor, mean, outcome, picture, settings};
+use scenes::{GUIDES, built, built_with, coarse, floor, mean, outcome, picture};
 
 const SKY: BoundingSphere = BoundingSphere { center: Vec3::ZERO, radius: 2.0 };
 
@@ -269,7 +269,7 @@ fn direct(name: &str, scene: &Scene, irradiance: f64, reachable: bool) {
             (false, true) => 256,
             (false, false) => 16,
         };
-        let found = mean(&picture(scene, &RenderSettings { transport, ..settings(guide, spp, 1) }));
+        let found = mean(&picture(scene, &RenderSettings { transport, ..coarse(guide, spp, 1) }));
         if light_sampling || reachable {
             assert!(
                 (found / expected - 1.0).abs() < 0.025,

@@ -336,11 +336,14 @@ fn s05_adaptive_pictures_agree_with_even_ones() {
 #[test]
 fn s05_giving_up_leaves_no_sample_out() {
     let scene = committed("glass-caustic", [96, 72]);
-    let mut settings = settings(GUIDES[5], 64, 1);
-    (settings.gives_up, settings.keeps_spread) = (true, true);
-    let outcome = render(&scene, &settings, &Gaussian::default(), &Silent, &AtomicBool::new(false));
-    let outcome = outcome.expect("the settings are sound");
-    assert!(outcome.statistics.decisions[0].contains("guiding off"), "{:?}", outcome.statistics.decisions);
+    // About half of all seeds give the guide up.
+    let given_up = (1..=8).find_map(|seed| {
+        let settings = RenderSettings { gives_up: true, keeps_spread: true, ..settings(GUIDES[5], 64, seed) };
+        let outcome = render(&scene, &settings, &Gaussian::default(), &Silent, &AtomicBool::new(false));
+        let outcome = outcome.expect("the settings are sound");
+        outcome.statistics.decisions[0].contains("guiding off").then_some(outcome)
+    });
+    let outcome = given_up.expect("a guide that is given up");
     let learned: u32 = outcome.statistics.iterations.iter().map(|iteration| iteration.spp).sum();
     assert!(learned > 3, "{learned}: nothing that could be left out");
     let samples = outcome.spread.expect("it was asked for").samples;
