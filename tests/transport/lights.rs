@@ -422,6 +422,17 @@ fn a_window_knows_the_sky_of_the_whole_picture() {
     assert!(!is_learned(&outcome(&under_a_roof([32, 32]), &settings)));
 }
 
+/// Variances of the parts of two traces, whose means differ by less than five standard errors.
+fn variances_of_one_mean(traces: [&[f64]; 2]) -> [f64; 2] {
+    let [(mean, variance), (found, other)] = traces.map(|parts| {
+        let mean = parts.iter().sum::<f64>() / PARTS as f64;
+        (mean, parts.iter().map(|part| (part - mean).powi(2)).sum::<f64>() / (PARTS - 1) as f64)
+    });
+    let error = ((variance + other) / PARTS as f64).sqrt();
+    assert!((mean - found).abs() < 5.0 * error, "{mean} {found}, standard error {error}");
+    [variance, other]
+}
+
 /// A floor under a roof sees the sky on one side alone. Light sampling by where the sky was seen brings the same light as by the map, with less
 /// noise. The means of 32 parts of 100,000 paths differ by less than five standard errors: a false alarm in 1.7 million seeds.
 #[test]
@@ -435,12 +446,7 @@ fn s04_a_sky_seen_past_a_roof_is_sampled_without_bias() {
     let sky = Some(counts.learned(map).expect("less than half of it is seen"));
     let learned = LearnedLights { sky, places: None };
     let sampled = traced_fluxes(&scene, true, (&learned).into());
-    let [(mean, variance), (found, lower)] = [&plain, &sampled].map(|parts| {
-        let mean = parts.iter().sum::<f64>() / PARTS as f64;
-        (mean, parts.iter().map(|part| (part - mean).powi(2)).sum::<f64>() / (PARTS - 1) as f64)
-    });
-    let error = ((variance + lower) / PARTS as f64).sqrt();
-    assert!((mean - found).abs() < 5.0 * error, "{mean} {found}, standard error {error}");
+    let [variance, lower] = variances_of_one_mean([&plain, &sampled]);
     // Of 32 parts the ratio is known to a quarter: 0.76 here. How far samples follow what was counted is tested beside the counting.
     assert!(lower < variance, "{variance} {lower}");
 }
@@ -504,12 +510,7 @@ fn s04_lamps_behind_a_wall_are_left_alone_without_bias() {
     let places = Some(scene.lights.places(&trials, WORTH).expect("most lamps are in vain"));
     let learned = LearnedLights { sky: None, places };
     let [plain, sampled] = [LightSampling::Plain, (&learned).into()].map(|lights| traced_fluxes(&scene, true, lights));
-    let [(mean, variance), (found, lower)] = [&plain, &sampled].map(|parts| {
-        let mean = parts.iter().sum::<f64>() / PARTS as f64;
-        (mean, parts.iter().map(|part| (part - mean).powi(2)).sum::<f64>() / (PARTS - 1) as f64)
-    });
-    let error = ((variance + lower) / PARTS as f64).sqrt();
-    assert!((mean - found).abs() < 5.0 * error, "{mean} {found}, standard error {error}");
+    let [variance, lower] = variances_of_one_mean([&plain, &sampled]);
     assert!(lower < variance, "{variance} {lower}");
 }
 

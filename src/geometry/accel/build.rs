@@ -31,14 +31,16 @@ pub struct Tree {
 /// A tree over `boxes`, of which the first `triangles` bound the results of `triangle`; the others are numbered from 0 after them.
 /// A triangle may be in several packets, where it takes less to trace.
 pub fn build(boxes: &[Aabb], triangles: usize, triangle: impl Fn(usize) -> Triangle + Sync) -> Tree {
-    let (boxes, others) = boxes.split_at(triangles);
-    let whole = binary(boxes, (0..triangles as u32).collect(), others);
+    let whole = binary(boxes, (0..boxes.len() as u32).collect());
     if whole.nodes.is_empty() {
         return Tree { nodes: Vec::new(), packets: Vec::new(), root: Child::EMPTY, depth: 0 };
     }
     let whole = Cut::new(whole, triangles);
-    let parts = split(boxes, |i| triangle(i).vertices);
-    let parts = parts.map(|(boxes, indices)| Cut::new(binary(&boxes, indices, others), triangles));
+    let parts = split(&boxes[..triangles], |i| triangle(i).vertices).map(|(mut parts, mut indices)| {
+        parts.extend(&boxes[triangles..]);
+        indices.extend(triangles as u32..boxes.len() as u32);
+        Cut::new(binary(&parts, indices), triangles)
+    });
     tree(&parts.into_iter().fold(whole, |best, next| if next.cost() < best.cost() { next } else { best }), triangle)
 }
 
@@ -69,16 +71,13 @@ fn tree(cut: &Cut, triangle: impl Fn(usize) -> Triangle + Sync) -> Tree {
     Tree { nodes: part.nodes, packets, root, depth: part.depth }
 }
 
-/// A binary hierarchy over `boxes` around the primitives `indices`, and over `others`, which are numbered after the largest of them.
-fn binary(boxes: &[Aabb], mut indices: Vec<u32>, others: &[Aabb]) -> Bvh2 {
-    let first = indices.iter().max().map_or(0, |last| last + 1);
-    let boxes = [boxes, others].concat();
+/// A binary hierarchy over boxes around the primitives `indices`.
+fn binary(boxes: &[Aabb], indices: Vec<u32>) -> Bvh2 {
     if boxes.is_empty() {
         return Bvh2::default();
     }
-    indices.extend(first..first + others.len() as u32);
     let mut builder = PlocBuilder::with_capacity(boxes.len());
-    let mut bvh = builder.build(PlocSearchDistance::Medium, &boxes, indices, SortPrecision::U64, 3);
+    let mut bvh = builder.build(PlocSearchDistance::Medium, boxes, indices, SortPrecision::U64, 3);
     ReinsertionOptimizer::default().run(&mut bvh, REINSERTION, None);
     bvh
 }
@@ -183,8 +182,7 @@ mod tests {
         let mut boxes: Vec<Aabb> =
             mesh.triangles.iter().map(|t| box_of(&t.map(|vertex| mesh.positions[vertex as usize]))).collect();
         boxes.extend(mesh.positions[..500].iter().map(|&center| sphere_box(&Sphere { center, radius: 0.01 })));
-        let (triangles, others) = boxes.split_at(mesh.triangles.len());
-        let cut = Cut::new(binary(triangles, (0..triangles.len() as u32).collect(), others), triangles.len());
+        let cut = Cut::new(binary(&boxes, (0..boxes.len() as u32).collect()), mesh.triangles.len());
         let whole = Part::of(&cut, 0, 0);
         assert!(whole.nodes.len() > 500 && whole.depth > 4, "{} nodes, depth {}", whole.nodes.len(), whole.depth);
         for levels in 1..8 {
