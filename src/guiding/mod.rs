@@ -6,18 +6,20 @@
 //! integrators ──► record ──► samples ──► learn ──► model ──► sample ──► integrators
 //!                 PathRecord  by voxel   Learner   Trees,      GuideField
 //!                 PhotonRecord (cache)   Voxel     Histograms, VoxelGuide
-//!                                                  VmfMixtures
+//!                                                  VmfMixtures,
+//!                                                  GaussianMixtures
 //! ```
 //!
 //! - [`record`]: records of path vertices; [`target`]: the value that is learned of a record; [`moments`]: measures of guides.
 //! - [`cache`]: voxels, and the map of directions between their points; [`samples`]: records by voxel.
-//! - [`tree`], [`jensen`], [`vmf`]: models of directions; [`model`]: their common interface.
+//! - [`tree`], [`jensen`], [`vmf`], [`gmm`]: models of directions; [`model`]: their common interface.
 //! - [`sample`]: the frozen field, its files, and the roulette that goes by it.
 //! - [`learn`]: the learner, with all that it learns beside directions.
 //!
 //! Each uses only those above it.
 
 pub mod cache;
+pub mod gmm;
 pub mod jensen;
 pub mod learn;
 pub mod model;

@@ -7,6 +7,9 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::gmm::learn::GaussianMixtures;
+use super::gmm::mixture::GaussianMixture;
+use super::gmm::stored::{gaussian_arrays, read_gaussians};
 use super::jensen::{Histogram, Histograms, histogram_arrays, read_histograms};
 use super::samples::{Around, Told};
 use super::target::Target;
@@ -31,6 +34,8 @@ pub enum ModelKind {
     Histograms,
     /// Mixtures of von Mises-Fisher lobes (Ruppert 2020).
     Vmf,
+    /// Mixtures of Gaussians (Vorba 2014).
+    Gmm,
 }
 
 /// A frozen distribution of directions, which a voxel is sampled from. Densities are positive everywhere.
@@ -42,6 +47,8 @@ pub enum Directions {
     Histogram(Box<Histogram>),
     /// Lobes that are aimed from each point anew; without one, as seen from their pivot.
     Vmf(Box<VmfMixture>),
+    /// Gaussians on the square of directions.
+    Gmm(Box<GaussianMixture>),
 }
 
 impl From<SamplingTree> for Directions {
@@ -62,6 +69,12 @@ impl From<VmfMixture> for Directions {
     }
 }
 
+impl From<GaussianMixture> for Directions {
+    fn from(mixture: GaussianMixture) -> Self {
+        Self::Gmm(Box::new(mixture))
+    }
+}
+
 impl Directions {
     /// Direction that a point of the unit square maps to, and its density w.r.t. solid angle. Evenly spread points stay so.
     #[inline]
@@ -70,6 +83,7 @@ impl Directions {
             Self::Tree(tree) => tree.sample(u),
             Self::Histogram(histogram) => histogram.sample(u),
             Self::Vmf(mixture) => mixture.sample(u, &mixture.at_pivot()),
+            Self::Gmm(mixture) => mixture.sample(u),
         }
     }
 
@@ -80,6 +94,7 @@ impl Directions {
             Self::Tree(tree) => tree.pdf(direction),
             Self::Histogram(histogram) => histogram.pdf(direction),
             Self::Vmf(mixture) => mixture.pdf(direction, &mixture.at_pivot()),
+            Self::Gmm(mixture) => mixture.pdf(direction),
         }
     }
 
@@ -143,15 +158,17 @@ impl Directions {
             Self::Tree(tree) => tree.bytes(),
             Self::Histogram(histogram) => size_of::<Self>() + histogram.bytes(),
             Self::Vmf(mixture) => size_of::<Self>() + mixture.bytes(),
+            Self::Gmm(mixture) => size_of::<Self>() + mixture.bytes(),
         }
     }
 
-    /// Number of nodes, cells or lobes.
+    /// Number of nodes, cells, lobes or Gaussians.
     pub fn nodes(&self) -> usize {
         match self {
             Self::Tree(tree) => tree.len(),
             Self::Histogram(histogram) => histogram.cells(),
             Self::Vmf(mixture) => mixture.len(),
+            Self::Gmm(mixture) => mixture.len(),
         }
     }
 
@@ -169,6 +186,11 @@ impl Directions {
         if mixtures.iter().any(Option::is_some) {
             arrays.extend(mixture_arrays(kind, &mixtures));
         }
+        let gaussians = all.iter().map(|of| if let Some(Self::Gmm(of)) = of { Some(&**of) } else { None });
+        let gaussians: Vec<_> = gaussians.collect();
+        if gaussians.iter().any(Option::is_some) {
+            arrays.extend(gaussian_arrays(kind, &gaussians));
+        }
         arrays
     }
 
@@ -184,6 +206,9 @@ impl Directions {
         if let Some(mixtures) = read_mixtures(file, kind, count)? {
             fill(&mut all, boxed(mixtures));
         }
+        if let Some(gaussians) = read_gaussians(file, kind, count)? {
+            fill(&mut all, boxed(gaussians));
+        }
         Ok(all)
     }
 }
@@ -197,6 +222,8 @@ pub enum Model {
     Histograms(Histograms),
     /// Mixtures of von Mises-Fisher lobes.
     Vmf(VmfMixtures),
+    /// Mixtures of Gaussians.
+    Gmm(GaussianMixtures),
 }
 
 impl Model {
@@ -206,6 +233,7 @@ impl Model {
             ModelKind::Trees => Self::Trees(Trees::new(trees.clone(), target, voxels)),
             ModelKind::Histograms => Self::Histograms(Histograms::new(target, voxels)),
             ModelKind::Vmf => Self::Vmf(VmfMixtures::new(target, voxels)),
+            ModelKind::Gmm => Self::Gmm(GaussianMixtures::new(target, voxels)),
         }
     }
 
@@ -225,6 +253,7 @@ impl Model {
             Self::Trees(trees) => trees.resize(voxels),
             Self::Histograms(histograms) => histograms.resize(voxels),
             Self::Vmf(mixtures) => mixtures.resize(voxels),
+            Self::Gmm(mixtures) => mixtures.resize(voxels),
         }
     }
 
@@ -234,6 +263,7 @@ impl Model {
             Self::Trees(trees) => trees.observe(told),
             Self::Histograms(histograms) => histograms.observe(told),
             Self::Vmf(mixtures) => mixtures.observe(told),
+            Self::Gmm(mixtures) => mixtures.observe(told),
         }
     }
 
@@ -241,7 +271,7 @@ impl Model {
     pub(super) fn path_share(&self, voxel: usize) -> f64 {
         match self {
             Self::Trees(trees) => trees.path_share(voxel),
-            Self::Histograms(_) => 0.5,
+            Self::Histograms(_) | Self::Gmm(_) => 0.5,
             Self::Vmf(_) => 1.0,
         }
     }
@@ -250,7 +280,7 @@ impl Model {
     pub(super) fn counted(&mut self, around: &Around) -> Vec<Option<CountedTree<'_>>> {
         match self {
             Self::Trees(trees) => trees.counted(around),
-            Self::Histograms(_) | Self::Vmf(_) => Vec::new(),
+            Self::Histograms(_) | Self::Vmf(_) | Self::Gmm(_) => Vec::new(),
         }
     }
 
@@ -269,6 +299,7 @@ impl Model {
             Self::Trees(trees) => Ok(boxed(trees.fit(around, propose, memory)?)),
             Self::Histograms(histograms) => Ok(boxed(histograms.fit(around, memory))),
             Self::Vmf(mixtures) => Ok(boxed(mixtures.fit(around, memory))),
+            Self::Gmm(mixtures) => Ok(boxed(mixtures.fit(around, memory))),
         }
     }
 
@@ -281,7 +312,7 @@ impl Model {
     pub(super) fn evidence(&self) -> Vec<Option<Directions>> {
         match self {
             Self::Trees(trees) => boxed(trees.evidence()),
-            Self::Histograms(_) | Self::Vmf(_) => Vec::new(),
+            Self::Histograms(_) | Self::Vmf(_) | Self::Gmm(_) => Vec::new(),
         }
     }
 
@@ -289,7 +320,7 @@ impl Model {
     pub(super) fn photon_gain(&self, voxel: usize) -> Option<f64> {
         match self {
             Self::Trees(trees) => trees.photon_gain(voxel),
-            Self::Histograms(_) | Self::Vmf(_) => None,
+            Self::Histograms(_) | Self::Vmf(_) | Self::Gmm(_) => None,
         }
     }
 
@@ -299,6 +330,7 @@ impl Model {
             Self::Trees(trees) => trees.turn(),
             Self::Histograms(_) => {}
             Self::Vmf(mixtures) => mixtures.turn(),
+            Self::Gmm(mixtures) => mixtures.turn(),
         }
     }
 
@@ -309,6 +341,7 @@ impl Model {
             // The sums are cleared next.
             Self::Histograms(_) => {}
             Self::Vmf(mixtures) => mixtures.halve(old, new, parts),
+            Self::Gmm(mixtures) => mixtures.halve(old, new, parts),
         }
     }
 
@@ -318,15 +351,17 @@ impl Model {
             Self::Trees(trees) => trees.clear(target),
             Self::Histograms(histograms) => histograms.clear(target),
             Self::Vmf(mixtures) => mixtures.clear(target),
+            Self::Gmm(mixtures) => mixtures.clear(target),
         }
     }
 
-    /// Number of nodes or cells that samples are counted in, or of lobes.
+    /// Number of nodes or cells that samples are counted in, or of lobes or Gaussians.
     pub fn nodes(&self) -> usize {
         match self {
             Self::Trees(trees) => trees.quadtrees().map(|tree| tree.topology().len()).sum(),
             Self::Histograms(histograms) => histograms.cells(),
             Self::Vmf(mixtures) => mixtures.lobes(),
+            Self::Gmm(mixtures) => mixtures.gaussians(),
         }
     }
 
@@ -336,6 +371,7 @@ impl Model {
             Self::Trees(trees) => trees.arrays(),
             Self::Histograms(histograms) => histograms.arrays(),
             Self::Vmf(mixtures) => mixtures.arrays(),
+            Self::Gmm(mixtures) => mixtures.arrays(),
         }
     }
 
@@ -354,6 +390,7 @@ impl Model {
             ModelKind::Trees => Trees::from_arrays(trees.clone(), target, voxels, file).map(Self::Trees),
             ModelKind::Histograms => Histograms::from_arrays(target, voxels, file).map(Self::Histograms),
             ModelKind::Vmf => VmfMixtures::from_arrays(target, voxels, file).map(Self::Vmf),
+            ModelKind::Gmm => GaussianMixtures::from_arrays(target, voxels, file).map(Self::Gmm),
         }
     }
 }

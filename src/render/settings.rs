@@ -31,6 +31,8 @@ pub enum GuideMode {
     Ppg2,
     /// Ruppert 2020: path samples of radiance in mixtures of von Mises-Fisher lobes.
     Vmf,
+    /// Vorba 2014: photons and path samples of radiance in mixtures of Gaussians.
+    Gmm,
     /// Reibold 2018: complete paths that the path tracer finds too rarely.
     Paths,
     /// Path samples of the variance-aware target (Rath 2020), trees as counted.
@@ -45,12 +47,13 @@ pub enum GuideMode {
 
 impl GuideMode {
     /// All modes.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::None,
         Self::Jensen,
         Self::Ppg,
         Self::Ppg2,
         Self::Vmf,
+        Self::Gmm,
         Self::Paths,
         Self::Variance,
         Self::Hybrid,
@@ -66,6 +69,7 @@ impl GuideMode {
             Self::Ppg => ["ppg", "Müller 2017: path samples of radiance in a spatial and directional tree"],
             Self::Ppg2 => ["ppg2", "Müller 2019: the same, filtered, with a learned fraction of BSDF samples"],
             Self::Vmf => ["vmf", "Ruppert 2020: path samples of radiance in mixtures of von Mises-Fisher lobes"],
+            Self::Gmm => ["gmm", "Vorba 2014: photons and path samples of radiance in mixtures of Gaussians"],
             Self::Paths => ["paths", "Reibold 2018: complete paths that the path tracer finds too rarely"],
             Self::Variance => {
                 ["variance", "Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees"]
@@ -101,6 +105,7 @@ impl GuideMode {
         match self {
             Self::Jensen => ModelKind::Histograms,
             Self::Vmf => ModelKind::Vmf,
+            Self::Gmm => ModelKind::Gmm,
             _ => ModelKind::Trees,
         }
     }
@@ -270,7 +275,9 @@ impl RenderSettings {
         let learner = match guide {
             GuideMode::Ppg => mueller_2017(),
             GuideMode::Ppg2 => mueller_2019(),
-            GuideMode::Jensen => LearnerSettings { target: Target::Radiance, ..LearnerSettings::default() },
+            GuideMode::Jensen | GuideMode::Gmm => {
+                LearnerSettings { target: Target::Radiance, ..LearnerSettings::default() }
+            }
             // Each lobe is aimed by its own distance.
             GuideMode::Vmf => {
                 LearnerSettings { target: Target::Radiance, parallax: false, ..LearnerSettings::default() }
@@ -279,7 +286,7 @@ impl RenderSettings {
         };
         let samples = match guide {
             GuideMode::Jensen => SampleKinds::Photon,
-            GuideMode::Hybrid | GuideMode::Gaussian | GuideMode::Neural => SampleKinds::Both,
+            GuideMode::Gmm | GuideMode::Hybrid | GuideMode::Gaussian | GuideMode::Neural => SampleKinds::Both,
             _ => SampleKinds::Path,
         };
         let roulette = if guide.has_own_surroundings() { Roulette::Throughput } else { Roulette::Window };

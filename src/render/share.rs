@@ -22,7 +22,7 @@ impl Run<'_> {
     ) -> Result<PartLearned> {
         if self.settings.learner.model != ModelKind::Trees {
             return Err(Error::Options(
-                "histograms and mixtures are not added up: parts of other modes than jensen and vmf learn".into(),
+                "histograms and mixtures are not added up: parts of other modes than jensen, vmf and gmm learn".into(),
             ));
         }
         if self.settings.learner.fraction == FractionRule::Adam {

@@ -12,6 +12,8 @@ use fanal::base::random::Random;
 use fanal::geometry::Surface;
 use fanal::guiding::cache::SpatialCache;
 use fanal::guiding::cache::parallax::Parallax;
+use fanal::guiding::gmm::gaussian::Gaussian;
+use fanal::guiding::gmm::mixture::GaussianMixture;
 use fanal::guiding::learn::adam::Adam;
 use fanal::guiding::learn::learner::{Learner, LearnerSettings, Use};
 use fanal::guiding::record::PathRecord;
@@ -108,12 +110,26 @@ fn lobes(random: &mut Random) -> VmfMixture {
     VmfMixture::new(&(0..count).map(lobe).collect::<Vec<_>>(), Vec3::ZERO, true).expect("these are lobes")
 }
 
-/// Guides of different depths, or of lobes, some of them absent, draw and judge directions together as each does alone.
+/// A mixture of up to eight Gaussians.
+fn gaussians(random: &mut Random) -> GaussianMixture {
+    let count = 1 + random.below(8);
+    let gaussian = |_| Gaussian {
+        weight: 1.0 / count as f32,
+        mean: random.next_2d(),
+        deviation: random.range(0.01, 0.4),
+        slope: random.range(-4.0, 4.0),
+        residual: random.range(0.01, 0.4),
+    };
+    GaussianMixture::new(&(0..count).map(gaussian).collect::<Vec<_>>()).expect("these are Gaussians")
+}
+
+/// Guides of different depths, of lobes or of Gaussians, some of them absent, draw and judge directions together as each does alone.
 #[test]
 fn guides_in_lanes_have_the_bits_of_guides_alone() {
     let mut random = Random::new(31, 0, 0);
     let voxel = |random: &mut Random, k: usize| VoxelGuide {
         directions: (k % 5 != 4).then(|| match k % 4 {
+            3 if k % 8 == 3 => gaussians(random).into(),
             3 => lobes(random).into(),
             0 => peaked(direction(random), 0.2).into(),
             1 => SamplingTree::new(&Distribution::uniform(), 1.0, usize::MAX).into(),

@@ -23,7 +23,7 @@ use fanal::math::cylindrical;
 use glam::Vec3;
 use tempfile::TempDir;
 
-use crate::support::records::{onward, path_at};
+use crate::support::records::{onward, path_at, photon_at};
 
 /// Levels of the full tree that samples are counted in.
 const LEVELS: usize = 3;
@@ -308,6 +308,51 @@ fn mixtures_are_loaded_as_they_were_saved() {
     }
     refused("guide_lobe_offset", 8, &u64::MAX.to_le_bytes());
     refused("guide_lobe_offset", 8, &33u64.to_le_bytes());
+}
+
+/// Mixtures of Gaussians in guide files sample as before; what is no Gaussian is refused.
+#[test]
+fn gaussians_are_loaded_as_they_were_saved() {
+    let mut random = Random::new(15, 0, 0);
+    let settings = LearnerSettings { model: ModelKind::Gmm, target: Target::Radiance, ..LearnerSettings::default() };
+    let mut learner = Learner::new(settings);
+    let mut point = || Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
+    let paths: Vec<PathRecord> = (0..2000).map(|_| path_at(point(), (point() - 0.3).normalize(), 1.0)).collect();
+    let photons: Vec<_> = (0..2000).map(|_| photon_at(point(), (point() - 0.3).normalize(), 1.0)).collect();
+    for _ in 0..2 {
+        learner.absorb(&paths, &photons, true);
+        learner.fit(&mut |_| panic!("there are no trees")).expect("nothing here fails");
+        learner.refine(1);
+    }
+    let field = learner.field(Use::Learning);
+    assert!(field.distributions().count() > 100 && learner.model().nodes() > 800);
+    let (_folder, path) = saved(&field);
+    let refused = |array: &str, place: usize, bad: &[u8]| {
+        let mut arrays = file::arrays(&field, &Evidence::default());
+        let found = arrays.iter_mut().find(|(name, ..)| name == array).expect("there are Gaussians");
+        found.3.to_mut()[place..place + bad.len()].copy_from_slice(bad);
+        tensors::write(&path, file::VERSION, &arrays).expect("it can be written");
+        let error = file::load(&path).expect_err("this is no Gaussian").to_string();
+        assert!(error.contains("guide_gaussian"), "{error}");
+    };
+    // Weight, mean, standard deviation, slope, residual deviation.
+    let bad = [
+        (0, -0.1f32),
+        (0, 1.5),
+        (0, f32::NAN),
+        (1, -0.5),
+        (2, 1.5),
+        (3, 0.0),
+        (3, 0.6),
+        (4, 1e3),
+        (5, -0.1),
+        (5, f32::INFINITY),
+    ];
+    for (place, bad) in bad {
+        refused("guide_gaussians", 4 * place, &bad.to_le_bytes());
+    }
+    refused("guide_gaussian_offset", 8, &u64::MAX.to_le_bytes());
+    refused("guide_gaussian_offset", 8, &9u64.to_le_bytes());
 }
 
 fn quadtrees(learner: &Learner) -> impl Iterator<Item = &Quadtree> {

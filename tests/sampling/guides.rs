@@ -11,6 +11,8 @@ use fanal::base::random::Random;
 use fanal::geometry::Surface;
 use fanal::guiding::cache::SpatialCache;
 use fanal::guiding::cache::parallax::Parallax;
+use fanal::guiding::gmm::gaussian::Gaussian as Normal;
+use fanal::guiding::gmm::mixture::GaussianMixture;
 use fanal::guiding::learn::learner::{Learner, LearnerSettings, Use};
 use fanal::guiding::model::ModelKind;
 use fanal::guiding::sample::field::{GuideField, VoxelGuide};
@@ -242,6 +244,47 @@ fn s01_mixtures_of_lobes_follow_their_density() {
             Some(direction)
         };
         let mass = Chart::around(axis, power).check(&name, [48, 32], pdf, sample);
+        assert!((mass - 1.0).abs() < 1e-3, "{name}: mass {mass}");
+    }
+}
+
+/// Gaussians are drawn with their density, which has the mass 1: where φ begins anew, at the poles, slanted over more than a turn, and of all widths.
+#[test]
+fn s01_mixtures_of_gaussians_follow_their_density() {
+    let normal = |weight: f32, mean: [f32; 2], deviation: f32, slope: f32, residual: f32| Normal {
+        weight,
+        mean,
+        deviation,
+        slope,
+        residual,
+    };
+    let cases = [
+        ("narrow", vec![normal(1.0, [0.5, 0.25], 0.004, 0.0, 0.004)], Vec3::Y, 6.0),
+        ("over the edge", vec![normal(1.0, [0.4, 0.999], 0.05, 0.5, 0.02)], Vec3::X, 3.0),
+        ("at a pole", vec![normal(1.0, [0.999, 0.3], 0.02, 0.0, 0.1)], Vec3::Z, 3.0),
+        ("slanted", vec![normal(1.0, [0.5, 0.5], 0.2, 8.0, 0.1)], Vec3::Z, 1.0),
+        ("wide", vec![normal(1.0, [0.1, 0.8], 0.5, 0.3, 0.5)], Vec3::Z, 1.0),
+        (
+            "several",
+            vec![
+                normal(0.4, [0.2, 0.1], 0.03, 1.0, 0.05),
+                normal(0.3, [0.7, 0.6], 0.1, -2.0, 0.16),
+                normal(0.2, [0.5, 0.95], 0.3, 0.0, 0.3),
+                normal(0.1, [0.0, 0.0], 0.05, 0.0, 0.02),
+            ],
+            Vec3::Z,
+            1.0,
+        ),
+    ];
+    for (name, all, axis, power) in cases {
+        let mixture = GaussianMixture::new(&all).expect("these are Gaussians");
+        let pdf = |wi| f64::from(mixture.pdf(wi));
+        let sample = |random: &mut Random| {
+            let (direction, pdf) = mixture.sample(random.next_2d_f64());
+            assert_eq!(pdf, mixture.pdf(direction), "{name}");
+            Some(direction)
+        };
+        let mass = Chart::around(axis, power).check(name, [48, 32], pdf, sample);
         assert!((mass - 1.0).abs() < 1e-3, "{name}: mass {mass}");
     }
 }

@@ -222,7 +222,7 @@ impl GuideField {
         self.voxels.iter().filter_map(|voxel| voxel.directions.as_ref())
     }
 
-    /// Number of nodes, cells or lobes of all distributions.
+    /// Number of nodes, cells, lobes or Gaussians of all distributions.
     pub fn nodes(&self) -> usize {
         self.distributions().map(Directions::nodes).sum()
     }

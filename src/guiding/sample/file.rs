@@ -26,6 +26,8 @@
 //! | `guide_lobe_offset` | u64 | [V + 1] | instead of nodes the index of each voxel's first lobe; missing, like the next two, where there are none |
 //! | `guide_lobes` | f32 | [.., 6] | mean direction, concentration, weight, inverse distance |
 //! | `guide_pivot` | f32 | [V, 4] | where lobes are seen from; 1 where they are of radiance |
+//! | `guide_gaussian_offset` | u64 | [V + 1] | instead of nodes the index of each voxel's first Gaussian; missing, like the next, where there are none |
+//! | `guide_gaussians` | f32 | [.., 6] | weight, mean, standard deviation, slope, residual deviation |
 //!
 //! `guide` is the distribution that is sampled (Q_r), `counted` the accumulated one (Q_h).
 
