@@ -43,7 +43,7 @@ use fanal::scene::readers::{load, resolve};
 use glam::Vec3;
 use safetensors::SafeTensors;
 use safetensors::tensor::TensorView;
-use scenes::{GUIDES, built, committed, mean, picture, reconstructor, room, settings};
+use scenes::{GUIDES, ZHU, built, committed, mean, picture, reconstructor, room, settings};
 
 use memory::{held, peak};
 use seeds::{kept, tree};
@@ -218,7 +218,7 @@ fn f03_damaged_checkpoints_and_guides() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let scene = committed("door-ajar", [8, 6]);
-    for guide in [GUIDES[0], GUIDES[1], GUIDES[6], GUIDES[8], GUIDES[9]] {
+    for guide in [GUIDES[0], GUIDES[1], GUIDES[6], GUIDES[8], GUIDES[9], GUIDES[10], ZHU] {
         let path = folder.path().join("a.part");
         let settings = settings(guide, 16, 1);
         let checkpoint = kept(&scene, &settings, &path);

@@ -189,8 +189,9 @@ fn limit_of_samples_by_brightness() {
 fn limit_of_the_field() {
     let _alone = alone();
     let scene = committed("door-ajar", [160, 120]);
-    for (guide, memory) in
-        [GUIDES[5], GUIDES[8], GUIDES[9]].into_iter().flat_map(|guide| [24 * MB, MB].map(|memory| (guide, memory)))
+    for (guide, memory) in [GUIDES[5], GUIDES[8], GUIDES[9], GUIDES[10]]
+        .into_iter()
+        .flat_map(|guide| [24 * MB, MB].map(|memory| (guide, memory)))
     {
         let mut settings = settings(guide, 48, 1);
         settings.learner.memory = memory;

@@ -128,6 +128,7 @@ words!(
     Half: "One half (Müller 2017)",
     Moments: "The best of several by measured second moments",
     Adam: "Learned by gradient descent (Müller 2019)",
+    Found: "By the light that samples of either have found (Zhu 2021)",
 );
 
 words!(
@@ -141,6 +142,7 @@ words!(
     Reconstruction,
     None: "Nothing",
     Gaussian: "They are smoothed level by level",
+    Nilsson: "They are denoised on matrices (Nilsson 2022)",
     Neural: "The network reconstructs them",
 );
 
@@ -381,19 +383,21 @@ pub struct LearningArgs {
     /// What guiding distributions are proportional to [default: by --guide]
     #[arg(long, value_enum)]
     pub target: Option<Target>,
-    /// What trees learn of light that light sampling finds too [default: all; nothing for --guide ppg and ppg2]
+    /// What trees learn of light that light sampling finds too [default: all; nothing for --guide ppg, ppg2 and nilsson]
     #[arg(long, value_enum)]
     pub direct: Option<DirectLight>,
-    /// How often the BSDF is sampled instead of the guide [default: moments; half for --guide ppg, adam for ppg2]
+    /// How often the BSDF is sampled instead of the guide [default: moments; half for --guide ppg and
+    /// nilsson, adam for ppg2, found for zhu]
     #[arg(long, value_enum)]
     pub fraction: Option<FractionRule>,
-    /// Move samples at random within the size of their leaf and their voxel (Müller 2019)
+    /// Move samples at random within the size of their leaf and their voxel (Müller 2019), as --guide ppg2 and zhu always do
     #[arg(long)]
     pub filter: bool,
-    /// Iterations in which `variance` is learned before `--target variance-pixel` (3 in Nilsson 2022)
+    /// Iterations in which `variance` is learned before `--target variance-pixel` [default: 3 for --guide nilsson, else 0]
     #[arg(long, value_name = "N")]
     pub simple_iterations: Option<u32>,
-    /// As what part of their number the samples of earlier iterations count in the next [default: 0.5; 0 for --guide ppg and ppg2]
+    /// As what part of their number the samples of earlier iterations count in the next [default: 0.5; 0 for --guide ppg, ppg2
+    /// and nilsson]
     #[arg(long, value_name = "PART", value_parser = part)]
     pub past: Option<f64>,
     /// What is made of the trees as counted [default: by --guide]

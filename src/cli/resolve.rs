@@ -104,7 +104,7 @@ fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<Render
     let defaults = RenderSettings::new(args.of.guide, stop(args, scene)?);
     let transport = TransportSettings {
         max_depth: args.of.max_depth.unwrap_or(scene.render.max_depth),
-        light_sampling: args.of.light_sampling.is_on(),
+        light_sampling: args.of.light_sampling.map_or(defaults.transport.light_sampling, Switch::is_on),
         roulette: args.of.roulette.unwrap_or(defaults.transport.roulette),
     };
     if transport.max_depth == 0 {
@@ -118,9 +118,9 @@ fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<Render
         target: target.unwrap_or(defaults.learner.target),
         direct: direct.unwrap_or(defaults.learner.direct),
         fraction: fraction.unwrap_or(defaults.learner.fraction),
-        simple_iterations: simple_iterations.unwrap_or(0),
+        simple_iterations: simple_iterations.unwrap_or(defaults.learner.simple_iterations),
         tree: TreeSettings {
-            filtered: filter,
+            filtered: filter || defaults.learner.tree.filtered,
             past: past.unwrap_or(defaults.learner.tree.past),
             ..defaults.learner.tree
         },
@@ -230,7 +230,8 @@ fn check_guide(args: &RenderArgs) -> Result<()> {
     if args.of.guide == GuideMode::Vmf && samples.is_some_and(SampleKinds::photons) {
         refused("--guide vmf learns from camera paths alone", &["--samples"])?;
     }
-    if simple_iterations.is_some() && target != Some(Target::VariancePixel) {
+    let learned = target.or((args.of.guide == GuideMode::Nilsson).then_some(Target::VariancePixel));
+    if simple_iterations.is_some() && learned != Some(Target::VariancePixel) {
         return Err(Error::Options(
             "--simple-iterations are those before --target variance-pixel; give that too".into(),
         ));
@@ -290,6 +291,7 @@ mod tests {
     use super::*;
     use crate::cli::args::{Cli, Command};
     use crate::generate::{Family, scene};
+    use crate::guiding::learn::fraction::FractionRule;
     use crate::guiding::tree::leaves::Layout;
     use crate::scene::file::FilterFile;
     use clap::Parser;
@@ -322,6 +324,28 @@ mod tests {
         );
         assert_eq!(request(&["--guide", "ppg"]).unwrap().settings.learner.tree.past, 0.0);
         assert_eq!(request(&["--pixel-filter", "tent"]).unwrap().settings.filter, FilterFile::TENT);
+    }
+
+    /// What papers have around their models is kept, unless something else is asked for.
+    #[test]
+    fn modes_have_their_surroundings() {
+        let settings = |options: &[&str]| request(options).unwrap().settings;
+        assert!(
+            settings(&["--guide", "ppg2"]).learner.tree.filtered
+                && !settings(&["--guide", "ppg"]).learner.tree.filtered
+        );
+        let zhu = settings(&["--guide", "zhu"]);
+        assert!(!zhu.transport.light_sampling && zhu.learner.tree.filtered && !zhu.gives_up);
+        assert_eq!((zhu.learner.fraction, zhu.reconstruction), (FractionRule::Found, Reconstruction::Neural));
+        assert!(zhu.mode().light_sampling, "the network was trained beside light sampling");
+        assert!(settings(&["--guide", "zhu", "--light-sampling", "on"]).transport.light_sampling);
+        assert!(settings(&[]).transport.light_sampling);
+        let nilsson = settings(&["--guide", "nilsson"]);
+        assert_eq!((nilsson.learner.target, nilsson.learner.simple_iterations), (Target::VariancePixel, 3));
+        assert_eq!((nilsson.reconstruction, nilsson.learner.tree.first_least), (Reconstruction::Nilsson, 0));
+        assert_eq!(settings(&["--guide", "nilsson", "--simple-iterations", "1"]).learner.simple_iterations, 1);
+        assert!(request(&["--guide", "nilsson", "--target", "radiance", "--simple-iterations", "1"]).is_err());
+        assert_eq!(settings(&["--guide", "variance"]).learner.simple_iterations, 0);
     }
 
     #[test]

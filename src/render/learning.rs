@@ -11,7 +11,7 @@ use crate::guiding::learn::emission::{self, EmissionGuide, EmissionLearner, Star
 use crate::guiding::learn::learner::{Learner, Use};
 use crate::guiding::record::{PathRecord, PhotonRecord};
 use crate::guiding::sample::field::GuideField;
-use crate::reconstruct::{Reconstructor, reconstruct_within};
+use crate::reconstruct::{AsCounted, Reconstructor, reconstruct_within};
 use crate::sampling::discrete::Discrete;
 
 /// Records of one chunk.
@@ -133,7 +133,11 @@ impl Learning {
         let begun = Instant::now();
         let left = rays - self.reconstruction_rays;
         let mut spent = 0.0;
+        let iteration = self.iterations;
         self.learner.fit(&mut |trees| {
+            if !reconstructor.admits(trees, iteration) {
+                return AsCounted::default().reconstruct(trees);
+            }
             let (proposals, cost) = reconstruct_within(left, trees, reconstructor)?;
             spent = cost;
             Ok(proposals)

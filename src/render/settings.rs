@@ -14,6 +14,7 @@ use crate::integrators::{Roulette, TransportSettings};
 use crate::network::config::Mode;
 use crate::picture::Window;
 use crate::reconstruct::gaussian::Gaussian;
+use crate::reconstruct::nilsson::Nilsson;
 use crate::reconstruct::{AsCounted, Reconstructor};
 use crate::scene::file::FilterFile;
 use crate::scene::plan::{EffectKind, EffectPlan};
@@ -37,17 +38,21 @@ pub enum GuideMode {
     Paths,
     /// Path samples of the variance-aware target (Rath 2020), trees as counted.
     Variance,
+    /// Nilsson 2022: the trees of Müller 2017 denoised on matrices, with the targets of Rath 2020.
+    Nilsson,
     /// Path samples and photons, trees as counted.
     Hybrid,
     /// The same, smoothed level by level.
     Gaussian,
     /// The same, reconstructed by the network.
     Neural,
+    /// Zhu 2021: the same without light sampling, filtered, with a fraction of BSDF samples by the light that was found.
+    Zhu,
 }
 
 impl GuideMode {
     /// All modes.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 13] = [
         Self::None,
         Self::Jensen,
         Self::Ppg,
@@ -56,9 +61,11 @@ impl GuideMode {
         Self::Gmm,
         Self::Paths,
         Self::Variance,
+        Self::Nilsson,
         Self::Hybrid,
         Self::Gaussian,
         Self::Neural,
+        Self::Zhu,
     ];
 
     /// Name on the command line and in statistics, and its line of help.
@@ -74,9 +81,11 @@ impl GuideMode {
             Self::Variance => {
                 ["variance", "Path samples of the variance-aware target (Rath 2020) in per-voxel quadtrees"]
             }
+            Self::Nilsson => ["nilsson", "Nilsson 2022: trees of paths denoised on matrices, their target switched"],
             Self::Hybrid => ["hybrid", "Path and photon samples in per-voxel quadtrees"],
             Self::Gaussian => ["gaussian", "The same, smoothed level by level"],
             Self::Neural => ["neural", "The same, reconstructed by the network"],
+            Self::Zhu => ["zhu", "Zhu 2021: the same, filtered, without light sampling, and never given up"],
         }
     }
 
@@ -90,9 +99,15 @@ impl GuideMode {
         self.words()[1]
     }
 
-    /// Whether all around its model is as in its paper (Müller 2017, 2019): trees from voxel to quadtree, roulette, and that it is never given up.
+    /// Whether what is around its model is as in its paper (Müller 2017, 2019; Zhu 2021; Nilsson 2022): the fraction of BSDF samples, roulette, and
+    /// that it is never given up.
     pub fn has_own_surroundings(self) -> bool {
-        matches!(self, Self::Ppg | Self::Ppg2)
+        self.has_one_tree() || self == Self::Zhu
+    }
+
+    /// Whether its voxels are those of one tree from voxel to quadtree (Müller 2017).
+    pub fn has_one_tree(self) -> bool {
+        matches!(self, Self::Ppg | Self::Ppg2 | Self::Nilsson)
     }
 
     /// Whether noisy pixels can get more samples than others: guided paths fall where they may.
@@ -151,6 +166,8 @@ pub enum Reconstruction {
     None,
     /// Level-wise smoothing.
     Gaussian,
+    /// Denoising on matrices.
+    Nilsson,
     /// The network.
     Neural,
 }
@@ -161,6 +178,7 @@ impl Reconstruction {
         match self {
             Self::None => "none",
             Self::Gaussian => "gaussian",
+            Self::Nilsson => "nilsson",
             Self::Neural => "neural",
         }
     }
@@ -176,6 +194,7 @@ impl Reconstruction {
         match self {
             Self::None => Ok(Box::new(AsCounted::default())),
             Self::Gaussian => Ok(Box::new(Gaussian::default())),
+            Self::Nilsson => Ok(Box::new(Nilsson)),
             Self::Neural => neural(),
         }
     }
@@ -275,6 +294,8 @@ impl RenderSettings {
         let learner = match guide {
             GuideMode::Ppg => mueller_2017(),
             GuideMode::Ppg2 => mueller_2019(),
+            GuideMode::Nilsson => nilsson_2022(),
+            GuideMode::Zhu => zhu_2021(),
             GuideMode::Jensen | GuideMode::Gmm => {
                 LearnerSettings { target: Target::Radiance, ..LearnerSettings::default() }
             }
@@ -286,17 +307,20 @@ impl RenderSettings {
         };
         let samples = match guide {
             GuideMode::Jensen => SampleKinds::Photon,
-            GuideMode::Gmm | GuideMode::Hybrid | GuideMode::Gaussian | GuideMode::Neural => SampleKinds::Both,
+            GuideMode::Gmm | GuideMode::Hybrid | GuideMode::Gaussian | GuideMode::Neural | GuideMode::Zhu => {
+                SampleKinds::Both
+            }
             _ => SampleKinds::Path,
         };
         let roulette = if guide.has_own_surroundings() { Roulette::Throughput } else { Roulette::Window };
         let reconstruction = match guide {
             GuideMode::Gaussian => Reconstruction::Gaussian,
-            GuideMode::Neural => Reconstruction::Neural,
+            GuideMode::Nilsson => Reconstruction::Nilsson,
+            GuideMode::Neural | GuideMode::Zhu => Reconstruction::Neural,
             _ => Reconstruction::None,
         };
         let settings = Self {
-            transport: TransportSettings { max_depth: 20, light_sampling: true, roulette },
+            transport: TransportSettings { max_depth: 20, light_sampling: guide != GuideMode::Zhu, roulette },
             guide,
             samples,
             reconstruction,
@@ -318,10 +342,11 @@ impl RenderSettings {
     }
 
     /// These settings with another reconstruction, which decides what leaves have to count, and whether trees follow single samples: one that
-    /// is sampled as it was counted has nothing else to follow.
+    /// is sampled as it was counted has nothing else to follow, and Nilsson's are those of Müller.
     pub fn with_reconstruction(mut self, reconstruction: Reconstruction) -> Self {
         self.reconstruction = reconstruction;
-        self.learner.tree.first_least = u32::from(reconstruction != Reconstruction::None);
+        let follows = matches!(reconstruction, Reconstruction::None | Reconstruction::Nilsson);
+        self.learner.tree.first_least = u32::from(!follows);
         self.learner.tree.layout =
             if reconstruction == Reconstruction::Neural { Layout::Network } else { Layout::Values };
         self
@@ -331,7 +356,9 @@ impl RenderSettings {
     pub fn with_guide(&self, guide: GuideMode) -> Self {
         let defaults = Self::new(guide, self.stop);
         let learner = LearnerSettings { memory: self.learner.memory, ..defaults.learner };
-        let transport = TransportSettings { roulette: defaults.transport.roulette, ..self.transport };
+        let TransportSettings { roulette, light_sampling, .. } = defaults.transport;
+        let light_sampling = light_sampling && self.transport.light_sampling;
+        let transport = TransportSettings { roulette, light_sampling, ..self.transport };
         let Self { seed, filter, crop, adaptive, fireflies, .. } = *self;
         Self { transport, seed, filter, crop, adaptive: adaptive && guide.adapts(), fireflies, learner, ..defaults }
     }
@@ -380,11 +407,12 @@ impl RenderSettings {
         }
     }
 
-    /// The mode that trees are collected in, as models and shards record it.
+    /// The mode that trees are collected in, as models and shards record it. Where all direct light is learned, light sampling changes no value that
+    /// trees converge to: for `zhu`, a network that was trained beside it will do.
     pub fn mode(&self) -> Mode {
         Mode {
             target: self.learner.target.name().into(),
-            light_sampling: self.transport.light_sampling,
+            light_sampling: self.transport.light_sampling || self.guide == GuideMode::Zhu,
             roulette: self.transport.roulette != Roulette::Off,
             split_share: self.learner.tree.split_share as f32,
             direct: self.learner.direct.name().into(),
@@ -442,4 +470,20 @@ fn mueller_2019() -> LearnerSettings {
     let before = mueller_2017();
     let tree = TreeSettings { filtered: true, ..before.tree };
     LearnerSettings { voxel_samples: 4000, fraction: FractionRule::Adam, tree, ..before }
+}
+
+/// Those of Nilsson 2022 (§4.4): the trees of Müller 2017 learn the target of Rath 2020, the simple form of it in the first three iterations.
+fn nilsson_2022() -> LearnerSettings {
+    LearnerSettings { target: Target::VariancePixel, simple_iterations: 3, ..mueller_2017() }
+}
+
+/// Those of Zhu 2021 (§5, §7) as far as the network allows, which has learned what trees look like with their past and surroundings.
+fn zhu_2021() -> LearnerSettings {
+    LearnerSettings {
+        facing: false,
+        fraction: FractionRule::Found,
+        tree: TreeSettings { filtered: true, ..TreeSettings::default() },
+        parallax: false,
+        ..LearnerSettings::default()
+    }
 }

@@ -25,10 +25,12 @@ impl Run<'_> {
                 "histograms and mixtures are not added up: parts of other modes than jensen, vmf and gmm learn".into(),
             ));
         }
-        if self.settings.learner.fraction == FractionRule::Adam {
-            return Err(Error::Options(
-                "--fraction adam: steps of a descent are not added up; parts learn with another rule".into(),
-            ));
+        let rule = self.settings.learner.fraction;
+        if matches!(rule, FractionRule::Adam | FractionRule::Found) {
+            let name = rule.name();
+            return Err(Error::Options(format!(
+                "--fraction {name}: what it has learned is not added up; parts learn with another rule"
+            )));
         }
         let mut learning = self.begin_learning();
         let (begun, mut own) = match self.resume(Phase::Share) {

@@ -27,6 +27,7 @@ use clap::Parser;
 use fanal::base::progress::Silent;
 use fanal::picture::{Image, read_image};
 use fanal::reconstruct::gaussian::Gaussian;
+use fanal::reconstruct::nilsson::Nilsson;
 use fanal::reconstruct::{AsCounted, Neural, Reconstructor};
 use fanal::render::{GuideMode, Reconstruction, RenderSettings, StopRule, render};
 use fanal::scene::Scene;
@@ -143,6 +144,7 @@ impl Subject {
             let reconstructor: &dyn Reconstructor = match settings.reconstruction {
                 Reconstruction::Neural => neural,
                 Reconstruction::Gaussian => &Gaussian::default(),
+                Reconstruction::Nilsson => &Nilsson,
                 Reconstruction::None => &counted,
             };
             render(&self.scene, &settings, reconstructor, &Silent, &AtomicBool::new(false)).expect("a picture").image

@@ -28,7 +28,7 @@ use fanal::scene::Scene;
 use fanal::scene::orbit::orbit;
 use fanal::scene::readers::load;
 use glam::DVec3;
-use scenes::{GUIDES, Guide, coarse, committed, reconstructor, settings};
+use scenes::{GUIDES, Guide, NILSSON, ZHU, coarse, committed, reconstructor, settings};
 use stop::StopAfter;
 
 /// Renders, guided by `field` if there is one, and stops after `chunks` chunks; says whether it was stopped by that.
@@ -107,7 +107,7 @@ fn short(guide: Guide, spp: u32, seed: u64) -> RenderSettings {
 #[test]
 fn f01_every_chunk_may_be_the_last() {
     let scene = committed("door-ajar", [64, 48]);
-    for guide in GUIDES {
+    for guide in GUIDES.into_iter().chain([NILSSON, ZHU]) {
         let interruptions = interrupted(&scene, &short(guide, 192, 3), None, 1);
         assert!(interruptions >= 3, "{guide:?}: only {interruptions}");
     }

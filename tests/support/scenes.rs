@@ -18,7 +18,7 @@ use glam::Vec3;
 pub type Guide = (GuideMode, SampleKinds, Target);
 
 /// Every mode, photons alone, and the target that knows the picture.
-pub const GUIDES: [Guide; 10] = [
+pub const GUIDES: [Guide; 11] = [
     (GuideMode::None, SampleKinds::Both, Target::Variance),
     (GuideMode::Hybrid, SampleKinds::Both, Target::Variance),
     (GuideMode::Hybrid, SampleKinds::Photon, Target::Variance),
@@ -29,7 +29,12 @@ pub const GUIDES: [Guide; 10] = [
     (GuideMode::Variance, SampleKinds::Path, Target::VariancePixel),
     (GuideMode::Jensen, SampleKinds::Photon, Target::Radiance),
     (GuideMode::Vmf, SampleKinds::Path, Target::Radiance),
+    (GuideMode::Gmm, SampleKinds::Both, Target::Radiance),
 ];
+
+/// Nilsson 2022 and Zhu 2021 with all that is around their models. The latter finds by chance alone what others find by light sampling.
+pub const NILSSON: Guide = (GuideMode::Nilsson, SampleKinds::Path, Target::VariancePixel);
+pub const ZHU: Guide = (GuideMode::Zhu, SampleKinds::Both, Target::Variance);
 
 /// Guided even where that does not pay: these scenes are small and easy.
 pub fn settings((guide, samples, target): Guide, spp: u32, seed: u64) -> RenderSettings {
@@ -44,7 +49,7 @@ pub fn settings((guide, samples, target): Guide, spp: u32, seed: u64) -> RenderS
 pub fn coarse(guide: Guide, spp: u32, seed: u64) -> RenderSettings {
     let mut settings = settings(guide, spp, seed);
     // Müller's grid begins with one.
-    if !guide.0.has_own_surroundings() {
+    if !guide.0.has_one_tree() {
         settings.learner.resolution = 8.0;
     }
     settings

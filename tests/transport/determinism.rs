@@ -14,7 +14,7 @@ use fanal::integrators::{Roulette, TransportSettings};
 use fanal::lights::learned::LightSampling;
 use fanal::render::{RenderSettings, render};
 use fanal::scene::{Scene, readers};
-use scenes::{GUIDES, Guide, committed, reconstructor, settings};
+use scenes::{GUIDES, Guide, NILSSON, ZHU, committed, reconstructor, settings};
 
 /// The bits of a picture rendered by `threads` threads.
 fn bits(scene: &Scene, guide: Guide, seed: u64, threads: usize) -> Vec<[u32; 3]> {
@@ -34,7 +34,7 @@ fn bits_with(scene: &Scene, settings: RenderSettings, threads: usize) -> Vec<[u3
 #[test]
 fn threads_change_nothing_and_seeds_all() {
     let scene = committed("door-ajar", [32, 24]);
-    for guide in GUIDES {
+    for guide in GUIDES.into_iter().chain([NILSSON]) {
         let one = bits(&scene, guide, 1, 1);
         for threads in [2, 3] {
             assert!(one == bits(&scene, guide, 1, threads), "{guide:?}: {threads} threads");
@@ -45,6 +45,15 @@ fn threads_change_nothing_and_seeds_all() {
         // Many pixels of this dark room are black by chance; of the others hardly one has the same bits twice.
         assert!(all > 50 && equal * 10 < all, "{guide:?}: {equal} of {all} pixels are equal under another seed");
     }
+}
+
+/// Nor where light is found by chance alone, and fractions of BSDF samples go by it.
+#[test]
+fn threads_change_nothing_without_light_sampling() {
+    let scene = committed("cornell", [32, 24]);
+    let [one, three] = [1, 3].map(|threads| bits(&scene, ZHU, 1, threads));
+    assert!(one == three && one.iter().filter(|pixel| **pixel != [0; 3]).count() > 300);
+    assert!(one != bits(&scene, ZHU, 2, 3));
 }
 
 /// Nor does what a pixel deserves depend on who traced its neighbours.

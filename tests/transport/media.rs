@@ -92,7 +92,7 @@ fn white_media_vanish() {
 
 /// Inside a closed box whose walls emit 1 and reflect a, the radiance is 1/(1 - a) everywhere, fog that absorbs nothing or not; each
 /// mode has one of two a (`s03_closed_furnaces` has both of them in each).
-/// Student's test at the level of 3σ, 0.27 % false alarms in each of 30 channels, which together raise one in 8 % of new seeds, or
+/// Student's test at the level of 3σ, 0.27 % false alarms in each of 33 channels, which together raise one in 9 % of new seeds, or
 /// less, since channels have their paths in common; with these, it is decided. Catches light sampling that forgets the fog, or
 /// counts it twice.
 #[test]

@@ -24,7 +24,7 @@ pub struct SceneArgs {
     /// Ceiling of the sampling field in MB
     #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub guide_memory: u32,
-    /// How paths end that are not worth going on with [default: window; throughput for --guide ppg and ppg2]
+    /// How paths end that are not worth going on with [default: window; throughput for --guide ppg, ppg2, nilsson and zhu]
     #[arg(long, value_enum)]
     pub roulette: Option<Roulette>,
     /// Effects to switch on (+) or off (-) against `fanal plan`, whose names they have
@@ -36,9 +36,9 @@ pub struct SceneArgs {
     /// What to do about meshes and pictures that the scene names and that are not there
     #[arg(long, value_enum, default_value = "refuse")]
     pub missing: Missing,
-    /// Light sampling (next event estimation)
-    #[arg(long, alias = "nee", value_enum, default_value = "on")]
-    pub light_sampling: Switch,
+    /// Light sampling (next event estimation) [default: on; off for --guide zhu]
+    #[arg(long, alias = "nee", value_enum)]
+    pub light_sampling: Option<Switch>,
     /// 1 = emission only, 2 = direct light, n = n-1 bounces [default: the scene's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     pub max_depth: Option<u32>,

@@ -8,12 +8,14 @@
 //! | `learner` | u64 | [4] | whether there is a cache, iterations, chunks, whether spheres are kept |
 //! | `outliers` | f64 | [O, 12] | voxel, squares, estimates |
 //! | `outlier_least` | f64 | [1] | |
+//! | `found` | f64 | [V, 2] | light that BSDF and guide have found, where the fraction of BSDF samples goes by it |
 //! | `voxel` | f64 | [V, ..] | all other numbers of a voxel, in the order of [`Voxel::numbers`] |
 
 use glam::Vec3;
 
 use super::adam::Adam;
 use super::adjoint::Adjoint;
+use super::fraction::{Found, FractionRule};
 use super::learner::{Learner, LearnerSettings};
 use super::outliers::{Outlier, Outliers};
 use super::voxel::Voxel;
@@ -44,6 +46,9 @@ impl Learner {
             vector("outlier_least", Dtype::F64, std::iter::once(self.outliers.least.to_le_bytes())),
             ("voxel".into(), Dtype::F64, vec![self.voxels.len(), columns], bytes.into()),
         ]);
+        if self.settings.fraction == FractionRule::Found {
+            all.push(doubles("found", self.voxels.iter().map(|voxel| voxel.found.light)));
+        }
         all
     }
 
@@ -58,6 +63,9 @@ impl Learner {
         (learner.iterations, learner.chunks) = (state[1].min(1 << 20) as u32, state[2]);
         learner.keeps_spheres = state[3] != 0;
         learner.voxels = read_voxels(file, cache.len())?;
+        if learner.settings.fraction == FractionRule::Found {
+            read_found(file, &mut learner.voxels)?;
+        }
         let LearnerSettings { model, tree, .. } = &learner.settings;
         learner.model = Model::from_arrays(*model, tree, learner.target(), cache.len(), file)?;
         learner.cache = (state[0] != 0).then_some(cache);
@@ -82,6 +90,15 @@ fn read_voxels(file: &Tensors, count: usize) -> Result<Vec<Voxel>> {
         voxels.push(voxel);
     }
     Ok(voxels)
+}
+
+fn read_found(file: &Tensors, voxels: &mut [Voxel]) -> Result<()> {
+    let rows = file.read("found", Dtype::F64, Some(voxels.len()), 2, f64::from_le_bytes)?;
+    if rows.iter().any(|light| !(*light >= 0.0 && light.is_finite())) {
+        return file.fail("found", "light that is negative or not finite");
+    }
+    voxels.iter_mut().zip(rows.as_chunks::<2>().0).for_each(|(voxel, &light)| voxel.found = Found { light });
+    Ok(())
 }
 
 impl Voxel {

@@ -3,7 +3,7 @@
 use super::LEARNING_FRACTION;
 use super::adam::Adam;
 use super::adjoint::Adjoint;
-use super::fraction::FractionRule;
+use super::fraction::{Found, FractionRule};
 use super::sphere::{self, Arrival};
 use crate::guiding::cache::Bounds;
 use crate::guiding::cache::parallax::Parallax;
@@ -44,6 +44,8 @@ pub(super) struct Voxel {
     /// Second moments under other fractions of BSDF samples.
     pub fractions: Moments<{ FRACTIONS.len() }>,
     pub adam: Adam,
+    /// Light that both strategies have found in all iterations, where the fraction goes by it.
+    pub found: Found,
     /// Radiance that its vertices sent back, and that of the last iteration with the surroundings as a prior.
     pub adjoint: Adjoint,
     pub known_adjoint: Adjoint,
@@ -71,6 +73,7 @@ impl Default for Voxel {
             all_squares: 0.0,
             fractions: Moments::default(),
             adam: Adam::default(),
+            found: Found::default(),
             adjoint: Adjoint::default(),
             known_adjoint: Adjoint::default(),
             gain: f32::NAN,
@@ -91,8 +94,11 @@ impl Voxel {
         if self.guide.is_some() {
             let drawn = f64::from(self.drawn_fraction);
             self.fractions.add_estimates(&record.estimates(), drawn);
-            if record.is_directed() && rule == FractionRule::Adam {
-                self.adam.step(f64::from(record.estimate()), f64::from(record.bsdf_share), drawn);
+            let (estimate, share) = (f64::from(record.estimate()), f64::from(record.bsdf_share));
+            match rule {
+                FractionRule::Adam if record.is_directed() => self.adam.step(estimate, share, drawn),
+                FractionRule::Found if record.is_directed() => self.found.add(estimate, share, drawn),
+                _ => {}
             }
         }
     }
@@ -144,6 +150,7 @@ impl Voxel {
             FractionRule::Half => Some(LEARNING_FRACTION),
             FractionRule::Moments => self.best.map(|best| FRACTIONS[best]),
             FractionRule::Adam => Some(self.adam.fraction()),
+            FractionRule::Found => self.found.fraction(),
         };
         chosen.map(|fraction| fraction as f32)
     }

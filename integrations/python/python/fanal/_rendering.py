@@ -81,7 +81,7 @@ def render_full(
     fireflies: str | None = None,
     kappa: float | None = None,
     pixel_filter: str | None = None,
-    light_sampling: bool = True,
+    light_sampling: bool | None = None,
     roulette: str | None = None,
     guide_memory: int | None = None,
     backend: str | None = None,
@@ -98,8 +98,8 @@ def render_full(
     :param spp: samples per pixel, camera and light paths together; the scene's if no other end is given.
     :param time: seconds for all of the call.
     :param target_error: relMSE to reach, as the render itself estimates it. Only one of the three can be given.
-    :param guide: ``"none"``, ``"jensen"``, ``"ppg"``, ``"ppg2"``, ``"vmf"``, ``"paths"``, ``"variance"``, ``"hybrid"``, ``"gaussian"`` or
-        ``"neural"``.
+    :param guide: ``"none"``, ``"jensen"``, ``"ppg"``, ``"ppg2"``, ``"vmf"``, ``"gmm"``, ``"paths"``, ``"variance"``, ``"nilsson"``,
+        ``"hybrid"``, ``"gaussian"``, ``"neural"`` or ``"zhu"``.
     :param size: columns and rows; the scene's if not given.
     :param max_depth: 1 for emission only, 2 for direct light, and so on.
     :param crop: part of the picture to render: column, row, columns and rows.
@@ -113,7 +113,7 @@ def render_full(
     :param fireflies: ``"keep"``, or ``"reweight"``: the light of samples so bright and so rare that they stand alone is taken out of the picture.
     :param kappa: samples of like brightness that ``"reweight"`` asks for; more take more light out.
     :param pixel_filter: ``"box"``, ``"tent"``, ``"gaussian"`` or ``"blackman-harris"``; the scene's if not given.
-    :param light_sampling: next event estimation.
+    :param light_sampling: next event estimation; on if not given, but off for the guide ``"zhu"``.
     :param roulette: ``"off"``, ``"throughput"`` or ``"window"``.
     :param guide_memory: ceiling of the guide in MB.
     :param backend: who executes the network, ``"embedded"`` or ``"onnx"``.
