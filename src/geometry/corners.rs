@@ -45,12 +45,14 @@ impl<R: Real> Corners<R> {
         let (across, there) = (b - a).cross(c - a).try_normalize();
         let up = V3::new(b1.all(0.0), b1.all(0.0), b1.all(1.0));
         let normal = V3::choose(there, across, up) * (self.winding * self.front);
+        // A function of its own, which a closure is, would not be compiled for wide numbers.
+        let [u, v] = [ta[0] * b0 + tb[0] * b1 + tc[0] * b2, ta[1] * b0 + tb[1] * b1 + tc[1] * b2];
         Points {
             point: parts[0] + parts[1] + parts[2],
             magnitudes: parts[0].abs() + parts[1].abs() + parts[2].abs(),
             normal,
             smooth: self.smooth(normal, [b0, b1, b2]),
-            uv: [0, 1].map(|i| ta[i] * b0 + tb[i] * b1 + tc[i] * b2),
+            uv: [u, v],
         }
     }
 
