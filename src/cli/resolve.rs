@@ -106,6 +106,7 @@ fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<Render
         max_depth: args.of.max_depth.unwrap_or(scene.render.max_depth),
         light_sampling: args.of.light_sampling.map_or(defaults.transport.light_sampling, Switch::is_on),
         roulette: args.of.roulette.unwrap_or(defaults.transport.roulette),
+        guided_distances: args.of.guided_distances.is_on(),
     };
     if transport.max_depth == 0 {
         return Err(Error::Options("the scene asks for depth 0; give --max-depth".into()));

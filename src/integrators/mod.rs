@@ -16,6 +16,8 @@ pub struct TransportSettings {
     pub light_sampling: bool,
     /// Russian roulette.
     pub roulette: Roulette,
+    /// Whether paths collide with homogeneous media where the guide expects light.
+    pub guided_distances: bool,
 }
 
 /// Rules of Russian roulette.

@@ -32,7 +32,7 @@ use crate::math::lanes::LANES;
 use crate::sampling::mis;
 use crate::scene::Scene;
 use crate::scene::effects::Effects;
-use crate::scene::media::{End, Passage};
+use crate::scene::media::{End, Expected, Passage, Place};
 use batch::{Connection, Shadows, Towards, Tried, Vertices};
 use shade::{Sampled, Shaded};
 
@@ -234,9 +234,13 @@ impl PathTracer<'_> {
     ) -> Option<Arrival> {
         path.depth += 1;
         path.random.begin_vertex(path.depth);
-        let (carried, random) = (path.throughput, &path.random);
+        let (carried, mut medium) = (path.throughput, path.medium);
+        let knows = E::MEDIA && E::GUIDING && self.settings.guided_distances && self.field.is_some();
+        let expected = |place: Place| self.expected(path, place);
+        let expected: Option<Expected> = if knows { Some(&expected) } else { None };
         let Passage { end, weight: passed, glow } =
-            self.scene.advance::<E>(&path.ray, meets, surface, &mut path.medium, carried, random);
+            self.scene.advance::<E>(&path.ray, meets, surface, &mut medium, carried, &path.random, expected);
+        path.medium = medium;
         let phase = match end {
             End::Background => {
                 path.background = self.background(path).dimmed(passed);
@@ -277,6 +281,23 @@ impl PathTracer<'_> {
             worth,
             voxel: found.and_then(guides),
         })
+    }
+
+    /// Mean radiance that comes to a path from a place on its ray; none where the guide does not know it.
+    fn expected(&self, path: &PathState, place: Place) -> Option<f32> {
+        let (point, normal, emitted) = match place {
+            Place::Background => return Some(channel_mean(self.background(path).weighted())),
+            Place::Medium(point) => (point, Vec3::ZERO, 0.0),
+            // What lies behind a veil is not known.
+            Place::Surface(surface) if self.scene.opacity(surface) < 1.0 => return None,
+            Place::Surface(surface) => {
+                let emitted = channel_mean(self.emission(surface, path).weighted());
+                (surface.point, surface.normal_towards(-path.ray.direction), emitted)
+            }
+        };
+        let field = self.field?;
+        let reflected = field.voxels()[field.find(point, normal)? as usize].roulette.expected()?;
+        Some(emitted + reflected)
     }
 
     /// Adds a vertex to a path and returns its index.

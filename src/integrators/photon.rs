@@ -168,7 +168,8 @@ impl PhotonTracer<'_> {
     ) -> bool {
         let LightPath { number, random, ray, medium, photon, begun } = path;
         random.begin_vertex(depth);
-        let Passage { end, weight, .. } = self.scene.advance::<E>(ray, meets, surface, medium, photon.power, random);
+        let Passage { end, weight, .. } =
+            self.scene.advance::<E>(ray, meets, surface, medium, photon.power, random, None);
         photon.power *= weight;
         if !photon.is_finite(count) {
             return false;

@@ -320,7 +320,12 @@ impl RenderSettings {
             _ => Reconstruction::None,
         };
         let settings = Self {
-            transport: TransportSettings { max_depth: 20, light_sampling: guide != GuideMode::Zhu, roulette },
+            transport: TransportSettings {
+                max_depth: 20,
+                light_sampling: guide != GuideMode::Zhu,
+                roulette,
+                guided_distances: false,
+            },
             guide,
             samples,
             reconstruction,

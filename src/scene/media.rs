@@ -32,6 +32,20 @@ pub struct Passage {
     pub glow: Vec3,
 }
 
+/// A place that a ray may end at.
+#[derive(Clone, Copy)]
+pub enum Place<'a> {
+    /// A point of a medium.
+    Medium(Vec3),
+    /// A surface.
+    Surface(&'a Surface),
+    /// Infinitely far away.
+    Background,
+}
+
+/// Mean radiance that is expected from a place towards the ray's origin, W·m⁻²·sr⁻¹; none where it is not known.
+pub type Expected<'a> = &'a dyn Fn(Place) -> Option<f32>;
+
 /// What fills space.
 #[derive(Debug, Clone)]
 pub(super) enum Filling {
@@ -42,14 +56,32 @@ pub(super) enum Filling {
 }
 
 impl Filling {
-    /// Samples the flight of a ray of length `limit` that carries `carried`.
-    fn fly(&self, ray: &Ray, limit: f32, carried: Vec3, random: &mut Random) -> Flown {
-        match self {
-            Self::Even(medium) => {
+    /// Samples the flight of a ray that carries `carried` up to where it meets `end`, of which it is known how much light comes from there
+    /// where `expected` is given; a medium that varies does not ask.
+    fn fly(
+        &self,
+        ray: &Ray,
+        end: Option<&Surface>,
+        carried: Vec3,
+        random: &mut Random,
+        expected: Option<Expected>,
+    ) -> Flown {
+        let limit = end.map_or(f32::INFINITY, |surface| surface.distance);
+        match (self, expected) {
+            (Self::Even(medium), None) => {
                 let [distance, channel] = random.next_2d();
                 Flown { end: medium.sample(carried, limit, channel, distance), glow: Vec3::ZERO }
             }
-            Self::Grid(medium) => medium.fly(ray, limit, carried, random),
+            (Self::Even(medium), Some(expected)) => {
+                let [distance, channel] = random.next_2d();
+                let at = |distance: Option<f32>| match (distance, end) {
+                    (Some(distance), _) => expected(Place::Medium(ray.at(distance))),
+                    (None, Some(surface)) => expected(Place::Surface(surface)),
+                    (None, None) => expected(Place::Background),
+                };
+                Flown { end: medium.sample_expecting(carried, limit, [channel, distance], at), glow: Vec3::ZERO }
+            }
+            (Self::Grid(medium), _) => medium.fly(ray, limit, carried, random),
         }
     }
 
@@ -109,8 +141,9 @@ impl Scene {
     }
 
     /// Takes a path's next segment, which starts in `medium` and carries `carried`, on from the nearest surface, where it `meets` one,
-    /// to its end. `surface` becomes the surface or the point of a medium there.
+    /// to its end. `surface` becomes the surface or the point of a medium there. Where `expected` is given, distances in media are drawn by it.
     #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
     pub fn advance<E: Effects>(
         &self,
         ray: &Ray,
@@ -119,13 +152,14 @@ impl Scene {
         medium: &mut Option<MediumId>,
         carried: Vec3,
         random: &Random,
+        expected: Option<Expected>,
     ) -> Passage {
         let end = if meets { End::Surface } else { End::Background };
         let mut passage = Passage { end, weight: Vec3::ONE, glow: Vec3::ZERO };
         if E::MEDIA || E::MATERIALS && self.has_masks {
             let (mut nearest, random) = (meets.then_some(*surface), &mut random.at(Dimension::SEGMENT));
             if E::MEDIA {
-                passage = self.travel(ray, &mut nearest, medium, carried, random);
+                passage = self.travel(ray, &mut nearest, medium, carried, random, expected);
             } else {
                 self.pass_holes(ray, &mut nearest, random);
                 passage.end = if nearest.is_some() { End::Surface } else { End::Background };
@@ -151,6 +185,7 @@ impl Scene {
         medium: &mut Option<MediumId>,
         carried: Vec3,
         random: &mut Random,
+        expected: Option<Expected>,
     ) -> Passage {
         let (mut ray, mut weight, mut glow, mut behind) = (*ray, Vec3::ONE, Vec3::ZERO, 0.0);
         for _ in 0..MOST_HOLES {
@@ -158,8 +193,7 @@ impl Scene {
                 *medium = self.medium_before(surface, ray.direction, *medium);
             }
             if let Some(id) = *medium {
-                let limit = end.map_or(f32::INFINITY, |surface| surface.distance);
-                let flown = self.medium(id).fly(&ray, limit, carried * weight, random);
+                let flown = self.medium(id).fly(&ray, end.as_ref(), carried * weight, random, expected);
                 glow += weight * flown.glow;
                 match flown.end {
                     Flight::Collision { distance, weight: factor } => {

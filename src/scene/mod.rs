@@ -112,7 +112,7 @@ impl Scene {
     }
 
     /// Opacity of a surface: the probability that it stops a ray. Light is sampled on whole surfaces, so emitters have no holes.
-    fn opacity(&self, surface: &Surface) -> f32 {
+    pub fn opacity(&self, surface: &Surface) -> f32 {
         let material = self.material(surface);
         if matches!(material.kind, Kind::Null) {
             return 0.0;

@@ -163,7 +163,12 @@ fn samples(scene: &Scene, tracer: Tracer, per_pixel: u64) -> Vec<Vec3> {
     let mut radiance = Vec::new();
     match tracer {
         Tracer::Ours => {
-            let settings = TransportSettings { max_depth: MAX_DEPTH, light_sampling: true, roulette: Roulette::Window };
+            let settings = TransportSettings {
+                max_depth: MAX_DEPTH,
+                light_sampling: true,
+                roulette: Roulette::Window,
+                guided_distances: false,
+            };
             let tracer = PathTracer { scene, settings, field: None, lights: LightSampling::Plain };
             let (mut scratch, mut rays) = (PathScratch::default(), RayCount::default());
             for _ in 0..batches {

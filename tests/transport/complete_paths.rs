@@ -90,7 +90,7 @@ fn lobes(masked: bool) -> SceneFile {
 }
 
 fn transport(roulette: Roulette) -> TransportSettings {
-    TransportSettings { max_depth: 7, light_sampling: true, roulette }
+    TransportSettings { max_depth: 7, light_sampling: true, roulette, guided_distances: false }
 }
 
 /// Complete paths of the path tracer from places that are spread evenly over the picture.

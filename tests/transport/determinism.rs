@@ -92,7 +92,12 @@ fn guiding_is_left_out_where_it_does_not_pay() {
 
 /// All that paths and light paths tell, traced in batches of `size`.
 fn told(scene: &Scene, paths: u64, size: u64) -> [Vec<String>; 3] {
-    let transport = TransportSettings { max_depth: 12, light_sampling: true, roulette: Roulette::Throughput };
+    let transport = TransportSettings {
+        max_depth: 12,
+        light_sampling: true,
+        roulette: Roulette::Throughput,
+        guided_distances: false,
+    };
     let emission = EmissionGuide::new(&scene.lights.emission);
     let tracer = PathTracer { scene, settings: transport, field: None, lights: LightSampling::Plain };
     let photon_tracer = PhotonTracer { scene, settings: transport, emission: &emission };

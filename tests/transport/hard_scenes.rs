@@ -591,7 +591,7 @@ fn peaked_field(fraction: f32, roulette: AdjointRoulette) -> GuideField {
 /// `n` paths from the middle of a scene: rays per path, and the mean radiance with its standard error. Their pixel is
 /// thought to have the value 1.
 fn paths_in(scene: &Scene, n: u32, roulette: Roulette, field: Option<&GuideField>) -> [f64; 3] {
-    let settings = TransportSettings { max_depth: 300, light_sampling: false, roulette };
+    let settings = TransportSettings { max_depth: 300, light_sampling: false, roulette, guided_distances: false };
     let tracer = PathTracer { scene, settings, field, lights: LightSampling::Plain };
     let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
     let (mut sum, mut squares) = (0.0, 0.0);
@@ -639,7 +639,12 @@ fn a15_glass_does_not_end_paths() {
     b.add_light(LightFile::Constant { radiance: [1.0; 3] });
     b.look_at(Vec3::ZERO, Vec3::X, Vec3::Y, 10.0);
     let scene = built(b.finish());
-    let transport = TransportSettings { max_depth: 20, light_sampling: true, roulette: Roulette::Throughput };
+    let transport = TransportSettings {
+        max_depth: 20,
+        light_sampling: true,
+        roulette: Roulette::Throughput,
+        guided_distances: false,
+    };
     let tracer = PathTracer { scene: &scene, settings: transport, field: None, lights: LightSampling::Plain };
     let mut inside = 0;
     for i in 0..200 {
@@ -667,7 +672,8 @@ fn a15_what_finds_nothing_counts() {
     let (directions, roulette) = (tree.map(Into::into), AdjointRoulette::UNKNOWN);
     let guide = VoxelGuide { directions, parallax: Parallax::NONE, bsdf_fraction: 0.5, roulette };
     let field = GuideField::new(cache, vec![guide]);
-    let transport = TransportSettings { max_depth: 2, light_sampling: false, roulette: Roulette::Off };
+    let transport =
+        TransportSettings { max_depth: 2, light_sampling: false, roulette: Roulette::Off, guided_distances: false };
     let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field), lights: LightSampling::Plain };
     let (mut scratch, mut count, mut records) = (PathScratch::default(), RayCount::default(), vec![]);
     for i in 0..20_000 {

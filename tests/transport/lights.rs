@@ -139,7 +139,7 @@ fn traced_flux(scene: &Scene, light_sampling: bool) -> f64 {
 
 /// The same of each part.
 fn traced_fluxes(scene: &Scene, light_sampling: bool, lights: LightSampling) -> Vec<f64> {
-    let settings = TransportSettings { max_depth: 2, light_sampling, roulette: Roulette::Off };
+    let settings = TransportSettings { max_depth: 2, light_sampling, roulette: Roulette::Off, guided_distances: false };
     let tracer = PathTracer { scene, settings, field: None, lights };
     let part = |part: u64| {
         let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
@@ -184,7 +184,8 @@ fn emitted_flux(scene: &Scene) -> f64 {
 /// The same by the photon tracer, which keeps photons straight from lights where there is no light sampling.
 fn deposited_flux(scene: &Scene, light_sampling: bool, parts: u64) -> f64 {
     let emission = EmissionGuide::new(&scene.lights.emission);
-    let settings = TransportSettings { max_depth: 2, light_sampling, roulette: Roulette::Throughput };
+    let settings =
+        TransportSettings { max_depth: 2, light_sampling, roulette: Roulette::Throughput, guided_distances: false };
     let tracer = PhotonTracer { scene, settings, emission: &emission };
     mean_of_parts(parts, |part| {
         let random = |i| Random::new(5, part, i);
@@ -241,7 +242,12 @@ fn s08_photons_of_several_lights_carry_their_sum() {
     b.add_sphere("b", Vec3::new(-0.4, 0.2, 0.0), 0.1, &wall, Some([48.0; 3]));
     let scene = built(b.finish());
     let emission = EmissionGuide::new(&scene.lights.emission);
-    let settings = TransportSettings { max_depth: 2, light_sampling: false, roulette: Roulette::Throughput };
+    let settings = TransportSettings {
+        max_depth: 2,
+        light_sampling: false,
+        roulette: Roulette::Throughput,
+        guided_distances: false,
+    };
     let tracer = PhotonTracer { scene: &scene, settings, emission: &emission };
     let n = 100_000;
     let block = tracer.trace_block(0..n, (0, n), |i| Random::new(6, 0, i), &mut PhotonScratch::default());
@@ -263,7 +269,8 @@ fn rectangle_factor(a: f64, b: f64) -> f64 {
 fn direct(name: &str, scene: &Scene, irradiance: f64, reachable: bool) {
     let expected = irradiance * 0.5 / std::f64::consts::PI;
     for (guide, light_sampling) in GUIDES.iter().flat_map(|&guide| [(guide, true), (guide, false)]) {
-        let transport = TransportSettings { max_depth: 2, light_sampling, roulette: Roulette::Throughput };
+        let transport =
+            TransportSettings { max_depth: 2, light_sampling, roulette: Roulette::Throughput, guided_distances: false };
         let spp = match (light_sampling, reachable) {
             (true, _) => 64,
             (false, true) => 256,
@@ -485,7 +492,8 @@ fn four_rooms(size: [u32; 2]) -> Scene {
 
 /// What came of lamps that light sampling has chosen on the floor of four rooms.
 fn tried(scene: &Scene) -> Vec<Vec<Trial>> {
-    let settings = TransportSettings { max_depth: 2, light_sampling: true, roulette: Roulette::Off };
+    let settings =
+        TransportSettings { max_depth: 2, light_sampling: true, roulette: Roulette::Off, guided_distances: false };
     let counts = SkyCounts::default();
     let tracer = PathTracer { scene, settings, field: None, lights: LightSampling::Counted(&counts) };
     let block = |block: u64| {

@@ -4,7 +4,7 @@ use crate::support::{scenes, statistics};
 
 use fanal::generate::build::{Builder, diffuse};
 use fanal::materials::phase::HenyeyGreenstein;
-use fanal::render::{GuideMode, SampleKinds};
+use fanal::render::{GuideMode, RenderSettings, SampleKinds};
 use fanal::scene::Scene;
 use fanal::scene::file::{LightFile, MaterialFile, MediumFile, SceneFile};
 use glam::{Mat4, Vec3};
@@ -22,6 +22,18 @@ pub fn check(scene: &Scene, guide: Guide, spp: u32, max_depth: u32, expected: [f
 
 /// The same with false alarms at the rate `level` in each channel. The standard error must resolve 2 %, or the test could not fail.
 pub fn check_at(level: f64, scene: &Scene, guide: Guide, [spp, max_depth]: [u32; 2], expected: [f64; 3]) {
+    check_with(level, scene, guide, [spp, max_depth], expected, |_| ());
+}
+
+/// The same with settings that are changed.
+fn check_with(
+    level: f64,
+    scene: &Scene,
+    guide: Guide,
+    [spp, max_depth]: [u32; 2],
+    expected: [f64; 3],
+    change: impl Fn(&mut RenderSettings),
+) {
     let pictures: Vec<[f64; 3]> = (0..12)
         .map(|seed| {
             let mut settings = settings(guide, spp, seed);
@@ -29,6 +41,7 @@ pub fn check_at(level: f64, scene: &Scene, guide: Guide, [spp, max_depth]: [u32;
             if guide.0 != GuideMode::Ppg {
                 settings.learner.resolution = 4.0;
             }
+            change(&mut settings);
             let image = picture(scene, &settings);
             let sum = image.pixels.iter().fold(glam::DVec3::ZERO, |sum, pixel| sum + pixel.as_dvec3());
             (sum / image.pixels.len() as f64).to_array()
@@ -117,7 +130,7 @@ fn s03_fog_changes_no_furnace() {
 }
 
 /// Light of a point that the fog scatters once: ∫ σ_s exp(-σ_t (t + r)) p(θ) I / r² dt along the camera's ray, r the distance
-/// from there to the light.
+/// from there to the light. Distances that are drawn where the guide expects light change the picture, not its mean.
 #[test]
 fn single_scattering_is_the_integral_along_the_ray() {
     for g in [0.0, 0.7, -0.4] {
@@ -140,7 +153,22 @@ fn single_scattering_is_the_integral_along_the_ray() {
             };
             (0..n).map(along).sum::<f64>() * far / f64::from(n)
         });
-        check(&built(file), GUIDES[0], 4096, 2, expected);
+        let scene = built(file);
+        check(&scene, GUIDES[0], 4096, 2, expected);
+        let guide = GUIDES[2];
+        let on = |guided_distances: bool| {
+            move |settings: &mut RenderSettings| {
+                settings.transport.guided_distances = guided_distances;
+                settings.gives_up = false;
+            }
+        };
+        check_with(sidak(0.01, 200), &scene, guide, [4096, 2], expected, on(true));
+        let pixels = [true, false].map(|guided| {
+            let mut settings = settings(guide, 256, 1);
+            on(guided)(&mut settings);
+            picture(&scene, &settings).pixels
+        });
+        assert_ne!(pixels[0], pixels[1], "distances are not guided");
     }
 }
 

@@ -15,11 +15,12 @@ pub struct VariantArgs {
 }
 
 /// Options that a variant may have: how light is found, and which is believed. What the picture shows, and its budget, are the comparison's.
-const OPTIONS: [&str; 15] = [
+const OPTIONS: [&str; 16] = [
     "guide",
     "guide_memory",
     "roulette",
     "light_sampling",
+    "guided_distances",
     "adaptive",
     "fireflies",
     "kappa",

@@ -39,6 +39,11 @@ impl AdjointRoulette {
         Self { light, onward }
     }
 
+    /// Mean radiance that a vertex sends back, W·m⁻²·sr⁻¹; none where it is not known.
+    pub fn expected(self) -> Option<f32> {
+        Some((self.light + self.onward) * WINDOW as f32).filter(|expected| expected.is_finite())
+    }
+
     /// Probability of light sampling, in (0, 1], for a path of this importance and throughput.
     pub fn light_probability(self, importance: f32, throughput: f32) -> f32 {
         probability(self.light, importance, throughput).unwrap_or(1.0)
