@@ -8,7 +8,7 @@
 //! reference's variance, from its four parts, is subtracted. A scene whose first samples promise far too much is given up after
 //! 10,000 samples per pixel and a line says so.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::time::Instant;
