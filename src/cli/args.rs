@@ -615,6 +615,12 @@ pub struct DatasetArgs {
     /// Folder to write; what is there already is kept, what is missing is made
     #[arg(short, long, value_name = "DIR", conflicts_with = "check")]
     pub output: Option<PathBuf>,
+    /// Take the scenes in this folder instead of the recipe's, all of them held out: the scene that it is, or those in its folders
+    #[arg(long, value_name = "FOLDER", conflicts_with = "check")]
+    pub scenes: Option<PathBuf>,
+    /// Write the scenes of the recipe's families, each as a folder that can be rendered, instead of data
+    #[arg(long, conflicts_with_all = ["check", "scenes", "part"])]
+    pub only_scenes: bool,
     /// Make only this part of the scenes, for example 3/16. Parts may be made in one folder by several machines at once, and are put
     /// together by `fanal merge DIR`
     #[arg(long, value_name = "K/N", conflicts_with = "check")]

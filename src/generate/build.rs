@@ -1,19 +1,27 @@
 //! Builds a scene file piece by piece, and keeps track of its solids.
 
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
 use glam::{Mat3, Mat4, Quat, Vec3};
 
+use crate::picture::Image;
 use crate::scene::file::{
-    CameraFile, FilmFile, FilterFile, GeometryFile, IDENTITY, LightFile, MaterialFile, Matrix, MeshFile, RenderFile,
-    SceneFile, ShapeFile, TextureFile,
+    CameraFile, FilmFile, FilterFile, GeometryFile, IDENTITY, LightFile, MaterialFile, Matrix, MediumFile, MeshFile,
+    RenderFile, SceneFile, ShapeFile, TextureFile,
 };
 
 use super::solids::{Solid, Solids};
+
+/// Pictures of a scene by the names of their files.
+pub type Pictures = BTreeMap<String, Arc<Image>>;
 
 /// A scene under construction. +y is up until [`Builder::transform`].
 #[derive(Debug, Clone)]
 pub struct Builder {
     scene: SceneFile,
     solids: Solids,
+    pictures: Pictures,
 }
 
 impl Builder {
@@ -21,7 +29,7 @@ impl Builder {
     pub fn new(name: impl Into<String>, size: [u32; 2]) -> Self {
         let film = FilmFile { width: size[0], height: size[1], filter: FilterFile::default() };
         let scene = SceneFile::empty(name.into(), CameraFile::pinhole(IDENTITY, 45.0), film);
-        Self { scene, solids: Solids::default() }
+        Self { scene, solids: Solids::default(), pictures: Pictures::new() }
     }
 
     /// Sets the rendering defaults.
@@ -34,6 +42,26 @@ impl Builder {
         let name = free_name(name, |n| self.scene.materials.contains_key(n));
         self.scene.materials.insert(name.clone(), material);
         name
+    }
+
+    /// Keeps a picture and gives back the name of its file; a name that is taken gets a number.
+    pub fn add_picture(&mut self, name: &str, image: Image) -> String {
+        let file = free_name(name, |n| self.pictures.contains_key(&format!("{n}.exr"))) + ".exr";
+        self.pictures.insert(file.clone(), Arc::new(image));
+        file
+    }
+
+    /// Fills a box from its lowest to its highest corner, in which the camera is, with a medium that is the same everywhere.
+    pub fn fill(&mut self, [low, high]: [Vec3; 2], sigma_t: [f32; 3], albedo: [f32; 3], g: f32) {
+        let border = self.add_material("border", MaterialFile::Null);
+        self.scene.media.insert("haze".into(), MediumFile::Homogeneous { sigma_t, albedo, g });
+        self.scene.camera.medium = Some("haze".into());
+        self.scene.meshes.entry("cube".into()).or_insert(MeshFile::Cube);
+        let to_world = Mat4::from_scale_rotation_translation((high - low) * 0.5, Quat::IDENTITY, (low + high) * 0.5);
+        self.push("border", mesh("cube"), to_world, &border, None);
+        if let Some(shape) = self.scene.shapes.last_mut() {
+            shape.interior = Some("haze".into());
+        }
     }
 
     /// Adds a light that is not a surface.
@@ -98,6 +126,21 @@ impl Builder {
         self.solids.add(Solid::Ball { center: to_world.transform_point3(ball.0), radius: ball.1 * scale });
     }
 
+    /// Adds a mesh of its own, with all that it has in the box from `low` to `high` in its coordinates; `to_world` may scale its axes.
+    pub fn add_boxed(&mut self, name: &str, file: MeshFile, to_world: Mat4, bounds: [Vec3; 2], material: &str) {
+        let key = self.define_mesh(name, file);
+        self.add_boxed_instance(name, &key, to_world, bounds, material);
+    }
+
+    /// As [`Builder::add_boxed`], of a mesh that is kept already.
+    pub fn add_boxed_instance(&mut self, name: &str, key: &str, to_world: Mat4, bounds: [Vec3; 2], material: &str) {
+        self.push(name, mesh(key), to_world, material, None);
+        let [low, high] = bounds;
+        let (scale, turn, _) = to_world.to_scale_rotation_translation();
+        let center = to_world.transform_point3(0.5 * (low + high));
+        self.solids.add(Solid::Box { center, half: 0.5 * (high - low) * scale, turn });
+    }
+
     fn push(&mut self, name: &str, geometry: GeometryFile, to_world: Mat4, material: &str, emission: Option<[f32; 3]>) {
         self.scene.shapes.push(ShapeFile {
             name: name.into(),
@@ -141,6 +184,11 @@ impl Builder {
         for shape in &mut self.scene.shapes {
             shape.to_world = matrix(all * from_matrix(&shape.to_world));
         }
+        for medium in self.scene.media.values_mut() {
+            if let MediumFile::Homogeneous { sigma_t, .. } = medium {
+                *sigma_t = sigma_t.map(|s| s / scale);
+            }
+        }
         for light in &mut self.scene.lights {
             match light {
                 LightFile::Point { position, intensity } => {
@@ -163,9 +211,14 @@ impl Builder {
         }
     }
 
-    /// The finished scene file.
+    /// The finished scene file, of a scene without pictures.
     pub fn finish(self) -> SceneFile {
         self.scene
+    }
+
+    /// The finished scene file and the pictures that it names.
+    pub fn finish_with_pictures(self) -> (SceneFile, Pictures) {
+        (self.scene, self.pictures)
     }
 }
 

@@ -26,7 +26,7 @@ use crate::guiding::tree::topology::Topology;
 use crate::guiding::tree::{CountedTree, Trees};
 use crate::network::config::Mode;
 use crate::picture::Window;
-use crate::reconstruct::gaussian::Gaussian;
+use crate::reconstruct::{Neural, Reconstructor};
 use crate::render::{GuideMode, Learning, PartOf, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
 use crate::scene::{Scene, readers};
 
@@ -103,6 +103,11 @@ pub fn generate_part(
     stop: &AtomicBool,
 ) -> Result<usize> {
     let (jobs, mode) = (recipe.jobs(), render_settings(recipe).mode());
+    let guide = recipe.guide.reconstructor(|| {
+        let neural = Neural::built_in()?;
+        neural.check_mode(&mode)?;
+        Ok(Box::new(neural))
+    })?;
     let mut made = Made::read(recipe, jobs.len() as u64, part, folder)?;
     check_folder(recipe, &jobs, &mode, made.shards(), folder)?;
     if !folder.join(RECIPE_FILE).exists() {
@@ -125,7 +130,7 @@ pub fn generate_part(
                 continue;
             }
             progress.message(&file);
-            let samples = collect(recipe, job, number)?;
+            let samples = collect(recipe, job, number, &*guide)?;
             write_shard(&folder.join(&file), &samples)?;
             let entry = ShardEntry {
                 version: super::shard::VERSION,
@@ -188,16 +193,13 @@ fn render_settings(recipe: &Recipe) -> RenderSettings {
     settings
 }
 
-/// Collects the training pairs of one scene.
+/// Collects the training pairs of one scene, in renders guided by what `guide` reconstructs.
 ///
 /// # Errors
 /// Errors of building the scene and rendering it.
-pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<Vec<TreeSample>> {
+pub fn collect(recipe: &Recipe, job: &Job, number: u32, guide: &dyn Reconstructor) -> Result<Vec<TreeSample>> {
     let loaded = match &job.source {
-        Source::Family(family) => {
-            let file = super::scene(*family, job.seed, recipe.resolution);
-            readers::resolve(file, Path::new("."), Path::new(family.name()))?
-        }
+        Source::Family(family) => super::load(*family, job.seed, recipe.resolution)?,
         Source::File(path) => readers::load(path)?,
     };
     let mut settings = render_settings(recipe);
@@ -206,7 +208,7 @@ pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<Vec<TreeSample
     settings.learner.resolution = recipe.grids[job.index as usize % recipe.grids.len()] as f32;
     let scene = Scene::build(&loaded, recipe.resolution)?;
     let learning = Learning::new(&settings, &scene.lights.emission);
-    let mut long = Run { scene: &scene, learning, settings: settings.clone(), first_sample: 0, passes: vec![] };
+    let mut long = Run { scene: &scene, guide, learning, settings: settings.clone(), first_sample: 0, passes: vec![] };
     let targets = long.targets(recipe.target_spp)?;
     let mut samples = Vec::new();
     for turn in 0..recipe.runs {
@@ -214,7 +216,7 @@ pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<Vec<TreeSample
         settings.samples = KINDS[turn as usize % KINDS.len()].0;
         let mut learning = Learning::new(&settings, &scene.lights.emission);
         learning.learner = long.learning.learner.restarted(settings.learner.clone());
-        let mut run = Run { scene: &scene, learning, settings, first_sample: long.first_sample, passes: vec![] };
+        let mut run = Run { scene: &scene, guide, learning, settings, first_sample: long.first_sample, passes: vec![] };
         samples.extend(run.pairs(recipe, job, number, turn, &targets)?);
         long.first_sample = run.first_sample;
     }
@@ -224,6 +226,8 @@ pub fn collect(recipe: &Recipe, job: &Job, number: u32) -> Result<Vec<TreeSample
 /// Passes over one scene and what is learned from them.
 struct Run<'a> {
     scene: &'a Scene,
+    /// Makes the guides that its samples are drawn by.
+    guide: &'a dyn Reconstructor,
     settings: RenderSettings,
     learning: Learning,
     first_sample: u32,
@@ -264,8 +268,7 @@ impl Run<'_> {
     }
 
     fn end_iteration(&mut self) -> Result<()> {
-        let gaussian = Gaussian::default();
-        self.learning.end_iteration(1, f64::INFINITY, &gaussian, &mut Default::default()).map(drop)
+        self.learning.end_iteration(1, f64::INFINITY, self.guide, &mut Default::default()).map(drop)
     }
 
     /// Refines the trees with a quarter of `spp` samples per pixel, freezes their shapes, and fills them with two independent
@@ -403,19 +406,20 @@ fn mass_on(topology: &Topology, of: &Distribution) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Family, scene};
+    use super::super::{Family, load};
     use super::*;
+    use crate::reconstruct::gaussian::Gaussian;
 
     /// As in a render, a pass estimates pixel values from those before, and leaves out work that brings little: at least a
     /// twentieth of the rays, with the same guides. Data of paths that are never judged would not be what renders have.
     #[test]
     fn data_are_collected_with_the_roulette_of_renders() {
-        let file = scene(Family::ALL[0], 3, [32, 32]);
-        let loaded = readers::resolve(file, Path::new("."), Path::new("test")).expect("a generated scene is sound");
+        let loaded = load(Family::ALL[0], 3, [32, 32]).expect("a generated scene is sound");
         let scene = Scene::build(&loaded, [32, 32]).expect("a generated scene builds");
         let settings = RenderSettings::new(GuideMode::Gaussian, StopRule::Spp(1));
         let learning = Learning::new(&settings, &scene.lights.emission);
-        let mut run = Run { scene: &scene, learning, settings, first_sample: 0, passes: vec![] };
+        let guide = &Gaussian::default();
+        let mut run = Run { scene: &scene, guide, learning, settings, first_sample: 0, passes: vec![] };
         for _ in 0..3 {
             run.pass(4);
             run.end_iteration().expect("smoothing does not fail");

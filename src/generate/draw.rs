@@ -77,6 +77,11 @@ impl Draw {
         raw.map(|c| c / mean)
     }
 
+    /// A light colour of mean 1 as daylight and lamps of rooms have it.
+    pub fn near_white(&mut self) -> [f32; 3] {
+        self.tint().map(|c| 0.75 + 0.25 * c)
+    }
+
     /// Power of all lights of a scene together, uniform in the logarithm over three decades.
     pub fn power(&mut self) -> f32 {
         self.log_range(0.3, 300.0)

@@ -9,12 +9,16 @@ pub mod collect;
 pub mod corridors;
 pub mod dataset;
 pub mod draw;
+pub mod finishes;
 pub mod foliage;
+pub mod furnishings;
 pub mod furniture;
+pub mod interiors;
 pub mod lamps;
 pub mod outdoors;
 pub mod own;
 pub mod parts;
+pub mod pictures;
 pub mod primitives;
 pub mod recipe;
 pub mod revolve;
@@ -22,14 +26,22 @@ pub mod rooms;
 pub mod shard;
 pub mod smoke;
 mod solids;
+pub mod soup;
 pub mod surfaces;
 pub mod text;
 pub mod walls;
+pub mod windows;
+
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::base::Result;
+use crate::base::files::write_bytes;
+use crate::picture;
 use crate::scene::file::SceneFile;
-use build::Builder;
+use crate::scene::readers::{LoadedScene, resolve_with};
+use build::{Builder, Pictures};
 use draw::Draw;
 
 /// Picture size of generated scenes unless asked otherwise.
@@ -53,12 +65,22 @@ pub enum Family {
     Outdoors,
     /// Closed rooms lit by a few narrow spots.
     Beams,
+    /// Furnished rooms by daylight through windows, or by lamps in shades, with pictures as textures and surroundings.
+    Interiors,
 }
 
 impl Family {
     /// All families.
-    pub const ALL: [Self; 7] =
-        [Self::Primitives, Self::Rooms, Self::Caustics, Self::Lamps, Self::Corridors, Self::Outdoors, Self::Beams];
+    pub const ALL: [Self; 8] = [
+        Self::Primitives,
+        Self::Rooms,
+        Self::Caustics,
+        Self::Lamps,
+        Self::Corridors,
+        Self::Outdoors,
+        Self::Beams,
+        Self::Interiors,
+    ];
 
     /// Its name in recipes.
     pub fn name(self) -> &'static str {
@@ -70,6 +92,7 @@ impl Family {
             Self::Corridors => "corridors",
             Self::Outdoors => "outdoors",
             Self::Beams => "beams",
+            Self::Interiors => "interiors",
         }
     }
 
@@ -83,6 +106,7 @@ impl Family {
             Self::Corridors => 5,
             Self::Outdoors => 6,
             Self::Beams => 7,
+            Self::Interiors => 8,
         }
     }
 
@@ -96,18 +120,44 @@ impl Family {
             Self::Corridors => corridors::build,
             Self::Outdoors => outdoors::build,
             Self::Beams => lamps::build_beams,
+            Self::Interiors => interiors::build,
         }
     }
 }
 
 /// The scene of a family and seed, with a picture of `size` (columns, rows).
 pub fn scene(family: Family, seed: u64, size: [u32; 2]) -> SceneFile {
+    scene_with_pictures(family, seed, size).0
+}
+
+/// As [`scene`], with the pictures that it names.
+pub fn scene_with_pictures(family: Family, seed: u64, size: [u32; 2]) -> (SceneFile, Pictures) {
     let mut draw = Draw::new(family.id(), seed);
     let mut builder = Builder::new(format!("{}-{seed:016x}", family.name()), size);
     family.build()(&mut draw, &mut builder);
     builder.render(draw.integer(8, 12), 64);
     draw.scatter_world(&mut builder);
-    builder.finish()
+    builder.finish_with_pictures()
+}
+
+/// The scene of a family and seed, checked, with its pictures in memory.
+///
+/// # Errors
+/// Those of [`resolve_with`]; a generated scene has none.
+pub fn load(family: Family, seed: u64, size: [u32; 2]) -> Result<LoadedScene> {
+    let (file, pictures) = scene_with_pictures(family, seed, size);
+    let name = file.name.clone();
+    resolve_with(file, &pictures, Path::new(&name))
+}
+
+/// Writes the scene of a family and seed into a folder that is there: `scene.json` and the pictures that it names.
+///
+/// # Errors
+/// Those of writing.
+pub fn write(family: Family, seed: u64, size: [u32; 2], folder: &Path) -> Result<()> {
+    let (file, pictures) = scene_with_pictures(family, seed, size);
+    write_bytes(&folder.join("scene.json"), text::json(&file)?.as_bytes())?;
+    pictures.iter().try_for_each(|(name, image)| picture::write(&folder.join(name), image, &[]))
 }
 
 #[cfg(test)]

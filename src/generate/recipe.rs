@@ -11,6 +11,8 @@ use crate::base::files::read_bytes;
 use crate::base::random::Random;
 use crate::base::{Error, Place, Result};
 use crate::guiding::target::Target;
+use crate::render::Reconstruction;
+use crate::scene::readers::documents;
 
 /// Largest accepted recipe file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
@@ -39,6 +41,9 @@ pub struct Recipe {
     /// Target of the trees and so of the network: `variance`, which rendering uses, or `radiance`.
     #[serde(default = "default_target")]
     pub target: Target,
+    /// Reconstruction that guides the renders which trees are taken from: smoothing, or the network in the program.
+    #[serde(default = "default_guide", skip_serializing_if = "is_default_guide")]
+    pub guide: Reconstruction,
     /// Camera paths per pixel that targets are collected from.
     pub target_spp: u32,
     /// At most so many trees are kept of a scene, drawn evenly.
@@ -135,6 +140,15 @@ fn default_target() -> Target {
     Target::Variance
 }
 
+fn default_guide() -> Reconstruction {
+    Reconstruction::Gaussian
+}
+
+// Not written where it is the default: checksums and notes of recipes without it stay as they were.
+fn is_default_guide(guide: &Reconstruction) -> bool {
+    *guide == default_guide()
+}
+
 fn default_runs() -> u32 {
     4
 }
@@ -160,6 +174,15 @@ impl Recipe {
         Self::parse(&text, path)
     }
 
+    /// The recipe for the scenes in the folder `scenes` (see [`documents`]) in place of its own; all of them are held out.
+    ///
+    /// # Errors
+    /// Those of [`documents`]; [`Error::Malformed`] for more scenes than a recipe may have.
+    pub fn with_scenes(self, scenes: &Path) -> Result<Self> {
+        let scene = documents(scenes)?.into_iter().map(|file| SceneRecipe { file, held_out: true }).collect();
+        Self { family: Vec::new(), scene, ..self }.checked(scenes)
+    }
+
     /// Checks the text of a recipe; `path` is for messages.
     ///
     /// # Errors
@@ -172,9 +195,13 @@ impl Recipe {
         })?;
         let folder = path.parent().unwrap_or(Path::new("."));
         recipe.scene.iter_mut().for_each(|scene| scene.file = folder.join(&scene.file));
-        match recipe.fault() {
+        recipe.checked(path)
+    }
+
+    fn checked(self, path: &Path) -> Result<Self> {
+        match self.fault() {
             Some((key, message)) => Err(Error::malformed(Place::part(path, key), message)),
-            None => Ok(recipe),
+            None => Ok(self),
         }
     }
 
@@ -263,6 +290,9 @@ mod tests {
         );
         let radiance = GOOD.replace("seed = 1", "seed = 1\ntarget = \"radiance\"");
         assert_eq!(parse(&radiance).unwrap().target, Target::Radiance);
+        let guided = GOOD.replace("seed = 1", "seed = 1\nguide = \"neural\"");
+        let guides = [GOOD, &guided].map(|text| parse(text).unwrap().guide);
+        assert_eq!(guides, [Reconstruction::Gaussian, Reconstruction::Neural]);
     }
 
     #[test]
@@ -274,6 +304,25 @@ mod tests {
         assert_eq!(first.source, Source::File("data/../a/scene.json".into()));
         assert_eq!((first.source.name(), first.held_out, first.index), ("a".into(), true, 0));
         assert_eq!((second.source.name(), second.held_out, second.index), ("b".into(), false, 1));
+    }
+
+    /// A folder of scenes is measured on alone: those with a document, by name, whatever the recipe lists itself.
+    #[test]
+    fn scenes_of_a_folder_take_the_place_of_all_others() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["b/scene.xml", "a/scene.json", "a/scene.xml", "c/notes.txt"] {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "").unwrap();
+        }
+        let of = |path: PathBuf| parse(GOOD).unwrap().with_scenes(&path);
+        let jobs = of(folder.path().into()).unwrap().jobs();
+        let names: Vec<(String, bool)> = jobs.iter().map(|job| (job.source.name(), job.held_out)).collect();
+        assert_eq!(names, [("a".to_owned(), true), ("b".to_owned(), true)]);
+        assert_eq!(jobs[0].source, Source::File(folder.path().join("a/scene.json")));
+        assert_eq!(of(folder.path().join("b")).unwrap().jobs().len(), 1, "a folder that is a scene itself");
+        assert!(matches!(of(folder.path().join("c")), Err(Error::Malformed { .. })));
+        assert!(matches!(of(folder.path().join("d")), Err(Error::Io { .. })));
     }
 
     #[test]

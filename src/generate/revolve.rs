@@ -52,6 +52,11 @@ pub fn bowl(radius: f32, thickness: f32, opening: f32) -> Mesh {
     revolve(&profile, false)
 }
 
+/// A closed solid whose profile (points with outward normals) starts and ends on the axis and runs with the solid on its left.
+pub fn closed(profile: &[(Vec2, Vec2)]) -> Mesh {
+    revolve(profile, false)
+}
+
 /// Sweeps a profile, which runs with the solid on its left, about the axis. A `looped` profile closes upon itself; another
 /// one starts and ends on the axis.
 fn revolve(profile: &[ProfilePoint], looped: bool) -> Mesh {

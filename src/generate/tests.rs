@@ -1,7 +1,6 @@
 //! Properties that every generated scene must have.
 
 use std::collections::BTreeSet;
-use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use glam::Mat4;
@@ -10,7 +9,7 @@ use super::*;
 use crate::base::progress::Silent;
 use crate::reconstruct::AsCounted;
 use crate::render::{GuideMode, RenderSettings, StopRule, render};
-use crate::scene::file::{GeometryFile, MaterialFile, Matrix};
+use crate::scene::file::{GeometryFile, LightFile, MaterialFile, Matrix, MeshFile, ShapeFile, TextureFile};
 use crate::scene::{Scene, readers};
 
 const SEEDS: std::ops::Range<u64> = 0..150;
@@ -89,7 +88,7 @@ fn cameras_are_free() {
 /// Mean over pixels and channels of a small path-traced picture.
 fn mean_of_picture(family: Family, seed: u64) -> f64 {
     let size = [24, 24];
-    let loaded = readers::resolve(scene(family, seed, size), Path::new("."), Path::new(family.name())).unwrap();
+    let loaded = load(family, seed, size).unwrap();
     let scene = Scene::build(&loaded, size).unwrap();
     let mut settings = RenderSettings::new(GuideMode::None, StopRule::Spp(16));
     settings.transport.max_depth = loaded.file.render.max_depth;
@@ -130,4 +129,48 @@ fn scenes_are_varied() {
     let counts: Vec<usize> = SEEDS.map(|seed| lamps(&scene(Family::Lamps, seed, DEFAULT_SIZE))).collect();
     assert!(counts.iter().all(|n| (1..=200).contains(n)), "{counts:?}");
     assert!(counts.iter().any(|&n| n < 4) && counts.iter().any(|&n| n > 80), "{counts:?}");
+}
+
+/// Interiors are what they are for: some lit by pictures around them, some by a sky, some by lamps alone, some in haze, some of very
+/// many triangles.
+#[test]
+fn interiors_are_as_artists_make_them() {
+    let triangles = |scene: &SceneFile| -> usize {
+        let of = |shape: &ShapeFile| match &shape.geometry {
+            GeometryFile::Mesh { mesh } => match &scene.meshes[mesh] {
+                MeshFile::Inline { triangles, .. } => triangles.len(),
+                _ => 12,
+            },
+            GeometryFile::Sphere { .. } => 1,
+        };
+        scene.shapes.iter().map(of).sum()
+    };
+    let scenes: Vec<SceneFile> = SEEDS.map(|seed| scene(Family::Interiors, seed, DEFAULT_SIZE)).collect();
+    let share = |is: &dyn Fn(&SceneFile) -> bool| scenes.iter().filter(|s| is(s)).count() as f64 / scenes.len() as f64;
+    let lit_by = |is: fn(&LightFile) -> bool| share(&|s: &SceneFile| s.lights.iter().any(is));
+    assert!(lit_by(|l| matches!(l, LightFile::Envmap { .. })) > 0.2);
+    assert!(lit_by(|l| matches!(l, LightFile::Sky { .. })) > 0.2);
+    assert!(share(&|s| s.lights.is_empty()) > 0.1);
+    assert!((0.03..0.3).contains(&share(&|s| !s.media.is_empty())));
+    assert!(share(&|s| triangles(s) > 100_000) > 0.05, "{:?}", scenes.iter().map(triangles).collect::<Vec<_>>());
+    let textured = |s: &SceneFile| {
+        let all = s.materials.values().flat_map(|m| m.textures());
+        all.filter(|(_, texture)| matches!(texture, TextureFile::Bitmap { .. })).count()
+    };
+    assert!(share(&|s| textured(s) > 0) > 0.9);
+}
+
+/// What is written into a folder is the scene that is in memory, to the last bit of its pictures.
+#[test]
+fn written_scenes_are_those_in_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let has_surrounding = |seed: &u64| {
+        let scene = scene(Family::Interiors, *seed, DEFAULT_SIZE);
+        scene.lights.iter().any(|light| matches!(light, LightFile::Envmap { .. }))
+    };
+    let seed = SEEDS.into_iter().find(has_surrounding).unwrap();
+    write(Family::Interiors, seed, DEFAULT_SIZE, folder.path()).unwrap();
+    let (read, made) = (readers::load(folder.path()).unwrap(), load(Family::Interiors, seed, DEFAULT_SIZE).unwrap());
+    assert_eq!(read.file, made.file);
+    assert_eq!(read.crc32(), made.crc32());
 }

@@ -8,7 +8,7 @@
 //! reference's variance, from its four parts, is subtracted. A scene whose first samples promise far too much is given up after
 //! 10,000 samples per pixel and a line says so.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::time::Instant;
@@ -21,7 +21,6 @@ use fanal::picture::Image;
 use fanal::reconstruct::{AsCounted, Neural, Reconstructor};
 use fanal::render::{GuideMode, Outcome, RenderSettings, StopRule, render};
 use fanal::scene::Scene;
-use fanal::scene::readers::resolve;
 
 #[derive(Parser)]
 struct Options {
@@ -103,8 +102,7 @@ fn errors(runs: u64, part: f64) {
             break;
         }
         let family = Family::ALL[number as usize % Family::ALL.len()];
-        let file = generate::scene(family, 7_000_000 + number, [64, 64]);
-        let loaded = resolve(file, Path::new(""), Path::new(family.name())).expect("generated scenes are sound");
+        let loaded = generate::load(family, 7_000_000 + number, [64, 64]).expect("generated scenes are sound");
         let scene = Scene::build(&loaded, [64, 64]).expect("generated scenes are sound");
         let guide = if run % 2 == 0 { GuideMode::None } else { GuideMode::Neural };
         let make = |stop, guide, seed| -> Outcome {

@@ -7,7 +7,7 @@ use fanal::base::files::write_bytes;
 use fanal::generate::recipe::Recipe;
 use fanal::generate::{self, Family, own};
 use fanal::scene::Scene;
-use fanal::scene::readers::{load, resolve};
+use fanal::scene::readers::load;
 
 /// Numbers may differ in the last digits, because sines differ between systems; all else must be equal.
 fn alike(a: &str, b: &str) -> bool {
@@ -57,10 +57,8 @@ fn committed_scenes_can_be_built() {
 fn generated_scenes_can_be_built() {
     for family in Family::ALL {
         for seed in 0..40 {
-            let file = generate::scene(family, seed, generate::DEFAULT_SIZE);
-            let name = file.name.clone();
-            let loaded = resolve(file, Path::new(""), Path::new(&name)).unwrap_or_else(|e| panic!("{e}"));
-            assert_eq!(loaded.skipped_triangles, 0, "{name}");
+            let loaded = generate::load(family, seed, generate::DEFAULT_SIZE).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(loaded.skipped_triangles, 0, "{}", loaded.file.name);
             Scene::build(&loaded, generate::DEFAULT_SIZE).unwrap_or_else(|e| panic!("{e}"));
         }
     }

@@ -17,6 +17,7 @@ use serde::Serialize;
 
 use crate::ablation::Ablation;
 use crate::evaluate::evaluate;
+use crate::likeness::Likeness;
 use crate::loss::Loss;
 use crate::pareto::pareto;
 use crate::statistics::Statistics;
@@ -49,7 +50,10 @@ enum Command {
         /// The data folder; several times for several.
         #[arg(long, required = true)]
         data: Vec<PathBuf>,
-        /// The folder for `statistics.svg` and `statistics.json`.
+        /// Say instead how alike the trees of each data folder are to those of this one, such as of scenes by others.
+        #[arg(long, value_name = "DATA")]
+        beside: Option<PathBuf>,
+        /// The folder for `statistics.svg` and `statistics.json`, or `likeness.svg` and `likeness.json`.
         #[arg(short)]
         output: PathBuf,
     },
@@ -182,6 +186,9 @@ struct EvalArgs {
     /// The data folder; several times for several.
     #[arg(long, required = true)]
     data: Vec<PathBuf>,
+    /// Evaluate on the held-out trees of this data folder instead, several times for several; those of --data are then only tuned on.
+    #[arg(long, value_name = "DATA")]
+    held_out: Vec<PathBuf>,
     /// The model folder; several with --pareto.
     #[arg(long, required = true)]
     model: Vec<PathBuf>,
@@ -209,7 +216,16 @@ pub fn run(cli: Cli) -> Result<Ended> {
     match cli.command {
         Command::Train(args) => return run_train(args),
         Command::Eval(args) => run_eval(&args)?,
-        Command::Statistics { data, output } => {
+        Command::Statistics { mut data, beside: Some(beside), output } => {
+            data.push(beside);
+            let name = |folder: &Path| folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let sets =
+                data.iter().map(|folder| Ok((name(folder), read_dataset(folder)?))).collect::<Result<Vec<_>>>()?;
+            let likeness = Likeness::new(&sets)?;
+            likeness.write(&output)?;
+            print(&likeness, false)?;
+        }
+        Command::Statistics { data, beside: None, output } => {
             let folders = data.iter().map(|folder| read_dataset(folder)).collect::<fanal::base::Result<Vec<_>>>()?;
             let statistics = Statistics::new(&folders)?;
             statistics.write(&output)?;
@@ -278,7 +294,13 @@ fn device(name: DeviceName) -> Device {
 }
 
 fn run_eval(args: &EvalArgs) -> Result<()> {
-    let data = args.view.view().apply(read_datasets(&args.data)?)?;
+    let mut data = read_datasets(&args.data)?;
+    if !args.held_out.is_empty() {
+        let others = read_datasets(&args.held_out)?;
+        ensure!(others.mode == data.mode, "the data to evaluate on have another mode: {:?}", others.mode);
+        data.held_out = others.held_out;
+    }
+    let data = args.view.view().apply(data)?;
     if let Some(folder) = &args.pareto {
         let pareto = pareto(&data, &args.model, args.trees)?;
         pareto.write(folder)?;

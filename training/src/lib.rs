@@ -12,6 +12,7 @@ pub mod cli;
 pub mod evaluate;
 pub mod forward;
 pub mod journal;
+pub mod likeness;
 pub mod loader;
 pub mod loss;
 pub mod model;

@@ -1,13 +1,16 @@
 //! `fanal dataset`.
 
+use std::path::Path;
+
 use super::in_pool;
 use crate::base::{Error, Result};
 use crate::cli::args::DatasetArgs;
 use crate::cli::interrupt::Ended;
 use crate::cli::{interrupt, print, progress};
+use crate::generate;
 use crate::generate::collect::generate_part;
 use crate::generate::dataset::{Summary, check};
-use crate::generate::recipe::Recipe;
+use crate::generate::recipe::{Recipe, Source};
 use crate::picture::check_folder;
 
 /// Follows a recipe, or checks what one has made.
@@ -20,7 +23,11 @@ pub fn run(args: &DatasetArgs) -> Result<Ended> {
         (Some(folder), _, _) => told(&in_pool(&args.common, || check(folder))?).map(|()| Ended::Whole),
         (None, Some(recipe), Some(output)) => {
             let recipe = Recipe::read(recipe)?;
+            let recipe = if let Some(folder) = &args.scenes { recipe.with_scenes(folder)? } else { recipe };
             std::fs::create_dir_all(output).map_err(|e| Error::io(output, e))?;
+            if args.only_scenes {
+                return scenes(&recipe, output).map(|()| Ended::Whole);
+            }
             check_folder(&output.join("index.jsonl"))?;
             let stop = interrupt::flag()?;
             let missing = in_pool(&args.common, || generate_part(&recipe, output, args.part, &*watcher, &stop))?;
@@ -33,6 +40,18 @@ pub fn run(args: &DatasetArgs) -> Result<Ended> {
         }
         _ => Err(Error::Options("give a recipe and -o DIR, or --check DIR".into())),
     }
+}
+
+/// Writes the scenes of the recipe's families as folders that are named after family, number and seed.
+fn scenes(recipe: &Recipe, output: &Path) -> Result<()> {
+    for job in recipe.jobs() {
+        if let Source::Family(family) = job.source {
+            let folder = output.join(format!("{}-{:03}-{:016x}", family.name(), job.index, job.seed));
+            std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+            generate::write(family, job.seed, recipe.resolution, &folder)?;
+        }
+    }
+    Ok(())
 }
 
 /// Prints what is in sound data.

@@ -48,7 +48,7 @@ use rayon::prelude::*;
 use crate::base::files::crc32;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
-use crate::picture::{Texels, read_texels};
+use crate::picture::{Image, Texels, read_texels};
 use crate::scene::effects::Needs;
 use crate::scene::file::{LightFile, MaterialFile, MeshFile, SceneFile, TextureFile};
 use crate::scene::overrides::{self, Override};
@@ -215,12 +215,30 @@ const DOCUMENTS: [&str; 5] = ["scene.json", "scene.xml", "scene.pbrt", "scene.gl
 
 /// The scene document at `path`, or in the folder `path`.
 fn document(path: &Path) -> Result<PathBuf> {
-    if !path.is_dir() {
-        return Ok(path.to_owned());
+    if path.is_dir() { document_in(path).ok_or_else(|| none_in(path)) } else { Ok(path.to_owned()) }
+}
+
+fn document_in(folder: &Path) -> Option<PathBuf> {
+    DOCUMENTS.iter().map(|name| folder.join(name)).find(|candidate| candidate.is_file())
+}
+
+fn none_in(folder: &Path) -> Error {
+    Error::malformed(Place::file(folder), format!("the folder holds none of {}", DOCUMENTS.join(", ")))
+}
+
+/// The scene documents in a folder: its own, called `scene`, or else those of the folders in it, in the order of their names.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Malformed`] where there is none.
+pub fn documents(folder: &Path) -> Result<Vec<PathBuf>> {
+    if let Some(own) = document_in(folder) {
+        return Ok(vec![own]);
     }
-    DOCUMENTS.iter().map(|name| path.join(name)).find(|candidate| candidate.is_file()).ok_or_else(|| {
-        Error::malformed(Place::file(path), format!("the folder holds none of {}", DOCUMENTS.join(", ")))
-    })
+    let io = |e| Error::io(folder, e);
+    let entries: Vec<_> = std::fs::read_dir(folder).map_err(io)?.collect::<std::io::Result<_>>().map_err(io)?;
+    let mut found: Vec<PathBuf> = entries.iter().filter_map(|entry| document_in(&entry.path())).collect();
+    found.sort();
+    if found.is_empty() { Err(none_in(folder)) } else { Ok(found) }
 }
 
 /// Checks a scene file and loads its meshes and pictures. `source` only names it in messages; a scene that was made up, with
@@ -230,6 +248,18 @@ fn document(path: &Path) -> Result<PathBuf> {
 /// As [`load`]; places are key paths such as `shapes[3].material`.
 pub fn resolve(file: SceneFile, directory: &Path, source: &Path) -> Result<LoadedScene> {
     resolve_at(Read::plain(file, source), directory, &How::default())
+}
+
+/// As [`resolve`], of a scene that was made up with all its meshes written out; `pictures` are those that it names, by the names of
+/// their files.
+///
+/// # Errors
+/// As [`resolve`].
+pub fn resolve_with(file: SceneFile, pictures: &BTreeMap<String, Arc<Image>>, source: &Path) -> Result<LoadedScene> {
+    let mut read = Read::plain(file, source);
+    let keys = pictures.iter().flat_map(|(name, image)| [false, true].map(|raw| (image_key(name, raw), image)));
+    read.held.pictures = keys.map(|(key, image)| (key, Texels::Float(Arc::clone(image)))).collect();
+    resolve_at(read, Path::new(""), &How::default())
 }
 
 fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
