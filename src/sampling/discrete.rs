@@ -60,31 +60,18 @@ pub fn sample(cdf: &[f64], table: &[u32], u: f64) -> (usize, f64) {
 
 /// Longest range that is searched by counting, without branches.
 const COUNTED: usize = 64;
-/// Weights that are counted at a time: a register of the widest, and a cache line.
-const AT_A_TIME: usize = 8;
-
-/// Number of weights of an ascending range that are at most `u`, which the range's last exceeds: so do those behind it, which are
-/// counted along where that fills a register.
-#[inline(always)]
-fn count(cdf: &[f64], range: &Range<usize>, u: f64) -> usize {
-    let (whole, rest) = cdf[range.start..].as_chunks::<AT_A_TIME>();
-    let chunks = range.len().div_ceil(AT_A_TIME);
-    let at_most = |weights: &[f64]| weights.iter().map(|&c| u32::from(c <= u)).sum::<u32>() as usize;
-    let below: usize = whole.iter().take(chunks).map(|chunk| at_most(chunk)).sum();
-    if chunks > whole.len() { below + at_most(rest) } else { below }
-}
 
 /// [`sample`] of the indices of a range alone, which is not empty: found without a table, as ranges are short.
 #[inline(always)]
 pub fn sample_within(cdf: &[f64], range: Range<usize>, u: f64) -> (usize, f64) {
     let (begin, last) = (before(cdf, range.start), range.end - 1);
     let u = begin + u * (cdf[last] - begin);
-    let below = match range.len() {
-        0..=COUNTED => count(cdf, &range, u),
-        _ => cdf[range.clone()].partition_point(|&c| c <= u),
+    let within = &cdf[range.start..last];
+    let below = match within.len() {
+        0..=COUNTED => within.iter().filter(|&&c| c <= u).count(),
+        _ => within.partition_point(|&c| c <= u),
     };
-    // Where the range has no weight, all are at most `u`.
-    let i = (range.start + below).min(last);
+    let i = range.start + below;
     let low = before(cdf, i);
     let width = cdf[i] - low;
     let inside = if width > 0.0 { (u - low) / width } else { 0.5 };
