@@ -12,7 +12,8 @@
 //!
 //! - [`record`]: records of path vertices; [`target`]: the value that is learned of a record; [`moments`]: measures of guides.
 //! - [`cache`]: voxels, and the map of directions between their points; [`samples`]: records by voxel.
-//! - [`tree`], [`jensen`], [`vmf`], [`gmm`]: models of directions; [`model`]: their common interface.
+//! - [`tree`], [`jensen`], [`vmf`], [`gmm`]: models of directions; [`mixtures`]: what the last two have in common; [`model`]: the common
+//!   interface of all.
 //! - [`sample`]: the frozen field, its files, and the roulette that goes by it.
 //! - [`learn`]: the learner, with all that it learns beside directions.
 //!
@@ -22,6 +23,7 @@ pub mod cache;
 pub mod gmm;
 pub mod jensen;
 pub mod learn;
+pub mod mixtures;
 pub mod model;
 pub mod moments;
 pub mod paths;

@@ -360,8 +360,8 @@ impl Model {
         match self {
             Self::Trees(trees) => trees.quadtrees().map(|tree| tree.topology().len()).sum(),
             Self::Histograms(histograms) => histograms.cells(),
-            Self::Vmf(mixtures) => mixtures.lobes(),
-            Self::Gmm(mixtures) => mixtures.gaussians(),
+            Self::Vmf(mixtures) => mixtures.components(),
+            Self::Gmm(mixtures) => mixtures.components(),
         }
     }
 

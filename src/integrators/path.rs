@@ -32,7 +32,7 @@ use crate::math::lanes::LANES;
 use crate::sampling::mis;
 use crate::scene::Scene;
 use crate::scene::effects::Effects;
-use crate::scene::media::{End, Expected, Passage, Place};
+use crate::scene::media::{End, Expected, Passage, Place, Segment};
 use batch::{Connection, Shadows, Towards, Tried, Vertices};
 use shade::{Sampled, Shaded};
 
@@ -234,12 +234,12 @@ impl PathTracer<'_> {
     ) -> Option<Arrival> {
         path.depth += 1;
         path.random.begin_vertex(path.depth);
-        let (carried, mut medium) = (path.throughput, path.medium);
+        let mut medium = path.medium;
         let knows = E::MEDIA && E::GUIDING && self.settings.guided_distances && self.field.is_some();
         let expected = |place: Place| self.expected(path, place);
         let expected: Option<Expected> = if knows { Some(&expected) } else { None };
-        let Passage { end, weight: passed, glow } =
-            self.scene.advance::<E>(&path.ray, meets, surface, &mut medium, carried, &path.random, expected);
+        let segment = Segment { ray: &path.ray, carried: path.throughput, random: &path.random, expected };
+        let Passage { end, weight: passed, glow } = self.scene.advance::<E>(segment, meets, surface, &mut medium);
         path.medium = medium;
         let phase = match end {
             End::Background => {

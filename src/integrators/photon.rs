@@ -15,7 +15,7 @@ use crate::materials::{Bsdf, Transport};
 use crate::math::channel_mean;
 use crate::scene::Scene;
 use crate::scene::effects::{Effects, With};
-use crate::scene::media::{End, Passage};
+use crate::scene::media::{End, Passage, Segment};
 
 /// Traces light paths.
 pub struct PhotonTracer<'a> {
@@ -168,8 +168,8 @@ impl PhotonTracer<'_> {
     ) -> bool {
         let LightPath { number, random, ray, medium, photon, begun } = path;
         random.begin_vertex(depth);
-        let Passage { end, weight, .. } =
-            self.scene.advance::<E>(ray, meets, surface, medium, photon.power, random, None);
+        let segment = Segment { ray, carried: photon.power, random, expected: None };
+        let Passage { end, weight, .. } = self.scene.advance::<E>(segment, meets, surface, medium);
         photon.power *= weight;
         if !photon.is_finite(count) {
             return false;

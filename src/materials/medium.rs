@@ -41,6 +41,16 @@ pub enum Flight {
     },
 }
 
+impl Flight {
+    /// The same with `factor` times the weight.
+    fn times(self, factor: f32) -> Self {
+        match self {
+            Self::Collision { distance, weight } => Self::Collision { distance, weight: weight * factor },
+            Self::Through { weight } => Self::Through { weight: weight * factor },
+        }
+    }
+}
+
 impl Medium {
     /// Transmittance along `distance` per channel (Beer and Lambert).
     pub fn transmittance(&self, distance: f32) -> Vec3 {
@@ -87,11 +97,12 @@ impl Medium {
         for part in 0..=PARTS {
             let [begin, end] = [ends[part], ends[part + 1]];
             let middle = if end.is_finite() { 0.5 * (begin + end) } else { begin + 1.0 / extinction };
-            odds[part] =
-                if part < PARTS { self.collides(share, begin, end).element_sum() } else { self.passes(share, limit) };
-            worth[part] = expected((part < PARTS).then_some(middle))
-                .filter(|worth| worth.is_finite())
-                .map(|worth| worth.max(0.0) * if part < PARTS { albedo } else { 1.0 });
+            let (at, scattered) = if part < PARTS { (Some(middle), albedo) } else { (None, 1.0) };
+            odds[part] = match at {
+                Some(_) => self.collides(share, begin, end).element_sum(),
+                None => (share * self.transmittance(limit)).element_sum(),
+            };
+            worth[part] = expected(at).filter(|worth| worth.is_finite()).map(|worth| worth.max(0.0) * scattered);
             if let Some(worth) = worth[part] {
                 known = [known[0] + odds[part] * worth, known[1] + odds[part]];
             }
@@ -111,10 +122,7 @@ impl Medium {
         let (chance, plain) = (chance(part), odds[part] / total);
         let rarer = if chance > 0.0 { plain / chance } else { 0.0 };
         if part == PARTS {
-            return match self.through(share, limit) {
-                Flight::Through { weight } => Flight::Through { weight: weight * rarer },
-                collision => collision,
-            };
+            return self.through(share, limit).times(rarer);
         }
         let [begin, end] = [ends[part], ends[part + 1]];
         let channels = self.collides(share, begin, end);
@@ -123,10 +131,7 @@ impl Medium {
         let extinction = self.extinction[channel];
         let depth = depth_of(within * lost(extinction * (end - begin)));
         let distance = (begin + depth / extinction).max(begin).min(end).min(limit.next_down());
-        match self.collision(share, distance) {
-            Flight::Collision { distance, weight } => Flight::Collision { distance, weight: weight * rarer },
-            through => through,
-        }
+        self.collision(share, distance).times(rarer)
     }
 
     /// Where the parts of a ray begin, its end, and infinity: collisions are about as likely in each.
@@ -143,11 +148,6 @@ impl Medium {
     /// Probability under [`Medium::sample`] of a collision between two distances, by the channel that decides.
     fn collides(&self, share: Vec3, begin: f32, end: f32) -> Vec3 {
         share * self.transmittance(begin) * (self.extinction * (end - begin)).map(lost)
-    }
-
-    /// Probability under [`Medium::sample`] that nothing is met up to a limit.
-    fn passes(&self, share: Vec3, limit: f32) -> f32 {
-        (share * self.transmittance(limit)).element_sum()
     }
 
     /// A collision at a distance that was drawn by channels of these shares.

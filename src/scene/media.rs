@@ -46,6 +46,19 @@ pub enum Place<'a> {
 /// Mean radiance that is expected from a place towards the ray's origin, W·m⁻²·sr⁻¹; none where it is not known.
 pub type Expected<'a> = &'a dyn Fn(Place) -> Option<f32>;
 
+/// The beginning of a segment of a path.
+#[derive(Clone, Copy)]
+pub struct Segment<'a> {
+    /// Where it starts, and its direction.
+    pub ray: &'a Ray,
+    /// What the path carries, per channel.
+    pub carried: Vec3,
+    /// Random numbers of the vertex that it leads to.
+    pub random: &'a Random,
+    /// By which distances in media are drawn; none where transmittance alone decides.
+    pub expected: Option<Expected<'a>>,
+}
+
 /// What fills space.
 #[derive(Debug, Clone)]
 pub(super) enum Filling {
@@ -140,28 +153,24 @@ impl Scene {
         self.light_medium[index]
     }
 
-    /// Takes a path's next segment, which starts in `medium` and carries `carried`, on from the nearest surface, where it `meets` one,
-    /// to its end. `surface` becomes the surface or the point of a medium there. Where `expected` is given, distances in media are drawn by it.
+    /// Takes a path's next segment, which starts in `medium`, on from the nearest surface, where it `meets` one, to its end. `surface`
+    /// becomes the surface or the point of a medium there.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments)]
     pub fn advance<E: Effects>(
         &self,
-        ray: &Ray,
+        segment: Segment,
         meets: bool,
         surface: &mut Surface,
         medium: &mut Option<MediumId>,
-        carried: Vec3,
-        random: &Random,
-        expected: Option<Expected>,
     ) -> Passage {
         let end = if meets { End::Surface } else { End::Background };
         let mut passage = Passage { end, weight: Vec3::ONE, glow: Vec3::ZERO };
         if E::MEDIA || E::MATERIALS && self.has_masks {
-            let (mut nearest, random) = (meets.then_some(*surface), &mut random.at(Dimension::SEGMENT));
+            let (mut nearest, random) = (meets.then_some(*surface), &mut segment.random.at(Dimension::SEGMENT));
             if E::MEDIA {
-                passage = self.travel(ray, &mut nearest, medium, carried, random, expected);
+                passage = self.travel(segment, random, &mut nearest, medium);
             } else {
-                self.pass_holes(ray, &mut nearest, random);
+                self.pass_holes(segment.ray, &mut nearest, random);
                 passage.end = if nearest.is_some() { End::Surface } else { End::Background };
             }
             nearest.into_iter().for_each(|last| *surface = last);
@@ -176,16 +185,14 @@ impl Scene {
         E::MEDIA || E::MATERIALS && self.has_masks
     }
 
-    /// Follows a ray that carries `carried` per channel to where it meets a surface or is scattered by a medium. `medium`, in which the
-    /// ray starts, becomes the one in which it arrives.
+    /// Follows a segment to where it meets a surface or is scattered by a medium. `medium`, in which it starts, becomes the one in which
+    /// it arrives.
     fn travel(
         &self,
-        ray: &Ray,
+        Segment { ray, carried, expected, .. }: Segment,
+        random: &mut Random,
         end: &mut Option<Surface>,
         medium: &mut Option<MediumId>,
-        carried: Vec3,
-        random: &mut Random,
-        expected: Option<Expected>,
     ) -> Passage {
         let (mut ray, mut weight, mut glow, mut behind) = (*ray, Vec3::ONE, Vec3::ZERO, 0.0);
         for _ in 0..MOST_HOLES {

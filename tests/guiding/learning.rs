@@ -271,54 +271,20 @@ fn histograms_are_loaded_as_they_were_saved() {
     }
 }
 
-/// Mixtures in guide files sample as before; what is no lobe is refused.
-#[test]
-fn mixtures_are_loaded_as_they_were_saved() {
+/// Guide files of mixtures sample as before. `bad` numbers in places of the first component's are refused, naming its array `guide_{part}…`,
+/// and so are `too_many` components of a voxel.
+fn mixtures_are_loaded_as_they_were_saved(
+    settings: LearnerSettings,
+    [paths, photons]: [usize; 2],
+    part: &str,
+    bad: &[(usize, f32)],
+    too_many: u64,
+) {
     let mut random = Random::new(14, 0, 0);
-    let settings = LearnerSettings {
-        model: ModelKind::Vmf,
-        target: Target::Radiance,
-        parallax: false,
-        ..LearnerSettings::default()
-    };
     let mut learner = Learner::new(settings);
     let mut point = || Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
-    let paths: Vec<PathRecord> = (0..2000).map(|_| path_at(point(), (point() - 0.3).normalize(), 1.0)).collect();
-    for _ in 0..2 {
-        learner.absorb(&paths, &[], true);
-        learner.fit(&mut |_| panic!("there are no trees")).expect("nothing here fails");
-        learner.refine(1);
-    }
-    let field = learner.field(Use::Learning);
-    assert!(field.distributions().count() > 100 && learner.model().nodes() > 800);
-    let (_folder, path) = saved(&field);
-    let refused = |array: &str, place: usize, bad: &[u8]| {
-        let mut arrays = file::arrays(&field, &Evidence::default());
-        let found = arrays.iter_mut().find(|(name, ..)| name == array).expect("there are lobes");
-        found.3.to_mut()[place..place + bad.len()].copy_from_slice(bad);
-        tensors::write(&path, file::VERSION, &arrays).expect("it can be written");
-        let error = file::load(&path).expect_err("this is no lobe").to_string();
-        assert!(error.contains("guide_lobe"), "{error}");
-    };
-    // Mean direction, concentration, weight, inverse distance.
-    for (place, bad) in
-        [(0, 2.0f32), (2, f32::NAN), (3, 0.0), (3, 1e6), (4, -0.1), (4, 2.0), (5, -1.0), (5, f32::INFINITY)]
-    {
-        refused("guide_lobes", 4 * place, &bad.to_le_bytes());
-    }
-    refused("guide_lobe_offset", 8, &u64::MAX.to_le_bytes());
-    refused("guide_lobe_offset", 8, &33u64.to_le_bytes());
-}
-
-/// Mixtures of Gaussians in guide files sample as before; what is no Gaussian is refused.
-#[test]
-fn gaussians_are_loaded_as_they_were_saved() {
-    let mut random = Random::new(15, 0, 0);
-    let settings = LearnerSettings { model: ModelKind::Gmm, target: Target::Radiance, ..LearnerSettings::default() };
-    let mut learner = Learner::new(settings);
-    let mut point = || Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
-    let paths: Vec<PathRecord> = (0..2000).map(|_| path_at(point(), (point() - 0.3).normalize(), 1.0)).collect();
-    let photons: Vec<_> = (0..2000).map(|_| photon_at(point(), (point() - 0.3).normalize(), 1.0)).collect();
+    let paths: Vec<PathRecord> = (0..paths).map(|_| path_at(point(), (point() - 0.3).normalize(), 1.0)).collect();
+    let photons: Vec<_> = (0..photons).map(|_| photon_at(point(), (point() - 0.3).normalize(), 1.0)).collect();
     for _ in 0..2 {
         learner.absorb(&paths, &photons, true);
         learner.fit(&mut |_| panic!("there are no trees")).expect("nothing here fails");
@@ -329,15 +295,39 @@ fn gaussians_are_loaded_as_they_were_saved() {
     let (_folder, path) = saved(&field);
     let refused = |array: &str, place: usize, bad: &[u8]| {
         let mut arrays = file::arrays(&field, &Evidence::default());
-        let found = arrays.iter_mut().find(|(name, ..)| name == array).expect("there are Gaussians");
+        let found = arrays.iter_mut().find(|(name, ..)| name == array).expect("there are components");
         found.3.to_mut()[place..place + bad.len()].copy_from_slice(bad);
         tensors::write(&path, file::VERSION, &arrays).expect("it can be written");
-        let error = file::load(&path).expect_err("this is no Gaussian").to_string();
-        assert!(error.contains("guide_gaussian"), "{error}");
+        let error = file::load(&path).expect_err("this is no component").to_string();
+        assert!(error.contains(&format!("guide_{part}")), "{error}");
     };
+    for (place, bad) in bad {
+        refused(&format!("guide_{part}s"), 4 * place, &bad.to_le_bytes());
+    }
+    for count in [u64::MAX, too_many] {
+        refused(&format!("guide_{part}_offset"), 8, &count.to_le_bytes());
+    }
+}
+
+#[test]
+fn lobes_are_loaded_as_they_were_saved() {
+    let settings = LearnerSettings {
+        model: ModelKind::Vmf,
+        target: Target::Radiance,
+        parallax: false,
+        ..LearnerSettings::default()
+    };
+    // Mean direction, concentration, weight, inverse distance.
+    let bad = [(0, 2.0), (2, f32::NAN), (3, 0.0), (3, 1e6), (4, -0.1), (4, 2.0), (5, -1.0), (5, f32::INFINITY)];
+    mixtures_are_loaded_as_they_were_saved(settings, [2000, 0], "lobe", &bad, 33);
+}
+
+#[test]
+fn gaussians_are_loaded_as_they_were_saved() {
+    let settings = LearnerSettings { model: ModelKind::Gmm, target: Target::Radiance, ..LearnerSettings::default() };
     // Weight, mean, standard deviation, slope, residual deviation.
     let bad = [
-        (0, -0.1f32),
+        (0, -0.1),
         (0, 1.5),
         (0, f32::NAN),
         (1, -0.5),
@@ -348,11 +338,7 @@ fn gaussians_are_loaded_as_they_were_saved() {
         (5, -0.1),
         (5, f32::INFINITY),
     ];
-    for (place, bad) in bad {
-        refused("guide_gaussians", 4 * place, &bad.to_le_bytes());
-    }
-    refused("guide_gaussian_offset", 8, &u64::MAX.to_le_bytes());
-    refused("guide_gaussian_offset", 8, &9u64.to_le_bytes());
+    mixtures_are_loaded_as_they_were_saved(settings, [2000; 2], "gaussian", &bad, 9);
 }
 
 fn quadtrees(learner: &Learner) -> impl Iterator<Item = &Quadtree> {

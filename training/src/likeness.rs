@@ -5,7 +5,6 @@ use std::fmt::{Display, Formatter};
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use fanal::base::files::{write_bytes, write_json};
 use fanal::generate::dataset::Dataset;
 use fanal::generate::shard::TreeSample;
 use fanal::guiding::tree::distribution::Distribution;
@@ -13,10 +12,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::cases::Case;
-use crate::plot::{Panel, panels};
+use crate::plot::{self, Panel};
 
-const PLOT_FILE: &str = "likeness.svg";
-const TABLE_FILE: &str = "likeness.json";
 /// Pairs of a data set that are looked at.
 const MOST_PAIRS: usize = 20_000;
 /// Level of the quadtree on whose cells peaks are counted, 16 × 16 of them.
@@ -123,10 +120,7 @@ impl Likeness {
     /// # Errors
     /// When a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-        write_json(&folder.join(TABLE_FILE), self)?;
-        write_bytes(&folder.join(PLOT_FILE), panels(&self.panels(), 2)?.as_bytes())?;
-        Ok(())
+        plot::write(folder, "likeness", self, &self.panels())
     }
 
     fn panels(&self) -> Vec<Panel> {
@@ -204,7 +198,7 @@ mod tests {
         assert!(likeness.sets[0].distance.iter().any(|&d| d > 0.0));
         // Nothing can cover more than all of a target, nor less than nothing.
         assert!(likeness.sets[0].deciles[3].iter().all(|d| (0.0..=1.0 + 1e-6).contains(d)));
-        assert!(panels(&likeness.panels(), 2).unwrap().contains("</svg>"));
+        assert!(plot::panels(&likeness.panels(), 2).unwrap().contains("</svg>"));
         assert!(Likeness::new(&[]).is_err());
     }
 }

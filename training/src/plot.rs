@@ -1,9 +1,13 @@
 //! Small charts as SVG: bars and lines side by side in panels.
 
-use anyhow::Result;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use fanal::base::files::{write_bytes, write_json};
 use fanal::report::plot::{color, draw, emptiest_corner};
 use plotters::coord::Shift;
 use plotters::prelude::*;
+use serde::Serialize;
 
 /// Pixels of one panel.
 const PANEL: (u32, u32) = (460, 320);
@@ -19,6 +23,17 @@ pub struct Panel {
     pub series: Vec<(String, Vec<f64>)>,
     /// Bars beside each other, or else lines.
     pub bars: bool,
+}
+
+/// Writes `table` as NAME.json and panels of it, two in a row, as NAME.svg into `folder`.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write(folder: &Path, name: &str, table: &impl Serialize, all: &[Panel]) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    write_json(&folder.join(format!("{name}.json")), table)?;
+    write_bytes(&folder.join(format!("{name}.svg")), panels(all, 2)?.as_bytes())?;
+    Ok(())
 }
 
 /// Draws all panels in rows of `columns`, as an SVG.

@@ -4,17 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{Display, Formatter};
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, ensure};
-use fanal::base::files::{write_bytes, write_json};
+use anyhow::{Result, anyhow, ensure};
 use fanal::generate::dataset::Dataset;
 use fanal::generate::shard::TreeSample;
 use fanal::guiding::tree::topology::Topology;
 use serde::Serialize;
 
-use crate::plot::{Panel, panels};
-
-const PLOT_FILE: &str = "statistics.svg";
-const TABLE_FILE: &str = "statistics.json";
+use crate::plot::{self, Panel};
 
 /// Numbers of pairs whose quantity lies in [2^k, 2^(k + 1)), k from 0 on; the first also counts smaller ones.
 type Octaves = Vec<u64>;
@@ -95,10 +91,7 @@ impl Statistics {
     /// # Errors
     /// When a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-        write_json(&folder.join(TABLE_FILE), self)?;
-        write_bytes(&folder.join(PLOT_FILE), panels(&self.panels(), 2)?.as_bytes())?;
-        Ok(())
+        plot::write(folder, "statistics", self, &self.panels())
     }
 
     fn panels(&self) -> Vec<Panel> {
@@ -213,7 +206,7 @@ mod tests {
         }
         assert_eq!(statistics.kinds.iter().sum::<u64>(), 35);
         assert!(statistics.floor.is_sorted() && statistics.voxels.is_sorted());
-        assert!(panels(&statistics.panels(), 2).unwrap().contains("</svg>"));
+        assert!(plot::panels(&statistics.panels(), 2).unwrap().contains("</svg>"));
         assert!(Statistics::new(&[Dataset { train: vec![], held_out: vec![], ..data }]).is_err());
     }
 

@@ -153,10 +153,10 @@ impl LearnedMixture {
     }
 
     /// Numbers for a file: those beside the components, and each component's.
-    pub fn numbers(&self) -> ([f64; VOXEL_NUMBERS], impl Iterator<Item = [f64; NUMBERS]>) {
+    pub fn numbers(&self) -> ([f64; VOXEL_NUMBERS], Vec<[f64; NUMBERS]>) {
         let ([mean, square], [[paths, light], [photons, power]]) = (self.weights, self.kinds);
         let own = [self.samples, mean, square, paths, light, photons, power];
-        (own, self.components.iter().map(Component::numbers))
+        (own, self.components.iter().map(Component::numbers).collect())
     }
 
     /// The mixture of these numbers; none where they are out of range.

@@ -7,13 +7,12 @@
 //! | `gmm_components` | f64 | [.., 12] | parameters and statistics of each Gaussian |
 //! | `gmm_voxel` | f64 | [V, 7] | statistics of each voxel |
 
-use super::component::NUMBERS;
-use super::fit::{LearnedMixture, VOXEL_NUMBERS};
+use super::fit::LearnedMixture;
 use super::gaussian::Gaussian;
 use super::learn::GaussianMixtures;
 use super::mixture::GaussianMixture;
 use crate::base::Result;
-use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, doubles, floats, offsets};
+use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, floats, offsets};
 use crate::guiding::target::Target;
 
 /// Names of the arrays of a kind of frozen mixtures.
@@ -67,12 +66,7 @@ pub(in crate::guiding) fn read_gaussians(
 impl GaussianMixtures {
     /// State of the mixtures, as arrays of a file.
     pub(in crate::guiding) fn arrays<'a>(&self) -> Vec<Tensor<'a>> {
-        let voxels = || self.voxels.iter();
-        vec![
-            doubles("gmm_components", voxels().flat_map(|voxel| voxel.numbers().1)),
-            offsets("gmm_offset", voxels().map(LearnedMixture::len)),
-            doubles("gmm_voxel", voxels().map(|voxel| voxel.numbers().0)),
-        ]
+        self.state(LearnedMixture::numbers)
     }
 
     /// Reads the mixtures of `count` voxels that [`GaussianMixtures::arrays`] wrote.
@@ -80,17 +74,6 @@ impl GaussianMixtures {
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
     pub(in crate::guiding) fn from_arrays(target: Target, count: usize, file: &Tensors) -> Result<Self> {
-        let offsets = file.offsets("gmm_offset", count)?;
-        let rows = file.read("gmm_components", Dtype::F64, Some(offsets[count]), NUMBERS, f64::from_le_bytes)?;
-        let own = file.read("gmm_voxel", Dtype::F64, Some(count), VOXEL_NUMBERS, f64::from_le_bytes)?;
-        let (rows, own) = (rows.as_chunks::<NUMBERS>().0, own.as_chunks::<VOXEL_NUMBERS>().0);
-        let mut voxels = Vec::with_capacity(count);
-        for (v, numbers) in own.iter().enumerate() {
-            let Some(voxel) = LearnedMixture::from_numbers(numbers, &rows[offsets[v]..offsets[v + 1]]) else {
-                return file.fail("gmm_components", format!("the numbers of voxel {v} are out of range"));
-            };
-            voxels.push(voxel);
-        }
-        Ok(Self::of(target, voxels))
+        Self::of_state(target, count, file, LearnedMixture::from_numbers)
     }
 }

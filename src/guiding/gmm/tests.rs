@@ -175,7 +175,6 @@ fn numbers_of_a_file_are_the_mixture() {
     learned.learn([&samples(&three(), 1500, 1), &samples(&three(), 700, 2)]);
     learned.decay(0.5);
     let (own, components) = learned.numbers();
-    let components: Vec<_> = components.collect();
     let mut again = LearnedMixture::from_numbers(&own, &components).expect("they were written just now");
     assert_eq!(again, learned);
     for of in [&mut learned, &mut again] {

@@ -147,10 +147,10 @@ impl LearnedMixture {
     }
 
     /// Numbers for a file: those beside the components, and each component's.
-    pub fn numbers(&self) -> ([f64; VOXEL_NUMBERS], impl Iterator<Item = [f64; NUMBERS]>) {
+    pub fn numbers(&self) -> ([f64; VOXEL_NUMBERS], Vec<[f64; NUMBERS]>) {
         let [x, y, z] = self.pivot.to_array().map(f64::from);
         let ([number, sum], [split, merged]) = (self.all, self.since);
-        ([x, y, z, self.count, number, sum, split, merged], self.components.iter().map(Component::numbers))
+        ([x, y, z, self.count, number, sum, split, merged], self.components.iter().map(Component::numbers).collect())
     }
 
     /// The mixture of these numbers; none where they are out of range.

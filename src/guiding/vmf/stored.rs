@@ -9,13 +9,12 @@
 
 use glam::Vec3;
 
-use super::component::NUMBERS;
-use super::fit::{LearnedMixture, VOXEL_NUMBERS};
+use super::fit::LearnedMixture;
 use super::learn::VmfMixtures;
 use super::lobe::Lobe;
 use super::mixture::VmfMixture;
 use crate::base::Result;
-use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, doubles, floats, offsets};
+use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, floats, offsets};
 use crate::guiding::target::Target;
 
 /// Names of the arrays of a kind of frozen mixtures.
@@ -71,12 +70,7 @@ pub(in crate::guiding) fn read_mixtures(
 impl VmfMixtures {
     /// State of the mixtures, as arrays of a file.
     pub(in crate::guiding) fn arrays<'a>(&self) -> Vec<Tensor<'a>> {
-        let voxels = || self.voxels.iter();
-        vec![
-            doubles("vmf_components", voxels().flat_map(|voxel| voxel.numbers().1)),
-            offsets("vmf_offset", voxels().map(LearnedMixture::len)),
-            doubles("vmf_voxel", voxels().map(|voxel| voxel.numbers().0)),
-        ]
+        self.state(LearnedMixture::numbers)
     }
 
     /// Reads the mixtures of `count` voxels that [`VmfMixtures::arrays`] wrote.
@@ -84,17 +78,6 @@ impl VmfMixtures {
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
     pub(in crate::guiding) fn from_arrays(target: Target, count: usize, file: &Tensors) -> Result<Self> {
-        let offsets = file.offsets("vmf_offset", count)?;
-        let rows = file.read("vmf_components", Dtype::F64, Some(offsets[count]), NUMBERS, f64::from_le_bytes)?;
-        let own = file.read("vmf_voxel", Dtype::F64, Some(count), VOXEL_NUMBERS, f64::from_le_bytes)?;
-        let (rows, own) = (rows.as_chunks::<NUMBERS>().0, own.as_chunks::<VOXEL_NUMBERS>().0);
-        let mut voxels = Vec::with_capacity(count);
-        for (v, numbers) in own.iter().enumerate() {
-            let Some(voxel) = LearnedMixture::from_numbers(numbers, &rows[offsets[v]..offsets[v + 1]]) else {
-                return file.fail("vmf_components", format!("the numbers of voxel {v} are out of range"));
-            };
-            voxels.push(voxel);
-        }
-        Ok(Self::of(target, voxels))
+        Self::of_state(target, count, file, LearnedMixture::from_numbers)
     }
 }

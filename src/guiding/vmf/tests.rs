@@ -297,7 +297,6 @@ fn numbers_of_a_file_are_the_mixture() {
     learned.learn(near(1).into_iter(), Vec3::ZERO, 0.1);
     learned.decay(0.5);
     let (own, components) = learned.numbers();
-    let components: Vec<_> = components.collect();
     let mut again = LearnedMixture::from_numbers(&own, &components).expect("they were written just now");
     assert_eq!(again, learned);
     for of in [&mut learned, &mut again] {
