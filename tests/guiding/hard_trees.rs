@@ -2,7 +2,7 @@
 //!
 //! Tests named a01 to a19 and s01 to s09 all over this project stand for the traps that renderers of this kind are known to
 //! fall into: a for arithmetic, s for statistics. `tests/mutants/run` takes the remedy of each a case out of the program and
-//! expects its test to fail. What needs whole scenes is in hard_scenes.rs.
+//! expects its test to fail. What needs whole scenes is in hard_scenes.rs and roulette.rs of `transport`.
 
 use crate::support::records;
 

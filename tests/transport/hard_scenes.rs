@@ -1,5 +1,5 @@
 //! Hard cases that show best in a picture or along a ray: sizes and places, rays that leave a surface, broken shapes, suns,
-//! materials and media at their limits, roulette. What the names mean is said in hard_trees.rs.
+//! materials and media at their limits, a wrong network. What the names mean is said in hard_trees.rs.
 
 use crate::support::scenes;
 
@@ -15,20 +15,11 @@ use fanal::generate::build::{Builder, diffuse, glass, matrix};
 use fanal::geometry::accel::SELDOM_SHARED;
 use fanal::geometry::mesh::Mesh;
 use fanal::geometry::{Accel, Ray, Shape, Surface};
-use fanal::guiding::cache::SpatialCache;
-use fanal::guiding::cache::parallax::Parallax;
-use fanal::guiding::sample::field::{GuideField, VoxelGuide};
-use fanal::guiding::sample::roulette::AdjointRoulette;
 use fanal::guiding::tree::CountedTree;
 use fanal::guiding::tree::distribution::Distribution as Directions;
 use fanal::guiding::tree::proposal::Proposal;
-use fanal::guiding::tree::sampler::SamplingTree;
-use fanal::guiding::tree::topology::Topology;
-use fanal::integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
-use fanal::integrators::{Roulette, TransportSettings};
-use fanal::lights::learned::LightSampling;
+use fanal::integrators::Roulette;
 use fanal::materials::{Kind, Material, Transport};
-use fanal::math::cylindrical;
 use fanal::reconstruct::{AsCounted, Reconstructor};
 use fanal::render::{GuideMode, Outcome, RenderSettings, render};
 use fanal::sampling::warp;
@@ -38,7 +29,7 @@ use fanal::scene::file::{
 };
 use fanal::scene::readers::{resolve, save};
 use glam::{Affine3A, Mat4, Quat, Vec2, Vec3};
-use scenes::{GUIDES, box_furnace, built, committed, floor, mean, one_sided, picture, reconstructor, settings};
+use scenes::{GUIDES, built, committed, floor, mean, one_sided, picture, reconstructor, settings};
 
 /// One, two and three samples per pixel, in every mode: voxels with a sample or none, passes with an empty half, a picture that is
 /// all that was learned from. Nothing may be divided by a count that is zero.
@@ -570,155 +561,6 @@ fn a12_media_at_their_limits() {
             assert!((middle - inside).abs() < tolerance, "{sigma} {albedo} {g} {guide:?}: {middle}");
         }
     }
-}
-
-/// One voxel for the whole scene, with two narrow peaks of directions, of whose vertices as much is expected as
-/// `effort` says.
-fn peaked_field(fraction: f32, roulette: AdjointRoulette) -> GuideField {
-    let split: Vec<bool> = (0..85).map(|node| node < 21).collect();
-    let topology = Topology::from_split(&split).expect("three full levels");
-    // One of two opposite directions leads away from any wall.
-    let peaks = [1.0, -1.0].map(|sign| topology.leaf_at(cylindrical::to_cell(sign * Vec3::new(0.6, 0.3, 0.74))));
-    let weights: Vec<f64> = topology.leaves().map(|leaf| if peaks.contains(&leaf) { 1.0 } else { 0.0 }).collect();
-    let tree = SamplingTree::new(&Directions::from_leaf_weights(topology, &weights), 0.1, usize::MAX);
-    let mut cache = SpatialCache::new(Vec3::splat(-50.0), 100.0).without_facing();
-    cache.find_or_insert(Vec3::ZERO, Vec3::Y);
-    let guide =
-        VoxelGuide { directions: Some(tree.into()), parallax: Parallax::NONE, bsdf_fraction: fraction, roulette };
-    GuideField::new(cache, vec![guide])
-}
-
-/// `n` paths from the middle of a scene: rays per path, and the mean radiance with its standard error. Their pixel is
-/// thought to have the value 1.
-fn paths_in(scene: &Scene, n: u32, roulette: Roulette, field: Option<&GuideField>) -> [f64; 3] {
-    let settings = TransportSettings { max_depth: 300, light_sampling: false, roulette, guided_distances: false };
-    let tracer = PathTracer { scene, settings, field, lights: LightSampling::Plain };
-    let (mut scratch, mut count) = (PathScratch::default(), RayCount::default());
-    let (mut sum, mut squares) = (0.0, 0.0);
-    for i in 0..n {
-        let mut random = Random::new(4, 0, u64::from(i));
-        let ray = Ray { origin: Vec3::ZERO, direction: warp::square_to_sphere(random.next_2d()) };
-        let radiance =
-            f64::from(tracer.trace(CameraPath { ray, random, pixel: Some(1.0) }, &mut scratch, None, &mut count).x);
-        (sum, squares) = (sum + radiance, squares + radiance * radiance);
-    }
-    let (n, mean) = (f64::from(n), sum / f64::from(n));
-    [count.rays as f64 / n, mean, ((squares / n - mean * mean) / n).sqrt()]
-}
-
-/// Rays per path inside a closed box whose walls reflect `albedo`.
-fn rays_per_path(albedo: f32, roulette: Roulette, field: Option<&GuideField>) -> f64 {
-    let mut b = Builder::new("box", [4, 4]);
-    let wall = b.add_material("wall", diffuse([albedo; 3]));
-    b.add_block("box", Vec3::splat(-1.0), Vec3::ONE, &wall);
-    b.look_at(Vec3::ZERO, Vec3::X, Vec3::Y, 60.0);
-    let [rays, radiance, _] = paths_in(&built(b.finish()), 4000, roulette, field);
-    assert_eq!(radiance, 0.0);
-    rays
-}
-
-/// A path that carries nothing ends, with roulette or without; one that carries next to nothing ends soon, but with a chance of at
-/// least 1 in 20, so that no survivor ever weighs more than 20 times as much.
-#[test]
-fn a15_paths_that_carry_nothing_end() {
-    assert!(rays_per_path(0.0, Roulette::Off, None) < 1.5, "black walls");
-    let faint = rays_per_path(1e-6, Roulette::Throughput, None);
-    // Four rays before roulette starts; of the survivors, one in 20 goes on.
-    assert!((4.0..4.2).contains(&faint), "{faint}");
-    assert!((faint - 4.0 - 0.05 / 0.95).abs() < 0.02, "{faint}: nothing divided by a vanishing probability");
-}
-
-/// What glass divides radiance by on the way in, it multiplies it by on the way out: a path inside of clear glass is worth as much as
-/// outside, and roulette must not end more than it would there (pbrt-v4 §13.2.3 scales likewise). Of three nested balls of glass, seen
-/// from the middle, one is entered and two are left or the other way round; nothing is absorbed anywhere.
-#[test]
-fn a15_glass_does_not_end_paths() {
-    let mut b = Builder::new("balls", [4, 4]);
-    let glass = b.add_material("glass", glass(1.5));
-    (1..=3).for_each(|i| b.add_sphere(&format!("ball {i}"), Vec3::X * 3.0, 0.3 + 0.2 * i as f32, &glass, None));
-    b.add_light(LightFile::Constant { radiance: [1.0; 3] });
-    b.look_at(Vec3::ZERO, Vec3::X, Vec3::Y, 10.0);
-    let scene = built(b.finish());
-    let transport = TransportSettings {
-        max_depth: 20,
-        light_sampling: true,
-        roulette: Roulette::Throughput,
-        guided_distances: false,
-    };
-    let tracer = PathTracer { scene: &scene, settings: transport, field: None, lights: LightSampling::Plain };
-    let mut inside = 0;
-    for i in 0..200 {
-        let ray = Ray { origin: Vec3::ZERO, direction: Vec3::new(1.0, 0.001 * i as f32, 0.0).normalize() };
-        let path = tracer.explain(CameraPath { ray, random: Random::new(22, i, 0), pixel: None });
-        for onward in path.vertices.iter().skip(3).filter_map(|vertex| vertex.onward.as_ref()) {
-            assert!(onward.survival > 0.9, "{}", onward.survival);
-            inside += 1;
-        }
-    }
-    assert!(inside > 100, "{inside}");
-}
-
-/// Directions that bring nothing count in what is expected of a vertex: left out, a floor under a sky of radiance 1 would be expected to
-/// send back more than its albedo, and roulette and light sampling would be tried too often. Five standard errors of 20,000 samples,
-/// whose weights are at most 2, are 0.03. Half of the guide's directions lead below the floor.
-#[test]
-fn a15_what_finds_nothing_counts() {
-    let mut b = floor([4, 4], 1.0);
-    b.add_light(LightFile::Constant { radiance: [1.0; 3] });
-    let scene = built(b.finish());
-    let mut cache = SpatialCache::new(Vec3::splat(-50.0), 100.0).without_facing();
-    cache.find_or_insert(Vec3::ZERO, Vec3::Y);
-    let tree = Some(SamplingTree::new(&Directions::uniform(), 1.0, usize::MAX));
-    let (directions, roulette) = (tree.map(Into::into), AdjointRoulette::UNKNOWN);
-    let guide = VoxelGuide { directions, parallax: Parallax::NONE, bsdf_fraction: 0.5, roulette };
-    let field = GuideField::new(cache, vec![guide]);
-    let transport =
-        TransportSettings { max_depth: 2, light_sampling: false, roulette: Roulette::Off, guided_distances: false };
-    let tracer = PathTracer { scene: &scene, settings: transport, field: Some(&field), lights: LightSampling::Plain };
-    let (mut scratch, mut count, mut records) = (PathScratch::default(), RayCount::default(), vec![]);
-    for i in 0..20_000 {
-        let ray = Ray { origin: Vec3::new(0.1, 1.0, 0.2), direction: Vec3::NEG_Y };
-        let path = CameraPath { ray, random: Random::new(23, i, 0), pixel: Some(1.0) };
-        tracer.trace(path, &mut scratch, Some(&mut records), &mut count);
-    }
-    assert_eq!(records.len(), 20_000, "every path met the floor once");
-    let mean = records.iter().map(|record| f64::from(record.estimate())).sum::<f64>() / 20_000.0;
-    assert!((mean - 0.5).abs() < 0.03, "{mean}");
-    let absorbed = records.iter().filter(|record| !record.is_directed()).count() as f64 / 20_000.0;
-    assert!((absorbed - 0.25).abs() < 0.02, "{absorbed}");
-}
-
-/// Where a guide drew the direction, f·cos/p is small because p is large, as much light is expected there. Roulette by that number
-/// would end the guided paths, and with them what guiding gains: they must live about as long as without roulette. (Where the guide
-/// points into a wall, paths end anyway, so hardly any is long.)
-#[test]
-fn a15_roulette_does_not_undo_guiding() {
-    let field = peaked_field(0.3, AdjointRoulette::UNKNOWN);
-    let [all, guided] =
-        [Roulette::Off, Roulette::Throughput].map(|roulette| rays_per_path(0.8, roulette, Some(&field)));
-    // Four rays are free of roulette: ending all paths there would leave 0.82.
-    assert!(guided > 0.86 * all, "{guided} rays against {all}");
-}
-
-/// The default roulette goes by what is expected of a path, not by what its guide made of its throughput: where much is
-/// expected every path lives as long as without roulette, ray by ray; where nothing is, by mistake, few go on, as heavy
-/// as ten at most. The mean stays, to five standard errors (one false alarm in a million): in a furnace of albedo 1/2
-/// it is 2.
-#[test]
-fn a15_the_window_keeps_what_is_expected() {
-    let scene = built(box_furnace(0.5));
-    let traced = |roulette, onward| {
-        let expecting = AdjointRoulette { light: onward, onward };
-        paths_in(&scene, 100_000, roulette, Some(&peaked_field(0.3, expecting)))
-    };
-    let all = traced(Roulette::Off, 0.0);
-    assert_eq!(traced(Roulette::Window, 1e30), all, "much is expected");
-    let few = traced(Roulette::Window, 0.0);
-    for [_, mean, error] in [all, few] {
-        assert!(error < 0.1 && (mean - 2.0).abs() < 5.0 * error, "{mean} ± {error}");
-    }
-    // Two paths in three go on from a vertex without roulette, one in fifteen from the first with it.
-    assert!(few[0] < 0.5 * all[0], "{} rays against {}", few[0], all[0]);
 }
 
 /// A network that is wrong: everything it says is the opposite of what was counted, which is the plainer proposal.

@@ -18,6 +18,7 @@ mod media;
 mod own_scenes;
 mod projectors;
 mod robustness;
+mod roulette;
 mod stopping;
 mod surfaces;
 mod views;
