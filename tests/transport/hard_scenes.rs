@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 use fanal::base::progress::Silent;
 use fanal::base::random::Random;
 use fanal::base::{Error, Result};
-use fanal::generate::build::{Builder, diffuse, glass, matrix};
+use fanal::generate::build::{Builder, diffuse, matrix};
 use fanal::geometry::accel::SELDOM_SHARED;
 use fanal::geometry::mesh::Mesh;
 use fanal::geometry::{Accel, Ray, Shape, Surface};
