@@ -6,7 +6,7 @@ use super::principled::CLEAR;
 use super::rough_dielectric::RoughDielectric;
 use super::{
     BsdfSample, Transport, blend, conductor, diffuse, phase, plastic, principled, principled_thin, rough_conductor,
-    rough_diffuse,
+    rough_diffuse, translucent,
 };
 use crate::math::lanes::{Gather, Job, LANES, Mask, Real, V3, Wide, lanes_of};
 
@@ -144,6 +144,7 @@ pub(super) enum Model<'a, R: Real> {
     Null(Null<R>),
     Principled(principled::At<'a, R>),
     PrincipledThin(principled_thin::At<'a, R>),
+    Translucent(translucent::At<R>),
     Blend(blend::At<'a, R>),
     Phase(phase::At<R>),
 }
@@ -163,6 +164,7 @@ macro_rules! each_model {
             Model::Null($m) => $answer,
             Model::Principled($m) => $answer,
             Model::PrincipledThin($m) => $answer,
+            Model::Translucent($m) => $answer,
             Model::Blend($m) => $answer,
             Model::Phase($m) => $answer,
         }
@@ -244,7 +246,11 @@ impl<R: Real> Bsdf<'_, R> {
     pub fn chooses_lobe(&self) -> bool {
         matches!(
             self.model,
-            Model::RoughDielectric(_) | Model::Principled(_) | Model::PrincipledThin(_) | Model::Blend(_)
+            Model::RoughDielectric(_)
+                | Model::Principled(_)
+                | Model::PrincipledThin(_)
+                | Model::Translucent(_)
+                | Model::Blend(_)
         )
     }
 
@@ -303,7 +309,7 @@ const OPTIONS: usize = 4;
 
 impl Variant {
     /// Number of variants.
-    pub const COUNT: usize = 2 * OPTIONS * 13;
+    pub const COUNT: usize = 2 * OPTIONS * 14;
 
     /// Of phase functions, which are in the place of BSDFs in media.
     pub const PHASE: Self = Self::new(11, 0, false);
@@ -352,6 +358,7 @@ impl<'a> Bsdf<'a, f32> {
             Model::Blend(_) => (10, 0),
             Model::Phase(_) => return Variant::PHASE,
             Model::PrincipledThin(_) => (12, 0),
+            Model::Translucent(_) => (13, 0),
         };
         Variant::new(model, option, self.tint.is_some())
     }
@@ -393,6 +400,7 @@ impl<'a, W: Wide> Gather<W> for Model<'a, f32> {
             Model::Null(m) => all_are!(Null, m),
             Model::Principled(m) => all_are!(Principled, m),
             Model::PrincipledThin(m) => all_are!(PrincipledThin, m),
+            Model::Translucent(m) => all_are!(Translucent, m),
             Model::Blend(m) => all_are!(Blend, m),
             Model::Phase(m) => all_are!(Phase, m),
         }

@@ -29,6 +29,13 @@ pub struct Microfacets<R = f32> {
 
 lanes_of!(Microfacets { alpha } same { shape });
 
+impl Microfacets {
+    /// Facets with this part of the roughness.
+    pub fn scaled(self, part: f32) -> Self {
+        Self { alpha: (self.alpha * part).max(SMOOTH), ..self }
+    }
+}
+
 impl<R: Real> Microfacets<R> {
     /// Density of facet normals D(h), sr⁻¹; ∫ D cos θ dω = 1.
     #[inline(always)]

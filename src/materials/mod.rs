@@ -30,6 +30,7 @@ pub mod rough_diffuse;
 mod table;
 #[cfg(test)]
 mod tests;
+pub mod translucent;
 
 use glam::{Vec2, Vec3};
 
@@ -48,6 +49,7 @@ use rough_conductor::RoughConductor;
 use rough_dielectric::RoughDielectric;
 use rough_diffuse::RoughDiffuse;
 use texture::Texture;
+use translucent::Translucent;
 
 use crate::math::channel_mean;
 use crate::math::lanes::V3;
@@ -86,6 +88,8 @@ pub struct Material {
     pub bump: Option<Box<Bump>>,
     /// Factors on scattered light; none where both are 1.
     pub tint: Option<Box<Tint>>,
+    /// Part of the roughness of facets that they have at a point, see [`Material::vary_roughness`]; none where it is 1 everywhere.
+    pub roughness: Option<Box<Texture>>,
     /// The scattering model.
     pub kind: Kind,
 }
@@ -131,13 +135,15 @@ pub enum Kind {
     Principled(Box<Principled>),
     /// The same for thin sheets.
     PrincipledThin(Box<PrincipledThin>),
+    /// A diffuse sheet that lets light through.
+    Translucent(Translucent),
     /// Two materials mixed.
     Blend(Box<Blend>),
 }
 
 impl From<Kind> for Material {
     fn from(kind: Kind) -> Self {
-        Self { two_sided: false, opacity: None, bump: None, tint: None, kind }
+        Self { two_sided: false, opacity: None, bump: None, tint: None, roughness: None, kind }
     }
 }
 
@@ -154,20 +160,33 @@ impl Material {
         }
     }
 
+    /// Lets the roughness of facets vary: at a point they have the part of it that the texture says, in [0, 1].
+    pub fn vary_roughness(&mut self, part: Texture) {
+        match &mut self.kind {
+            Kind::RoughConductor(_) | Kind::RoughDielectric(_) => {}
+            Kind::Plastic(plastic) if plastic.is_rough() => plastic.vary_roughness(),
+            // What has no facets does not vary.
+            _ => return,
+        }
+        self.roughness = Some(Box::new(part));
+    }
+
     #[inline(never)]
     fn any_at(&self, uv: Vec2) -> Bsdf<'_, f32> {
+        let part = self.roughness.as_ref().map_or(1.0, |texture| texture.value(uv).clamp(0.0, 1.0));
         let model = match &self.kind {
             Kind::Diffuse(m) => Model::Diffuse(m.at(uv)),
             Kind::RoughDiffuse(m) => Model::RoughDiffuse(m.at(uv)),
             Kind::Conductor(m) => Model::Conductor(m.at(uv)),
-            Kind::RoughConductor(m) => Model::RoughConductor(m.at(uv)),
+            Kind::RoughConductor(m) => Model::RoughConductor(m.at(uv).scaled(part)),
             Kind::Dielectric(m) => Model::Dielectric(*m),
             Kind::ThinDielectric(m) => Model::ThinDielectric(*m),
-            Kind::RoughDielectric(m) => Model::RoughDielectric(*m),
-            Kind::Plastic(m) => Model::Plastic(m.at(uv)),
+            Kind::RoughDielectric(m) => Model::RoughDielectric(RoughDielectric { facets: m.facets.scaled(part), ..*m }),
+            Kind::Plastic(m) => Model::Plastic(m.at(uv, part)),
             Kind::Null => Model::Null(Null { one: 1.0 }),
             Kind::Principled(m) => Model::Principled(m.at(uv)),
             Kind::PrincipledThin(m) => Model::PrincipledThin(m.at(uv)),
+            Kind::Translucent(m) => Model::Translucent(m.at(uv)),
             Kind::Blend(m) => Model::Blend(m.at(uv)),
         };
         Bsdf { two_sided: self.two_sided, tint: self.tint.as_ref().map(|tint| tint.at(uv)), model }
@@ -183,10 +202,12 @@ impl Material {
             Kind::Plastic(m) => m.prefetch(uv),
             Kind::Principled(m) => m.prefetch(uv),
             Kind::PrincipledThin(m) => m.prefetch(uv),
+            Kind::Translucent(m) => m.prefetch(uv),
             Kind::Blend(m) => m.prefetch(uv),
             Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) | Kind::Null => {}
         }
         self.opacity.iter().for_each(|mask| mask.prefetch(uv));
+        self.roughness.iter().for_each(|part| part.prefetch(uv));
     }
 
     /// What points of the material have in common with points of others: the same everywhere on it.
@@ -206,22 +227,17 @@ impl Material {
     /// About the roughness α of the narrowest lobe that is no delta lobe, in [0, 1]; 1 where all are diffuse.
     pub fn roughness(&self) -> f32 {
         let squared = |root: &Texture| channel_mean(root.mean()).clamp(0.0, 1.0).powi(2);
+        let part = self.roughness.as_ref().map_or(1.0, |texture| channel_mean(texture.mean()).clamp(0.0, 1.0));
         match &self.kind {
-            Kind::RoughConductor(m) => m.facets.alpha.min(1.0),
-            Kind::RoughDielectric(m) => m.facets.alpha.min(1.0),
-            Kind::Plastic(m) => m.roughness(),
+            Kind::RoughConductor(m) => (part * m.facets.alpha).min(1.0),
+            Kind::RoughDielectric(m) => (part * m.facets.alpha).min(1.0),
+            Kind::Plastic(m) => part * m.roughness(),
             Kind::Principled(m) => squared(m.root_of_roughness()),
             Kind::PrincipledThin(m) => squared(m.root_of_roughness()),
             Kind::Blend(blend) => blend.parts.iter().map(Self::roughness).fold(1.0, f32::min),
-            Kind::Diffuse(_) | Kind::RoughDiffuse(_) => 1.0,
+            Kind::Diffuse(_) | Kind::RoughDiffuse(_) | Kind::Translucent(_) => 1.0,
             Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Null => 1.0,
         }
-    }
-
-    /// Whether [`Material::sample`] reads the number that chooses a lobe: of most materials the other two say everything.
-    #[inline]
-    pub fn chooses_lobe(&self) -> bool {
-        matches!(self.kind, Kind::RoughDielectric(_) | Kind::Principled(_) | Kind::PrincipledThin(_) | Kind::Blend(_))
     }
 
     /// [`Bsdf::eta`], which no texture changes.
@@ -236,7 +252,9 @@ impl Material {
             Kind::Principled(m) => seen_from(wo.into(), m.eta()),
             Kind::Blend(m) => m.eta(wo),
             Kind::Diffuse(_) | Kind::Conductor(_) | Kind::RoughConductor(_) | Kind::ThinDielectric(_) => 1.0,
-            Kind::RoughDiffuse(_) | Kind::Plastic(_) | Kind::PrincipledThin(_) | Kind::Null => 1.0,
+            Kind::RoughDiffuse(_) | Kind::Plastic(_) | Kind::PrincipledThin(_) | Kind::Translucent(_) | Kind::Null => {
+                1.0
+            }
         }
     }
 

@@ -8,6 +8,7 @@
 use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec2;
+use rayon::prelude::*;
 
 use super::fresnel;
 use super::microfacet::Microfacets;
@@ -26,12 +27,20 @@ pub struct Plastic {
     eta: f32,
     nonlinear: bool,
     facets: Option<Microfacets>,
-    /// Transmittance of a rough coat from outside, at [`COSINES`] cosines from 0 to 1; empty for a smooth one.
-    transmitted: Vec<f32>,
-    /// Reflectance of the coat for diffuse light from inside.
-    internal: f32,
+    coat: Coat,
+    /// Where its roughness varies, the coat with parts of it, in even steps from none to all.
+    smoother: Vec<Coat>,
     /// Probability of sampling the coat where it reflects half of all light.
     coat_share: f32,
+}
+
+/// What is tabulated of a coat.
+#[derive(Debug, Clone)]
+struct Coat {
+    /// Transmittance of a rough coat from outside, at [`COSINES`] cosines from 0 to 1; empty for a smooth one.
+    transmitted: Vec<f32>,
+    /// Reflectance for diffuse light from inside.
+    internal: f32,
 }
 
 /// Plastic at surface points.
@@ -53,6 +62,23 @@ lanes_of!(At<'a> { scattered, reflectance, eta, internal, coat_share, transmitte
 const COSINES: usize = 64;
 /// Facet normals along each axis of the quadrature.
 const NORMALS: usize = 32;
+/// Roughnesses at which a coat is tabulated whose roughness varies.
+const PARTS: usize = 16;
+
+impl Coat {
+    fn new(eta: f32, facets: Option<Microfacets>) -> Self {
+        let cosine = |i: usize| i as f32 / (COSINES - 1) as f32;
+        let tabulated = if facets.is_some() { COSINES } else { 0 };
+        let transmitted = (0..tabulated).map(|i| hemispheric(cosine(i), eta, facets, false)).collect();
+        // 2·∫R·cos. For a rough coat it is the mean at 64 cosines, both ends whole: a percent below the integral, but as in
+        // Mitsuba, next to whose pictures a diffuse base would be 2 % too bright otherwise.
+        let weighted = |cos: f32| f64::from(hemispheric(cos, 1.0 / eta, facets, true) * cos);
+        let steps = if facets.is_some() { COSINES } else { 64 * COSINES };
+        let at = |i: usize| if facets.is_some() { cosine(i) } else { (i as f32 + 0.5) / steps as f32 };
+        let internal = (2.0 / steps as f64 * (0..steps).map(|i| weighted(at(i))).sum::<f64>()) as f32;
+        Self { transmitted, internal }
+    }
+}
 
 impl Plastic {
     /// Roughness α of the coat; 1 where it is smooth, and so the base alone is no delta lobe.
@@ -63,18 +89,30 @@ impl Plastic {
     /// Plastic with a coat of refractive index `eta` relative to the outside over a base with albedo `base`. `reflectance` is a
     /// factor on the coat's reflection. Without `facets` the coat is smooth.
     pub fn new(base: Texture, reflectance: Texture, eta: f32, nonlinear: bool, facets: Option<Microfacets>) -> Self {
-        let cosine = |i: usize| i as f32 / (COSINES - 1) as f32;
-        let tabulated = if facets.is_some() { COSINES } else { 0 };
-        let transmitted = (0..tabulated).map(|i| hemispheric(cosine(i), eta, facets, false)).collect();
-        // 2·∫R·cos. For a rough coat it is the mean at 64 cosines, both ends whole: a percent below the integral, but as in
-        // Mitsuba, next to whose pictures a diffuse base would be 2 % too bright otherwise.
-        let weighted = |cos: f32| f64::from(hemispheric(cos, 1.0 / eta, facets, true) * cos);
-        let steps = if facets.is_some() { COSINES } else { 64 * COSINES };
-        let at = |i: usize| if facets.is_some() { cosine(i) } else { (i as f32 + 0.5) / steps as f32 };
-        let internal = (2.0 / steps as f64 * (0..steps).map(|i| weighted(at(i))).sum::<f64>()) as f32;
         let [of_coat, of_base] = [&reflectance, &base].map(|texture| channel_mean(texture.mean()).max(0.0));
         let coat_share = if of_coat + of_base > 0.0 { of_coat / (of_coat + of_base) } else { 0.5 };
-        Self { base, reflectance, eta, nonlinear, facets, transmitted, internal, coat_share }
+        Self {
+            base,
+            reflectance,
+            eta,
+            nonlinear,
+            facets,
+            coat: Coat::new(eta, facets),
+            smoother: Vec::new(),
+            coat_share,
+        }
+    }
+
+    /// Whether the coat has facets.
+    pub(super) fn is_rough(&self) -> bool {
+        self.facets.is_some()
+    }
+
+    /// Tabulates what [`Plastic::at`] needs for parts of the roughness.
+    pub(super) fn vary_roughness(&mut self) {
+        let part = |i: usize| i as f32 / (PARTS - 1) as f32;
+        let coat = |i: usize| Coat::new(self.eta, self.facets.map(|facets| facets.scaled(part(i))));
+        self.smoother = (0..PARTS).into_par_iter().map(coat).collect();
     }
 
     /// See [`Material::prefetch`](super::Material::prefetch).
@@ -83,18 +121,20 @@ impl Plastic {
         self.reflectance.prefetch(uv);
     }
 
-    /// Plastic at `uv`.
-    pub fn at(&self, uv: Vec2) -> At<'_, f32> {
+    /// Plastic at `uv`, with this part of its roughness: 1 unless that varies.
+    pub fn at(&self, uv: Vec2, part: f32) -> At<'_, f32> {
         let base = V3::from(self.base.eval(uv));
+        let Coat { transmitted, internal } =
+            self.smoother.get((part * (PARTS - 1) as f32).round() as usize).unwrap_or(&self.coat);
         let saturated = if self.nonlinear { base } else { V3::splat(1.0) };
         At {
-            scattered: base / (saturated * self.internal).rest(),
+            scattered: base / (saturated * *internal).rest(),
             reflectance: self.reflectance.eval(uv).into(),
             eta: self.eta,
-            internal: self.internal,
+            internal: *internal,
             coat_share: self.coat_share,
-            transmitted: [&self.transmitted],
-            facets: self.facets,
+            transmitted: [transmitted],
+            facets: self.facets.map(|facets| facets.scaled(part)),
         }
     }
 }
@@ -231,7 +271,7 @@ mod tests {
     fn diffuse_reflectance_from_inside() {
         let white = Texture::Constant(Vec3::ONE);
         let plastic = Plastic::new(white.clone(), white, 1.5, false, None);
-        assert!((plastic.internal - 0.5963).abs() < 5e-4, "{}", plastic.internal);
+        assert!((plastic.coat.internal - 0.5963).abs() < 5e-4, "{}", plastic.coat.internal);
     }
 
     /// The rough coat becomes the smooth one as its roughness vanishes.
@@ -242,11 +282,12 @@ mod tests {
             let white = Texture::Constant(Vec3::splat(0.5));
             Plastic::new(white.clone(), white, 1.5, true, facets)
         };
-        let passed = |plastic: &Plastic, cos| plastic.at(Vec2::ZERO).transmitted(cos);
+        let passed = |plastic: &Plastic, cos| plastic.at(Vec2::ZERO, 1.0).transmitted(cos);
         let smooth = coat(None);
         for shape in [Shape::Beckmann, Shape::Ggx] {
             let rough = coat(Some(Microfacets { shape, alpha: 1e-3 }));
-            assert!((rough.internal - smooth.internal).abs() < 0.011, "{} {}", rough.internal, smooth.internal);
+            let [rough_internal, smooth_internal] = [&rough, &smooth].map(|plastic| plastic.coat.internal);
+            assert!((rough_internal - smooth_internal).abs() < 0.011, "{rough_internal} {smooth_internal}");
             for cos in [0.2, 0.5, 1.0] {
                 assert!((passed(&rough, cos) - passed(&smooth, cos)).abs() < 5e-3, "{cos}");
             }

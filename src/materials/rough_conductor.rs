@@ -32,6 +32,13 @@ impl RoughConductor {
     }
 }
 
+impl At<f32> {
+    /// The same with this part of the roughness.
+    pub(super) fn scaled(self, part: f32) -> Self {
+        Self { facets: self.facets.scaled(part), ..self }
+    }
+}
+
 /// The facet that reflects one direction to another, both in front.
 struct Facet<R: Real> {
     h: V3<R>,

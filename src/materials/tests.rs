@@ -109,6 +109,8 @@ fn kinds(random: &mut Random) -> Vec<Kind> {
     }
     kinds.extend([0.0, random.next_f32(), 1.0].map(|spec_trans| principled(random, spec_trans)));
     kinds.push(principled_thin(random));
+    let [reflectance, transmittance] = [0; 2].map(|_| texture(random, 0.0, 1.0));
+    kinds.push(Kind::Translucent(Translucent { reflectance, transmittance }));
     let part = kinds[random.below(kinds.len() as u32) as usize].clone();
     let parts = [part, kinds[1].clone()].map(Material::from);
     kinds.push(Kind::Blend(Box::new(Blend { weight: texture(random, 0.0, 1.0), parts })));
@@ -123,6 +125,9 @@ fn materials(random: &mut Random) -> Vec<Material> {
             let tint = Tint { reflectance: texture(random, 0.0, 2.0), transmittance: texture(random, 0.0, 2.0) };
             let material = Material { two_sided: random.below(2) == 0, ..kind.into() };
             materials.push(Material { tint: Some(Box::new(tint)), ..material.clone() });
+            let mut varying = material.clone();
+            varying.vary_roughness(texture(random, 0.0, 1.0));
+            materials.push(varying);
             materials.push(material);
         }
     }

@@ -7,6 +7,7 @@ mod live;
 mod output;
 mod read;
 mod read_exr;
+mod read_pfm;
 mod samples;
 mod texels;
 pub mod texture;

@@ -1,4 +1,4 @@
-//! Reading pictures: EXR and PNG by their own crates, JPEG, TGA, BMP and HDR (RGBE) by the crate `image`.
+//! Reading pictures: EXR and PNG by their own crates, JPEG, TGA, BMP and HDR (RGBE) by the crate `image`, PFM by our own lines.
 
 use std::borrow::Cow;
 use std::io::Cursor;
@@ -14,7 +14,7 @@ use crate::math::srgb;
 use crate::picture::{ByteImage, Image, Texels};
 
 use super::samples::{Samples, Values};
-use super::{LARGEST_FILE, MOST_PIXELS, read_exr};
+use super::{LARGEST_FILE, MOST_PIXELS, read_exr, read_pfm};
 
 const EXR_MAGIC: [u8; 4] = [0x76, 0x2F, 0x31, 0x01];
 const PNG_MAGIC: [u8; 4] = [0x89, b'P', b'N', b'G'];
@@ -27,8 +27,8 @@ pub fn read_image(path: &Path, raw: bool) -> Result<Image> {
     Ok(Arc::unwrap_or_clone(read_texels(path, raw)?.to_image()))
 }
 
-/// Reads a picture. Its content decides on the format; only TGA, which has no signature, goes by the name. All formats but EXR
-/// and HDR hold sRGB values, unless `raw` says that they are data. Alpha is ignored.
+/// Reads a picture. Its content decides on the format; only TGA, which has no signature, goes by the name. All formats but EXR,
+/// HDR and PFM hold sRGB values, unless `raw` says that they are data. Alpha is ignored.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] (also for NaN or infinite pixels), [`Error::Unsupported`].
@@ -37,13 +37,14 @@ pub fn read_texels(path: &Path, raw: bool) -> Result<Texels> {
     let texels = match bytes.first_chunk() {
         Some(&EXR_MAGIC) => Texels::Float(Arc::new(read_exr::read_color(path, &bytes)?)),
         Some(&PNG_MAGIC) => read_png(&Place::file(path), &bytes)?.into_texels(raw),
+        _ if read_pfm::is_pfm(&bytes) => Texels::Float(Arc::new(read_pfm::read_pfm(&Place::file(path), &bytes)?)),
         _ => match other_format(path, &bytes) {
             Some(format) => read_other(path, &bytes, format, raw)?,
             None => {
                 return Err(Error::Unsupported {
                     place: Place::file(path),
                     what: "this picture format".into(),
-                    supported: "EXR, PNG, JPEG, TGA, BMP and HDR".into(),
+                    supported: "EXR, PNG, JPEG, TGA, BMP, HDR and PFM".into(),
                 });
             }
         },

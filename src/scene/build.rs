@@ -45,6 +45,7 @@ use crate::materials::rough_conductor::RoughConductor;
 use crate::materials::rough_dielectric::{LEAST_STEP, RoughDielectric};
 use crate::materials::rough_diffuse::RoughDiffuse;
 use crate::materials::texture::Texture;
+use crate::materials::translucent::Translucent;
 use crate::materials::{Kind, Material, Tint};
 use crate::picture::Texels;
 
@@ -293,6 +294,11 @@ fn material(file: &MaterialFile, images: &Images) -> Result<Material> {
             let map = Map::Normals(texture(map, images)?);
             return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, images)? });
         }
+        MaterialFile::RoughnessMap { texture: map, material: inner } => {
+            let mut inner = material(inner, images)?;
+            inner.vary_roughness(texture(map, images)?);
+            return Ok(inner);
+        }
         MaterialFile::Principled(file) => Kind::Principled(Box::new(Principled::new(parameters(file, images)?))),
         MaterialFile::PrincipledThin(file) => {
             Kind::PrincipledThin(Box::new(PrincipledThin::new(thin_parameters(file, images)?)))
@@ -308,6 +314,10 @@ fn material(file: &MaterialFile, images: &Images) -> Result<Material> {
         MaterialFile::RoughDiffuse { reflectance, alpha, qualitative } => {
             Kind::RoughDiffuse(Box::new(RoughDiffuse::new(texture(reflectance, images)?, *alpha, *qualitative)))
         }
+        MaterialFile::Translucent { reflectance, transmittance } => Kind::Translucent(Translucent {
+            reflectance: texture(reflectance, images)?,
+            transmittance: texture(transmittance, images)?,
+        }),
         MaterialFile::Conductor { eta, k, specular_reflectance } => {
             Kind::Conductor(Conductor { metal: metal(eta, k, specular_reflectance)? })
         }

@@ -359,7 +359,7 @@ pub(super) fn is_clear(material: &MaterialFile) -> bool {
 pub(super) fn is_pane(material: &MaterialFile) -> bool {
     has(material, |part| match part {
         MaterialFile::PrincipledThin(file) => !file.is_opaque(),
-        other => matches!(other, MaterialFile::ThinDielectric { .. }),
+        other => matches!(other, MaterialFile::ThinDielectric { .. } | MaterialFile::Translucent { .. }),
     })
 }
 

@@ -4,6 +4,7 @@
 #[allow(dead_code, reason = "no unit of tests needs all of it")]
 mod support;
 
+mod as_found;
 mod cameras;
 mod daylight;
 mod definitions;

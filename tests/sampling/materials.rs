@@ -20,6 +20,7 @@ use fanal::materials::rough_conductor::RoughConductor;
 use fanal::materials::rough_dielectric::RoughDielectric;
 use fanal::materials::rough_diffuse::RoughDiffuse;
 use fanal::materials::texture::Texture;
+use fanal::materials::translucent::Translucent;
 use fanal::materials::{Kind, Material, Transport};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -146,7 +147,10 @@ fn check(name: &str, material: &Material, wo: Vec3, alpha: f32) -> f64 {
             let (lobe, u) = (random.next_f32(), random.next_2d());
             let draw = |lobe| material.sample(Vec2::ZERO, wo, lobe, u, Transport::Radiance);
             let direction = draw(lobe).filter(|s| !s.delta).map(|s| s.wi);
-            assert!(material.chooses_lobe() || draw(1.0 - lobe).is_none_or(|s| s.delta || Some(s.wi) == direction));
+            assert!(
+                material.at(Vec2::ZERO).chooses_lobe()
+                    || draw(1.0 - lobe).is_none_or(|s| s.delta || Some(s.wi) == direction)
+            );
             direction
         },
     )
@@ -246,6 +250,69 @@ fn s01_diffuse_follows_its_density() {
         let wo = direction(cos, 0.7);
         let mass = check(&format!("diffuse {cos}"), &diffuse(two_sided), wo, 1.0);
         assert!((mass - 1.0).abs() < 1e-5, "{mass}");
+    }
+}
+
+fn translucent(reflectance: [f32; 3], transmittance: [f32; 3]) -> Material {
+    let [reflectance, transmittance] = [reflectance, transmittance].map(|color| Texture::Constant(color.into()));
+    Kind::Translucent(Translucent { reflectance, transmittance }).into()
+}
+
+/// Nor does a translucent sheet, seen from either side; it scatters what it says to both, and never more than arrives.
+#[test]
+fn s01_translucent_sheets_follow_their_density() {
+    for (reflectance, transmittance, kept) in [
+        ([0.5, 0.2, 0.1], [0.1, 0.3, 0.4], 1.0),
+        ([0.0; 3], [0.9; 3], 1.0),
+        ([0.7; 3], [0.0; 3], 1.0),
+        ([0.9; 3], [0.6; 3], 1.5),
+    ] {
+        let material = translucent(reflectance, transmittance);
+        let [reflected, passed] = [reflectance, transmittance].map(|albedo| Vec3::from(albedo) / kept);
+        for cos in [0.8, 0.02, -0.5] {
+            let wo = direction(cos, 0.7);
+            let mass = check(&format!("sheet {reflectance:?} {transmittance:?} {cos}"), &material, wo, 1.0);
+            assert!((mass - 1.0).abs() < 1e-5, "{mass}");
+            let wi = direction(0.6 * cos.signum(), 2.0);
+            for (wi, albedo) in [(wi, reflected), (-wi, passed)] {
+                let value = material.eval(Vec2::ZERO, wo, wi);
+                assert!(value.distance(albedo * 0.6 / std::f32::consts::PI) < 1e-6, "{value} {albedo}");
+            }
+        }
+    }
+}
+
+/// Where roughness varies, a point scatters as a material does that is as rough everywhere: to the bit, since the parts here are some of
+/// those at which coats are tabulated.
+#[test]
+fn roughness_varies_from_point_to_point() {
+    let board = |parts: [f32; 2]| {
+        let [color0, color1] = parts.map(Vec3::splat);
+        Texture::Checkerboard { color0, color1, to_uv: glam::Affine2::IDENTITY }
+    };
+    let mut random = Random::new(61, 0, 0);
+    let parts = [3.0 / 15.0, 1.0];
+    for shape in SHAPES {
+        let made: [fn(Shape, f32) -> Material; 3] = [
+            |shape, alpha| rough(shape, alpha, true, false),
+            |shape, alpha| frosted(shape, alpha, 1.5),
+            |shape, alpha| plastic(0.5, Some(Microfacets { shape, alpha })),
+        ];
+        for make in made {
+            let mut varying = make(shape, 0.6);
+            varying.vary_roughness(board(parts));
+            for (part, uv) in parts.into_iter().zip([Vec2::splat(0.25), Vec2::new(0.75, 0.25)]) {
+                let even = make(shape, 0.6 * part);
+                for _ in 0..200 {
+                    let [wo, wi] = [0; 2].map(|_| direction(random.range(-1.0, 1.0), random.range(0.0, 6.0)));
+                    assert_eq!(varying.eval_and_pdf(uv, wo, wi), even.eval_and_pdf(uv, wo, wi));
+                    let (lobe, u) = (random.next_f32(), random.next_2d());
+                    let [a, b] = [&varying, &even].map(|m| m.sample(uv, wo, lobe, u, Transport::Radiance));
+                    assert_eq!(a.map(|s| (s.wi, s.weight, s.pdf)), b.map(|s| (s.wi, s.weight, s.pdf)));
+                }
+            }
+            assert!((varying.roughness() - 0.36).abs() < 1e-6, "{}", varying.roughness());
+        }
     }
 }
 

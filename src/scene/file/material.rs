@@ -13,7 +13,7 @@ pub enum TextureFile {
         /// Linear RGB.
         value: [f32; 3],
     },
-    /// A picture (EXR, PNG, JPEG, TGA, BMP, HDR) over the texture coordinates; (0, 0) is its top left.
+    /// A picture (EXR, PNG, JPEG, TGA, BMP, HDR, PFM) over the texture coordinates; (0, 0) is its top left.
     Bitmap {
         /// Path relative to the scene file.
         file: String,
@@ -135,6 +135,14 @@ pub enum MaterialFile {
         #[serde(default, skip_serializing_if = "is_default")]
         qualitative: bool,
     },
+    /// A thin sheet that scatters light evenly to both sides, alike on both; where it would scatter more than arrives, both parts are
+    /// scaled down.
+    Translucent {
+        /// Albedo of what comes back, in [0, 1].
+        reflectance: TextureFile,
+        /// Albedo of what goes through, in [0, 1].
+        transmittance: TextureFile,
+    },
     /// A smooth metal.
     Conductor {
         /// Real part of the refractive index per channel. Colours fitted to spectra may be negative; only squares count.
@@ -249,6 +257,13 @@ pub enum MaterialFile {
         /// The material.
         material: Box<MaterialFile>,
     },
+    /// Another material whose facets are of varying roughness.
+    RoughnessMap {
+        /// Factor in [0, 1] on the material's α: the luminance of the texture. No facets become smoother than 0.0001.
+        texture: TextureFile,
+        /// A rough metal, rough glass or plastic with an α above 0, tinted or not.
+        material: Box<MaterialFile>,
+    },
     /// Another material with holes.
     Mask {
         /// Probability in [0, 1] that the surface is there; the luminance of a colour.
@@ -354,6 +369,9 @@ macro_rules! textures {
             Self::Diffuse { reflectance } | Self::RoughDiffuse { reflectance, .. } => {
                 vec![("reflectance", reflectance)]
             }
+            Self::Translucent { reflectance, transmittance } => {
+                vec![("reflectance", reflectance), ("transmittance", transmittance)]
+            }
             Self::Conductor { specular_reflectance, .. } | Self::RoughConductor { specular_reflectance, .. } => {
                 vec![("specular_reflectance", specular_reflectance)]
             }
@@ -374,7 +392,9 @@ macro_rules! textures {
                 textures.push(("opacity", opacity));
                 textures
             }
-            Self::BumpMap { texture, material, .. } | Self::NormalMap { texture, material } => {
+            Self::BumpMap { texture, material, .. }
+            | Self::NormalMap { texture, material }
+            | Self::RoughnessMap { texture, material } => {
                 let mut textures = material.$each();
                 textures.push(("texture", texture));
                 textures
@@ -404,6 +424,7 @@ macro_rules! inside {
             | Self::Tinted { material, .. }
             | Self::BumpMap { material, .. }
             | Self::NormalMap { material, .. }
+            | Self::RoughnessMap { material, .. }
             | Self::TwoSided { material } => Some(material),
             _ => None,
         }
@@ -440,6 +461,25 @@ impl MaterialFile {
         Self::Tinted { specular_reflectance, specular_transmittance, material: Box::new(self) }
     }
 
+    /// The material with a factor on the roughness of its facets, if there is one and it has facets.
+    pub fn roughened(self, factor: Option<TextureFile>) -> Self {
+        match factor {
+            Some(texture) if self.has_facets() => Self::RoughnessMap { texture, material: Box::new(self) },
+            _ => self,
+        }
+    }
+
+    /// Whether it consists of rough facets of one kind, tinted or not.
+    pub fn has_facets(&self) -> bool {
+        match self {
+            Self::Tinted { material, .. } => material.has_facets(),
+            Self::RoughConductor { alpha, .. } | Self::RoughDielectric { alpha, .. } | Self::Plastic { alpha, .. } => {
+                *alpha > 0.0
+            }
+            _ => false,
+        }
+    }
+
     /// Whether it has holes.
     pub fn is_masked(&self) -> bool {
         matches!(self, Self::Mask { .. }) || self.inside().is_some_and(Self::is_masked)
@@ -453,7 +493,7 @@ impl MaterialFile {
     /// Whether its back scatters like its front.
     pub fn is_two_sided(&self) -> bool {
         match self {
-            Self::TwoSided { .. } | Self::PrincipledThin(_) => true,
+            Self::TwoSided { .. } | Self::PrincipledThin(_) | Self::Translucent { .. } => true,
             Self::Blend { materials, .. } => materials.iter().all(Self::is_two_sided),
             other => other.inside().is_some_and(Self::is_two_sided),
         }

@@ -54,9 +54,13 @@ pub fn reflectance_of(index: f32) -> f32 {
     ((index - 1.0) / (index + 1.0)).powi(2)
 }
 
-/// eta and k of a metal in linear RGB; `none` reflects everything.
+/// eta and k of a metal in linear RGB; `none` reflects everything. Of a metal that was measured several times, which its name then tells
+/// (`Cu_palik`, `Se-e`), one measurement stands for all.
 pub fn conductor(name: &str) -> Option<([f32; 3], [f32; 3])> {
-    CONDUCTORS.iter().find(|(known, ..)| *known == name).map(|(_, eta, k)| (*eta, *k))
+    let metal = |name: &str| name.trim_end_matches("_palik").trim_end_matches("-e").to_owned();
+    let named = |name: &str| CONDUCTORS.iter().find(|(known, ..)| *known == name);
+    let found = named(name).or_else(|| CONDUCTORS.iter().find(|(known, ..)| metal(known) == metal(name)));
+    found.map(|(_, eta, k)| (*eta, *k))
 }
 
 /// The names that [`conductor`] knows.

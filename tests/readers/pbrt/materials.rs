@@ -88,10 +88,9 @@ fn metals() {
 
 #[test]
 fn relations() {
-    let MaterialFile::Mask { opacity, material } = related("Material \"diffusetransmission\"", "holes") else {
-        panic!("holes")
-    };
-    assert_eq!((opacity, material.parts()[0]), (rgb(0.75), &MaterialFile::Diffuse { reflectance: rgb(0.25 / 0.75) }));
+    let sheet = "Material \"diffusetransmission\" \"rgb transmittance\" [ .2 .4 .8 ] \"float scale\" .5";
+    let [reflectance, transmittance] = [[0.125; 3], [0.1, 0.2, 0.4]].map(TextureFile::rgb);
+    assert_eq!(plain(sheet), MaterialFile::Translucent { reflectance, transmittance });
     let skin = related("Material \"subsurface\" \"string name\" \"Skin1\"", "diffuse base");
     let MaterialFile::Plastic { diffuse_reflectance: TextureFile::Rgb { value: [r, g, b] }, .. } = skin else {
         panic!("{skin:?}")
@@ -133,7 +132,8 @@ fn surfaces_of_v3() {
         related("Material \"uber\" \"rgb opacity\" [ .5 .5 .5 ]", "strongest"),
         MaterialFile::Mask { .. }
     ));
-    assert!(matches!(related("Material \"translucent\"", "holes"), MaterialFile::Mask { .. }));
+    let sheet = related("Material \"translucent\" \"rgb Kd\" [ .5 .5 .5 ] \"rgb transmit\" [ 1 1 1 ]", "without gloss");
+    assert_eq!(sheet, MaterialFile::Translucent { reflectance: rgb(0.25), transmittance: rgb(0.5) });
     let MaterialFile::Principled(disney) =
         related("Material \"disney\" \"float metallic\" .3 \"float sheen\" .2", "disney")
     else {
@@ -227,7 +227,7 @@ fn holes_and_bumps() {
     // Shapes with the same holes share their material.
     let file = quiet("Shape \"sphere\" \"float alpha\" .25 Shape \"disk\" \"float alpha\" .25");
     assert_eq!(file.shapes[0].material, file.shapes[1].material);
-    warned("Material \"diffusetransmission\" Shape \"sphere\" \"float alpha\" .25", "holes in holes");
+    warned("Material \"uber\" \"rgb opacity\" [ .5 .5 .5 ] Shape \"sphere\" \"float alpha\" .25", "holes in holes");
     let MaterialFile::BumpMap { scale: 1.0, .. } =
         plain(&format!("{textured} Material \"diffuse\" \"texture displacement\" \"t\""))
     else {

@@ -1,5 +1,6 @@
 //! Textures.
 
+use fanal::materials::texture::luminance;
 use fanal::scene::file::{Filter, MaterialFile, TextureFile, Wrap};
 use fanal::scene::readers::LoadedScene;
 use glam::Vec3;
@@ -58,9 +59,18 @@ fn pictures() {
     let inverted =
         made("Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"grey.png\" \"bool invert\" true");
     assert!(inverted.iter().all(|(old, new)| new.distance(Vec3::ONE - *old) < 1e-6));
+    let TextureFile::Bitmap { raw: true, file, .. } = texture(&map("\"string encoding\" \"gamma 1\"")) else {
+        panic!("numbers as they are")
+    };
+    assert_eq!(file, "grey.png");
+    // As sRGB is about a gamma of 2.2, where it is not dark.
+    let decoded = made(
+        "Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"grey.png\" \"string encoding\" \"gamma 2.2\"",
+    );
+    assert!(decoded.iter().all(|(old, new)| (*new - *old).abs().max_element() < 0.012), "{decoded:?}");
     for (text, words) in [
         ("\"string wrap\" \"black\"", "black"),
-        ("\"string encoding\" \"gamma 2.2\"", "gamma 2.2"),
+        ("\"string encoding\" \"gamma two\"", "gamma two"),
         ("\"string mapping\" \"spherical\"", "spherical"),
         ("\"float uscal\" 2", "\"uscale\" seems to be meant"),
     ] {
@@ -142,7 +152,42 @@ fn means_of_what_is_not_known() {
         warned(&format!("Texture \"t\" \"spectrum\" \"{class}\" {USED}"), words);
     }
     let loaded = world(&format!(
-        "Texture \"t\" \"float\" \"imagemap\" \"string filename\" \"grey.png\" Material \"dielectric\" \"texture roughness\" \"t\" Shape \"sphere\" {USED}"
+        "Texture \"t\" \"float\" \"imagemap\" \"string filename\" \"grey.png\" Material \"dielectric\" \"texture uroughness\" \"t\" Shape \"sphere\" {USED}"
     ));
     assert!(loaded.warnings.iter().any(|warning| warning.contains("roughness cannot vary")), "{:?}", loaded.warnings);
+}
+
+/// Roughness that is a texture varies; what pbrt makes of it is made of every pixel.
+#[test]
+fn textures_of_roughness() {
+    let board = "Texture \"b\" \"float\" \"checkerboard\" \"float tex1\" .04 \"float tex2\" .25 ";
+    for (kind, remapped, [first, second]) in [
+        ("conductor", "", [0.2, 0.5]),
+        ("dielectric", "\"bool remaproughness\" false", [0.04, 0.25]),
+        ("coateddiffuse", "", [0.2, 0.5]),
+    ] {
+        let file =
+            quiet(&format!("{board} Material \"{kind}\" \"texture roughness\" \"b\" {remapped} Shape \"sphere\""));
+        let material = file.materials[&file.shapes[0].material].clone();
+        let material = if let MaterialFile::TwoSided { material } = material { *material } else { material };
+        let MaterialFile::RoughnessMap { texture: TextureFile::Checkerboard { color0, color1, .. }, material } =
+            material
+        else {
+            panic!("{material:?}")
+        };
+        assert!(close(color0, [first; 3]) && close(color1, [second; 3]), "{color0:?} {color1:?}");
+        assert!(material.has_facets());
+    }
+    let text = "Texture \"t\" \"float\" \"imagemap\" \"string filename\" \"grey.png\" \"string encoding\" \"linear\"\n\
+        Material \"conductor\" \"texture roughness\" \"t\" Shape \"sphere\"";
+    let loaded = world(text);
+    let MaterialFile::TwoSided { material } = &loaded.file.materials[&loaded.file.shapes[0].material] else { panic!() };
+    let MaterialFile::RoughnessMap { texture: TextureFile::Bitmap { file, .. }, .. } = &**material else { panic!() };
+    let pixels = &loaded.images[file].to_image().pixels;
+    // The bytes of that picture rise by sevens.
+    for (i, made) in pixels.iter().enumerate() {
+        let given = [0, 1, 2].map(|channel| ((3 * i + channel) * 7 % 256) as f32 / 255.0);
+        let expected = luminance(given.into()).sqrt();
+        assert!(pixels.len() == 256 && (made.x - expected).abs() < 1e-3, "{made} {expected}");
+    }
 }

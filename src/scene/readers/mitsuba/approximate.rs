@@ -110,7 +110,7 @@ impl<'a> Reader<'a> {
             // Equal widths of the lobes (Walter et al. 2007, §5.1: α_b = √(2/(α_p + 2))).
             (2.0 / (object.float("exponent")?.unwrap_or(30.0).max(0.0) + 2.0)).sqrt() as f32
         } else {
-            self.roughness(&object)?.0
+            self.roughness(&object)?.alpha
         };
         let specular = self.texture(&object, "specular_reflectance", 0.2)?;
         let diffuse_reflectance = self.texture(&object, "diffuse_reflectance", 0.5)?;

@@ -78,7 +78,11 @@ fn spectrum(element: &Element, purpose: Use) -> Result<[f32; 3]> {
     let optional = |name: &str| given(name).map_or(Ok(1.0), |_| number(element, text(name)?));
     match kind {
         "uniform" => Ok([optional("value")? as f32; 3]),
-        "d65" => Ok([optional("scale")? as f32; 3]),
+        "d65" => {
+            let color = given("color").filter(|color| color.tag != "spectrum").map_or(Ok([1.0; 3]), triple)?;
+            let scale = optional("scale")? as f32;
+            Ok(color.map(|channel| scale * channel))
+        }
         "rgb" | "srgb" => given("color").or(given("value")).map_or(Ok([1.0; 3]), triple),
         "blackbody" => black_body(element, text("temperature")?, optional("scale")?, purpose),
         "regular" => {

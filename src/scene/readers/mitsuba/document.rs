@@ -179,11 +179,11 @@ impl Source<'_> {
     fn include(&mut self, element: &Element) -> Result<Vec<Element>> {
         element.only_attributes(&["filename"])?;
         element.no_children()?;
-        let path = match path::resolve(self.root, element.required("filename")?, &element.place) {
-            // Many scenes share the settings of integrators, which lie beside their folders.
+        let file = element.required("filename")?;
+        let path = match path::resolve(self.root, file, &element.place) {
             Err(error @ Error::Malformed { .. }) => {
                 self.warnings.push(format!("{error}: the include is left out"));
-                return Ok(Vec::new());
+                return Ok(self.integrator_of(file, element));
             }
             other => other?,
         };
@@ -195,6 +195,19 @@ impl Source<'_> {
             return Err(element.malformed(format!("includes are nested more than {DEEPEST} deep")));
         }
         Ok(self.file(&path)?.children)
+    }
+
+    /// What stands in for an include that is left out: many scenes share the settings of integrators, which lie beside their folders and
+    /// take the depth from a name.
+    fn integrator_of(&self, file: &str, element: &Element) -> Vec<Element> {
+        let depth = ["maxDepth", "max_depth", "depth"].into_iter().find_map(|name| self.defaults.get(name));
+        let Some(depth) = depth.filter(|_| file.to_ascii_lowercase().contains("integrator")) else { return Vec::new() };
+        let (mut integrator, mut limit) = (element.like("integrator"), element.like("integer"));
+        integrator.set("type", "path".to_owned());
+        limit.set("name", "max_depth".to_owned());
+        limit.set("value", depth.clone());
+        integrator.children.push(limit);
+        vec![integrator]
     }
 
     /// Replaces `$name`; where several names fit, the longest. `\$` stands for the sign itself.

@@ -12,7 +12,7 @@ use super::element::Element;
 use super::object::{Object, kind};
 
 /// All of them, to find slips of the pen.
-pub(super) const KINDS: [&str; 27] = [
+pub(super) const KINDS: [&str; 28] = [
     "diffuse",
     "conductor",
     "roughconductor",
@@ -30,6 +30,7 @@ pub(super) const KINDS: [&str; 27] = [
     "blendbsdf",
     "mixturebsdf",
     "roughdiffuse",
+    "difftrans",
     "phong",
     "ward",
     "coating",
@@ -91,6 +92,11 @@ impl<'a> Reader<'a> {
             "principledthin" => self.principled_thin(element),
             "blendbsdf" | "mixturebsdf" => self.blend(element),
             "roughdiffuse" => self.rough_diffuse(element),
+            "difftrans" => {
+                let object = Object::new(element, &self.ids, &["transmittance"], &[])?;
+                let transmittance = self.texture(&object, "transmittance", 0.5)?;
+                Ok(MaterialFile::Translucent { reflectance: TextureFile::rgb([0.0; 3]), transmittance })
+            }
             "phong" | "ward" => self.glossy(element),
             "coating" | "roughcoating" => self.coating(element),
             "hair" => self.hair(element),
@@ -182,17 +188,19 @@ impl<'a> Reader<'a> {
         let known = [&ROUGHNESS[..], &METAL].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;
         let (eta, k) = metal_index(&object)?;
-        let (alpha, distribution) = self.roughness(&object)?;
+        let Roughness { alpha, factor, distribution } = self.roughness(&object)?;
         let specular_reflectance = self.texture(&object, "specular_reflectance", 1.0)?;
-        Ok(MaterialFile::RoughConductor { alpha, distribution, eta, k, specular_reflectance })
+        let metal = MaterialFile::RoughConductor { alpha, distribution, eta, k, specular_reflectance };
+        Ok(metal.roughened(factor))
     }
 
     pub(super) fn plastic(&mut self, element: &'a Element, rough: bool) -> Result<MaterialFile> {
         let own = ["int_ior", "ext_ior", "diffuse_reflectance", "specular_reflectance", "nonlinear"];
         let known = [if rough { &ROUGHNESS[..] } else { &[] }, &own].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;
-        let (alpha, distribution) = if rough { self.roughness(&object)? } else { (0.0, Distribution::default()) };
-        Ok(MaterialFile::Plastic {
+        let Roughness { alpha, factor, distribution } =
+            if rough { self.roughness(&object)? } else { Roughness::default() };
+        let plastic = MaterialFile::Plastic {
             alpha,
             distribution,
             int_ior: index(&object, "int_ior", "polypropylene")?,
@@ -200,7 +208,8 @@ impl<'a> Reader<'a> {
             diffuse_reflectance: self.texture(&object, "diffuse_reflectance", 0.5)?,
             specular_reflectance: self.texture(&object, "specular_reflectance", 1.0)?,
             nonlinear: object.boolean("nonlinear")?.unwrap_or(false),
-        })
+        };
+        Ok(plastic.roughened(factor))
     }
 
     fn dielectric(&mut self, element: &'a Element) -> Result<MaterialFile> {
@@ -209,25 +218,34 @@ impl<'a> Reader<'a> {
         let known = [if kind == "roughdielectric" { &ROUGHNESS[..] } else { &[] }, &own].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;
         let [int_ior, ext_ior] = [index(&object, "int_ior", "bk7")?, index(&object, "ext_ior", "air")?];
+        let mut varying = None;
         let clear = match kind {
             "thindielectric" => MaterialFile::ThinDielectric { int_ior, ext_ior },
             "roughdielectric" => {
-                let (alpha, distribution) = self.roughness(&object)?;
+                let Roughness { alpha, factor, distribution } = self.roughness(&object)?;
+                varying = factor;
                 MaterialFile::RoughDielectric { alpha, distribution, int_ior, ext_ior }
             }
             _ => MaterialFile::Dielectric { int_ior, ext_ior },
         };
         let specular_reflectance = self.texture(&object, "specular_reflectance", 1.0)?;
         let specular_transmittance = self.texture(&object, "specular_transmittance", 1.0)?;
-        Ok(clear.tinted(specular_reflectance, specular_transmittance))
+        Ok(clear.tinted(specular_reflectance, specular_transmittance).roughened(varying))
     }
 
-    /// Roughness and distribution.
-    pub(super) fn roughness(&mut self, object: &Object<'a>) -> Result<(f32, Distribution)> {
+    /// The roughness of facets.
+    pub(super) fn roughness(&mut self, object: &Object<'a>) -> Result<Roughness> {
         let element = object.element;
         object.boolean("sample_visible")?;
+        let mut factor = None;
+        if let Some(property) = object.property("alpha").filter(|property| property.tag == "texture") {
+            factor = Some(self.texture_object(property)?).filter(|texture| !matches!(texture, TextureFile::Rgb { .. }));
+        }
         let mut alpha = |name: &str| -> Result<Option<f32>> {
             let Some(property) = object.property(name) else { return Ok(None) };
+            if factor.is_some() && name == "alpha" {
+                return Ok(Some(1.0));
+            }
             if property.tag == "texture" {
                 let texture = self.texture_object(property)?;
                 return Ok(Some(luminance(self.mean(&texture, property, name)?.into())));
@@ -254,8 +272,17 @@ impl<'a> Reader<'a> {
             }
             other => return Err(element.unsupported(format!("distribution \"{other}\""), &["beckmann", "ggx"])),
         };
-        Ok((alpha, distribution))
+        Ok(Roughness { alpha, factor, distribution })
     }
+}
+
+/// The roughness of facets.
+#[derive(Default)]
+pub(super) struct Roughness {
+    pub alpha: f32,
+    /// Factor on it, where it varies.
+    factor: Option<TextureFile>,
+    distribution: Distribution,
 }
 
 /// The properties of a metal.

@@ -114,6 +114,8 @@ struct Reader<'a> {
     warnings: Vec<String>,
     /// Pictures that were found to be missing.
     absent: Vec<Absent>,
+    /// Meshes that no file has.
+    held: Held,
     /// Sensors read so far.
     sensors: usize,
     /// Folders in which files are looked for beside the scene's own.
@@ -141,6 +143,7 @@ impl<'a> Reader<'a> {
             places: Places::new(path),
             warnings: Vec::new(),
             absent: Vec::new(),
+            held: Held::default(),
             sensors: 0,
             search: Vec::new(),
             has_integrator: false,
@@ -237,8 +240,8 @@ impl<'a> Reader<'a> {
             self.warn(scene, "the scene has no sensor: one that shows everything is used");
             self.frame_everything();
         }
-        let Self { file, places, mut warnings, absent, ids, .. } = self;
+        let Self { file, places, mut warnings, absent, held, ids, .. } = self;
         warnings.extend(ids.unused.into_warnings());
-        Ok(Read { file, places, warnings, absent, held: Held::default() })
+        Ok(Read { file, places, warnings, absent, held })
     }
 }

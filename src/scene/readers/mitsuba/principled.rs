@@ -3,6 +3,7 @@
 use crate::base::Result;
 use crate::materials::texture::luminance;
 use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile};
+use crate::scene::readers::mixable::mixable;
 
 use super::Reader;
 use super::element::{Element, numbers};
@@ -91,11 +92,14 @@ impl<'a> Reader<'a> {
             return Err(element.unsupported(what, &["two bsdfs"]));
         };
         let weight = self.texture(&object, "weight", 0.5)?;
-        let materials = [
-            self.nested(first, |reader| reader.material(first))?,
-            self.nested(second, |reader| reader.material(second))?,
-        ];
+        let materials = [self.part(first)?, self.part(second)?];
         Ok(MaterialFile::Blend { weight, materials: Box::new(materials) })
+    }
+
+    /// A material that is mixed with others.
+    fn part(&mut self, element: &'a Element) -> Result<MaterialFile> {
+        let material = self.nested(element, |reader| reader.material(element))?;
+        Ok(mixable(material, |what| self.warn(element, what)))
     }
 
     /// Any number of materials by constant weights, as blends of blends.
@@ -116,7 +120,7 @@ impl<'a> Reader<'a> {
         }
         let (mut mixed, mut above) = (None, 0.0);
         for (inner, weight) in object.nested.iter().zip(weights) {
-            let material = self.nested(inner, |reader| reader.material(inner))?;
+            let material = self.part(inner)?;
             above += weight;
             mixed = Some(match mixed {
                 None => material,

@@ -1,11 +1,13 @@
 //! Shapes and the meshes that they share.
 
-use glam::{DMat4, DVec3};
+use glam::{DMat4, DVec3, Vec3};
 
 use crate::base::{Error, Result};
+use crate::geometry::mesh::Mesh;
 use crate::scene::file::{GeometryFile, MaterialFile, MeshFile, ShapeFile, TextureFile};
 use crate::scene::readers::builtin::SEGMENTS;
 use crate::scene::readers::frames::rounded;
+use crate::scene::readers::revolved::{is_uniform, sphere_mesh};
 
 use super::Reader;
 use super::element::Element;
@@ -93,7 +95,11 @@ impl<'a> Reader<'a> {
         let [interior, exterior] = self.media(element, &format!("shape {index}"), ["interior", "exterior"])?;
         let (to_world, name) =
             (rounded(outer * placement(&object)?), element.attribute("id").unwrap_or_default().to_owned());
-        let flip_normals = object.boolean("flip_normals")?.unwrap_or(false) != mirrored_sphere(&object, outer)?;
+        let is_sphere = kind(element)? == "sphere";
+        let is_uneven = is_sphere && !is_uniform(&(outer * placement(&object)?));
+        // Mitsuba turns mirrored spheres inside out; here the front of a sphere stays the front, and that of its mesh does not.
+        let is_mirrored = is_sphere && !is_uneven && (outer * placement(&object)?).determinant() < 0.0;
+        let flip_normals = object.boolean("flip_normals")?.unwrap_or(false) != is_mirrored;
         let place = instance.map_or(element, |(instance, _)| instance).place.clone();
         for Faces { of, material } in self.faces(&object)? {
             let index = self.file.shapes.len();
@@ -104,7 +110,7 @@ impl<'a> Reader<'a> {
                 interior: interior.clone(),
                 exterior: exterior.clone(),
                 name: name.clone(),
-                geometry: self.geometry(&object, of)?,
+                geometry: self.geometry(&object, of, is_uneven)?,
                 to_world,
                 flip_normals,
                 material: self.material_of(&object, material, emission.is_some(), index)?,
@@ -117,15 +123,25 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// The geometry of a shape; of an OBJ file the faces of some `materials`, or all.
-    fn geometry(&mut self, object: &Object<'a>, materials: Vec<String>) -> Result<GeometryFile> {
+    /// The geometry of a shape; of an OBJ file the faces of some `materials`, or all; a sphere that is scaled unevenly as a mesh.
+    fn geometry(&mut self, object: &Object<'a>, materials: Vec<String>, is_uneven: bool) -> Result<GeometryFile> {
         let face_normals = object.boolean("face_normals")?.unwrap_or(false);
         let file = || object.required_string("filename").map(|file| self.located(file));
         let mesh = match kind(object.element)? {
             "sphere" => {
                 let center = object.vector("center")?.unwrap_or([0.0; 3]).map(|x| x as f32);
                 let radius = object.float("radius")?.unwrap_or(1.0) as f32;
-                return Ok(GeometryFile::Sphere { center, radius });
+                if !is_uneven {
+                    return Ok(GeometryFile::Sphere { center, radius });
+                }
+                self.warn(
+                    object.element,
+                    format_args!("a sphere that is scaled unevenly is made of {SEGMENTS} flat parts around"),
+                );
+                let part = format!("sphere of radius {radius} at {center:?}");
+                let sphere = || placed_sphere(radius, center.into());
+                self.held.meshes.entry(part.clone()).or_insert_with(sphere);
+                MeshFile::Held { part }
             }
             "obj" => {
                 let flip_v = !object.boolean("flip_tex_coords")?.unwrap_or(true);
@@ -228,10 +244,12 @@ fn placement(object: &Object) -> Result<DMat4> {
     Ok(to_world * local)
 }
 
-/// Whether a transform mirrors a sphere: Mitsuba then turns it inside out; here the front stays the front.
-fn mirrored_sphere(object: &Object, outer: DMat4) -> Result<bool> {
-    let to_world = outer * object.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
-    Ok(to_world.determinant() < 0.0 && kind(object.element)? == "sphere")
+/// A sphere as a mesh, with the texture coordinates of a sphere.
+fn placed_sphere(radius: f32, center: Vec3) -> Mesh {
+    let mut mesh = sphere_mesh(f64::from(radius));
+    mesh.positions.iter_mut().for_each(|position| *position += center);
+    mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+    mesh
 }
 
 fn mesh_name(mesh: &MeshFile) -> String {
@@ -244,6 +262,7 @@ fn mesh_name(mesh: &MeshFile) -> String {
         MeshFile::Ply { file, face_normals, flip_v, .. } => (flipped(file, *flip_v), *face_normals),
         MeshFile::Serialized { file, index, face_normals } => (format!("{file} {index}"), *face_normals),
         MeshFile::Rectangle => ("rectangle".to_owned(), false),
+        MeshFile::Held { part } => (part.clone(), false),
         MeshFile::Disk => ("disk".to_owned(), false),
         MeshFile::Cylinder => ("cylinder".to_owned(), false),
         _ => ("cube".to_owned(), false),

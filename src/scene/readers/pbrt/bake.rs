@@ -107,6 +107,28 @@ impl Reader {
         self.baked(picture, &mark, place, |pixel| (pixel * scale).lerp(color, part))
     }
 
+    /// The texture with every colour of it changed.
+    pub(super) fn changed(
+        &mut self,
+        texture: TextureFile,
+        mark: &str,
+        place: &Place,
+        change: impl Fn(Vec3) -> Vec3 + Sync,
+    ) -> Result<TextureFile> {
+        let color = |color: [f32; 3]| change(Vec3::from_array(color)).to_array();
+        match texture {
+            TextureFile::Rgb { value } => Ok(TextureFile::rgb(color(value))),
+            TextureFile::Checkerboard { color0, color1, to_uv } => {
+                Ok(TextureFile::Checkerboard { color0: color(color0), color1: color(color1), to_uv })
+            }
+            TextureFile::Bitmap { file, to_uv, raw, scale, wrap, filter } => {
+                let picture = TextureFile::Bitmap { file, to_uv, raw, scale: 1.0, wrap, filter };
+                self.baked(picture, &format!("{mark}, scale {scale}"), place, |pixel| change(pixel * scale))
+            }
+            attribute @ TextureFile::Attribute { .. } => Ok(attribute),
+        }
+    }
+
     /// The picture with every pixel changed. One that is not there stays as it is, to be told of with the others.
     pub(super) fn baked(
         &mut self,

@@ -6,6 +6,7 @@ use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile};
 use super::Reader;
 use super::materials::{ROUGHNESS, clear, mirror, plastic};
 use super::parameters::Parameters;
+use super::roughness::Roughness;
 use super::textures::Values;
 
 /// Largest reflectance of a coat at normal incidence: its index would grow without bound otherwise.
@@ -18,26 +19,35 @@ impl Reader {
             "matte" => self.diffuse(parameters, "Kd")?,
             "metal" => {
                 let metal = self.metal(parameters, ["eta", "k", "reflectance"])?;
-                metal.surface(self.roughness(parameters, ROUGHNESS, 0.01)?)
+                let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.01)?;
+                metal.surface(alpha).roughened(factor)
             }
             "mirror" => mirror(self.albedo(parameters, "Kr", 0.9)?),
             "glass" => {
                 let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
-                let material = clear(self.roughness(parameters, ROUGHNESS, 0.0)?, int_ior);
-                material.tinted(self.albedo(parameters, "Kr", 1.0)?, self.albedo(parameters, "Kt", 1.0)?)
+                let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.0)?;
+                let tinted = clear(alpha, int_ior)
+                    .tinted(self.albedo(parameters, "Kr", 1.0)?, self.albedo(parameters, "Kt", 1.0)?);
+                tinted.roughened(factor)
             }
             "plastic" => {
                 self.relation(parameters, kind, "a coat over a diffuse base");
                 let diffuse = self.albedo(parameters, "Kd", 0.25)?;
                 let specular = self.albedo(parameters, "Ks", 0.25)?;
-                plastic(self.roughness(parameters, ROUGHNESS, 0.1)?, 1.5, diffuse, specular)
+                let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.1)?;
+                plastic(alpha, 1.5, diffuse, specular).roughened(factor)
             }
             "substrate" => self.substrate(parameters)?,
             "uber" => self.uber(parameters)?,
             "translucent" => {
-                self.relation(parameters, kind, "a diffuse surface with holes");
-                parameters.ignore(&["Kd", "Ks", "roughness", "remaproughness"]);
-                self.diffuse_transmission(parameters, ["reflect", "transmit"], 0.5)?
+                self.relation(parameters, kind, "a diffuse sheet without gloss");
+                parameters.ignore(&["Ks", "roughness", "remaproughness"]);
+                let base = self.albedo(parameters, "Kd", 0.25)?;
+                let mut part = |name: &'static str| -> Result<TextureFile> {
+                    let part = self.albedo(parameters, name, 0.5)?;
+                    self.product(base.clone(), part, &parameters.place)
+                };
+                MaterialFile::Translucent { reflectance: part("reflect")?, transmittance: part("transmit")? }
             }
             "disney" => self.disney(parameters)?,
             _ => return Ok(None),
@@ -57,9 +67,9 @@ impl Reader {
         let most = color.iter().fold(f32::MIN_POSITIVE, |most, channel| most.max(*channel));
         // Fresnel's equations at normal incidence, solved for the index.
         let root = most.clamp(0.0, MOST_SPECULAR).sqrt();
-        let alpha = self.roughness(parameters, ROUGHNESS, 0.1)?;
+        let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.1)?;
         let tint = TextureFile::rgb(color.map(|channel| channel / most));
-        Ok(plastic(alpha, (1.0 + root) / (1.0 - root), diffuse, tint))
+        Ok(plastic(alpha, (1.0 + root) / (1.0 - root), diffuse, tint).roughened(factor))
     }
 
     /// Whatever is strongest: clear, or a coat over a diffuse base.
@@ -68,7 +78,7 @@ impl Reader {
         let [kd, kt] = [self.strength(parameters, "Kd", 0.25)?, self.strength(parameters, "Kt", 0.0)?];
         let [ks, kr] = [self.strength(parameters, "Ks", 0.25)?, self.strength(parameters, "Kr", 0.0)?];
         let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
-        let rough = self.roughness(parameters, ROUGHNESS, 0.1)?;
+        let rough = self.even_roughness(parameters, ROUGHNESS, 0.1)?;
         let material = if kt > kd {
             clear(0.0, int_ior).tinted(self.albedo(parameters, "Kr", 0.0)?, self.albedo(parameters, "Kt", 0.0)?)
         } else {

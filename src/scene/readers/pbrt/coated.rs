@@ -8,7 +8,7 @@ use crate::scene::readers::conductors::reflectance_of;
 use super::Reader;
 use super::materials::{ROUGHNESS, plastic};
 use super::parameters::Parameters;
-use super::roughness::Metal;
+use super::roughness::{Metal, Roughness};
 use super::textures::Values;
 
 impl Reader {
@@ -17,8 +17,8 @@ impl Reader {
         let diffuse = self.albedo(parameters, "reflectance", 0.5)?;
         self.coat(parameters, ["thickness", "g", "albedo"])?;
         let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
-        let alpha = self.roughness(parameters, ROUGHNESS, 0.0)?;
-        Ok(plastic(alpha, int_ior, diffuse, TextureFile::rgb([1.0; 3])))
+        let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.0)?;
+        Ok(plastic(alpha, int_ior, diffuse, TextureFile::rgb([1.0; 3])).roughened(factor))
     }
 
     /// What lies between the coat and the base.
@@ -37,9 +37,9 @@ impl Reader {
         self.warn(&parameters.place, "a coatedconductor is read as a metal and a mirror, mixed");
         self.coat(parameters, ["thickness", "g", "albedo"])?;
         let names = ["interface.roughness", "interface.uroughness", "interface.vroughness"];
-        let coat = self.roughness(parameters, names, 0.0)?;
+        let coat = self.even_roughness(parameters, names, 0.0)?;
         let names = ["conductor.roughness", "conductor.uroughness", "conductor.vroughness"];
-        let base = self.roughness(parameters, names, 0.0)?;
+        let base = self.even_roughness(parameters, names, 0.0)?;
         parameters.ignore(&["interface.thickness"]);
         let index = self.index(parameters, ["interface.eta", "eta"], 1.5)?;
         let Metal { eta, k, tint } = self.metal(parameters, ["conductor.eta", "conductor.k", "reflectance"])?;
@@ -64,8 +64,8 @@ impl Reader {
         };
         parameters.ignore(&["mfp", "g", "scale", "Kr", "Kt", "sigma_a", "sigma_s", "name", "preset"]);
         let int_ior = self.index(parameters, ["eta", "index"], 1.33)?;
-        let alpha = self.roughness(parameters, ROUGHNESS, 0.0)?;
-        Ok(plastic(alpha, int_ior, diffuse, TextureFile::rgb([1.0; 3])))
+        let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.0)?;
+        Ok(plastic(alpha, int_ior, diffuse, TextureFile::rgb([1.0; 3])).roughened(factor))
     }
 
     /// Albedo of a half space that absorbs and scatters like this, without its surface (van de Hulst 1980, §14.4).

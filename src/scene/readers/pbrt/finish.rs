@@ -5,6 +5,7 @@ use std::path::Path;
 use crate::base::{Error, Place, Result};
 use crate::scene::file::{LightFile, MaterialFile, SceneFile, TextureFile};
 use crate::scene::readers::Read;
+use crate::scene::readers::mixable::mixable;
 
 use super::{DEFAULT_MATERIAL, Reader};
 
@@ -92,31 +93,12 @@ impl Reader {
                 return Err(Error::malformed(place, format!("there is no material \"{part}\" to be mixed")));
             }
             let material = self.resolved(part, depth + 1)?;
-            parts.push(self.plain(material, &place));
+            parts.push(mixable(material, |what| self.warn(&place, what)));
         }
         let (Some(second), Some(first)) = (parts.pop(), parts.pop()) else {
             return Err(Error::malformed(place, "a mix needs two materials"));
         };
         self.mixed([first, second], mix.amount, &place)
-    }
-
-    /// A material that can be mixed: without holes and bumps.
-    fn plain(&mut self, material: MaterialFile, place: &Place) -> MaterialFile {
-        match material {
-            MaterialFile::Mask { material, .. } => {
-                self.warn(place, "holes of what is mixed are left out");
-                self.plain(*material, place)
-            }
-            MaterialFile::BumpMap { material, .. } | MaterialFile::NormalMap { material, .. } => {
-                self.warn(place, "bumps of what is mixed are left out");
-                self.plain(*material, place)
-            }
-            MaterialFile::TwoSided { material } => match self.plain(*material, place) {
-                two_sided if two_sided.is_two_sided() => two_sided,
-                material => MaterialFile::TwoSided { material: Box::new(material) },
-            },
-            other => other,
-        }
     }
 
     /// Two materials mixed; one that is no surface leaves holes.

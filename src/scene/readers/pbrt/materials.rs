@@ -5,7 +5,7 @@ use crate::scene::file::{Distribution, Filter, MaterialFile, TextureFile, Wrap};
 
 use super::finish::Mix;
 use super::parameters::Parameters;
-use super::roughness::Metal;
+use super::roughness::{Metal, Roughness};
 use super::textures::Values;
 use super::{DEFAULT_MATERIAL, Reader};
 
@@ -70,7 +70,8 @@ impl Reader {
             "coateddiffuse" => self.coated_diffuse(parameters)?,
             "conductor" => {
                 let metal = self.metal(parameters, ["eta", "k", "reflectance"])?;
-                metal.surface(self.roughness(parameters, ROUGHNESS, 0.0)?)
+                let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.0)?;
+                metal.surface(alpha).roughened(factor)
             }
             "coatedconductor" => self.coated_conductor(parameters)?,
             "dielectric" => self.dielectric(parameters)?,
@@ -147,30 +148,23 @@ impl Reader {
             self.warn(&parameters.place, "the tint of a dielectric is left out");
         }
         let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
-        Ok(clear(self.roughness(parameters, ROUGHNESS, 0.0)?, int_ior))
+        let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.0)?;
+        Ok(clear(alpha, int_ior).roughened(factor))
     }
 
-    /// What is diffusely transmitted goes straight on: the part of the light that passes is right, its directions are not.
+    /// A sheet that scatters light to both sides.
     pub(super) fn diffuse_transmission(
         &mut self,
         parameters: &Parameters,
         names: [&'static str; 2],
         default: f32,
     ) -> Result<MaterialFile> {
-        let place = &parameters.place;
-        self.warn(place, "diffuse transmission is read as holes that let as much light pass");
-        let [reflectance, transmittance] =
-            [self.albedo(parameters, names[0], default)?, self.albedo(parameters, names[1], default)?];
-        let scale = parameters.float_or("scale", 1.0)? as f32;
-        let passed = self.mean(&transmittance, place, "what is transmitted")?;
-        let passed = (passed.iter().sum::<f32>() / 3.0 * scale).clamp(0.0, 0.99);
-        let reflected = self.product(reflectance, TextureFile::rgb([scale / (1.0 - passed); 3]), place)?;
-        let diffuse = MaterialFile::Diffuse { reflectance: super::textures::within(reflected) };
-        let material = Box::new(MaterialFile::TwoSided { material: Box::new(diffuse) });
-        Ok(match passed {
-            0.0 => *material,
-            _ => MaterialFile::Mask { opacity: TextureFile::rgb([1.0 - passed; 3]), material },
-        })
+        let scale = TextureFile::rgb([parameters.float_or("scale", 1.0)? as f32; 3]);
+        let mut part = |name: &'static str| -> Result<TextureFile> {
+            let albedo = self.albedo(parameters, name, default)?;
+            Ok(super::textures::within(self.product(albedo, scale.clone(), &parameters.place)?))
+        };
+        Ok(MaterialFile::Translucent { reflectance: part(names[0])?, transmittance: part(names[1])? })
     }
 
     /// Two materials by their names, and the weight of the second.
@@ -226,7 +220,8 @@ fn lets_light_through(material: &MaterialFile) -> bool {
         MaterialFile::Null
         | MaterialFile::Dielectric { .. }
         | MaterialFile::ThinDielectric { .. }
-        | MaterialFile::RoughDielectric { .. } => true,
+        | MaterialFile::RoughDielectric { .. }
+        | MaterialFile::Translucent { .. } => true,
         MaterialFile::Principled(file) => file.spec_trans > 0.0,
         _ => false,
     })

@@ -1,5 +1,7 @@
 //! Roughness, refractive indices and metals.
 
+use glam::Vec3;
+
 use crate::base::Result;
 use crate::materials::texture::luminance;
 use crate::scene::file::{Distribution, MaterialFile, TextureFile};
@@ -41,22 +43,61 @@ impl Metal {
     }
 }
 
+/// The roughness of GGX facets.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Roughness {
+    /// Root mean square slope; 0 is smooth.
+    pub alpha: f32,
+    /// Factor on it, where it varies.
+    pub factor: Option<TextureFile>,
+}
+
 impl Reader {
-    /// Roughness of GGX facets from the parameters for both directions at once, for u and for v.
-    pub(super) fn roughness(&mut self, parameters: &Parameters, names: [&'static str; 3], default: f32) -> Result<f32> {
+    /// Roughness of GGX facets from the parameters for both directions at once, for u and for v. It varies where it is a texture for both.
+    pub(super) fn roughness(
+        &mut self,
+        parameters: &Parameters,
+        names: [&'static str; 3],
+        default: f32,
+    ) -> Result<Roughness> {
         let [both, u, v] = names;
+        let is_even = !parameters.has(u) && !parameters.has(v);
+        match self.texture(parameters, both, Values::Floats)? {
+            Some(texture) if is_even && !matches!(texture, TextureFile::Rgb { .. }) => {
+                let alpha = self.to_alpha(parameters)?;
+                let place = &parameters.place;
+                let factor = self.changed(texture, "as roughness", place, |roughness| {
+                    Vec3::splat(alpha(luminance(roughness).max(0.0)).clamp(0.0, 1.0))
+                })?;
+                Ok(Roughness { alpha: 1.0, factor: Some(factor) })
+            }
+            _ => Ok(Roughness { alpha: self.even_roughness(parameters, names, default)?, factor: None }),
+        }
+    }
+
+    /// What roughness is as the root mean square slope of facets.
+    fn to_alpha(&self, parameters: &Parameters) -> Result<fn(f32) -> f32> {
+        let remapped = parameters.boolean("remaproughness")?.unwrap_or(true);
+        Ok(match (remapped, self.old) {
+            (false, _) => |roughness| roughness,
+            (true, false) => f32::sqrt,
+            (true, true) => old_alpha,
+        })
+    }
+
+    /// The same as one number: of a texture the mean.
+    pub(super) fn even_roughness(
+        &mut self,
+        parameters: &Parameters,
+        [both, u, v]: [&'static str; 3],
+        default: f32,
+    ) -> Result<f32> {
         let both = self.number(parameters, both)?.unwrap_or(default);
         let (u, v) = (self.number(parameters, u)?.unwrap_or(both), self.number(parameters, v)?.unwrap_or(both));
         if u.min(v) < 0.0 {
             return Err(parameters.malformed(format!("the roughness is {}, expected at least 0", u.min(v))));
         }
-        let remapped = parameters.boolean("remaproughness")?.unwrap_or(true);
-        let old = self.old;
-        let [u, v] = [u, v].map(|roughness| match (remapped, old) {
-            (false, _) => roughness,
-            (true, false) => roughness.sqrt(),
-            (true, true) => old_alpha(roughness),
-        });
+        let [u, v] = [u, v].map(self.to_alpha(parameters)?);
         if u != v {
             self.warn(&parameters.place, "anisotropic roughness: the geometric mean of both directions is used");
         }

@@ -8,6 +8,7 @@ use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 use crate::scene::file::{GeometryFile, MeshFile, ShapeFile, TextureFile};
 use crate::scene::readers::frames::rounded;
+use crate::scene::readers::revolved::{is_uniform, sphere_mesh};
 use crate::scene::readers::{mesh, missing};
 
 use super::Reader;
@@ -15,7 +16,7 @@ use super::finish::Masked;
 use super::meshes;
 use super::parameters::Parameters;
 use super::round;
-use super::state::{AreaLight, is_uniform};
+use super::state::AreaLight;
 use super::textures::{Values, within};
 
 /// Most shapes of a scene, those of objects too: a short document with instances must not grow without bound.
@@ -247,7 +248,7 @@ impl Reader {
                 to_world *= upside_down();
                 let name = format!("sphere of radius {radius}");
                 if !self.file.meshes.contains_key(&name) {
-                    self.held.meshes.insert(name.clone(), round::sphere_mesh(f64::from(*radius)));
+                    self.held.meshes.insert(name.clone(), sphere_mesh(f64::from(*radius)));
                 }
                 self.add_file(&name, MeshFile::Held { part: name.clone() }, &piece.place)
             }

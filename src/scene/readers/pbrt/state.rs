@@ -110,12 +110,3 @@ pub fn look_at(eye: DVec3, at: DVec3, up: DVec3) -> Option<DMat4> {
 pub fn linear(m: &DMat4) -> DMat3 {
     DMat3::from_mat4(*m)
 }
-
-/// Whether a transform scales alike in all directions, up to the rounding of numbers with six digits.
-pub fn is_uniform(m: &DMat4) -> bool {
-    let gram = linear(m).transpose() * linear(m);
-    let mean = (gram.x_axis.x + gram.y_axis.y + gram.z_axis.z) / 3.0;
-    let off = gram - DMat3::from_diagonal(DVec3::splat(mean));
-    // Half of what a scene file may be off.
-    off.to_cols_array().iter().all(|x| x.abs() <= 5e-5 * mean)
-}

@@ -1,5 +1,7 @@
 //! Textures, and parameters that may be textures.
 
+use std::path::Path;
+
 use glam::Vec3;
 
 use crate::base::{Error, Place, Result};
@@ -211,7 +213,11 @@ impl Reader {
                 Wrap::Clamp
             }
         };
-        let raw = match parameters.string("encoding")?.unwrap_or("sRGB") {
+        let encoding = parameters.string("encoding")?.unwrap_or("sRGB");
+        let gamma = encoding.strip_prefix("gamma").and_then(|number| number.trim().parse::<f32>().ok());
+        let gamma = gamma.filter(|gamma| gamma.is_finite() && *gamma > 0.0);
+        let raw = match encoding {
+            _ if gamma.is_some() => true,
             "linear" => true,
             "sRGB" | "srgb" => parameters.boolean("gamma")? == Some(false),
             other => {
@@ -221,7 +227,12 @@ impl Reader {
         };
         let scale = parameters.float_or("scale", 1.0)? as f32;
         let to_uv = self.mapping(parameters, 1.0, true)?;
-        let picture = TextureFile::Bitmap { file, to_uv, raw, scale: 1.0, wrap, filter };
+        let mut picture = TextureFile::Bitmap { file, to_uv, raw, scale: 1.0, wrap, filter };
+        // Float formats hold light as it is, whatever the encoding.
+        if let Some(gamma) = gamma.filter(|gamma| *gamma != 1.0 && !is_float_format(name)) {
+            let power = |color: Vec3| color.max(Vec3::ZERO).powf(gamma);
+            picture = self.baked(picture, &format!("to the power of {gamma}"), place, power)?;
+        }
         if parameters.boolean("invert")?.unwrap_or(false) {
             return self.baked(picture, &format!("inverted, scale {scale}"), place, |color| {
                 (Vec3::ONE - color * scale).max(Vec3::ZERO)
@@ -246,6 +257,12 @@ impl Reader {
         let (vs, vd) = if flip { (-vs, 1.0 - vd) } else { (vs, vd) };
         Ok([us, 0.0, ud, 0.0, vs, vd, 0.0, 0.0, 1.0].map(|value| value as f32 + 0.0))
     }
+}
+
+/// Whether a picture's name is that of a format of linear floats.
+fn is_float_format(name: &str) -> bool {
+    let extension = Path::new(name).extension().unwrap_or_default();
+    ["exr", "hdr", "pfm"].iter().any(|float| extension.eq_ignore_ascii_case(float))
 }
 
 /// The texture with its own colours within [0, 1], as pbrt has reflectances.

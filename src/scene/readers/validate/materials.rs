@@ -28,7 +28,7 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
             texture(check, &format!("{key}.texture"), map)?;
             return values(check, &format!("{key}.material"), material);
         }
-        MaterialFile::NormalMap { texture: map, material } => {
+        MaterialFile::NormalMap { texture: map, material } | MaterialFile::RoughnessMap { texture: map, material } => {
             texture(check, &format!("{key}.texture"), map)?;
             return values(check, &format!("{key}.material"), material);
         }
@@ -58,9 +58,11 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
         MaterialFile::PrincipledThin(file) => principled_thin(check, key, file),
         MaterialFile::Null
         | MaterialFile::Diffuse { .. }
+        | MaterialFile::Translucent { .. }
         | MaterialFile::Blend { .. }
         | MaterialFile::BumpMap { .. }
         | MaterialFile::NormalMap { .. }
+        | MaterialFile::RoughnessMap { .. }
         | MaterialFile::TwoSided { .. }
         | MaterialFile::Mask { .. }
         | MaterialFile::Tinted { .. } => Ok(()),
@@ -74,6 +76,12 @@ fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]:
         MaterialFile::Mask { material, .. } if !masked => wrapped(check, key, material, [two_sided, true]),
         MaterialFile::BumpMap { material, .. } | MaterialFile::NormalMap { material, .. } if !material.is_bumped() => {
             wrapped(check, key, material, [two_sided, masked])
+        }
+        MaterialFile::RoughnessMap { material, .. } if material.has_facets() => {
+            wrapped(check, key, material, [two_sided, masked])
+        }
+        MaterialFile::RoughnessMap { .. } => {
+            check.fail(key, "only a rough metal, rough glass or rough plastic has a roughness that varies")
         }
         MaterialFile::BumpMap { .. } | MaterialFile::NormalMap { .. } => {
             check.fail(key, "a bump or normal map inside another")
@@ -109,6 +117,7 @@ fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]:
         | MaterialFile::ThinDielectric { .. }
         | MaterialFile::RoughDielectric { .. }
         | MaterialFile::PrincipledThin(_)
+        | MaterialFile::Translucent { .. }
         | MaterialFile::Tinted { .. }
             if two_sided =>
         {
