@@ -16,6 +16,7 @@ use fanal::render::{GuideMode, RenderSettings, StopRule};
 use serde::Serialize;
 
 use crate::ablation::Ablation;
+use crate::average::average;
 use crate::evaluate::evaluate;
 use crate::likeness::Likeness;
 use crate::loss::Loss;
@@ -64,6 +65,17 @@ enum Command {
         /// The model folder.
         #[arg(long)]
         model: PathBuf,
+    },
+    /// Write the mean of models that were trained on from the same weights.
+    ///
+    /// Example: fanal-training average --model models/default --model models/further -o models/both
+    Average {
+        /// A model folder; at least two.
+        #[arg(long, required = true)]
+        model: Vec<PathBuf>,
+        /// The model folder to write.
+        #[arg(short)]
+        output: PathBuf,
     },
     /// Write a data folder of lobes on the sphere: for trying out the training without a renderer.
     ///
@@ -232,6 +244,7 @@ pub fn run(cli: Cli) -> Result<Ended> {
             print(&statistics, false)?;
         }
         Command::Export { model } => export(&model)?,
+        Command::Average { model, output } => average(&model, &output)?,
         Command::Synthetic { output, trees, seed } => write_synthetic(&output, trees, seed)?,
     }
     Ok(Ended::Whole)

@@ -4,6 +4,7 @@
 
 pub mod ablation;
 pub mod augment;
+pub mod average;
 pub mod backend;
 pub mod batch;
 pub mod cases;
