@@ -1,4 +1,4 @@
-//! Reading pictures: EXR and PNG by their own crates, JPEG, TGA, BMP and HDR (RGBE) by the crate `image`, PFM by our own lines.
+//! Reading pictures: EXR and PNG by their own crates, JPEG, TGA, BMP, WebP, QOI and HDR (RGBE) by the crate `image`, PFM by our own lines.
 
 use std::borrow::Cow;
 use std::io::Cursor;
@@ -44,7 +44,7 @@ pub fn read_texels(path: &Path, raw: bool) -> Result<Texels> {
                 return Err(Error::Unsupported {
                     place: Place::file(path),
                     what: "this picture format".into(),
-                    supported: "EXR, PNG, JPEG, TGA, BMP, HDR and PFM".into(),
+                    supported: "EXR, PNG, JPEG, TGA, BMP, WebP, QOI, HDR and PFM".into(),
                 });
             }
         },
@@ -58,7 +58,7 @@ pub fn read_texels(path: &Path, raw: bool) -> Result<Texels> {
     Ok(texels)
 }
 
-/// Reads the bytes of a PNG or JPEG picture at `place`, with its alpha.
+/// Reads the bytes of a PNG, JPEG or WebP picture at `place`, with its alpha.
 ///
 /// # Errors
 /// [`Error::Limit`], [`Error::Malformed`], [`Error::Unsupported`].
@@ -75,10 +75,19 @@ pub fn read_samples(place: &Place, bytes: &[u8]) -> Result<Samples> {
             };
             Samples::new([width, height], channels, values).ok_or_else(|| wrong_count(place))
         }
+        _ if is_webp(bytes) => {
+            let decoded = decode_other(place, bytes, ImageFormat::WebP)?;
+            let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+            let (channels, values) = match decoded {
+                DynamicImage::ImageRgba8(pixels) => (4, pixels.into_raw()),
+                other => (3, other.into_rgb8().into_raw()),
+            };
+            Samples::new([width, height], channels, Values::Eight(values)).ok_or_else(|| wrong_count(place))
+        }
         _ => Err(Error::Unsupported {
             place: place.clone(),
             what: "this picture format".into(),
-            supported: "PNG and JPEG".into(),
+            supported: "PNG, JPEG and WebP".into(),
         }),
     }
 }
@@ -127,12 +136,18 @@ fn radiance_header(bytes: &[u8]) -> Cow<'_, [u8]> {
     if bytes[..end] == *NAME { Cow::Borrowed(bytes) } else { Cow::Owned([NAME, &bytes[end..]].concat()) }
 }
 
+fn is_webp(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP")
+}
+
 fn other_format(path: &Path, bytes: &[u8]) -> Option<ImageFormat> {
     let named = |extension: &str| path.extension().is_some_and(|other| other.eq_ignore_ascii_case(extension));
     match bytes {
         [0xFF, 0xD8, 0xFF, ..] => Some(ImageFormat::Jpeg),
         [b'B', b'M', ..] => Some(ImageFormat::Bmp),
         [b'#', b'?', ..] => Some(ImageFormat::Hdr),
+        [b'q', b'o', b'i', b'f', ..] => Some(ImageFormat::Qoi),
+        _ if is_webp(bytes) => Some(ImageFormat::WebP),
         _ if named("tga") => Some(ImageFormat::Tga),
         _ => None,
     }

@@ -446,9 +446,12 @@ fn files_beside_the_document() {
     std::fs::write(folder.path().join("a picture.png"), png(1, &[[255, 0, 0, 255]])).unwrap();
     let whole = load(&path).unwrap();
     assert_eq!((whole.images.len(), whole.missing.len()), (1, 0));
+    std::fs::write(folder.path().join("a picture.png"), "GIF89a......").unwrap();
+    let message = load(&path).unwrap_err().to_string();
+    assert!(message.contains("images[0]") && message.contains("PNG, JPEG and WebP"), "{message}");
     std::fs::write(folder.path().join("a picture.png"), "RIFF....WEBP").unwrap();
     let message = load(&path).unwrap_err().to_string();
-    assert!(message.contains("images[0]") && message.contains("PNG and JPEG"), "{message}");
+    assert!(message.contains("images[0]") && message.contains("not a readable picture"), "{message}");
     json["buffers"][0]["uri"] = json!("../outside.bin");
     std::fs::write(&path, json.to_string()).unwrap();
     assert!(load(&path).unwrap_err().to_string().contains("buffers[0]"));

@@ -356,7 +356,16 @@ fn pictures_inside_and_of_other_kinds() {
     let inside = document.add("images", json!({ "uri": inside }));
     let inside = document.add("textures", json!({ "source": inside }));
     // One whose picture only an extension gives.
-    let webp = document.add("textures", json!({ "extensions": { "EXT_texture_webp": { "source": 0 } } }));
+    let basis = document.add("textures", json!({ "extensions": { "KHR_texture_basisu": { "source": 0 } } }));
+    // And one of a format that is read.
+    let webp = document.texture(&{
+        let mut bytes = std::io::Cursor::new(vec![]);
+        let picture = image::RgbaImage::from_pixel(2, 2, image::Rgba([0, 0, 255, 128]));
+        picture.write_to(&mut bytes, image::ImageFormat::WebP).unwrap();
+        bytes.into_inner()
+    });
+    let source = document.json["textures"][webp]["source"].take();
+    document.json["textures"][webp] = json!({ "extensions": { "EXT_texture_webp": { "source": source } } });
     let base = |texture: usize| json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": texture } } });
     document.json["materials"][0] = base(jpeg);
     let found = loaded(&document);
@@ -366,12 +375,22 @@ fn pictures_inside_and_of_other_kinds() {
     close(&pixels(&found, &principled(&material(&found)).base_color), &[[1.0, 0.0, 0.0]]);
     document.json["materials"][0] = base(webp);
     document.json["extensionsUsed"] = json!(["EXT_texture_webp"]);
+    document.json["extensionsRequired"] = json!(["EXT_texture_webp"]);
     let found = loaded(&document);
-    assert!(warns(&found, "format of an extension") && warns(&found, "EXT_texture_webp is left out"));
+    assert!(!warns(&found, "webp"), "{:?}", found.warnings);
+    close(&pixels(&found, &principled(&material(&found)).base_color), &[[0.0, 0.0, 1.0]; 4]);
+    document.json["materials"][0]["alphaMode"] = json!("BLEND");
+    let MaterialFile::Mask { opacity, .. } = material(&loaded(&document)) else { panic!("holes by its alpha") };
+    close(&pixels(&loaded(&document), &opacity), &[[128.0 / 255.0; 3]; 4]);
+    document.json.as_object_mut().unwrap().remove("extensionsRequired");
+    document.json["materials"][0] = base(basis);
+    document.json["extensionsUsed"] = json!(["KHR_texture_basisu"]);
+    let found = loaded(&document);
+    assert!(warns(&found, "format of an extension") && warns(&found, "KHR_texture_basisu is left out"));
     assert_eq!(principled(&material(&found)).base_color, rgb([1.0; 3]));
-    document.json["extensionsRequired"] = json!(["EXT_texture_webp", "KHR_draco_mesh_compression"]);
+    document.json["extensionsRequired"] = json!(["KHR_texture_basisu", "KHR_draco_mesh_compression"]);
     let message = refused(&document, "not read");
-    assert!(message.contains("EXT_texture_webp, KHR_draco_mesh_compression is not supported"), "{message}");
+    assert!(message.contains("KHR_draco_mesh_compression, KHR_texture_basisu is not supported"), "{message}");
     assert!(message.contains("KHR_texture_transform"), "{message}");
     let TextureFile::Bitmap { to_uv, .. } = principled(&material(&{
         document.json.as_object_mut().unwrap().remove("extensionsRequired");

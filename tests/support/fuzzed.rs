@@ -196,7 +196,7 @@ pub fn reader(name: &str, folder: &Path) -> Reader {
             Reader::new("image_png", "image.png", pngs(&file("grey.png")), 20_000, used("grey.png"))
                 .with(Container::Png, "IHDR PLTE IDAT IEND tRNS gAMA acTL fcTL fdAT cHRM iCCP sRGB eXIf")
         }
-        "image_other" => Reader::new("image_other", "image.tga", pictures(), 17_000, used("grey.png"))
+        "image_other" => Reader::new("image_other", "image.tga", pictures(), 20_000, used("grey.png"))
             .with(Container::Plain, "#?RADIANCE FORMAT=32-bit_rle_rgbe EXPOSURE= -Y +X BM TRUEVISION-XFILE."),
         "shard" => {
             let path = folder.join("good");
@@ -332,10 +332,11 @@ fn pictures() -> Vec<Vec<u8>> {
         bytes.into_inner()
     };
     let grey = DynamicImage::ImageRgb8(rgb.clone()).to_luma8();
-    let mut seeds: Vec<_> = [ImageFormat::Jpeg, ImageFormat::Bmp, ImageFormat::Tga]
+    let mut seeds: Vec<_> = [ImageFormat::Jpeg, ImageFormat::Bmp, ImageFormat::Tga, ImageFormat::WebP]
         .into_iter()
         .flat_map(|format| [encode(rgb.clone().into(), format), encode(grey.clone().into(), format)])
         .collect();
+    seeds.push(encode(rgb.clone().into(), ImageFormat::Qoi));
     seeds.push(encode(DynamicImage::ImageRgb8(rgb).to_rgb32f().into(), ImageFormat::Hdr));
     seeds.push(std::fs::read(root().join("tests/support/museum/bumps.tga")).unwrap());
     let numbers = (0..3 * 16 * 12).flat_map(|i| (i as f32 / 64.0).to_le_bytes());

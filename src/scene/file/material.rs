@@ -13,7 +13,7 @@ pub enum TextureFile {
         /// Linear RGB.
         value: [f32; 3],
     },
-    /// A picture (EXR, PNG, JPEG, TGA, BMP, HDR, PFM) over the texture coordinates; (0, 0) is its top left.
+    /// A picture (EXR, PNG, JPEG, TGA, BMP, WebP, QOI, HDR, PFM) over the texture coordinates; (0, 0) is its top left.
     Bitmap {
         /// Path relative to the scene file.
         file: String,

@@ -6,8 +6,9 @@ use super::document::Document;
 use super::warnings::Warnings;
 
 /// Extensions that are read, at least in part.
-const READ: [&str; 13] = [
+const READ: [&str; 14] = [
     "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",
     "KHR_lights_punctual",
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",

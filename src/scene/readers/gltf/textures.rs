@@ -152,15 +152,19 @@ impl Textures<'_> {
     }
 }
 
-/// Index of the picture of a texture that the part `user` uses; none where only an extension gives one.
+/// Index of the picture of a texture that the part `user` uses, which may be a WebP picture (`EXT_texture_webp`); none where only another
+/// extension gives one.
 ///
 /// # Errors
 /// [`Error::Malformed`](crate::base::Error::Malformed) for a texture or picture that is not there.
 pub fn picture(document: &Document, reference: &Reference, user: &str) -> Result<Option<usize>> {
     let texture = document.at(&document.root.textures, "textures", reference.texture, user)?;
-    let source = texture.source.value();
+    let mut source = texture.source.value();
     if source == u32::MAX as usize {
-        return Ok(None);
+        let webp = texture.extensions.as_ref().and_then(|all| all.others.get("EXT_texture_webp"));
+        let index = webp.and_then(|webp| webp.get("source")).and_then(|source| source.as_u64());
+        let Some(index) = index else { return Ok(None) };
+        source = usize::try_from(index).unwrap_or(usize::MAX);
     }
     document.at(&document.root.images, "images", source, &format!("textures[{}]", reference.texture))?;
     Ok(Some(source))
