@@ -165,7 +165,7 @@ impl Scene {
     ) -> Passage {
         let end = if meets { End::Surface } else { End::Background };
         let mut passage = Passage { end, weight: Vec3::ONE, glow: Vec3::ZERO };
-        if self.has_veils::<E>() && !self.is_plain(segment.ray, meets.then_some(&*surface), medium) {
+        if E::MEDIA || E::MATERIALS && self.has_masks {
             let (mut nearest, random) = (meets.then_some(*surface), &mut segment.random.at(Dimension::SEGMENT));
             if E::MEDIA {
                 passage = self.travel(segment, random, &mut nearest, medium);
@@ -176,15 +176,6 @@ impl Scene {
             nearest.into_iter().for_each(|last| *surface = last);
         }
         passage
-    }
-
-    /// Whether nothing happens on the way to a surface, or to the background, that is met without media, and the surface has no hole:
-    /// most segments even of scenes that have both.
-    #[inline(always)]
-    fn is_plain(&self, ray: &Ray, surface: Option<&Surface>, medium: &mut Option<MediumId>) -> bool {
-        let Some(surface) = surface else { return medium.is_none() };
-        *medium = self.medium_before(surface, ray.direction, *medium);
-        medium.is_none() && self.opacity(surface) >= 1.0
     }
 
     /// Whether something may lie on a shadow ray that lets light through: then [`Scene::transmittance`] is asked instead of whether
