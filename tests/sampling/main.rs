@@ -10,3 +10,4 @@ mod materials;
 mod oracle;
 mod oracle_materials;
 mod oracle_principled;
+mod values;

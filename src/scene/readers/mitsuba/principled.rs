@@ -99,7 +99,7 @@ impl<'a> Reader<'a> {
     /// A material that is mixed with others.
     fn part(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let material = self.nested(element, |reader| reader.material(element))?;
-        Ok(mixable(material, |what| self.warn(element, what)))
+        Ok(mixable(material, &mut |what| self.warn(element, what)))
     }
 
     /// Any number of materials by constant weights, as blends of blends.

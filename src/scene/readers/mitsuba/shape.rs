@@ -93,12 +93,12 @@ impl<'a> Reader<'a> {
         let outer = instance.map_or(DMat4::IDENTITY, |(_, outer)| outer);
         let emission = object.single("emitter")?.map_or(Ok(None), |emitter| self.area_light(emitter))?;
         let [interior, exterior] = self.media(element, &format!("shape {index}"), ["interior", "exterior"])?;
-        let (to_world, name) =
-            (rounded(outer * placement(&object)?), element.attribute("id").unwrap_or_default().to_owned());
+        let placed = outer * placement(&object)?;
+        let (to_world, name) = (rounded(placed), element.attribute("id").unwrap_or_default().to_owned());
         let is_sphere = kind(element)? == "sphere";
-        let is_uneven = is_sphere && !is_uniform(&(outer * placement(&object)?));
+        let is_uneven = is_sphere && !is_uniform(&placed);
         // Mitsuba turns mirrored spheres inside out; here the front of a sphere stays the front, and that of its mesh does not.
-        let is_mirrored = is_sphere && !is_uneven && (outer * placement(&object)?).determinant() < 0.0;
+        let is_mirrored = is_sphere && !is_uneven && placed.determinant() < 0.0;
         let flip_normals = object.boolean("flip_normals")?.unwrap_or(false) != is_mirrored;
         let place = instance.map_or(element, |(instance, _)| instance).place.clone();
         for Faces { of, material } in self.faces(&object)? {

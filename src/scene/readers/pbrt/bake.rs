@@ -29,20 +29,15 @@ impl Reader {
                 (Vec3::from_array(mean), a)
             }
         };
-        let times = |color: [f32; 3]| (Vec3::from_array(color) * factor).to_array();
-        Ok(match texture {
-            TextureFile::Rgb { value } => TextureFile::rgb(times(value)),
-            TextureFile::Checkerboard { color0, color1, to_uv } => {
-                TextureFile::Checkerboard { color0: times(color0), color1: times(color1), to_uv }
-            }
+        match texture {
             TextureFile::Bitmap { file, to_uv, raw, scale, wrap, filter } if factor == Vec3::splat(factor.x) => {
-                TextureFile::Bitmap { file, to_uv, raw, scale: scale * factor.x, wrap, filter }
+                Ok(TextureFile::Bitmap { file, to_uv, raw, scale: scale * factor.x, wrap, filter })
             }
-            picture => {
+            texture => {
                 let mark = format!("times {} {} {}", factor.x, factor.y, factor.z);
-                self.baked(picture, &mark, place, |color| color * factor)?
+                self.changed(texture, &mark, place, |color| color * factor)
             }
-        })
+        }
     }
 
     /// (1 − amount) of the first and `amount` of the second texture.

@@ -93,7 +93,7 @@ impl Reader {
                 return Err(Error::malformed(place, format!("there is no material \"{part}\" to be mixed")));
             }
             let material = self.resolved(part, depth + 1)?;
-            parts.push(mixable(material, |what| self.warn(&place, what)));
+            parts.push(mixable(material, &mut |what| self.warn(&place, what)));
         }
         let (Some(second), Some(first)) = (parts.pop(), parts.pop()) else {
             return Err(Error::malformed(place, "a mix needs two materials"));
