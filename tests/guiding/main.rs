@@ -7,3 +7,4 @@ mod support;
 mod complete_paths;
 mod hard_trees;
 mod learning;
+mod open_pgl;
