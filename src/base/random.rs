@@ -69,25 +69,56 @@ struct Sequence {
 
 const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
 
+#[inline(always)]
 fn mix(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     z ^ (z >> 31)
 }
 
+/// Hashes of a seed, streams and indices. Loops over all, which the compiler turns into vectors.
+#[inline(always)]
+pub fn keys<const N: usize>(seed: u64, streams: &[u64; N], indices: &[u64; N]) -> [u64; N] {
+    let seed = mix(seed.wrapping_add(GOLDEN));
+    let mut keys = [0; N];
+    for ((key, stream), index) in keys.iter_mut().zip(streams).zip(indices) {
+        let stream = mix(seed ^ stream.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(GOLDEN));
+        *key = mix(stream ^ index.wrapping_mul(0xAF25_1AF3_B0F0_25B5).wrapping_add(GOLDEN));
+    }
+    keys
+}
+
 impl Random {
     /// The generator of sample `index` in `stream` (for a camera path: the pixel) under `seed`.
     pub fn new(seed: u64, stream: u64, index: u64) -> Self {
-        let a = mix(seed.wrapping_add(GOLDEN));
-        let b = mix(a ^ stream.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(GOLDEN));
-        let key = mix(b ^ index.wrapping_mul(0xAF25_1AF3_B0F0_25B5).wrapping_add(GOLDEN));
-        Self { key, vertex: 0, state: key, sequence: None }
+        let [random] = Self::many(seed, &[stream], &[index]);
+        random
+    }
+
+    /// [`Random::new`] for many samples.
+    #[inline(always)]
+    pub fn many<const N: usize>(seed: u64, streams: &[u64; N], indices: &[u64; N]) -> [Self; N] {
+        keys(seed, streams, indices).map(|key| Self { key, vertex: 0, state: key, sequence: None })
     }
 
     /// The same generator, with the first numbers from point `point` of the sequences of `family`.
     pub fn in_sequences(self, family: u64, point: u32) -> Self {
-        let sequence = Sequence { key: mix(family.wrapping_add(GOLDEN)), index: point, dimension: 0, end: PER_VERTEX };
-        Self { sequence: Some(sequence), ..self }
+        let [random] = Self::all_in_sequences([self], &[family], &[point]);
+        random
+    }
+
+    /// [`Random::in_sequences`] for many generators.
+    #[inline(always)]
+    pub fn all_in_sequences<const N: usize>(all: [Self; N], families: &[u64; N], points: &[u32; N]) -> [Self; N] {
+        let mut hashes = [0; N];
+        for (hash, family) in hashes.iter_mut().zip(families) {
+            *hash = mix(family.wrapping_add(GOLDEN));
+        }
+        let mut all = all;
+        for ((random, key), index) in all.iter_mut().zip(hashes).zip(points) {
+            random.sequence = Some(Sequence { key, index: *index, dimension: 0, end: PER_VERTEX });
+        }
+        all
     }
 
     /// Begins vertex `depth` of a path, counted from 1.

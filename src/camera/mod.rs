@@ -1,9 +1,10 @@
 //! Cameras: perspective with an optional thin lens, and orthographic.
 
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Mat3A, Vec3};
 
 use crate::base::random::{Dimension, Random};
 use crate::geometry::Ray;
+use crate::math::lanes::{Real, V3};
 use crate::sampling::warp;
 
 /// A camera at the origin of `to_world`, looking along +z, +x to the left of the picture, +y up.
@@ -48,28 +49,46 @@ impl Camera {
     /// Random numbers for the lens; a pinhole needs none and gets its centre.
     #[inline]
     pub fn lens(&self, random: &Random) -> [f32; 2] {
-        if self.aperture_radius > 0.0 { random.at(Dimension::LENS).next_2d() } else { [0.5; 2] }
+        if self.has_lens() { random.at(Dimension::LENS).next_2d() } else { [0.5; 2] }
+    }
+
+    /// Whether rays start in different places of a lens.
+    #[inline]
+    pub fn has_lens(&self) -> bool {
+        self.aperture_radius > 0.0
     }
 
     /// The ray through pixel coordinates `film` (columns from the left, rows from the top), and `lens` in [0, 1)².
     pub fn ray(&self, film: [f32; 2], lens: [f32; 2]) -> Ray {
-        let x = (1.0 - 2.0 * (film[0] + self.shift[0]) / self.size[0]) * self.half[0];
-        let y = (1.0 - 2.0 * (film[1] + self.shift[1]) / self.size[1]) * self.half[1];
-        let through = Vec3::new(x, y, 1.0);
-        let (origin, direction) = if self.orthographic {
-            (Vec3::new(x, y, 0.0), Vec3::Z)
-        } else if self.aperture_radius > 0.0 {
-            let disk = warp::square_to_disk(lens) * self.aperture_radius;
-            let origin = Vec3::new(disk.x, disk.y, 0.0);
-            (origin, through * self.focus_distance - origin)
-        } else {
-            (Vec3::ZERO, through)
-        };
-        Ray {
-            origin: self.to_world.transform_point3(origin),
-            direction: self.to_world.transform_vector3(direction).normalize(),
-        }
+        let (origin, direction) = self.rays(film, lens);
+        Ray { origin: origin.into(), direction: direction.into() }
     }
+
+    /// [`Camera::ray`] in lanes: origins, and unit directions.
+    #[inline(always)]
+    pub(crate) fn rays<R: Real>(&self, film: [R; 2], lens: [R; 2]) -> (V3<R>, V3<R>) {
+        let x = ((film[0] + self.shift[0]) * 2.0 / film[0].all(self.size[0])).rest() * self.half[0];
+        let y = ((film[1] + self.shift[1]) * 2.0 / film[1].all(self.size[1])).rest() * self.half[1];
+        let (zero, one) = (x.all(0.0), x.all(1.0));
+        let through = V3::new(x, y, one);
+        let (origin, direction) = if self.orthographic {
+            (V3::new(x, y, zero), V3::new(zero, zero, one))
+        } else if self.has_lens() {
+            let ([u, v], radius) = (warp::lanes::square_to_disk(lens), x.all(self.aperture_radius));
+            let origin = V3::new(u * radius, v * radius, zero);
+            (origin, through * x.all(self.focus_distance) - origin)
+        } else {
+            (V3::splat(zero), through)
+        };
+        let at = through.all(self.to_world.translation.into());
+        (turned(&self.to_world.matrix3, origin) + at, turned(&self.to_world.matrix3, direction).normalize())
+    }
+}
+
+/// A matrix times a vector.
+#[inline(always)]
+fn turned<R: Real>(&Mat3A { x_axis, y_axis, z_axis }: &Mat3A, v: V3<R>) -> V3<R> {
+    v.all(x_axis.into()) * v.x + v.all(y_axis.into()) * v.y + v.all(z_axis.into()) * v.z
 }
 
 #[cfg(test)]

@@ -71,6 +71,7 @@ impl PixelFilter {
 
     /// Maps uniform numbers in [0, 1)² to a place relative to the pixel's top left corner, in pixels; the identity for a box of
     /// radius 0.5.
+    #[inline(always)]
     pub fn sample(&self, u: [f32; 2]) -> [f32; 2] {
         u.map(|u| {
             let signed = 2.0 * u - 1.0;
@@ -123,6 +124,7 @@ impl Profile {
     }
 
     /// The quantile of `t` in [0, 1].
+    #[inline(always)]
     fn invert(&self, t: f32) -> f32 {
         match self {
             Self::Box => t,

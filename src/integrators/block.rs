@@ -24,27 +24,32 @@ pub struct PathBlock {
 }
 
 impl PathTracer<'_> {
-    /// Traces camera paths; `begin` tells how each begins, always the same.
+    /// Traces camera paths; `begin` adds how those of these numbers begin, always the same.
     pub fn trace_block(
         &self,
         numbers: Range<u64>,
-        begin: impl Fn(u64) -> CameraPath,
+        begin: impl Fn(Range<u64>, &mut Vec<CameraPath>),
         wants_records: bool,
         scratch: &mut PathScratch,
     ) -> PathBlock {
         let mut block = PathBlock::default();
         block.radiance.reserve((numbers.end - numbers.start) as usize);
-        self.trace_all(numbers.clone().map(&begin), wants_records, scratch, &mut block.rays);
+        let mut begun = std::mem::take(&mut scratch.begun);
+        begin(numbers.clone(), &mut begun);
+        self.trace_all(begun.drain(..), wants_records, scratch, &mut block.rays);
         for (index, number) in numbers.enumerate() {
             let before = block.records.len();
             let radiance = self.radiance(index, scratch, wants_records.then_some(&mut block.records));
             if !radiance.is_finite() {
                 // Nothing is learned from it either.
                 block.records.truncate(before);
-                block.lost.push((number, self.explain(begin(number)).cause.unwrap_or(Cause::Overflow)));
+                begin(number..number + 1, &mut begun);
+                let cause = begun.pop().and_then(|path| self.explain(path).cause);
+                block.lost.push((number, cause.unwrap_or(Cause::Overflow)));
             }
             block.radiance.push(radiance);
         }
+        scratch.begun = begun;
         block
     }
 }

@@ -1,6 +1,7 @@
 //! The path tracer: light sampling (next event estimation) with multiple importance sampling, guided directions, Russian roulette, and
 //! records of what each vertex received.
 
+mod background;
 #[allow(unsafe_code, reason = "calls of functions for instructions that were found on this processor")]
 mod batch;
 mod complete;
@@ -23,16 +24,16 @@ use crate::guiding::sample::field::{DirectionGuide, GuideField};
 use crate::guiding::sample::roulette::AdjointRoulette;
 use crate::lights::Light;
 use crate::lights::learned::LightSampling;
-use crate::lights::seen::{ANYWHERE, LightView, facing};
+use crate::lights::seen::{ANYWHERE, facing};
 use crate::materials::medium::MediumId;
 use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::{Material, Variant};
 use crate::math::channel_mean;
-use crate::math::lanes::LANES;
 use crate::sampling::mis;
 use crate::scene::Scene;
 use crate::scene::effects::Effects;
 use crate::scene::media::{End, Expected, Passage, Place, Segment};
+use background::Left;
 use batch::{Connection, Shadows, Towards, Tried, Vertices};
 use shade::{Sampled, Shaded};
 
@@ -222,7 +223,8 @@ pub struct RayCount {
 
 impl PathTracer<'_> {
     /// Takes a path to its next vertex, where it `meets` the `surface`, or behind that; there the surface, or the point of a medium,
-    /// takes its place. `number` and `place` are the indices of path and surface. Returns where it scatters; none where it ends.
+    /// takes its place. `number` and `place` are the indices of path and surface. Returns where it scatters; none where it ends. Those that
+    /// meet nothing are added to `left`.
     #[inline(always)]
     fn arrive<E: Effects, const RECORDS: bool>(
         &self,
@@ -231,6 +233,7 @@ impl PathTracer<'_> {
         meets: bool,
         surface: &mut Surface,
         vertices: &mut Vertices,
+        left: &mut Vec<Left>,
     ) -> Option<Arrival> {
         path.depth += 1;
         path.random.begin_vertex(path.depth);
@@ -243,8 +246,8 @@ impl PathTracer<'_> {
         path.medium = medium;
         let phase = match end {
             End::Background => {
-                path.background = self.background(path).dimmed(passed);
                 path.glow = glow;
+                left.push(Left { path: number, passed });
                 return None;
             }
             End::Surface => None,
@@ -485,20 +488,6 @@ impl PathTracer<'_> {
                 let choice =
                     self.scene.lights.probability(p.point, index, self.lights.odds(p.point)) * p.light_probability;
                 let weight = mis::balance(p.pdf, light.pdf(p.point, surface) * choice);
-                Emission { radiance, weight, connected: true }
-            }
-            _ => Emission { radiance, weight: 1.0, connected: false },
-        }
-    }
-
-    #[inline(always)]
-    fn background(&self, path: &PathState) -> Emission {
-        let facing = path.previous.as_ref().map_or(ANYWHERE, |previous| previous.facing);
-        let sky = LightView { learned: self.lights.sky(), facing: [facing; LANES], odds: None };
-        let (radiance, light_pdf) = self.scene.lights.background(path.ray.direction, &sky);
-        match path.previous {
-            Some(p) if p.light_probability > 0.0 => {
-                let weight = mis::balance(p.pdf, light_pdf * p.light_probability);
                 Emission { radiance, weight, connected: true }
             }
             _ => Emission { radiance, weight: 1.0, connected: false },

@@ -8,8 +8,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::Outcome;
+use super::camera::{CameraSample, first_surface};
 use super::mattes::{self, Matte};
-use super::pass::{CameraSample, first_surface};
 use super::settings::RenderSettings;
 use crate::base::Result;
 use crate::film::PixelFilter;

@@ -8,7 +8,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::pass::{CameraSample, camera_ray};
+use super::camera::{CameraSample, camera_ray};
 use super::settings::RenderSettings;
 use crate::base::Result;
 use crate::base::random::{Dimension, Random};

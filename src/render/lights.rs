@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use super::pass::{CameraSample, camera_ray};
+use super::camera::{CameraSample, camera_ray};
 use super::settings::{RenderSettings, StopRule};
 use crate::film::PixelFilter;
 use crate::integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};

@@ -8,7 +8,7 @@ use std::array;
 use rayon::prelude::*;
 
 use super::Outcome;
-use super::pass::{CameraSample, first_surface};
+use super::camera::{CameraSample, first_surface};
 use super::settings::RenderSettings;
 use crate::base::Result;
 use crate::film::PixelFilter;

@@ -3,6 +3,7 @@
 pub mod aov;
 mod blocks;
 mod budget;
+mod camera;
 pub mod checkpoint;
 mod control;
 mod features;

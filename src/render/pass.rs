@@ -11,13 +11,13 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::camera::{CameraSample, camera_rays};
 use super::learning::{Learning, Records};
 use super::order::{Order, Places, Uneven};
 use super::settings::RenderSettings;
 use super::statistics::{Dropped, Statistics};
-use crate::base::random::{Dimension, Random};
+use crate::base::random::Random;
 use crate::film::{Pass, PixelFilter};
-use crate::geometry::{Ray, Surface};
 use crate::guiding::learn::emission::EmissionGuide;
 use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::GuideField;
@@ -33,9 +33,6 @@ pub const CHUNK: u64 = 1 << 18;
 const BLOCK: u64 = 1 << 10;
 /// Makes the random numbers of light paths differ from those of camera paths.
 const PHOTON_STREAM: u64 = 1 << 63;
-
-/// Makes the sequences of camera paths differ from their independent numbers.
-const SEQUENCE_SEED: u64 = 0x5EED_0F5E_7B0B_0105;
 
 /// Traces a pass.
 pub struct PassTracer<'a> {
@@ -164,10 +161,13 @@ impl PassTracer<'_> {
         let start = range.start;
         let tracer =
             PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field, lights: self.lights };
-        let begin = |index| {
-            let (pixel, sample) = self.camera_sample(index, places);
-            let (ray, random) = camera_ray(self.scene, self.settings, self.filter, sample);
-            CameraPath { ray, random, pixel: self.picture.map(|picture| picture[pixel as usize]) }
+        let begin = |numbers: Range<u64>, paths: &mut Vec<CameraPath>| {
+            let sample = |index| self.camera_sample(index, places).1;
+            let samples = numbers.clone().map(sample);
+            camera_rays(self.scene, self.settings, self.filter, samples, |index, ray, random| {
+                let pixel = places.at(numbers.start + index as u64).0;
+                paths.push(CameraPath { ray, random, pixel: self.picture.map(|picture| picture[pixel as usize]) });
+            });
         };
         let keep = records.is_some();
         let blocks = in_blocks(range, pool, |scratch, numbers| tracer.trace_block(numbers, begin, keep, scratch));
@@ -255,68 +255,4 @@ pub(super) fn in_blocks<S: Default + Send, B: Send>(
     };
     // One by one: workers that took several at once would keep the others waiting at the end.
     (0..count as usize).into_par_iter().with_max_len(1).map(block).collect()
-}
-
-/// One camera sample.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct CameraSample {
-    /// Column and row in the whole picture, or the sheet of several.
-    pub place: [u32; 2],
-    /// Its number among all of the pixel's.
-    pub number: u64,
-    /// The number at which the sequences of its pass begin; none where its random numbers are independent.
-    pub sequences_from: Option<u32>,
-}
-
-impl CameraSample {
-    /// Its random numbers. The even and the odd samples of a pass follow sequences of their own, since each half judges the other
-    /// and must know nothing of it.
-    fn random(&self, seed: u64, pixel: u64) -> Random {
-        let random = Random::new(seed, pixel, self.number);
-        let Some(start) = self.sequences_from.map(u64::from) else { return random };
-        let point = self.number - start;
-        let family = Random::new(seed ^ SEQUENCE_SEED, pixel, 2 * start + point % 2);
-        random.in_sequences(family.key(), (point / 2) as u32)
-    }
-}
-
-/// The ray of a camera sample, and the random numbers that its path goes on with.
-pub(super) fn camera_ray(
-    scene: &Scene,
-    settings: &RenderSettings,
-    filter: &PixelFilter,
-    sample: CameraSample,
-) -> (Ray, Random) {
-    // By its place in its own picture: on a sheet as alone.
-    let (view, film, random) = camera_film(scene, settings, filter, sample);
-    let camera = scene.camera_of(view);
-    (camera.ray(film, camera.lens(&random)), random)
-}
-
-/// The view of a camera sample, its place in the picture of that, and its random numbers.
-pub(super) fn camera_film(
-    scene: &Scene,
-    settings: &RenderSettings,
-    filter: &PixelFilter,
-    sample: CameraSample,
-) -> (usize, [f32; 2], Random) {
-    let [column, row] = sample.place;
-    let (view, within) = scene.view_of(row);
-    let pixel = u64::from(within) * u64::from(scene.size[0]) + u64::from(column);
-    let random = sample.random(settings.seed, pixel);
-    let [dx, dy] = filter.sample(random.at(Dimension::FILM).next_2d());
-    (view, [column as f32 + dx, within as f32 + dy], random)
-}
-
-/// The first surface on the ray of a camera sample, whatever it is made of, with the ray; none where it hits nothing.
-pub(super) fn first_surface(
-    scene: &Scene,
-    settings: &RenderSettings,
-    filter: &PixelFilter,
-    sample: CameraSample,
-) -> Option<(Ray, Surface)> {
-    let (ray, mut random) = camera_ray(scene, settings, filter, sample);
-    random.begin_vertex(1);
-    let surface = scene.trace(&ray, &mut random.at(Dimension::SEGMENT))?;
-    Some((ray, surface))
 }

@@ -1,8 +1,8 @@
 //! Replay of one camera sample, vertex by vertex.
 
+use super::camera::{CameraSample, camera_ray};
 use super::control::Control;
 use super::final_pass::own_samples;
-use super::pass::{CameraSample, camera_ray};
 use super::run::Run;
 use super::settings::RenderSettings;
 use crate::base::{Error, Result};

@@ -3,6 +3,7 @@
 
 use glam::Vec3;
 
+use super::background::Left;
 use super::shade::Groups;
 use super::{
     Arrival, CameraPath, Details, Direct, Emission, NO_VERTEX, PathState, PathTracer, RayCount, ToLight, Vertex, record,
@@ -26,6 +27,8 @@ const CHUNK: usize = 256;
 /// Scratch space of a worker, reused from batch to batch.
 #[derive(Default)]
 pub struct PathScratch {
+    /// Paths before they are traced.
+    pub(in crate::integrators) begun: Vec<CameraPath>,
     pub(super) paths: Vec<PathState>,
     /// Indices of the paths that go on.
     alive: Vec<u32>,
@@ -34,6 +37,8 @@ pub struct PathScratch {
     shadows: Shadows,
     surfaces: Vec<Surface>,
     arrivals: Vec<Arrival>,
+    /// Paths that have met nothing at this depth.
+    left: Vec<Left>,
     groups: Groups,
     queries: Scratch,
     pub(super) vertices: Vertices,
@@ -245,7 +250,9 @@ impl PathTracer<'_> {
     /// Extends all paths until they end.
     #[inline(always)]
     fn extend<E: Effects, const RECORDS: bool>(&self, scratch: &mut PathScratch, count: &mut RayCount) {
-        let PathScratch { paths, alive, rays, hits, shadows, surfaces, arrivals, groups, queries, vertices } = scratch;
+        let PathScratch {
+            paths, alive, rays, hits, shadows, surfaces, arrivals, left, groups, queries, vertices, ..
+        } = scratch;
         surfaces.resize(CHUNK, Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
         for depth in 1..=self.settings.max_depth {
             if alive.is_empty() {
@@ -265,7 +272,7 @@ impl PathTracer<'_> {
                     let (path, meets) = (alive[place], hits[place].is_some());
                     let numbers = [path, (place - first) as u32];
                     let state = &mut paths[path as usize];
-                    arrivals.extend(self.arrive::<E, RECORDS>(numbers, state, meets, surface, vertices));
+                    arrivals.extend(self.arrive::<E, RECORDS>(numbers, state, meets, surface, vertices, left));
                 }
                 self.shade::<E>(arrivals, surfaces, paths, groups, |path, at, surface, shaded, lane| {
                     if self.go_on::<E, RECORDS>(path, at, surface, (shaded, lane), vertices, shadows) {
@@ -274,6 +281,8 @@ impl PathTracer<'_> {
                     }
                 });
             }
+            self.look_out(left, paths);
+            left.clear();
             alive.truncate(kept);
             count.rays += (rays.len() + shadows.connections.len()) as u64;
             self.resolve::<E, RECORDS>(depth, shadows, queries, vertices);

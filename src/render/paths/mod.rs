@@ -8,8 +8,8 @@ mod learn;
 mod picture;
 
 use super::Outcome;
+use super::camera::camera_film;
 use super::control::Control;
-use super::pass::camera_film;
 use super::run::Run;
 use super::settings::{GuideMode, RenderSettings, StopRule};
 use crate::base::random::Random;

@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use glam::Vec3;
 
-use super::super::pass::{CameraSample, Pool, in_blocks};
+use super::super::camera::CameraSample;
+use super::super::pass::{Pool, in_blocks};
 use super::super::run::{Rendered, Run};
 use super::super::settings::{RenderSettings, StopRule};
 use super::super::state::{Phase, Position};

@@ -1,0 +1,89 @@
+//! The light that paths run into infinitely far away, for sixteen of them at once, or for one.
+
+use glam::Vec3;
+
+use super::{Emission, PathState, PathTracer};
+use crate::lights::LightSet;
+use crate::lights::seen::{ANYWHERE, LightView};
+use crate::math::lanes::{self, Kernel, LANES, Vectors, Wide, vector};
+use crate::sampling::mis;
+
+/// A path that has left the scene.
+pub(super) struct Left {
+    /// Index of the path.
+    pub path: u32,
+    /// Transmittance of the media on the way out, over the density of getting there.
+    pub passed: Vec3,
+}
+
+/// Directions that are looked in.
+struct Look<'l> {
+    lights: &'l LightSet,
+    directions: [Vec3; LANES],
+    view: LightView<'l>,
+}
+
+impl Kernel for Look<'_> {
+    /// Radiance, and the density of light sampling w.r.t. solid angle.
+    type Output = (Vectors, [f32; LANES]);
+
+    #[inline(always)]
+    fn run<W: Wide>(self, wide: W) -> Self::Output {
+        let (radiance, pdf) = self.lights.background_lanes(wide.vectors(|lane| self.directions[lane]), &self.view);
+        (wide.store_vectors(radiance), wide.store(pdf))
+    }
+}
+
+/// Fewest paths that are worth lanes.
+const FEWEST: usize = 3;
+
+impl PathTracer<'_> {
+    /// Lets paths see the background that they have left the scene for.
+    pub(super) fn look_out(&self, left: &[Left], paths: &mut [PathState]) {
+        for left in left.chunks(LANES) {
+            let mut view = self.view(&paths[left[0].path as usize]);
+            let mut directions = [Vec3::Z; LANES];
+            for (lane, Left { path, .. }) in left.iter().enumerate() {
+                let path = &paths[*path as usize];
+                (directions[lane], view.facing[lane]) = (path.ray.direction, facing(path));
+            }
+            let look = Look { lights: &self.scene.lights, directions, view };
+            let seen = if left.len() < FEWEST { None } else { lanes::run(look).ok() };
+            for (lane, Left { path, passed }) in left.iter().enumerate() {
+                let path = &mut paths[*path as usize];
+                let emission = match &seen {
+                    Some((radiance, pdf)) => weighed(path, vector(radiance, lane), pdf[lane]),
+                    None => self.background(path),
+                };
+                path.background = emission.dimmed(*passed);
+            }
+        }
+    }
+
+    /// The background in the direction of a path.
+    pub(super) fn background(&self, path: &PathState) -> Emission {
+        let (radiance, pdf) = self.scene.lights.background(path.ray.direction, &self.view(path));
+        weighed(path, radiance, pdf)
+    }
+
+    fn view(&self, path: &PathState) -> LightView<'_> {
+        LightView { learned: self.lights.sky(), facing: [facing(path); LANES], odds: None }
+    }
+}
+
+/// The facing of a path's previous vertex.
+#[inline(always)]
+fn facing(path: &PathState) -> u8 {
+    path.previous.as_ref().map_or(ANYWHERE, |previous| previous.facing)
+}
+
+/// Radiance with its weight against light sampling of density `pdf` at the previous vertex.
+#[inline(always)]
+fn weighed(path: &PathState, radiance: Vec3, pdf: f32) -> Emission {
+    match path.previous {
+        Some(p) if p.light_probability > 0.0 => {
+            Emission { radiance, weight: mis::balance(p.pdf, pdf * p.light_probability), connected: true }
+        }
+        _ => Emission { radiance, weight: 1.0, connected: false },
+    }
+}
