@@ -2,6 +2,7 @@
 
 use crate::support::scenes;
 
+use std::ops::Range;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -110,7 +111,8 @@ fn told(scene: &Scene, paths: u64, size: u64) -> [Vec<String>; 3] {
     let (mut radiance, mut records, mut photons, mut rays) = (vec![], vec![], vec![], 0);
     for first in (0..paths).step_by(size as usize) {
         let range = first..(first + size).min(paths);
-        let block = tracer.trace_block(range.clone(), begin, true, &mut scratch);
+        let all = |numbers: Range<u64>, paths: &mut Vec<CameraPath>| paths.extend(numbers.map(begin));
+        let block = tracer.trace_block(range.clone(), all, true, &mut scratch);
         radiance.extend(block.radiance.iter().map(|radiance| format!("{radiance:?}")));
         records.extend(block.records.iter().map(|record| format!("{record:?}")));
         let random = |number| Random::new(8, 0, number);
