@@ -98,33 +98,33 @@ pub(super) fn first_surface(
     Some((ray, surface))
 }
 
-/// Gives the [`camera_ray`] of each of these samples, which are of one pass, to `take`, with its index.
-pub(super) fn camera_rays(
+/// Gives the [`camera_ray`] of each of these samples, which are of one pass, to `take`, with what else is said of it.
+pub(super) fn camera_rays<T: Copy>(
     scene: &Scene,
     settings: &RenderSettings,
     filter: &PixelFilter,
-    samples: impl Iterator<Item = CameraSample>,
-    mut take: impl FnMut(usize, Ray, Random),
+    samples: impl Iterator<Item = (CameraSample, T)>,
+    mut take: impl FnMut(Ray, Random, T),
 ) {
-    let mut samples = samples.enumerate().peekable();
-    while let Some(&(first, sample)) = samples.peek() {
+    let mut samples = samples.peekable();
+    while let Some(&first) = samples.peek() {
         // Lanes behind the last sample repeat the first, and are not looked at.
-        let (mut group, mut count) = ([sample; LANES], 0);
-        for (lane, (_, sample)) in group.iter_mut().zip(samples.by_ref()) {
-            *lane = sample;
+        let (mut group, mut said, mut count) = ([first.0; LANES], [first.1; LANES], 0);
+        for (sample, of) in samples.by_ref().take(LANES) {
+            (group[count], said[count]) = (sample, of);
             count += 1;
         }
         let begin = Begin { scene, seed: settings.seed, filter, samples: &group };
         let together = if count < FEWEST { None } else { lanes::run(begin).ok().flatten() };
         if let Some(Begun { origins, directions, randoms }) = together {
-            for (lane, random) in randoms.into_iter().enumerate().take(count) {
+            for (lane, (random, of)) in randoms.into_iter().zip(said).enumerate().take(count) {
                 let ray = Ray { origin: vector(&origins, lane), direction: vector(&directions, lane) };
-                take(first + lane, ray, random);
+                take(ray, random, of);
             }
         } else {
-            for (lane, sample) in group.into_iter().enumerate().take(count) {
+            for (sample, of) in group.into_iter().zip(said).take(count) {
                 let (ray, random) = camera_ray(scene, settings, filter, sample);
-                take(first + lane, ray, random);
+                take(ray, random, of);
             }
         }
     }

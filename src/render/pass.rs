@@ -162,11 +162,12 @@ impl PassTracer<'_> {
         let tracer =
             PathTracer { scene: self.scene, settings: self.settings.transport, field: self.field, lights: self.lights };
         let begin = |numbers: Range<u64>, paths: &mut Vec<CameraPath>| {
-            let sample = |index| self.camera_sample(index, places).1;
-            let samples = numbers.clone().map(sample);
-            camera_rays(self.scene, self.settings, self.filter, samples, |index, ray, random| {
-                let pixel = places.at(numbers.start + index as u64).0;
-                paths.push(CameraPath { ray, random, pixel: self.picture.map(|picture| picture[pixel as usize]) });
+            let samples = numbers.map(|index| {
+                let (pixel, sample) = self.camera_sample(index, places);
+                (sample, self.picture.map(|picture| picture[pixel as usize]))
+            });
+            camera_rays(self.scene, self.settings, self.filter, samples, |ray, random, pixel| {
+                paths.push(CameraPath { ray, random, pixel });
             });
         };
         let keep = records.is_some();
