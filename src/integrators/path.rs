@@ -7,6 +7,7 @@ mod batch;
 mod complete;
 mod explain;
 mod shade;
+mod vertices;
 
 pub use batch::PathScratch;
 pub(super) use complete::sky_point;
@@ -34,8 +35,8 @@ use crate::scene::Scene;
 use crate::scene::effects::Effects;
 use crate::scene::media::{End, Expected, Passage, Place, Segment};
 use background::Left;
-use batch::{Connection, Shadows, Towards, Tried, Vertices};
 use shade::{Sampled, Shaded};
+use vertices::{Connection, Shadows, Towards, Tried, Vertices};
 
 /// Traces camera paths.
 pub struct PathTracer<'a> {

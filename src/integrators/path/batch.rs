@@ -5,9 +5,8 @@ use glam::Vec3;
 
 use super::background::Left;
 use super::shade::Groups;
-use super::{
-    Arrival, CameraPath, Details, Direct, Emission, NO_VERTEX, PathState, PathTracer, RayCount, ToLight, Vertex, record,
-};
+use super::vertices::{Connection, Shadows, Tried, Vertices};
+use super::{Arrival, CameraPath, Direct, Emission, NO_VERTEX, PathState, PathTracer, RayCount, ToLight, record};
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
 use crate::base::random::Random;
@@ -16,7 +15,6 @@ use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::DirectionGuide;
 use crate::lights::learned::LightSampling;
 use crate::lights::tried::Trial;
-use crate::materials::medium::MediumId;
 use crate::math::channel_mean;
 use crate::math::lanes::LANES;
 use crate::scene::effects::{Effects, Everything, With};
@@ -42,123 +40,6 @@ pub struct PathScratch {
     groups: Groups,
     queries: Scratch,
     pub(super) vertices: Vertices,
-}
-
-/// The vertices of all paths, in the order of depth; each knows the one before it on its path.
-#[derive(Default)]
-pub(super) struct Vertices {
-    pub all: Vec<Vertex>,
-    /// Transmittance of the media before each, over the density of getting there; empty where there are no media.
-    pub passed: Vec<Vec3>,
-    /// Light of media on the way to each; empty where none has any.
-    pub glow: Vec<Vec3>,
-    /// Of each where records are wanted, otherwise none.
-    pub details: Vec<Details>,
-    /// What came of lights that were chosen, where that is counted.
-    pub trials: Vec<Trial>,
-}
-
-impl Vertices {
-    /// Index of the vertex that is pushed next.
-    #[inline(always)]
-    pub fn next(&self) -> u32 {
-        self.all.len() as u32
-    }
-
-    /// Adds a vertex.
-    #[inline(always)]
-    pub fn push<E: Effects, const RECORDS: bool>(
-        &mut self,
-        vertex: Vertex,
-        passed: Vec3,
-        details: impl FnOnce() -> Details,
-    ) {
-        self.all.push(vertex);
-        if E::MEDIA {
-            self.passed.push(passed);
-        }
-        if RECORDS {
-            self.details.push(details());
-        }
-    }
-
-    fn clear(&mut self) {
-        self.all.clear();
-        self.passed.clear();
-        self.glow.clear();
-        self.details.clear();
-        self.trials.clear();
-    }
-}
-
-/// A vertex and a sampled light, before it is known whether anything is in the way.
-pub(super) struct Connection {
-    /// Index of the vertex.
-    pub vertex: u32,
-    /// Which way its surface faces.
-    pub facing: u8,
-    /// f·L.
-    pub value: Vec3,
-    /// Density of light sampling.
-    pub pdf: f32,
-    /// The BSDF's density in the light's direction; 0 where no ray can hit the light.
-    pub bsdf_pdf: f32,
-}
-
-/// A light with a place that was chosen at a vertex, before it is known what it brings.
-pub(super) struct Tried {
-    /// Indices of the path and of the vertex.
-    pub path: u32,
-    pub vertex: u32,
-    pub point: Vec3,
-    /// Index of the light.
-    pub light: u32,
-    /// Throughput of the path up to there.
-    pub carried: Vec3,
-}
-
-/// What the guide at a vertex will be asked of the direction to a light, if nothing is in the way.
-pub(super) struct Towards {
-    /// Index of its voxel; none where the BSDF samples alone, and where no ray can hit the light.
-    pub voxel: Option<u32>,
-    pub point: Vec3,
-    /// See [`cosine_normal`](crate::integrators::mixture::cosine_normal).
-    pub normal: Vec3,
-    /// Unit direction to the light.
-    pub direction: Vec3,
-    /// Probability of a delta lobe.
-    pub deltas: f32,
-}
-
-/// The connections of one depth.
-#[derive(Default)]
-pub(super) struct Shadows {
-    /// Shadow rays with their lengths.
-    pub rays: Vec<(Ray, f32)>,
-    /// What each brings, and to which vertex.
-    pub connections: Vec<Connection>,
-    /// For the weight of each; empty without guides.
-    pub guided: Vec<Towards>,
-    /// The lights that were chosen, where that is counted.
-    pub tried: Vec<Tried>,
-    /// Media that the rays start in; empty where there are no media.
-    pub media: Vec<Option<MediumId>>,
-    /// Random numbers for what lies on the way; empty where no medium varies.
-    pub random: Vec<Random>,
-    /// What each ray meets.
-    met: Vec<Met>,
-    occluded: Vec<bool>,
-}
-
-impl Shadows {
-    fn clear(&mut self) {
-        self.rays.clear();
-        self.connections.clear();
-        self.guided.clear();
-        self.tried.clear();
-        self.media.clear();
-        self.random.clear();
-    }
 }
 
 impl PathScratch {
@@ -274,11 +155,9 @@ impl PathTracer<'_> {
                     let state = &mut paths[path as usize];
                     arrivals.extend(self.arrive::<E, RECORDS>(numbers, state, meets, surface, vertices, left));
                 }
-                self.shade::<E>(arrivals, surfaces, paths, groups, |path, at, surface, shaded, lane| {
-                    if self.go_on::<E, RECORDS>(path, at, surface, (shaded, lane), vertices, shadows) {
-                        alive[kept] = at.path;
-                        kept += 1;
-                    }
+                self.shade::<E, RECORDS>((arrivals, surfaces), paths, groups, vertices, shadows, |path| {
+                    alive[kept] = path;
+                    kept += 1;
                 });
             }
             self.look_out(left, paths);
@@ -342,22 +221,28 @@ impl PathTracer<'_> {
     ) {
         let Shadows { connections, guided, .. } = shadows;
         let numbers = first..connections.len().min(first + LANES);
-        let (mut passed, mut asked) = ([Vec3::ZERO; LANES], [None; LANES]);
-        for (lane, number) in numbers.clone().enumerate() {
-            passed[lane] = visible(number);
-            if E::GUIDING && passed[lane] != Vec3::ZERO {
-                let at = &guided[number];
-                asked[lane] = self.guide(at.voxel, at.point, at.normal).map(|guide| (guide, at.direction));
+        let (mut known, mut asked) = ([Vec3::ZERO; LANES], [None; LANES]);
+        if E::GUIDING {
+            for (lane, number) in numbers.clone().enumerate() {
+                known[lane] = visible(number);
+                if known[lane] != Vec3::ZERO {
+                    let at = &guided[number];
+                    asked[lane] = self.guide(at.voxel, at.point, at.normal).map(|guide| (guide, at.direction));
+                }
             }
         }
         let densities = if E::GUIDING { DirectionGuide::pdf_lanes(&asked) } else { [0.0; LANES] };
-        for (lane, number) in numbers.enumerate().filter(|(lane, _)| passed[*lane] != Vec3::ZERO) {
+        for (lane, number) in numbers.enumerate() {
+            let passed = if E::GUIDING { known[lane] } else { visible(number) };
+            if passed == Vec3::ZERO {
+                continue;
+            }
             let connection = &connections[number];
             self.count_sky(connection, &shadows.rays[number]);
             let guide = asked[lane].map(|(guide, _)| (guide.bsdf_fraction, densities[lane]));
             let deltas = if E::GUIDING { guided[number].deltas } else { 0.0 };
             let (factor, direct) = Self::weigh(connection, deltas, guide);
-            let (vertex, value) = (connection.vertex as usize, connection.value * passed[lane] * factor);
+            let (vertex, value) = (connection.vertex as usize, connection.value * passed * factor);
             vertices.all[vertex].direct = value;
             if RECORDS {
                 let towards = ToLight { ray: shadows.rays[number], pdf: connection.pdf, bsdf_pdf: connection.bsdf_pdf };

@@ -4,6 +4,7 @@
 use glam::Vec3;
 use smallvec::SmallVec;
 
+use super::vertices::{Shadows, Vertices};
 use super::{Arrival, PathState, PathTracer};
 use crate::base::random::{Dimension, Draws, Random};
 use crate::geometry::{Origins, Ray, Surface};
@@ -353,17 +354,18 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Shades the vertices and gives the result for each to `take`, in any order.
+    /// Shades the vertices at which paths arrived and takes these on, in any order; `goes_on` is told of each that does.
     #[inline(always)]
-    pub(super) fn shade<E: Effects>(
+    pub(super) fn shade<E: Effects, const RECORDS: bool>(
         &self,
-        vertices: &[Arrival],
-        surfaces: &[Surface],
+        (arrivals, surfaces): (&[Arrival], &[Surface]),
         paths: &mut [PathState],
         groups: &mut Groups,
-        mut take: impl FnMut(&mut PathState, &Arrival, &Surface, &Shaded, usize),
+        vertices: &mut Vertices,
+        shadows: &mut Shadows,
+        mut goes_on: impl FnMut(u32),
     ) {
-        groups.sort(vertices, E::MATERIALS);
+        groups.sort(arrivals, E::MATERIALS);
         let fewest = if lanes::available() { FEWEST } else { usize::MAX };
         let Groups { alike, shaded } = groups;
         let alike = if E::MATERIALS { &alike[..] } else { &alike[..1] };
@@ -371,9 +373,9 @@ impl PathTracer<'_> {
             let together = if indices.len() < fewest { 1 } else { LANES };
             for indices in indices.chunks(together) {
                 // Lanes behind the last vertex repeat the first, and are not looked at.
-                let mut group = [&vertices[indices[0] as usize]; LANES];
+                let mut group = [&arrivals[indices[0] as usize]; LANES];
                 for (lane, index) in group.iter_mut().zip(indices) {
-                    *lane = &vertices[*index as usize];
+                    *lane = &arrivals[*index as usize];
                 }
                 let guides = self.propose::<E>(&group[..indices.len()], surfaces, paths, shaded);
                 if together == 1 {
@@ -385,7 +387,10 @@ impl PathTracer<'_> {
                     shaded.ask(&guides);
                 }
                 for (lane, at) in group.into_iter().enumerate().take(indices.len()) {
-                    take(&mut paths[at.path as usize], at, &surfaces[at.place as usize], shaded, lane);
+                    let (path, surface) = (&mut paths[at.path as usize], &surfaces[at.place as usize]);
+                    if self.go_on::<E, RECORDS>(path, at, surface, (shaded, lane), vertices, shadows) {
+                        goes_on(at.path);
+                    }
                 }
             }
         }
