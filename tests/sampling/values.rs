@@ -8,7 +8,6 @@ use super::materials::{made, principled, sheet, thin};
 /// Values of `principled` in Mitsuba 3.9.1, `scalar_rgb`, for a viewer at `wo`; at an albedo below 1 nothing is bounded.
 #[test]
 fn principled_is_that_of_mitsuba() {
-    let unit = |x: f32, y: f32, z: f32| Vec3::new(x, y, z).normalize();
     let pairs = [
         (unit(0.3, 0.1, 0.8), unit(-0.2, 0.4, 0.7)),
         (unit(0.8, 0.1, 0.5), unit(-0.7, 0.2, 0.4)),
@@ -88,17 +87,13 @@ fn principled_is_that_of_mitsuba() {
             ],
         ),
     ];
-    for ((name, parameters), (other, values)) in principled([0.6, 0.3, 0.1]).into_iter().zip(expected) {
-        assert_eq!(name, other);
-        let material = made(parameters);
-        assert_values(name, &material, &pairs, &values);
-    }
+    let materials = principled([0.6, 0.3, 0.1]).map(|(name, parameters)| (name, made(parameters)));
+    assert_values(&materials, &pairs, &expected);
 }
 
 /// Values of `principledthin` in Mitsuba 3.9.1, `scalar_rgb`, for a viewer at `wo`.
 #[test]
 fn thin_sheets_are_those_of_mitsuba() {
-    let unit = |x: f32, y: f32, z: f32| Vec3::new(x, y, z).normalize();
     let pairs = [
         (unit(0.3, 0.1, 0.8), unit(-0.2, 0.4, 0.7)),
         (unit(0.8, 0.1, 0.5), unit(-0.7, 0.2, 0.4)),
@@ -164,18 +159,26 @@ fn thin_sheets_are_those_of_mitsuba() {
             ],
         ),
     ];
-    for ((name, parameters), (other, values)) in thin([0.6, 0.3, 0.1]).into_iter().zip(expected) {
+    let materials = thin([0.6, 0.3, 0.1]).map(|(name, parameters)| (name, sheet(parameters)));
+    assert_values(&materials, &pairs, &expected);
+}
+
+/// Compares materials, by name, with values for pairs of directions that another renderer has, to its last digits.
+fn assert_values<const N: usize>(
+    materials: &[(&str, Material)],
+    pairs: &[(Vec3, Vec3); N],
+    expected: &[(&str, [[f32; 3]; N])],
+) {
+    for ((name, material), (other, values)) in materials.iter().zip(expected) {
         assert_eq!(name, other);
-        let material = sheet(parameters);
-        assert_values(name, &material, &pairs, &values);
+        for (&(wo, wi), value) in pairs.iter().zip(values) {
+            let ours = material.eval(Vec2::ZERO, wo, wi);
+            let off = (ours - Vec3::from_array(*value)).abs().max_element();
+            assert!(off < 2e-5 + 1e-4 * value[0], "{name} {wo} {wi}: {ours} {value:?}");
+        }
     }
 }
 
-/// Values for pairs of directions, as another renderer has them, to its last digits.
-fn assert_values(name: &str, material: &Material, pairs: &[(Vec3, Vec3)], values: &[[f32; 3]]) {
-    for (&(wo, wi), value) in pairs.iter().zip(values) {
-        let ours = material.eval(Vec2::ZERO, wo, wi);
-        let off = (ours - Vec3::from_array(*value)).abs().max_element();
-        assert!(off < 2e-5 + 1e-4 * value[0], "{name} {wo} {wi}: {ours} {value:?}");
-    }
+fn unit(x: f32, y: f32, z: f32) -> Vec3 {
+    Vec3::new(x, y, z).normalize()
 }
