@@ -152,6 +152,7 @@ impl Builder {
             exterior: None,
             emission,
             emission_texture: None,
+            unseen: false,
         });
     }
 

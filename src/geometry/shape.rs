@@ -19,6 +19,8 @@ pub struct Shape {
     pub flip_normals: bool,
     /// Rotation from the world to the frame of a sphere's texture coordinates, whose poles are ±z; none for the identity.
     pub turn: Option<Mat3>,
+    /// Whether no ray meets it: all that is there is the light that it emits.
+    pub unseen: bool,
 }
 
 /// The geometry of a shape.
@@ -52,6 +54,7 @@ impl Shape {
             geometry: Geometry::Mesh { mesh, to_world, normal_to_world, winding, rounding },
             flip_normals,
             turn: None,
+            unseen: false,
         }
     }
 
@@ -84,7 +87,7 @@ impl Shape {
 
     /// A sphere.
     pub fn sphere(center: Vec3, radius: f32, flip_normals: bool) -> Self {
-        Self { geometry: Geometry::Sphere(Sphere { center, radius }), flip_normals, turn: None }
+        Self { geometry: Geometry::Sphere(Sphere { center, radius }), flip_normals, turn: None, unseen: false }
     }
 
     /// The same sphere, with its texture coordinates rotated by the orthogonal matrix `to_world`.

@@ -233,10 +233,10 @@ impl GuidedTracer<'_> {
         let (ray, length) = surface.towards(light.wi, light.distance);
         walk.rays += 1;
         let passed = self.scene.transmittance(&ray, length, None, &walk.random.at(Dimension::CONNECTION));
-        walk.value *= (value * light.radiance * passed).as_dvec3();
+        walk.value *= (value * light.radiance * passed / light.pdf).as_dvec3();
         walk.before *= walk.last * walk.survival;
-        walk.last =
-            f64::from(self.scene.lights.probability(surface.point, index, self.lights.odds(surface.point)) * light.pdf);
+        // As for complete paths of the path tracer, without the density of the place on the light.
+        walk.last = f64::from(self.scene.lights.probability(surface.point, index, self.lights.odds(surface.point)));
         walk.points.push(surface.point);
         walk.steps.push(Step { direction: light.wi, pdf: 0.0, by_kernel: 0.0, event });
         Some(())

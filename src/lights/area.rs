@@ -102,7 +102,14 @@ impl AreaLight {
     #[inline(always)]
     pub fn sample(&self, point: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let point = V3::from(point);
-        if self.is_sphere() { sample_spheres(|_| self, point, u) } else { sample_meshes(|_| self, point, u) }.one()
+        let samples =
+            if self.is_sphere() { sample_spheres(|_| self, point, u) } else { sample_meshes(|_| self, point, u) };
+        LightSamples { delta: self.shape.unseen, ..samples }.one()
+    }
+
+    /// Whether no ray meets the surface.
+    pub(super) fn is_unseen(&self) -> bool {
+        self.shape.unseen
     }
 
     /// Whether the surface is a sphere, otherwise a mesh.

@@ -131,6 +131,16 @@ impl<'a, R: Real> Chosen<'a, R> {
         self.lanes[0].same(self.lanes[0].all(index.cast_signed()))
     }
 
+    /// Where no ray meets the surfaces that shine.
+    #[inline(always)]
+    fn unseen<W: Wide<Real = R>>(&self, wide: W) -> R::Mask {
+        let mut unseen = [0.0; LANES];
+        for (unseen, index) in unseen.iter_mut().zip(self.indices) {
+            *unseen = f32::from(self.lights.get(index as usize).is_some_and(Light::is_unseen));
+        }
+        wide.load(&unseen).above(0.0)
+    }
+
     /// Where lights are of a kind, and these lights; in other lanes the first of them. None where there are none.
     #[inline(always)]
     fn of<T>(&self, kind: Kind, pick: impl Fn(&'a Light) -> Option<&'a T>) -> Option<(R::Mask, [&'a T; LANES])> {
@@ -190,6 +200,9 @@ impl LightSet {
         if let Some((mask, lights)) = chosen.of(Kind::Sphere, Light::area) {
             let found = area::sample_spheres(|lane| lights[lane], *points, u);
             samples = LightSamples::choose(mask, found, samples);
+        }
+        if self.has_unseen {
+            samples.delta = samples.delta | chosen.unseen(wide);
         }
         if let Some((mask, lights)) = chosen.of(Kind::Point, Light::point) {
             let found = point::sample_points(|lane| lights[lane], *points);

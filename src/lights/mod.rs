@@ -139,7 +139,12 @@ impl Light {
 
     /// Whether a ray can reach the light, so that BSDF sampling or guiding can find it.
     pub fn is_reachable(&self) -> bool {
-        matches!(self, Self::Area(_) | Self::Sun(_) | Self::Constant(_) | Self::Envmap(_))
+        self.is_around() || matches!(self, Self::Area(_)) && !self.is_unseen()
+    }
+
+    /// Whether the light is a surface that no ray meets.
+    fn is_unseen(&self) -> bool {
+        matches!(self, Self::Area(light) if light.is_unseen())
     }
 
     /// Whether the light has no position.
@@ -223,6 +228,8 @@ pub struct LightSet {
     /// Total probability of the lights with a place.
     placed: f32,
     tree: LightTree,
+    /// Whether there are surfaces that shine and that no ray meets.
+    has_unseen: bool,
     /// Indices of the lights at infinity that rays can hit, and the probabilities of choosing each among those without a place.
     around: Vec<(u32, f32)>,
     /// Probabilities for photons: half evenly over all lights that shine, half by power, since a sky over a large ground has a
@@ -258,6 +265,7 @@ impl LightSet {
             around: around.map(|(index, _)| (index as u32, selection.probability(index) as f32)).collect(),
             selection,
             tree: LightTree::new(&bounds),
+            has_unseen: lights.iter().any(Light::is_unseen),
             emission: Discrete::new(power.iter().map(|&p| if p > 0.0 { weight(p) } else { 0.0 })),
             lights,
         }

@@ -82,7 +82,12 @@ fn light(kind: u32, random: &mut Random) -> Light {
     let radiance = vector(random, 3.0).abs();
     match kind {
         0 if random.below(3) == 0 => Light::Area(AreaLight::textured(mesh(random), radiance, texture(random))),
-        0 | 1 => Light::Area(AreaLight::new(mesh(random), radiance)),
+        0 => Light::Area(AreaLight::new(mesh(random), radiance)),
+        1 => {
+            let sphere = Shape::sphere(vector(random, 5.0), random.range(0.01, 1.0), false);
+            let shape = if random.below(2) == 0 { mesh(random) } else { sphere };
+            Light::Area(AreaLight::new(Shape { unseen: true, ..shape }, radiance))
+        }
         2 if random.below(3) == 0 => {
             let shape = Shape::sphere(vector(random, 5.0), random.range(0.01, 1.0), random.below(3) == 0);
             Light::Area(AreaLight::textured(shape, radiance, texture(random)))
@@ -108,7 +113,7 @@ fn light(kind: u32, random: &mut Random) -> Light {
 }
 
 /// Kinds of light of scenes: each alone, then mixtures of few kinds and of all.
-const MIXTURES: [&[u32]; 18] = [
+const MIXTURES: [&[u32]; 20] = [
     &[0],
     &[2],
     &[3],
@@ -118,6 +123,8 @@ const MIXTURES: [&[u32]; 18] = [
     &[7],
     &[8],
     &[0, 2],
+    &[1],
+    &[0, 1, 2, 8],
     &[3, 4],
     &[6, 8],
     &[0, 8],

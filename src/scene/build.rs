@@ -104,6 +104,7 @@ impl Scene {
             let dressed = wardrobe.dress(shape_file);
             let mesh = dressed.and_then(|dressed| dressed.mesh.clone());
             let shape = shape(shape_file, uses[&mesh_name(shape_file)] == 1, mesh, loaded)?;
+            let shape = Shape { unseen: shape_file.unseen, ..shape };
             let name = shape_file.material.as_str();
             shape_material.push(match dressed {
                 None => *names.get(name).ok_or_else(|| unresolved(loaded, "material", name))?,
@@ -143,7 +144,8 @@ impl Scene {
             lights.push(self::light(light, loaded)?);
             light_medium.push(camera_medium);
         }
-        let used = || shape_material.iter().map(|&index| &materials[index as usize]);
+        let seen = || shape_material.iter().zip(&shapes).filter(|(_, shape)| !shape.unseen);
+        let used = || seen().map(|(&index, _)| &materials[index as usize]);
         let has_masks = used().any(|material| material.opacity.is_some() || matches!(material.kind, Kind::Null));
         let is_solid = |(index, light): (&u32, &Option<u32>)| {
             let material = &materials[*index as usize];

@@ -380,6 +380,9 @@ pub struct ShapeFile {
     /// Factor on `emission` at the texture coordinates.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub emission_texture: Option<TextureFile>,
+    /// No ray meets it: it lights the scene as if it were there, and is seen neither by the camera nor in a mirror.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub unseen: bool,
 }
 
 /// The geometry of a shape.

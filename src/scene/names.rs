@@ -75,6 +75,7 @@ mod tests {
             exterior: None,
             emission: None,
             emission_texture: None,
+            unseen: false,
         };
         file.shapes = vec![
             shape("floor", Some("square")),

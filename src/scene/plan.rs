@@ -166,7 +166,8 @@ struct Survey<'a> {
 
 impl<'a> Survey<'a> {
     fn new(scene: &'a SceneFile) -> Self {
-        let used: BTreeSet<&str> = scene.shapes.iter().map(|shape| shape.material.as_str()).collect();
+        let seen = scene.shapes.iter().filter(|shape| !shape.unseen);
+        let used: BTreeSet<&str> = seen.map(|shape| shape.material.as_str()).collect();
         let materials = scene.materials.iter().filter(|(name, _)| used.contains(name.as_str()));
         Self { scene, materials: materials.map(|(name, material)| (name.as_str(), material)).collect() }
     }
@@ -226,8 +227,10 @@ impl<'a> Survey<'a> {
     }
 
     fn emitters(&self) -> Names {
-        let count = self.scene.shapes.iter().filter(|shape| shape.emission.is_some()).count();
-        (count > 0).then(|| format!("{count} emitting shapes")).into_iter().collect()
+        let emitting = self.scene.shapes.iter().filter(|shape| shape.emission.is_some());
+        let (count, unseen) = (emitting.clone().count(), emitting.filter(|shape| shape.unseen).count());
+        let unseen = if unseen > 0 { format!(", {unseen} of them unseen") } else { String::new() };
+        (count > 0).then(|| format!("{count} emitting shapes{unseen}")).into_iter().collect()
     }
 
     fn lights(&self, name: &str, test: fn(&LightFile) -> bool) -> (bool, String) {

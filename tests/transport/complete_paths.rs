@@ -58,6 +58,13 @@ fn all_ends() -> SceneFile {
     b.finish()
 }
 
+/// The same with a lamp that no ray meets.
+fn unseen_lamp() -> SceneFile {
+    let mut file = all_ends();
+    file.shapes.iter_mut().filter(|shape| shape.emission.is_some()).for_each(|shape| shape.unseen = true);
+    file
+}
+
 /// A closed room with narrow and wide lobes that reflect and refract, alone, over delta lobes and mixed; `masked` with a pane of holes.
 fn lobes(masked: bool) -> SceneFile {
     let mut b = caustic_room();
@@ -200,6 +207,7 @@ fn densities_are_those_of_both_techniques() {
     let scenes = [
         ("closed", built(caustic_room().finish()), 6),
         ("ends", built(all_ends()), 12),
+        ("unseen", built(unseen_lamp()), 8),
         ("lobes", built(lobes(false)), 6),
         ("holes", built(lobes(true)), 6),
     ];

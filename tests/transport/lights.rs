@@ -27,7 +27,7 @@ use fanal::picture::texture::{Texture, Wrap};
 use fanal::picture::{Image, Window};
 use fanal::render::{GuideMode, Outcome, RenderSettings, StopRule};
 use fanal::scene::Scene;
-use fanal::scene::file::{LightFile, Matrix, ProfileFile, TextureFile};
+use fanal::scene::file::{LightFile, Matrix, ProfileFile, SceneFile, TextureFile};
 use glam::{Affine2, Affine3A, DQuat, DVec3, Mat3, Mat4, Quat, Vec2, Vec3};
 use rayon::prelude::*;
 use scenes::{GUIDES, built, built_with, coarse, floor, mean, outcome, picture};
@@ -110,16 +110,24 @@ fn s08_emitted_photons_carry_the_power_of_the_light() {
 }
 
 /// A floor of 2×2 under one light.
-fn lit_floor(light: Option<LightFile>) -> Scene {
+fn lit_floor(light: LightFile) -> Scene {
     let mut b = floor([8, 8], 1.0);
-    match light {
-        Some(light) => b.add_light(light),
-        None => {
-            let black = b.add_material("black", scenes::one_sided(0.0));
-            b.add_quad("lamp", Vec3::new(0.3, 0.7, 0.1), [Vec3::X * 0.4, Vec3::Z * 0.3], &black, Some([3.0; 3]));
-        }
-    }
+    b.add_light(light);
     built(b.finish())
+}
+
+/// The same under a lamp.
+fn floor_under_lamp(unseen: bool) -> Scene {
+    let mut b = floor([8, 8], 1.0);
+    let black = b.add_material("black", scenes::one_sided(0.0));
+    b.add_quad("lamp", Vec3::new(0.3, 0.7, 0.1), [Vec3::X * 0.4, Vec3::Z * 0.3], &black, Some([3.0; 3]));
+    built(with_lamp(b.finish(), unseen))
+}
+
+/// The scene whose last shape is a lamp, which rays meet or do not.
+fn with_lamp(mut file: SceneFile, unseen: bool) -> SceneFile {
+    file.shapes.last_mut().expect("there is a lamp").unseen = unseen;
+    file
 }
 
 /// A picture in squares, of which one half is dark, beyond its edges too.
@@ -202,19 +210,19 @@ fn deposited_flux(scene: &Scene, light_sampling: bool, parts: u64) -> f64 {
 fn s08_photons_bring_the_flux_that_paths_see() {
     let down = Mat4::from_rotation_translation(Quat::from_rotation_x(1.2), Vec3::new(0.1, 1.5, -0.4));
     let to_world = down.transpose().to_cols_array();
-    let lights = [
-        None,
-        Some(LightFile::Sun { direction: [0.5, -1.0, 0.3], irradiance: [2.0; 3], angle: 50.0 }),
-        Some(LightFile::Constant { radiance: [2.0; 3] }),
-        Some(LightFile::Point { position: [0.2, 0.6, -0.3], intensity: [2.0; 3] }),
-        Some(LightFile::Spot { to_world, intensity: [2.0; 3], cutoff_angle: 40.0, beam_width: 15.0 }),
-        Some(projected(to_world, ProfileFile::Even)),
-        Some(projected(to_world, ProfileFile::Plane)),
-        Some(projected(to_world, ProfileFile::Cone { beam_width: 15.0 })),
-        Some(LightFile::Directional { direction: [0.5, -1.0, 0.3], irradiance: [2.0; 3] }),
+    let scenes = [
+        floor_under_lamp(false),
+        lit_floor(LightFile::Sun { direction: [0.5, -1.0, 0.3], irradiance: [2.0; 3], angle: 50.0 }),
+        lit_floor(LightFile::Constant { radiance: [2.0; 3] }),
+        floor_under_lamp(true),
+        lit_floor(LightFile::Point { position: [0.2, 0.6, -0.3], intensity: [2.0; 3] }),
+        lit_floor(LightFile::Spot { to_world, intensity: [2.0; 3], cutoff_angle: 40.0, beam_width: 15.0 }),
+        lit_floor(projected(to_world, ProfileFile::Even)),
+        lit_floor(projected(to_world, ProfileFile::Plane)),
+        lit_floor(projected(to_world, ProfileFile::Cone { beam_width: 15.0 })),
+        lit_floor(LightFile::Directional { direction: [0.5, -1.0, 0.3], irradiance: [2.0; 3] }),
     ];
-    for (i, light) in lights.into_iter().enumerate() {
-        let scene = lit_floor(light);
+    for (i, scene) in scenes.into_iter().enumerate() {
         let expected = traced_flux(&scene, true);
         assert!(expected > 0.1);
         let mut fluxes = vec![emitted_flux(&scene)];
@@ -300,11 +308,17 @@ fn s04_direct_light_has_its_closed_form() {
     b.add_quad("lamp", Vec3::Y, [Vec3::X * 0.6, Vec3::Z * 0.5], &black, emission);
     // The camera looks through below the lamp's edge: its ray rises 0.8 over a run of 0.6.
     b.look_at(Vec3::new(0.9, 0.3, 0.0), Vec3::ZERO, Vec3::Z, 0.5);
-    direct("rectangle", &built(b.finish()), 3.0 * pi * rectangle_factor(0.6, 0.5), true);
+    direct("rectangle", &built(b.clone().finish()), 3.0 * pi * rectangle_factor(0.6, 0.5), true);
+    // And the camera through the lamp, where it is not seen.
+    b.look_at(Vec3::new(0.2, 3.0, 0.0), Vec3::ZERO, Vec3::Z, 0.5);
+    direct("unseen", &built(with_lamp(b.finish(), true)), 3.0 * pi * rectangle_factor(0.6, 0.5), false);
     let (emission, black, mut b) = lamp(Some([5.0; 3]));
     b.add_sphere("ball", Vec3::new(0.0, 1.0, 0.5), 0.5, &black, emission);
     // π·L·sin²α·cos θ with sin²α = r²/d², cos θ = 1/d.
-    direct("sphere", &built(b.finish()), 5.0 * pi * 0.25 / 1.25 / 1.25f64.sqrt(), true);
+    let ball = b.finish();
+    for unseen in [false, true] {
+        direct("sphere", &built(with_lamp(ball.clone(), unseen)), 5.0 * pi * 0.25 / 1.25 / 1.25f64.sqrt(), !unseen);
+    }
     let position = Vec3::new(0.3, 1.2, 0.4);
     let d2: f64 = 0.09 + 1.44 + 0.16;
     let of_point = 2.0 * 1.2 / (d2 * d2.sqrt());

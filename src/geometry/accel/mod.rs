@@ -104,7 +104,7 @@ impl Accel {
         let mut others = Placed { primitives: Vec::new(), meshes: Vec::new() };
         let mut slot: HashMap<*const Mesh, u32> = HashMap::new();
         let (mut triangles, mut boxes, mut other_boxes) = (Vec::new(), Vec::new(), Vec::new());
-        for (shape, index) in shapes.iter().zip(0..) {
+        for (shape, index) in shapes.iter().zip(0..).filter(|(shape, _)| !shape.unseen) {
             match &shape.geometry {
                 Geometry::Sphere(sphere) if !is_sound(sphere) => {}
                 Geometry::Sphere(sphere) => {

@@ -134,7 +134,15 @@ impl PathTracer<'_> {
             _ if length.is_infinite() => End::Sky,
             _ => End::Surface,
         };
-        let unguided = begun.before * begun.survival * begun.last * f64::from(light.pdf + light.bsdf_pdf);
+        let density = match end {
+            // Both techniques choose the place on an unseen surface alike: its density is left out of both.
+            End::Light(index) => {
+                let at = details.point;
+                self.scene.lights.probability(at, index as usize, self.lights.odds(at))
+            }
+            End::Surface | End::Sky => light.pdf + light.bsdf_pdf,
+        };
+        let unguided = begun.before * begun.survival * begun.last * f64::from(density);
         let event = Event { transmits: details.normal.dot(direction) < 0.0, delta: false };
         let step = Step { direction, pdf: light.bsdf_pdf, by_kernel, event };
         let (mut points, mut steps) = (begun.points.clone(), begun.steps.clone());

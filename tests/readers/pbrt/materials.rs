@@ -224,6 +224,16 @@ fn holes_and_bumps() {
         mask(&quiet(&format!("{textured} Shape \"sphere\" \"texture alpha\" \"t\""))),
         TextureFile::Bitmap { .. }
     ));
+    // Of a lamp they leave nothing to be seen but its light, or they are left out.
+    let lamp = |alpha: f32| {
+        format!("AreaLightSource \"diffuse\" \"rgb L\" [ 1 2 3 ] Shape \"sphere\" \"float alpha\" {alpha}")
+    };
+    let lamps = [(quiet(&lamp(0.0)), true), (warned(&lamp(0.5), "has no holes"), false), (quiet(&lamp(1.0)), false)];
+    for (file, unseen) in &lamps {
+        assert_eq!((file.shapes[0].unseen, file.shapes[0].emission), (*unseen, Some([1., 2., 3.])));
+    }
+    assert_eq!(only(&lamps[0].0), only(&lamps[2].0));
+    assert!(!quiet("Shape \"sphere\" \"float alpha\" 0").shapes[0].unseen);
     // Shapes with the same holes share their material.
     let file = quiet("Shape \"sphere\" \"float alpha\" .25 Shape \"disk\" \"float alpha\" .25");
     assert_eq!(file.shapes[0].material, file.shapes[1].material);

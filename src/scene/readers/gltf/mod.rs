@@ -145,6 +145,7 @@ fn shapes(
                 exterior: None,
                 emission: *emission,
                 emission_texture: emission_texture.clone(),
+                unseen: false,
             });
         }
     }

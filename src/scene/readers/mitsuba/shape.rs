@@ -116,6 +116,7 @@ impl<'a> Reader<'a> {
                 material: self.material_of(&object, material, emission.is_some(), index)?,
                 emission: emission.as_ref().map(|(radiance, _)| *radiance),
                 emission_texture: emission.as_ref().and_then(|(_, texture)| texture.clone()),
+                unseen: false,
             };
             self.places.set(format!("shapes[{index}]"), place.clone());
             self.file.shapes.push(shape);

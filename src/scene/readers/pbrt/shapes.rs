@@ -37,6 +37,7 @@ pub struct Piece {
     media: [Option<String>; 2],
     emission: Option<[f32; 3]>,
     picture: Option<TextureFile>,
+    unseen: bool,
     place: Place,
 }
 
@@ -48,7 +49,10 @@ impl Reader {
             parameters.ignore_all();
             return Ok(());
         }
-        let material = self.masked_material(parameters)?;
+        let opacity = self.opacity(parameters)?;
+        // Holes that leave nothing of a lamp take it out of sight, not its light: so pbrt has it.
+        let unseen = self.state.light.is_some() && opacity == Some(TextureFile::rgb([0.0; 3]));
+        let material = self.masked_material(opacity.filter(|_| !unseen), parameters);
         let mut pieces = self.geometry(kind, parameters)?;
         let light = self.state.light.clone();
         if light.as_ref().is_some_and(|light| light.two_sided) {
@@ -65,6 +69,7 @@ impl Reader {
                 media: media.clone(),
                 emission: None,
                 picture: light.as_ref().and_then(|light| light.picture.clone()),
+                unseen,
                 place: parameters.place.clone(),
             };
             self.add_piece(piece, light.as_ref().map(|light| light.radiance), parameters)?;
@@ -203,25 +208,28 @@ impl Reader {
         Ok(out)
     }
 
-    /// The name of the current material, with holes where the shape has them.
-    fn masked_material(&mut self, parameters: &Parameters) -> Result<String> {
+    /// The opacity of a shape that has holes.
+    fn opacity(&mut self, parameters: &Parameters) -> Result<Option<TextureFile>> {
         if parameters.find("shadowalpha").is_some() {
             self.warn(&parameters.place, "shadowalpha is left out: shadows have the holes of what casts them");
         }
+        let opacity = self.texture(parameters, "alpha", Values::Floats)?.map(within);
+        Ok(opacity.filter(|opacity| *opacity != TextureFile::rgb([1.0; 3])))
+    }
+
+    /// The name of the current material, with holes where there is an `opacity`.
+    fn masked_material(&mut self, opacity: Option<TextureFile>, parameters: &Parameters) -> String {
         let base = self.state.material.clone();
-        let Some(opacity) = self.texture(parameters, "alpha", Values::Floats)?.map(within) else { return Ok(base) };
-        if opacity == TextureFile::rgb([1.0; 3]) {
-            return Ok(base);
-        }
+        let Some(opacity) = opacity else { return base };
         if let Some(same) = self.masked.iter().find(|masked| masked.base == base && masked.opacity == opacity) {
-            return Ok(same.name.clone());
+            return same.name.clone();
         }
         let taken = |reader: &Self, name: &str| {
             reader.file.materials.contains_key(name) || reader.masked.iter().any(|masked| masked.name == name)
         };
         let name = self.free_name(&format!("{base} with holes"), taken);
         self.masked.push(Masked { name: name.clone(), base, opacity, place: parameters.place.clone() });
-        Ok(name)
+        name
     }
 
     /// Adds the shapes of an object.
@@ -266,6 +274,7 @@ impl Reader {
             exterior,
             emission: piece.emission,
             emission_texture: piece.emission.and(piece.picture.clone()),
+            unseen: piece.unseen,
         });
         Ok(())
     }
