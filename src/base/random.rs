@@ -220,7 +220,8 @@ impl Random {
     }
 }
 
-/// The first numbers that many generators draw for one purpose, those of [`Random::at`], without a branch for each.
+/// The first numbers that many generators draw for one purpose, those of [`Random::at`], without a branch for each:
+/// made by [`Generators::draw`].
 #[derive(Debug, Clone, Copy)]
 pub struct Draws<const N: usize> {
     /// 64 bits each: a 2D point of a sequence, or independent.
@@ -228,37 +229,53 @@ pub struct Draws<const N: usize> {
     in_sequences: bool,
 }
 
-impl<const N: usize> Draws<N> {
-    /// Draws for `dimension` by the generators, which are at the same vertex. Loops over all, which the compiler turns into vectors.
+/// Generators at the same vertex, side by side.
+#[derive(Debug, Clone, Copy)]
+pub struct Generators<const N: usize> {
+    /// Those of the sequences where there are any.
+    keys: [u64; N],
+    indices: [u32; N],
+    vertex: u32,
+    in_sequences: bool,
+}
+
+impl<const N: usize> Generators<N> {
+    /// Of generators at the same vertex.
     #[inline(always)]
-    pub fn new(of: &[&Random; N], dimension: Dimension) -> Self {
-        let mut bits = [0; N];
+    pub fn new(of: &[&Random; N]) -> Self {
+        let (mut keys, mut indices) = ([0; N], [0; N]);
         let in_sequences = of[0].sequence.is_some();
-        let number = of[0].vertex * PER_VERTEX + dimension.0;
-        if in_sequences {
-            let (mut seeds, mut indices) = ([0; N], [0; N]);
-            for (lane, random) in of.iter().enumerate() {
-                let sequence = random.sequence.as_ref();
-                seeds[lane] = sequence.map_or(0, |sequence| sequence.key);
-                indices[lane] = sequence.map_or(0, |sequence| sequence.index);
+        for (lane, random) in of.iter().enumerate() {
+            match &random.sequence {
+                Some(sequence) if in_sequences => (keys[lane], indices[lane]) = (sequence.key, sequence.index),
+                _ => keys[lane] = random.key,
             }
-            for lane in 0..N {
-                let seed = mix(seeds[lane].wrapping_add(GOLDEN.wrapping_mul(u64::from(number))));
-                let [x, y] = sobol::point(indices[lane], seed);
-                bits[lane] = u64::from(x) << 32 | u64::from(y);
+        }
+        Self { keys, indices, vertex: of[0].vertex, in_sequences }
+    }
+
+    /// What each draws for `dimension`. Loops over all, which the compiler turns into vectors.
+    #[inline(always)]
+    pub fn draw(&self, dimension: Dimension) -> Draws<N> {
+        let Self { keys, indices, vertex, in_sequences } = self;
+        let (mut bits, number) = (*keys, u64::from(vertex * PER_VERTEX + dimension.0));
+        if *in_sequences {
+            let turn = GOLDEN.wrapping_mul(number);
+            for (bits, index) in bits.iter_mut().zip(indices) {
+                let [x, y] = sobol::point(*index, mix(bits.wrapping_add(turn)));
+                *bits = u64::from(x) << 32 | u64::from(y);
             }
         } else {
-            for (lane, random) in of.iter().enumerate() {
-                bits[lane] = random.key;
-            }
-            let skipped = GOLDEN.wrapping_mul((u64::from(number) << APART) + 1);
+            let skipped = GOLDEN.wrapping_mul((number << APART) + 1);
             for bits in &mut bits {
                 *bits = mix(bits.wrapping_add(skipped));
             }
         }
-        Self { bits, in_sequences }
+        Draws { bits, in_sequences: *in_sequences }
     }
+}
 
+impl<const N: usize> Draws<N> {
     /// As by [`Random::next_2d`].
     #[inline(always)]
     pub fn points(&self) -> [[f32; 2]; N] {
@@ -363,7 +380,8 @@ mod tests {
                     random
                 });
                 for dimension in (0..PER_VERTEX).map(Dimension) {
-                    let draws = Draws::new(&std::array::from_fn::<_, 16, _>(|lane| &generators[lane]), dimension);
+                    let draws =
+                        Generators::new(&std::array::from_fn::<_, 16, _>(|lane| &generators[lane])).draw(dimension);
                     let at = |lane: usize| generators[lane].at(dimension);
                     assert_eq!(draws.points(), std::array::from_fn(|lane| at(lane).next_2d()));
                     assert_eq!(draws.numbers(), std::array::from_fn(|lane| at(lane).next_f32()));

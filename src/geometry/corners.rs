@@ -6,7 +6,7 @@ use super::mesh::Mesh;
 use super::shape::{Geometry, Shape};
 use super::{Hit, Surface};
 use crate::math::error_bound::gamma;
-use crate::math::lanes::{self, Kernel, LANES, Real, V3, Vectors, Wide, vector};
+use crate::math::lanes::{self, Kernel, LANES, Real, V3, Wide};
 
 /// Corners of a triangle in each lane.
 pub(super) struct Corners<R> {
@@ -120,21 +120,19 @@ impl Triangles {
     }
 }
 
-/// Points of [`Triangles`], lane by lane.
-struct PointLanes {
-    point: Vectors,
-    error: Vectors,
-    normal: Vectors,
-    smooth: Vectors,
-    uv: [[f32; LANES]; 2],
+/// [`Triangles`], and the surfaces that their points are to become.
+struct Sixteen<'t> {
+    triangles: &'t Triangles,
+    surfaces: &'t mut [Surface; LANES],
 }
 
-impl Kernel for &Triangles {
-    type Output = PointLanes;
+impl Kernel for Sixteen<'_> {
+    type Output = ();
 
+    /// Makes all of a surface but what its hit says.
     #[inline(always)]
-    fn run<W: Wide>(self, wide: W) -> PointLanes {
-        let numbers = wide.columns(&self.0);
+    fn run<W: Wide>(self, wide: W) {
+        let numbers = wide.columns(&self.triangles.0);
         let vector = |at: usize| V3::new(numbers[at], numbers[at + 1], numbers[at + 2]);
         let pair = |at: usize| [numbers[at], numbers[at + 1]];
         let corners = Corners {
@@ -145,14 +143,20 @@ impl Kernel for &Triangles {
             winding: numbers[27],
             to_world: None,
         };
-        let at = corners.at(pair(24));
-        let error = at.magnitudes * at.magnitudes.x.all(gamma(12));
-        PointLanes {
-            point: wide.store_vectors(at.point),
-            error: wide.store_vectors(error),
-            normal: wide.store_vectors(at.normal),
-            smooth: wide.store_vectors(at.smooth),
-            uv: [wide.store(at.uv[0]), wide.store(at.uv[1])],
+        let Points { point, magnitudes, normal, smooth, uv: [u, v] } = corners.at(pair(24));
+        let error = magnitudes * magnitudes.x.all(gamma(12));
+        let (p, e, n, s) = (point, error, normal, smooth);
+        for (number, four) in [[p.x, p.y, p.z, e.x], [e.y, e.z, n.x, n.y], [n.z, s.x, s.y, s.z], [s.x, s.y, s.z, u]]
+            .into_iter()
+            .enumerate()
+        {
+            let rows = wide.four_rows(four);
+            for (surface, row) in self.surfaces.iter_mut().zip(&rows) {
+                surface.numbers_mut()[4 * number..4 * number + 4].copy_from_slice(row);
+            }
+        }
+        for (surface, v) in self.surfaces.iter_mut().zip(wide.store(v)) {
+            surface.uv.y = v;
         }
     }
 }
@@ -161,7 +165,7 @@ impl Kernel for &Triangles {
 const FEWEST: usize = 4;
 
 /// Makes the surfaces at up to [`LANES`] hits that are on meshes in world coordinates, if they are many enough. Returns which were
-/// made, one bit each.
+/// made, one bit each. Where there are places for sixteen, the others mean nothing thereafter.
 #[inline(always)]
 pub(super) fn surfaces(hits: &[Option<Hit>], shapes: &[Shape], surfaces: &mut [Surface]) -> u32 {
     if !lanes::available() {
@@ -179,20 +183,14 @@ pub(super) fn surfaces(hits: &[Option<Hit>], shapes: &[Shape], surfaces: &mut [S
     if (made.count_ones() as usize) < FEWEST {
         return 0;
     }
-    let Ok(points) = lanes::run(&triangles) else { return 0 };
-    for (lane, (hit, surface)) in hits.iter().zip(surfaces).enumerate() {
-        let Some(hit) = hit.filter(|_| made >> lane & 1 == 1) else { continue };
-        let smooth = vector(&points.smooth, lane);
-        *surface = Surface {
-            point: vector(&points.point, lane),
-            error: vector(&points.error, lane),
-            normal: vector(&points.normal, lane),
-            shading: smooth,
-            smooth,
-            uv: Vec2::new(points.uv[0][lane], points.uv[1][lane]),
-            distance: hit.distance,
-            shape: hit.shape,
-        };
+    let Some(places) = surfaces.first_chunk_mut::<LANES>() else { return 0 };
+    if lanes::run(Sixteen { triangles: &triangles, surfaces: places }).is_err() {
+        return 0;
+    }
+    for (hit, surface) in hits.iter().zip(places) {
+        if let Some(hit) = hit {
+            (surface.distance, surface.shape) = (hit.distance, hit.shape);
+        }
     }
     made
 }

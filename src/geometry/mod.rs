@@ -12,10 +12,14 @@ pub use accel::{Accel, Hit, Met, Pace, RayKind, Scratch, Way};
 pub use shape::{Geometry, Shape};
 pub use surface::{Origins, Surface};
 
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
+use crate::math::lanes::{LANES, V3, Wide};
+
 /// A half line.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
 pub struct Ray {
     /// Origin.
     pub origin: Vec3,
@@ -27,5 +31,15 @@ impl Ray {
     /// The point at distance `t`.
     pub fn at(&self, t: f32) -> Vec3 {
         self.origin + self.direction * t
+    }
+
+    /// The directions of sixteen rays.
+    #[inline(always)]
+    pub fn directions<W: Wide>(wide: W, rays: &[&Self; LANES]) -> V3<W::Real> {
+        let [_, x, y, z] = wide.four_columns(|lane| {
+            let [_, _, numbers @ ..]: [f32; 6] = bytemuck::cast(*rays[lane]);
+            numbers
+        });
+        V3::new(x, y, z)
     }
 }

@@ -2,6 +2,7 @@
 
 use std::f32::consts::{PI, TAU};
 
+use bytemuck::{Pod, Zeroable};
 use glam::{Mat3, Vec2, Vec3};
 
 use super::Ray;
@@ -11,10 +12,12 @@ use super::shape::{Geometry, Shape};
 use super::sphere::Sphere;
 use crate::math::Frame;
 use crate::math::error_bound::{gamma, offset_origins};
-use crate::math::lanes::{LANES, Mask, Real, V3};
+use crate::math::lanes::{LANES, Mask, Real, V3, Wide};
 
-/// A point of a surface with its local geometry.
-#[derive(Debug, Clone, Copy)]
+/// A point of a surface with its local geometry. The order of its numbers is one in which sixteen of them come and go four by four, see
+/// [`Surface::shading_lanes`].
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
 pub struct Surface {
     /// World position.
     pub point: Vec3,
@@ -44,19 +47,40 @@ impl Surface {
         }
     }
 
-    /// Makes the surfaces at hits of rays, in their places; where there is no hit, nothing changes.
+    /// Makes the surfaces at hits of rays, in their places; where there is no hit, what stands there then means nothing.
     #[inline(always)]
     pub fn all(rays: &[Ray], hits: &[Option<Hit>], shapes: &[Shape], surfaces: &mut [Self]) {
         for first in (0..hits.len()).step_by(LANES) {
             let places = first..hits.len().min(first + LANES);
-            let (hits, surfaces) = (&hits[places.clone()], &mut surfaces[places.clone()]);
-            let made = corners::surfaces(hits, shapes, surfaces);
+            let hits = &hits[places.clone()];
+            let made = corners::surfaces(hits, shapes, &mut surfaces[first..]);
             for (lane, place) in places.enumerate().filter(|(lane, _)| made >> lane & 1 == 0) {
                 if let Some(hit) = &hits[lane] {
-                    surfaces[lane] = Self::new(&rays[place], hit, &shapes[hit.shape as usize]);
+                    surfaces[place] = Self::new(&rays[place], hit, &shapes[hit.shape as usize]);
                 }
             }
         }
+    }
+
+    /// Its numbers, but for the last, which is none.
+    #[inline(always)]
+    fn numbers(&self) -> &[f32; NUMBERS] {
+        bytemuck::cast_ref(self)
+    }
+
+    #[inline(always)]
+    pub(super) fn numbers_mut(&mut self) -> &mut [f32; NUMBERS] {
+        bytemuck::cast_mut(self)
+    }
+
+    /// Sixteen surfaces as they are shaded: points from which rays leave, and shading normals.
+    #[inline(always)]
+    pub fn shading_lanes<W: Wide>(wide: W, surfaces: &[&Self; LANES]) -> (Origins<W::Real>, V3<W::Real>) {
+        let [x, y, z, ex] = wide.four_columns(|lane| four(surfaces[lane].numbers(), 0));
+        let [ey, ez, nx, ny] = wide.four_columns(|lane| four(surfaces[lane].numbers(), 4));
+        let [nz, sx, sy, sz] = wide.four_columns(|lane| four(surfaces[lane].numbers(), 8));
+        let origins = Origins { point: V3::new(x, y, z), error: V3::new(ex, ey, ez), normal: V3::new(nx, ny, nz) };
+        (origins, V3::new(sx, sy, sz))
     }
 
     fn on_sphere(ray: &Ray, hit: &Hit, shape: &Shape, sphere: &Sphere) -> Self {
@@ -122,6 +146,15 @@ impl Surface {
         let (origin, direction, length) = self.origin().towards(wi.into(), distance);
         (Ray { origin: origin.into(), direction: direction.into() }, length)
     }
+}
+
+/// As many numbers as a surface has.
+const NUMBERS: usize = size_of::<Surface>() / size_of::<f32>();
+
+/// Four numbers in a row, from the `first` on.
+#[inline(always)]
+fn four<const N: usize>(numbers: &[f32; N], first: usize) -> [f32; 4] {
+    [numbers[first], numbers[first + 1], numbers[first + 2], numbers[first + 3]]
 }
 
 /// Points of surfaces from which rays leave, one per lane.

@@ -80,10 +80,8 @@ struct PathState {
     previous: Option<Previous>,
     /// Index of its last vertex so far.
     last: u32,
-    /// Emission that it ran into infinitely far away.
-    background: Emission,
-    /// Light of media on the way there.
-    glow: Vec3,
+    /// Index of the background that it ran into.
+    background: u32,
 }
 
 impl PathState {
@@ -99,8 +97,7 @@ impl PathState {
             medium,
             previous: None,
             last: NO_VERTEX,
-            background: Emission::default(),
-            glow: Vec3::ZERO,
+            background: NO_BACKGROUND,
         }
     }
 }
@@ -117,7 +114,7 @@ struct Arrival {
     phase: Option<HenyeyGreenstein>,
     /// Whether the shading normal is turned by bumps.
     bumped: bool,
-    /// Which way the surface faces, as the sky is sampled by it.
+    /// Which way the surface faces, as the sky is sampled by it: see [`PathTracer::face`].
     facing: u8,
     /// Whether only delta lobes scatter here.
     smooth: bool,
@@ -152,6 +149,18 @@ struct Vertex {
 
 /// Index where there is no vertex.
 const NO_VERTEX: u32 = u32::MAX;
+
+/// What a path that has left the scene ran into.
+#[derive(Clone, Copy, Default)]
+struct Background {
+    /// Emission infinitely far away.
+    emission: Emission,
+    /// Light of media on the way there.
+    glow: Vec3,
+}
+
+/// Index of the background of a path that has not left the scene.
+const NO_BACKGROUND: u32 = u32::MAX;
 
 /// Further data of a vertex for its record; kept only where records are wanted.
 struct Details {
@@ -247,8 +256,7 @@ impl PathTracer<'_> {
         path.medium = medium;
         let phase = match end {
             End::Background => {
-                path.glow = glow;
-                left.push(Left { path: number, passed });
+                left.push(Left { path: number, passed, glow });
                 return None;
             }
             End::Surface => None,
@@ -259,7 +267,8 @@ impl PathTracer<'_> {
             path.reflected *= passed;
         }
         let emission = if phase.is_none() { self.emission(surface, path).dimmed(passed) } else { Emission::default() };
-        let normal = if phase.is_none() { surface.normal_towards(-path.ray.direction) } else { Vec3::ZERO };
+        let known = (E::GUIDING || RECORDS) && phase.is_none();
+        let normal = if known { surface.normal_towards(-path.ray.direction) } else { Vec3::ZERO };
         let vertex = self.begin_vertex::<E, RECORDS>(path, surface, normal, emission, [passed, glow], vertices);
         if path.depth >= self.settings.max_depth {
             return None;
@@ -279,12 +288,23 @@ impl PathTracer<'_> {
             variant: if phase.is_some() { Variant::PHASE } else { self.scene.variant(surface) },
             phase,
             bumped,
-            facing: if self.lights.asks_facing() { facing(normal) } else { ANYWHERE },
+            facing: ANYWHERE,
             smooth,
             connects: self.connects::<E>(path, worth.light),
             worth,
             voxel: found.and_then(guides),
         })
+    }
+
+    /// Finds out which way the surfaces face at which paths arrived, where that matters.
+    #[inline(always)]
+    fn face(&self, arrivals: &mut [Arrival], surfaces: &[Surface], paths: &[PathState]) {
+        if self.lights.asks_facing() {
+            for at in arrivals.iter_mut().filter(|at| at.phase.is_none()) {
+                let out = -paths[at.path as usize].ray.direction;
+                at.facing = facing(surfaces[at.place as usize].normal_towards(out));
+            }
+        }
     }
 
     /// Mean radiance that comes to a path from a place on its ray; none where the guide does not know it.

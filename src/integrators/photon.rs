@@ -13,6 +13,7 @@ use crate::lights::Emission;
 use crate::materials::medium::MediumId;
 use crate::materials::{Bsdf, Transport};
 use crate::math::channel_mean;
+use crate::math::lanes::LANES;
 use crate::scene::Scene;
 use crate::scene::effects::{Effects, With};
 use crate::scene::media::{End, Passage, Segment};
@@ -146,7 +147,8 @@ impl PhotonTracer<'_> {
             let accel = &self.scene.accel;
             accel.pace.measure(RayKind::Photon, rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
             count.rays += rays.len() as u64;
-            surfaces.resize(rays.len(), Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
+            // Sixteen are made at once, the last ones too.
+            surfaces.resize(rays.len().next_multiple_of(LANES), Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
             self.scene.surfaces(rays, hits, 0..rays.len(), surfaces);
             let mut ends = hits.iter().zip(&mut *surfaces);
             alive.retain_mut(|path| {

@@ -314,6 +314,9 @@ impl Variant {
     /// Of phase functions, which are in the place of BSDFs in media.
     pub const PHASE: Self = Self::new(11, 0, false);
 
+    /// Of [`Plain`] points.
+    pub const PLAIN: Self = Self::new(0, 0, false);
+
     const fn new(model: usize, option: usize, tinted: bool) -> Self {
         Self(((model * OPTIONS + option) * 2 + tinted as usize) as u8)
     }
@@ -332,6 +335,39 @@ impl Variant {
     /// Index of the variant, below [`Variant::COUNT`].
     pub fn index(self) -> usize {
         self.0.into()
+    }
+}
+
+/// A point of a diffuse surface that nothing tints: the commonest by far, of which less is to be written and read than of any.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Plain {
+    surface: diffuse::At<f32>,
+    two_sided: bool,
+}
+
+impl Plain {
+    #[inline(always)]
+    pub(super) fn new(surface: diffuse::At<f32>, two_sided: bool) -> Self {
+        Self { surface, two_sided }
+    }
+
+    /// Points in lanes.
+    #[inline(always)]
+    pub fn gather<'a, W: Wide>(wide: W, points: &[Self; LANES]) -> Bsdf<'a, W::Real> {
+        let [r, g, b, two_sided] = wide.four_columns(|lane| {
+            let Self { surface, two_sided } = &points[lane];
+            let V3 { x, y, z } = surface.albedo();
+            [x, y, z, if *two_sided { 1.0 } else { 0.0 }]
+        });
+        let model = Model::Diffuse(diffuse::At::new(V3::new(r, g, b)));
+        Bsdf { two_sided: two_sided.above(0.0), tint: None, model }
+    }
+}
+
+impl From<Plain> for Bsdf<'_, f32> {
+    #[inline(always)]
+    fn from(Plain { surface, two_sided }: Plain) -> Self {
+        Self { two_sided, tint: None, model: Model::Diffuse(surface) }
     }
 }
 

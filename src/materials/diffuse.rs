@@ -17,7 +17,7 @@ pub struct Diffuse {
 }
 
 /// A diffuse surface at points.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct At<R> {
     reflectance: V3<R>,
 }
@@ -35,6 +35,14 @@ impl Diffuse {
     #[inline(always)]
     pub fn at(&self, uv: Vec2) -> At<f32> {
         At { reflectance: self.reflectance.eval(uv).into() }
+    }
+}
+
+impl<R: Real> At<R> {
+    /// A surface of this albedo.
+    #[inline(always)]
+    pub fn new(reflectance: V3<R>) -> Self {
+        Self { reflectance }
     }
 }
 

@@ -36,7 +36,7 @@ use glam::{Vec2, Vec3};
 
 pub use crate::picture::texture;
 use blend::Blend;
-pub use bsdf::{Bsdf, Drawn, Scatter, Variant};
+pub use bsdf::{Bsdf, Drawn, Plain, Scatter, Variant};
 use bsdf::{Model, Null, mirrored};
 use bump::Bump;
 use conductor::Conductor;
@@ -151,12 +151,15 @@ impl Material {
     /// The material at `uv`: all that its textures say there, read once.
     #[inline(always)]
     pub fn at(&self, uv: Vec2) -> Bsdf<'_, f32> {
+        self.plain_at(uv).map_or_else(|| self.any_at(uv), Bsdf::from)
+    }
+
+    /// The material at `uv`, if it is of the variant [`Variant::PLAIN`].
+    #[inline(always)]
+    pub fn plain_at(&self, uv: Vec2) -> Option<Plain> {
         match &self.kind {
-            // The commonest by far, and so small that a call would cost more.
-            Kind::Diffuse(m) if self.tint.is_none() => {
-                Bsdf { two_sided: self.two_sided, tint: None, model: Model::Diffuse(m.at(uv)) }
-            }
-            _ => self.any_at(uv),
+            Kind::Diffuse(m) if self.tint.is_none() => Some(Plain::new(m.at(uv), self.two_sided)),
+            _ => None,
         }
     }
 

@@ -2,7 +2,7 @@
 //! for one.
 
 use super::settings::RenderSettings;
-use crate::base::random::{Dimension, Draws, Random, keys};
+use crate::base::random::{Dimension, Generators, Random, keys};
 use crate::film::PixelFilter;
 use crate::geometry::{Ray, Surface};
 use crate::math::lanes::{self, Kernel, LANES, Vectors, Wide, vector};
@@ -163,11 +163,12 @@ impl Kernel for Begin<'_> {
         for (of, random) in of.iter_mut().zip(&randoms) {
             *of = random;
         }
-        let mut film = Draws::new(&of, Dimension::FILM).points();
+        let generators = Generators::new(&of);
+        let mut film = generators.draw(Dimension::FILM).points();
         for (place, corner) in film.iter_mut().zip(corners) {
             *place = on_film(corner, self.filter, *place);
         }
-        let lens = if camera.has_lens() { Draws::new(&of, Dimension::LENS).points() } else { [[0.5; 2]; LANES] };
+        let lens = if camera.has_lens() { generators.draw(Dimension::LENS).points() } else { [[0.5; 2]; LANES] };
         let (origins, directions) = camera.rays(wide.points(&film), wide.points(&lens));
         let (origins, directions) = (wide.store_vectors(origins), wide.store_vectors(directions));
         Some(Begun { origins, directions, randoms })

@@ -2,7 +2,8 @@
 
 use glam::Vec3;
 
-use super::{Emission, PathState, PathTracer};
+use super::vertices::Vertices;
+use super::{Background, Emission, PathState, PathTracer};
 use crate::lights::LightSet;
 use crate::lights::seen::{ANYWHERE, LightView};
 use crate::math::lanes::{self, Kernel, LANES, Vectors, Wide, vector};
@@ -14,6 +15,8 @@ pub(super) struct Left {
     pub path: u32,
     /// Transmittance of the media on the way out, over the density of getting there.
     pub passed: Vec3,
+    /// Light of the media there.
+    pub glow: Vec3,
 }
 
 /// Directions that are looked in.
@@ -39,7 +42,7 @@ const FEWEST: usize = 3;
 
 impl PathTracer<'_> {
     /// Lets paths see the background that they have left the scene for.
-    pub(super) fn look_out(&self, left: &[Left], paths: &mut [PathState]) {
+    pub(super) fn look_out(&self, left: &[Left], paths: &mut [PathState], vertices: &mut Vertices) {
         for left in left.chunks(LANES) {
             let mut view = self.view(&paths[left[0].path as usize]);
             let mut directions = [Vec3::Z; LANES];
@@ -49,13 +52,14 @@ impl PathTracer<'_> {
             }
             let look = Look { lights: &self.scene.lights, directions, view };
             let seen = if left.len() < FEWEST { None } else { lanes::run(look).ok() };
-            for (lane, Left { path, passed }) in left.iter().enumerate() {
+            for (lane, Left { path, passed, glow }) in left.iter().enumerate() {
                 let path = &mut paths[*path as usize];
                 let emission = match &seen {
                     Some((radiance, pdf)) => weighed(path, vector(radiance, lane), pdf[lane]),
                     None => self.background(path),
                 };
-                path.background = emission.dimmed(*passed);
+                path.background = vertices.backgrounds.len() as u32;
+                vertices.backgrounds.push(Background { emission: emission.dimmed(*passed), glow: *glow });
             }
         }
     }

@@ -6,7 +6,7 @@ use glam::Vec3;
 use super::background::Left;
 use super::shade::Groups;
 use super::vertices::{Connection, Shadows, Tried, Vertices};
-use super::{Arrival, CameraPath, Direct, Emission, NO_VERTEX, PathState, PathTracer, RayCount, ToLight, record};
+use super::{Arrival, Background, CameraPath, Direct, NO_VERTEX, PathState, PathTracer, RayCount, ToLight, record};
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
 use crate::base::random::Random;
@@ -53,9 +53,9 @@ impl PathScratch {
         self.paths.len()
     }
 
-    /// Emission that the only path ran into infinitely far away, and that of media on the way there.
-    pub(super) fn background(&self) -> (Emission, Vec3) {
-        (self.paths[0].background, self.paths[0].glow)
+    /// What the only path ran into behind all surfaces.
+    pub(super) fn background(&self) -> Background {
+        self.vertices.background(&self.paths[0])
     }
 }
 
@@ -155,12 +155,13 @@ impl PathTracer<'_> {
                     let state = &mut paths[path as usize];
                     arrivals.extend(self.arrive::<E, RECORDS>(numbers, state, meets, surface, vertices, left));
                 }
+                self.face(arrivals, surfaces, paths);
                 self.shade::<E, RECORDS>((arrivals, surfaces), paths, groups, vertices, shadows, |path| {
                     alive[kept] = path;
                     kept += 1;
                 });
             }
-            self.look_out(left, paths);
+            self.look_out(left, paths, vertices);
             left.clear();
             alive.truncate(kept);
             count.rays += (rays.len() + shadows.connections.len()) as u64;
@@ -273,7 +274,7 @@ impl PathTracer<'_> {
         let pixel = path.pixel.unwrap_or(1.0);
         gather(path, vertices, |vertex, next, onward| {
             let next = next.map(|next| &vertices.details[next]);
-            let met = next.map_or(path.background, |next| next.emission);
+            let met = next.map_or_else(|| vertices.background(path).emission, |next| next.emission);
             records.extend(record(&vertices.details[vertex], next, met, onward, pixel));
         })
     }
@@ -283,8 +284,9 @@ impl PathTracer<'_> {
 /// next, and what arrived from there beside the emission that was met.
 #[inline(always)]
 fn gather(path: &PathState, vertices: &Vertices, mut step: impl FnMut(usize, Option<usize>, Vec3)) -> Vec3 {
-    let mut onward = path.glow;
-    let mut incoming = path.background.weighted() + onward;
+    let media = !vertices.passed.is_empty();
+    let Background { emission, glow: mut onward } = vertices.background(path);
+    let mut incoming = emission.weighted() + onward;
     let (mut at, mut next) = (path.last, None);
     while at != NO_VERTEX {
         let index = at as usize;
@@ -292,11 +294,11 @@ fn gather(path: &PathState, vertices: &Vertices, mut step: impl FnMut(usize, Opt
         step(index, next, onward);
         // Nothing arrives where the path has ended.
         onward = vertex.direct + vertex.weight * incoming / vertex.survival;
-        if let Some(passed) = vertices.passed.get(index) {
-            onward *= *passed;
-        }
-        if let Some(glow) = vertices.glow.get(index) {
-            onward += *glow;
+        if media {
+            onward *= vertices.passed[index];
+            if let Some(glow) = vertices.glow.get(index) {
+                onward += *glow;
+            }
         }
         incoming = vertex.emitted + onward;
         (at, next) = (vertex.previous, Some(index));

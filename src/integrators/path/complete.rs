@@ -73,6 +73,7 @@ impl PathTracer<'_> {
         mut take: impl FnMut(Contribution),
     ) {
         let (path, vertices) = (&scratch.paths[index], &scratch.vertices);
+        let background = vertices.background(path).emission;
         let mut order: SmallVec<[u32; 16]> = SmallVec::new();
         let mut at = path.last;
         while at != NO_VERTEX {
@@ -93,18 +94,18 @@ impl PathTracer<'_> {
             let share = self.share(shares, details);
             self.direct(number, details, share, (&begun, film, origin, random), &mut take);
             match &details.step {
-                Some(step) if !last || path.background.weight > 0.0 => begun.go_on(step, details, share),
+                Some(step) if !last || background.weight > 0.0 => begun.go_on(step, details, share),
                 _ => {}
             }
         }
-        let value = path.throughput * path.background.weighted();
+        let value = path.throughput * background.weighted();
         if value != Vec3::ZERO {
             begun.points.push(sky_point(
                 self.scene,
                 begun.points.last().copied().unwrap_or(origin),
                 path.ray.direction,
             ));
-            take(begun.ended(value, path.background, End::Sky, film, origin));
+            take(begun.ended(value, background, End::Sky, film, origin));
         }
     }
 

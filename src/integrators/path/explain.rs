@@ -3,7 +3,7 @@
 use glam::Vec3;
 use serde::Serialize;
 
-use super::{CameraPath, Details, Emission, PathScratch, PathTracer, RayCount, Step, Vertex};
+use super::{Background, CameraPath, Details, Emission, PathScratch, PathTracer, RayCount, Step, Vertex};
 use crate::geometry::Ray;
 
 /// First quantity on a path that is not finite.
@@ -159,8 +159,8 @@ impl PathTracer<'_> {
             throughput *= passed * vertex.weight / vertex.survival;
             vertices.push(explained);
         }
-        let (background, background_glow) = scratch.background();
-        let background = Met::new(background);
+        let Background { emission, glow: background_glow } = scratch.background();
+        let background = Met::new(emission);
         let finite_ray = ray.origin.is_finite() && ray.direction.is_finite();
         let first = || {
             let behind =

@@ -6,14 +6,14 @@ use smallvec::SmallVec;
 
 use super::vertices::{Shadows, Vertices};
 use super::{Arrival, PathState, PathTracer};
-use crate::base::random::{Dimension, Draws, Random};
-use crate::geometry::{Origins, Ray, Surface};
+use crate::base::random::{Dimension, Generators, Random};
+use crate::geometry::{Ray, Surface};
 use crate::guiding::sample::field::DirectionGuide;
 use crate::integrators::mixture::{Proposal, cosine_normal, guided_point, one_draw};
 use crate::integrators::site::{Draw, Lit, Onward, Site};
 use crate::lights::seen::{ANYWHERE, LightView};
 use crate::lights::{LightSamples, LightSet};
-use crate::materials::{Bsdf, Transport, Variant};
+use crate::materials::{Bsdf, Plain, Transport, Variant};
 use crate::math::lanes::{self, Kernel, LANES, Mask, Real, V3, Vectors, Wide, vector};
 use crate::scene::effects::Effects;
 
@@ -241,37 +241,78 @@ pub(super) struct Sampled {
     pub shadow: (Ray, f32),
 }
 
-/// Vertices that are shaded together: of one variant of BSDF, all with bumps or none.
-struct Group<'g, 'b> {
-    vertices: [&'g Arrival; LANES],
+/// How sixteen vertices scatter, which are of one variant.
+trait Points<'b>: Copy {
+    /// See [`Bsdf::chooses_lobe`].
+    fn chooses_lobe(self) -> bool;
+
+    /// Lane by lane.
+    fn gather<W: Wide>(self, wide: W) -> Bsdf<'b, W::Real>;
+}
+
+/// Of any variant: of the vertices that are looked at, at least one.
+impl<'b> Points<'b> for &[Bsdf<'b, f32>] {
+    #[inline(always)]
+    fn chooses_lobe(self) -> bool {
+        self[0].chooses_lobe()
+    }
+
+    #[inline(always)]
+    fn gather<W: Wide>(self, wide: W) -> Bsdf<'b, W::Real> {
+        let mut points = [&self[0]; LANES];
+        for (point, bsdf) in points.iter_mut().zip(self) {
+            *point = bsdf;
+        }
+        Bsdf::gather(wide, points)
+    }
+}
+
+impl<'b> Points<'b> for &[Plain; LANES] {
+    #[inline(always)]
+    fn chooses_lobe(self) -> bool {
+        false
+    }
+
+    #[inline(always)]
+    fn gather<W: Wide>(self, wide: W) -> Bsdf<'b, W::Real> {
+        Plain::gather(wide, self)
+    }
+}
+
+/// Vertices that are shaded together: all with bumps or none. Lanes behind the last one repeat the first.
+struct Sixteen<'g> {
+    /// Whether lights are sampled at some of them.
+    connects: bool,
+    bumped: bool,
     surfaces: [&'g Surface; LANES],
-    /// Of the vertices that are looked at, at least one.
-    bsdfs: &'b [Bsdf<'g, f32>],
     /// The rays on which the paths arrived.
     rays: [&'g Ray; LANES],
     randoms: [&'g Random; LANES],
+    /// See [`Arrival::facing`].
+    facing: [u8; LANES],
+}
+
+/// Vertices with all that their shading depends on.
+struct Group<'g, P> {
+    points: P,
+    sixteen: Sixteen<'g>,
     lights: &'g LightSet,
     /// How the vertices see the lights.
     view: LightView<'g>,
     shaded: &'g mut Shaded,
 }
 
-impl Group<'_, '_> {
+impl<'b, P: Points<'b>> Group<'_, P> {
     #[inline(always)]
-    fn draws(&self, dimension: Dimension) -> Draws<LANES> {
-        Draws::new(&self.randoms, dimension)
+    fn lights<W: Wide>(&self, wide: W, points: &V3<W::Real>, of: &Generators<LANES>) -> LightSamples<W::Real> {
+        let choices = if self.lights.has_choice() { of.draw(Dimension::LIGHT).doubles() } else { [0.0; LANES] };
+        self.lights.sample_lanes(wide, points, &choices, &of.draw(Dimension::LIGHT_POINT).points(), &self.view)
     }
 
     #[inline(always)]
-    fn lights<W: Wide>(&self, wide: W, points: &V3<W::Real>) -> LightSamples<W::Real> {
-        let choices = if self.lights.has_choice() { self.draws(Dimension::LIGHT).doubles() } else { [0.0; LANES] };
-        self.lights.sample_lanes(wide, points, &choices, &self.draws(Dimension::LIGHT_POINT).points(), &self.view)
-    }
-
-    #[inline(always)]
-    fn draw<W: Wide>(&self, wide: W) -> Draw<W::Real> {
-        let chooses = self.bsdfs[0].chooses_lobe();
-        let lobes = if chooses { self.draws(Dimension::LOBE).numbers() } else { [0.0; LANES] };
+    fn draw<W: Wide>(&self, wide: W, of: &Generators<LANES>) -> Draw<W::Real> {
+        let chooses = self.points.chooses_lobe();
+        let lobes = if chooses { of.draw(Dimension::LOBE).numbers() } else { [0.0; LANES] };
         let guided = self.shaded.guided.then(|| {
             let (proposals, mut taken) = (&self.shaded.proposals, [0.0; LANES]);
             for (taken, proposal) in taken.iter_mut().zip(proposals) {
@@ -280,39 +321,31 @@ impl Group<'_, '_> {
             let directions = wide.vectors(|lane| proposals[lane].map_or(Vec3::ZERO, |of| of.direction));
             (wide.load(&taken).above(0.0), directions)
         });
-        let u = wide.points(&self.draws(Dimension::DIRECTION).points());
+        let u = wide.points(&of.draw(Dimension::DIRECTION).points());
         Draw { lobe: wide.load(&lobes), u, guided, transport: Transport::Radiance }
     }
 }
 
-impl Kernel for Group<'_, '_> {
+impl<'b, P: Points<'b>> Kernel for Group<'_, P> {
     type Output = ();
 
     #[inline(always)]
     fn run<W: Wide>(self, wide: W) {
-        let (vertices, surfaces) = (&self.vertices, &self.surfaces);
-        let origins = Origins {
-            point: wide.vectors(|lane| surfaces[lane].point),
-            error: wide.vectors(|lane| surfaces[lane].error),
-            normal: wide.vectors(|lane| surfaces[lane].normal),
-        };
-        let normal = wide.vectors(|lane| surfaces[lane].shading);
-        let (bumped, mut smooth) = (vertices[0].bumped, normal);
-        if bumped {
+        let Sixteen { connects, bumped, surfaces, rays, randoms, .. } = &self.sixteen;
+        let (origins, normal) = Surface::shading_lanes(wide, surfaces);
+        let mut smooth = normal;
+        if *bumped {
             smooth = wide.vectors(|lane| surfaces[lane].smooth);
         }
-        let out = -wide.vectors(|lane| self.rays[lane].direction);
-        let mut points = [&self.bsdfs[0]; LANES];
-        for (point, bsdf) in points.iter_mut().zip(self.bsdfs) {
-            *point = bsdf;
-        }
-        let site = Site::new(origins, normal, smooth, out, Bsdf::gather(wide, points), bumped);
-        if vertices.iter().any(|vertex| vertex.connects) {
-            let light = self.lights(wide, &origins.point);
+        let out = -Ray::directions(wide, rays);
+        let site = Site::new(origins, normal, smooth, out, self.points.gather(wide), *bumped);
+        let generators = Generators::new(randoms);
+        if *connects {
+            let light = self.lights(wide, &origins.point, &generators);
             self.shaded.keep_light(All(wide), &light, &site.light(&light));
         }
-        let draw = self.draw(wide);
-        self.shaded.roulette = self.draws(Dimension::ROULETTE).numbers();
+        let draw = self.draw(wide, &generators);
+        self.shaded.roulette = generators.draw(Dimension::ROULETTE).numbers();
         self.shaded.keep_onward(All(wide), &site.draw(&draw));
     }
 }
@@ -381,7 +414,7 @@ impl PathTracer<'_> {
                 if together == 1 {
                     self.shade_one(group[0], surfaces, paths, shaded);
                 } else {
-                    self.shade_lanes(group, indices.len(), surfaces, paths, shaded);
+                    self.shade_lanes::<E>(group, indices.len(), surfaces, paths, shaded);
                 }
                 if E::GUIDING {
                     shaded.ask(&guides);
@@ -427,7 +460,7 @@ impl PathTracer<'_> {
 
     /// Shades vertices together, of which the first `count` are looked at.
     #[inline(always)]
-    fn shade_lanes(
+    fn shade_lanes<E: Effects>(
         &self,
         vertices: [&Arrival; LANES],
         count: usize,
@@ -435,32 +468,47 @@ impl PathTracer<'_> {
         paths: &[PathState],
         shaded: &mut Shaded,
     ) {
-        let first = &paths[vertices[0].path as usize];
-        let mut near = [&surfaces[vertices[0].place as usize]; LANES];
-        let (mut rays, mut randoms, mut facing) = ([&first.ray; LANES], [&first.random; LANES], [ANYWHERE; LANES]);
-        // Not an array: they are large, and would be written twice.
-        let mut bsdfs: SmallVec<[Bsdf<f32>; LANES]> = SmallVec::new();
+        let first = vertices[0];
+        let (path, surface) = (&paths[first.path as usize], &surfaces[first.place as usize]);
+        let mut sixteen = Sixteen {
+            connects: false,
+            bumped: first.bumped,
+            surfaces: [surface; LANES],
+            rays: [&path.ray; LANES],
+            randoms: [&path.random; LANES],
+            facing: [ANYWHERE; LANES],
+        };
         for (lane, at) in vertices.iter().enumerate().take(count) {
-            let (path, surface) = (&paths[at.path as usize], &surfaces[at.place as usize]);
-            (near[lane], rays[lane], randoms[lane], facing[lane]) = (surface, &path.ray, &path.random, at.facing);
-            bsdfs.push(self.bsdf(at, surface));
+            let path = &paths[at.path as usize];
+            sixteen.connects |= at.connects;
+            sixteen.surfaces[lane] = &surfaces[at.place as usize];
+            (sixteen.rays[lane], sixteen.randoms[lane]) = (&path.ray, &path.random);
+            sixteen.facing[lane] = at.facing;
         }
-        let group = Group {
-            vertices,
-            surfaces: near,
-            bsdfs: &bsdfs,
-            rays,
-            randoms,
-            lights: &self.scene.lights,
-            view: LightView {
-                learned: self.lights.sky(),
-                facing,
-                odds: self.lights.odds_lanes(|lane| near[lane].point),
-            },
-            shaded,
+        if first.variant == Variant::PLAIN && !first.bumped {
+            let mut points = [Plain::default(); LANES];
+            for (point, surface) in points.iter_mut().zip(sixteen.surfaces) {
+                *point = self.scene.material(surface).plain_at(surface.uv).unwrap_or_default();
+            }
+            self.shade_points(&points, sixteen, shaded);
+        } else if E::MATERIALS {
+            // Not an array: they are large, and would be written twice.
+            let looked_at = vertices.iter().take(count).zip(sixteen.surfaces);
+            let bsdfs: SmallVec<[Bsdf<f32>; LANES]> = looked_at.map(|(at, surface)| self.bsdf(at, surface)).collect();
+            self.shade_points(&bsdfs[..], sixteen, shaded);
+        }
+    }
+
+    /// Shades vertices that scatter so.
+    #[inline(always)]
+    fn shade_points<'p>(&'p self, points: impl Points<'p>, sixteen: Sixteen, shaded: &mut Shaded) {
+        let view = LightView {
+            learned: self.lights.sky(),
+            facing: sixteen.facing,
+            odds: self.lights.odds_lanes(|lane| sixteen.surfaces[lane].point),
         };
         // There are lanes, or these would have been shaded one by one.
-        let _ = lanes::run(group);
+        let _ = lanes::run(Group { points, sixteen, lights: &self.scene.lights, view, shaded });
     }
 
     /// Shades a vertex alone, in the first lane.

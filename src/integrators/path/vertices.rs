@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 
-use super::{Details, Vertex};
+use super::{Background, Details, PathState, Vertex};
 use crate::base::random::Random;
 use crate::geometry::{Met, Ray};
 use crate::lights::tried::Trial;
@@ -18,6 +18,8 @@ pub(super) struct Vertices {
     pub passed: Vec<Vec3>,
     /// Light of media on the way to each; empty where none has any.
     pub glow: Vec<Vec3>,
+    /// What the paths that have left the scene ran into.
+    pub backgrounds: Vec<Background>,
     /// Of each where records are wanted, otherwise none.
     pub details: Vec<Details>,
     /// What came of lights that were chosen, where that is counted.
@@ -29,6 +31,12 @@ impl Vertices {
     #[inline(always)]
     pub fn next(&self) -> u32 {
         self.all.len() as u32
+    }
+
+    /// What a path ran into behind its last vertex: nothing unless it has left the scene.
+    #[inline(always)]
+    pub fn background(&self, path: &PathState) -> Background {
+        self.backgrounds.get(path.background as usize).copied().unwrap_or_default()
     }
 
     /// Adds a vertex.
@@ -52,6 +60,7 @@ impl Vertices {
         self.all.clear();
         self.passed.clear();
         self.glow.clear();
+        self.backgrounds.clear();
         self.details.clear();
         self.trials.clear();
     }

@@ -65,8 +65,29 @@ impl Numbers {
             // SAFETY: `self` proves that the processor has the instructions.
             quarters[i] = unsafe { _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(low), high) };
         }
-        let [a, b, c, d] = quarters;
-        // SAFETY: as above.
+        Self::four_by_four(quarters)
+    }
+
+    /// The rows of four columns: the way back from [`Numbers::four_columns`].
+    #[inline(always)]
+    fn four_rows(columns: [Self; 4]) -> [[f32; 4]; LANES] {
+        let mut rows = [[0.0; 4]; LANES];
+        for half in 0..2 {
+            let turned = Self::four_by_four(columns.map(|column| column.0[half]));
+            for i in 0..4 {
+                let quarters: [[f32; 4]; 2] = bytemuck::cast(turned[i]);
+                for of in 0..2 {
+                    rows[LANES / 2 * half + 4 * of + i] = quarters[of];
+                }
+            }
+        }
+        rows
+    }
+
+    /// Transposes each quarter of four registers by itself. They come from [`Numbers`].
+    #[inline(always)]
+    fn four_by_four([a, b, c, d]: [__m256; 4]) -> [__m256; 4] {
+        // SAFETY: the values prove that the processor has the instructions.
         unsafe {
             let (ab, cd) = (_mm256_castps_pd(_mm256_unpacklo_ps(a, b)), _mm256_castps_pd(_mm256_unpacklo_ps(c, d)));
             let (ab_behind, cd_behind) =

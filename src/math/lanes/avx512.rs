@@ -53,8 +53,27 @@ impl Numbers {
                 _mm512_insertf32x4::<3>(_mm512_insertf32x4::<2>(half, third), fourth)
             };
         }
-        let [a, b, c, d] = quarters;
-        // SAFETY: as above.
+        Self::four_by_four(quarters.map(Self))
+    }
+
+    /// The rows of four columns: the way back from [`Numbers::four_columns`].
+    #[inline(always)]
+    fn four_rows(columns: [Self; 4]) -> [[f32; 4]; LANES] {
+        let mut rows = [[0.0; 4]; LANES];
+        let turned = Self::four_by_four(columns);
+        for i in 0..4 {
+            let quarters: [[f32; 4]; 4] = bytemuck::cast(turned[i].0);
+            for of in 0..4 {
+                rows[4 * of + i] = quarters[of];
+            }
+        }
+        rows
+    }
+
+    /// Transposes each quarter of four registers by itself.
+    #[inline(always)]
+    fn four_by_four([Self(a), Self(b), Self(c), Self(d)]: [Self; 4]) -> [Self; 4] {
+        // SAFETY: the values prove that the processor has the instructions.
         unsafe {
             let (ab, cd) = (_mm512_castps_pd(_mm512_unpacklo_ps(a, b)), _mm512_castps_pd(_mm512_unpacklo_ps(c, d)));
             let (ab_behind, cd_behind) =

@@ -289,6 +289,10 @@ pub trait Wide: Copy + Send + Sync {
 
     /// The columns of rows of which each lane has one.
     fn columns<const N: usize>(self, rows: &[[f32; N]; LANES]) -> [Self::Real; N];
+    /// The columns of rows of four that `of` tells for each lane: nothing is copied where it takes them from memory.
+    fn four_columns(self, of: impl Fn(usize) -> [f32; 4]) -> [Self::Real; 4];
+    /// The rows of four columns, one for each lane.
+    fn four_rows(self, columns: [Self::Real; 4]) -> [[f32; 4]; LANES];
     /// Integers lane by lane.
     fn load_bits(self, integers: &[i32; LANES]) -> <Self::Real as Real>::Bits;
     /// Integers lane by lane.
@@ -381,6 +385,20 @@ macro_rules! as_bytes {
         #[inline(always)]
         fn columns<const N: usize>(self, rows: &[[f32; N]; LANES]) -> [Numbers; N] {
             self.load(&[0.0; LANES]).columns(rows)
+        }
+
+        #[inline(always)]
+        fn four_columns(self, of: impl Fn(usize) -> [f32; 4]) -> [Numbers; 4] {
+            let mut rows = [[0.0; 4]; LANES];
+            for lane in 0..LANES {
+                rows[lane] = of(lane);
+            }
+            self.load(&[0.0; LANES]).four_columns(&rows)
+        }
+
+        #[inline(always)]
+        fn four_rows(self, columns: [Numbers; 4]) -> [[f32; 4]; LANES] {
+            Numbers::four_rows(columns)
         }
 
         #[inline(always)]

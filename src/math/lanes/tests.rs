@@ -117,6 +117,35 @@ fn ulps(found: f32, exact: f64, least: f32) -> f64 {
     (f64::from(found) - exact).abs() / unit
 }
 
+struct Transpose;
+
+impl Kernel for Transpose {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<W: Wide>(self, wide: W) {
+        let rows: [[f32; 4]; LANES] = std::array::from_fn(|lane| [0, 1, 2, 3].map(|column| (4 * lane + column) as f32));
+        let columns = wide.four_columns(|lane| rows[lane]);
+        for (place, column) in columns.into_iter().enumerate() {
+            assert_eq!(wide.store(column), rows.map(|row| row[place]));
+        }
+        assert_eq!(wide.four_rows(columns), rows);
+        let wider = rows.map(|[a, b, c, d]| [a, b, c, d, -b, -a]);
+        for (place, column) in wide.columns(&wider).into_iter().enumerate() {
+            assert_eq!(wide.store(column), wider.map(|row| row[place]));
+        }
+    }
+}
+
+#[test]
+fn rows_and_columns() {
+    #[cfg(target_arch = "x86_64")]
+    {
+        Avx512::detect().into_iter().for_each(|wide| wide.run(Transpose));
+        Avx2::detect().into_iter().for_each(|wide| wide.run(Transpose));
+    }
+}
+
 /// The largest error of a function of one number.
 fn worst(inputs: &[f32], least: f32, found: impl Fn(f32) -> f32, exact: impl Fn(f64) -> f64) -> f64 {
     let error = |&x: &f32| (ulps(found(x), exact(f64::from(x)), least), x);

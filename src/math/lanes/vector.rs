@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::{Mask, Real};
 
 /// A vector in each lane.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct V3<R> {
     /// First coordinate.
     pub x: R,

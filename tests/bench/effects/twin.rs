@@ -8,8 +8,8 @@ use glam::Vec3;
 
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
-use crate::base::random::{Dimension, Draws, Random};
-use crate::geometry::{Hit, Origins, Ray, RayKind, Scratch as Queries, Surface};
+use crate::base::random::{Dimension, Generators, Random};
+use crate::geometry::{Hit, Ray, RayKind, Scratch as Queries, Surface};
 use crate::integrators::path::CameraPath;
 use crate::lights::Light;
 use crate::lights::area::AreaLight;
@@ -17,7 +17,7 @@ use crate::lights::seen::LightView;
 use crate::materials::diffuse::{self, Diffuse};
 use crate::materials::{Kind, Scatter, Transport};
 use crate::math::Frames;
-use crate::math::lanes::{self, Gather, Kernel, LANES, Mask, Real, V3, Vectors, Wide, vector};
+use crate::math::lanes::{self, Kernel, LANES, Mask, Real, V3, Vectors, Wide, vector};
 use crate::sampling::mis;
 use crate::scene::Scene;
 
@@ -343,22 +343,18 @@ impl Kernel for Sixteen<'_> {
 
     #[inline(always)]
     fn run<W: Wide>(self, wide: W) -> Shaded {
-        let surfaces = &self.surfaces;
-        let origins = Origins {
-            point: wide.vectors(|lane| surfaces[lane].point),
-            error: wide.vectors(|lane| surfaces[lane].error),
-            normal: wide.vectors(|lane| surfaces[lane].normal),
-        };
-        let frames = Frames::new(wide.vectors(|lane| surfaces[lane].shading));
-        let wo = frames.to_local(-wide.vectors(|lane| self.rays[lane].direction));
-        let (mut points, mut two_sided) = ([&self.points[0]; LANES], [&false; LANES]);
-        for lane in 0..LANES {
-            (points[lane], two_sided[lane]) = (&self.points[lane], &self.two_sided[lane]);
-        }
-        let (bsdf, two_sided) = (diffuse::At::gather(wide, points), bool::gather(wide, two_sided));
+        let (origins, normal) = Surface::shading_lanes(wide, &self.surfaces);
+        let frames = Frames::new(normal);
+        let wo = frames.to_local(-Ray::directions(wide, &self.rays));
+        let [r, g, b, two_sided] = wide.four_columns(|lane| {
+            let V3 { x, y, z } = self.points[lane].albedo();
+            [x, y, z, if self.two_sided[lane] { 1.0 } else { 0.0 }]
+        });
+        let (bsdf, two_sided) = (diffuse::At::new(V3::new(r, g, b)), two_sided.above(0.0));
         let turned = two_sided & wo.z.below(0.0);
         let wo = V3::choose(turned, -wo, wo);
-        let draws = |dimension| Draws::new(&self.randoms, dimension);
+        let generators = Generators::new(&self.randoms);
+        let draws = |dimension| generators.draw(dimension);
         let lights = &self.scene.lights;
         let choices = if lights.has_choice() { draws(Dimension::LIGHT).doubles() } else { [0.0; LANES] };
         let light = lights.sample_lanes(
