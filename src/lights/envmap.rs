@@ -134,13 +134,6 @@ impl Envmap {
         Position { cell: [x0, y0], inside: [x - x0, below], sin, covered }
     }
 
-    /// Brings near what [`Envmap::radiance_and_pdf`] reads for the direction `wi`.
-    pub fn prefetch(&self, wi: Vec3) {
-        let cell = self.position(V3::from(wi)).cell.map(|place| place as usize);
-        self.prefetch_texels(cell);
-        self.grid.prefetch(cell);
-    }
-
     #[inline(always)]
     fn prefetch_texels(&self, [x, y]: [usize; 2]) {
         for row in [row(&self.image, y), row(&self.image, y + 1)] {

@@ -134,7 +134,7 @@ impl Scene {
         let sixteen = |first: usize| first.min(hits.len())..hits.len().min(first + LANES);
         for (first, made) in places.step_by(LANES).zip(surfaces.chunks_mut(LANES)) {
             let (now, next, later) = (sixteen(first), sixteen(first + LANES), sixteen(first + 2 * LANES));
-            self.prefetch(rays, hits, next, later);
+            self.prefetch(hits, next, later);
             let (rays, hits) = (&rays[now.clone()], &hits[now]);
             Surface::all(rays, hits, &self.shapes, made);
             for ((ray, hit), surface) in rays.iter().zip(hits).zip(made) {
@@ -149,21 +149,17 @@ impl Scene {
         }
     }
 
-    /// Brings near the vertices of the `next` hits, and the vertex indices of `later` ones; where there is no hit, what there is to know
-    /// of the background.
+    /// Brings near the vertices of the `next` hits, and the vertex indices of `later` ones.
     #[inline(always)]
-    fn prefetch(&self, rays: &[Ray], hits: &[Option<Hit>], next: Range<usize>, later: Range<usize>) {
-        if !self.is_large && self.lights.map().is_none() {
+    fn prefetch(&self, hits: &[Option<Hit>], next: Range<usize>, later: Range<usize>) {
+        if !self.is_large {
             return;
         }
         for hit in hits[later].iter().flatten() {
             self.shapes[hit.shape as usize].prefetch_indices(hit.triangle);
         }
-        for (ray, hit) in rays[next.clone()].iter().zip(&hits[next]) {
-            match hit {
-                Some(hit) => self.shapes[hit.shape as usize].prefetch_vertices(hit.triangle),
-                None => self.lights.map().into_iter().for_each(|map| map.prefetch(ray.direction)),
-            }
+        for hit in hits[next].iter().flatten() {
+            self.shapes[hit.shape as usize].prefetch_vertices(hit.triangle);
         }
     }
 
