@@ -83,6 +83,13 @@ impl Surface {
         (origins, V3::new(sx, sy, sz))
     }
 
+    /// [`Surface::smooth`] of sixteen surfaces.
+    #[inline(always)]
+    pub fn smooth_lanes<W: Wide>(wide: W, surfaces: &[&Self; LANES]) -> V3<W::Real> {
+        let [x, y, z, _] = wide.four_columns(|lane| four(surfaces[lane].numbers(), 12));
+        V3::new(x, y, z)
+    }
+
     fn on_sphere(ray: &Ray, hit: &Hit, shape: &Shape, sphere: &Sphere) -> Self {
         // Projecting back onto the sphere removes the error that grows with the distance of the ray's origin.
         let outward = (ray.at(hit.distance) - sphere.center).normalize_or(Vec3::Z);

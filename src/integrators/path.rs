@@ -25,7 +25,6 @@ use crate::guiding::sample::field::{DirectionGuide, GuideField};
 use crate::guiding::sample::roulette::AdjointRoulette;
 use crate::lights::Light;
 use crate::lights::learned::LightSampling;
-use crate::lights::seen::{ANYWHERE, facing};
 use crate::materials::medium::MediumId;
 use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::{Material, Variant};
@@ -114,8 +113,6 @@ struct Arrival {
     phase: Option<HenyeyGreenstein>,
     /// Whether the shading normal is turned by bumps.
     bumped: bool,
-    /// Which way the surface faces, as the sky is sampled by it: see [`PathTracer::face`].
-    facing: u8,
     /// Whether only delta lobes scatter here.
     smooth: bool,
     /// Whether a light is sampled.
@@ -288,23 +285,11 @@ impl PathTracer<'_> {
             variant: if phase.is_some() { Variant::PHASE } else { self.scene.variant(surface) },
             phase,
             bumped,
-            facing: ANYWHERE,
             smooth,
             connects: self.connects::<E>(path, worth.light),
             worth,
             voxel: found.and_then(guides),
         })
-    }
-
-    /// Finds out which way the surfaces face at which paths arrived, where that matters.
-    #[inline(always)]
-    fn face(&self, arrivals: &mut [Arrival], surfaces: &[Surface], paths: &[PathState]) {
-        if self.lights.asks_facing() {
-            for at in arrivals.iter_mut().filter(|at| at.phase.is_none()) {
-                let out = -paths[at.path as usize].ray.direction;
-                at.facing = facing(surfaces[at.place as usize].normal_towards(out));
-            }
-        }
     }
 
     /// Mean radiance that comes to a path from a place on its ray; none where the guide does not know it.
@@ -403,7 +388,7 @@ impl PathTracer<'_> {
             self.count_trial(path, at, surface, shadows);
         }
         if let Some(sampled) = shaded.light(lane).filter(|_| at.connects) {
-            self.connect::<E>(path, at, surface, &sampled, shadows);
+            self.connect::<E>(path, at, surface, (&sampled, shaded.facing[lane]), shadows);
             if E::GUIDING {
                 let voxel = at.voxel.filter(|_| !sampled.delta);
                 let (direction, deltas) = (shaded.to_light(lane), shaded.deltas(lane));
@@ -429,7 +414,7 @@ impl PathTracer<'_> {
         vertices.all[vertex].survival = survival;
         let goes_on = survives && path.throughput != Vec3::ZERO;
         if goes_on {
-            self.scatter::<E>(path, at, surface, &sample, survival);
+            self.scatter::<E>(path, at, surface, (&sample, survival), shaded.facing[lane]);
             path.ray = Ray { origin: onward.origin.into(), direction: sample.direction };
         }
         goes_on
@@ -445,22 +430,23 @@ impl PathTracer<'_> {
         }
     }
 
-    /// What the path takes along in the direction that was drawn, to which it survived with probability `survival`.
+    /// What the path takes along in the direction that was drawn, to which it survived with probability `survival`, from a surface that
+    /// faces that way.
     #[inline(always)]
     fn scatter<E: Effects>(
         &self,
         path: &mut PathState,
         at: &Arrival,
         surface: &Surface,
-        sample: &MixtureSample,
-        survival: f32,
+        (sample, survival): (&MixtureSample, f32),
+        facing: u8,
     ) {
         path.throughput /= survival;
         if E::GUIDING {
             path.reflected /= survival;
         }
         let light_probability = if sample.delta { 0.0 } else { at.worth.light };
-        path.previous = Some(Previous { point: surface.point, pdf: sample.pdf, light_probability, facing: at.facing });
+        path.previous = Some(Previous { point: surface.point, pdf: sample.pdf, light_probability, facing });
         if E::MEDIA && at.phase.is_none() {
             path.medium = self.scene.medium_beyond(surface, sample.direction, path.medium);
         }
@@ -515,14 +501,14 @@ impl PathTracer<'_> {
         }
     }
 
-    /// A connection to the light that was sampled; whether it brings light is known later.
+    /// A connection to the light that was sampled at a surface that faces that way; whether it brings light is known later.
     #[inline(always)]
     fn connect<E: Effects>(
         &self,
         path: &PathState,
         at: &Arrival,
         surface: &Surface,
-        sampled: &Sampled,
+        (sampled, facing): (&Sampled, u8),
         shadows: &mut Shadows,
     ) {
         shadows.rays.push(sampled.shadow);
@@ -534,7 +520,7 @@ impl PathTracer<'_> {
         }
         shadows.connections.push(Connection {
             vertex: at.vertex,
-            facing: at.facing,
+            facing,
             value: sampled.light,
             pdf: sampled.pdf * at.worth.light,
             bsdf_pdf: if sampled.delta { 0.0 } else { sampled.bsdf_pdf },

@@ -5,7 +5,7 @@
 use glam::Vec3;
 
 use super::places::Odds;
-use crate::math::lanes::LANES;
+use crate::math::lanes::{LANES, Mask, Real, V3};
 use crate::sampling::tiles::Weights;
 
 /// Number of facings: the six axis directions that a normal may be nearest to, and [`ANYWHERE`].
@@ -16,11 +16,18 @@ pub const ANYWHERE: u8 = 6;
 /// Facing of a surface with a unit `normal`: +x, −x, +y, −y, +z, −z are 0 to 5; [`ANYWHERE`] for the normal zero.
 #[inline(always)]
 pub fn facing(normal: Vec3) -> u8 {
-    if normal == Vec3::ZERO {
-        return ANYWHERE;
-    }
-    let axis = normal.abs().max_position();
-    2 * axis as u8 + u8::from(normal[axis] < 0.0)
+    facings(V3::from(normal)) as u8
+}
+
+/// The same as a number in each lane.
+#[inline(always)]
+pub fn facings<R: Real>(normal: V3<R>) -> R {
+    let (size, number) = (normal.abs(), |number: f32| normal.x.all(number));
+    let (x, y) = (size.x.ge(size.y) & size.x.ge(size.z), size.y.ge(size.z));
+    let axis = x.choose(number(0.0), y.choose(number(2.0), number(4.0)));
+    let along = x.choose(normal.x, y.choose(normal.y, normal.z));
+    let towards = axis + along.below(0.0).choose(number(1.0), number(0.0));
+    normal.is_zero().choose(number(f32::from(ANYWHERE)), towards)
 }
 
 /// Probabilities of the sky's tiles by facing.
@@ -78,7 +85,9 @@ mod tests {
             Vec3::Z,
             Vec3::NEG_Z,
             Vec3::ZERO,
+            Vec3::new(-0.6, 0.6, -0.6),
+            Vec3::new(0.1, 0.7, -0.7),
         ];
-        assert_eq!(found.map(facing), [0, 1, 2, 3, 4, 5, ANYWHERE]);
+        assert_eq!(found.map(facing), [0, 1, 2, 3, 4, 5, ANYWHERE, 1, 2]);
     }
 }

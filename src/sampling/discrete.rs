@@ -66,16 +66,33 @@ const COUNTED: usize = 64;
 pub fn sample_within(cdf: &[f64], range: Range<usize>, u: f64) -> (usize, f64) {
     let (begin, last) = (before(cdf, range.start), range.end - 1);
     let u = begin + u * (cdf[last] - begin);
-    let within = &cdf[range.start..last];
-    let below = match within.len() {
-        0..=COUNTED => within.iter().filter(|&&c| c <= u).count(),
-        _ => within.partition_point(|&c| c <= u),
+    let within = last - range.start;
+    let below = match within {
+        0..=COUNTED => count(&cdf[range.start..], within, u),
+        _ => cdf[range.start..last].partition_point(|&c| c <= u),
     };
     let i = range.start + below;
     let low = before(cdf, i);
     let width = cdf[i] - low;
     let inside = if width > 0.0 { (u - low) / width } else { 0.5 };
     (i, inside.clamp(0.0, 1.0 - f64::EPSILON))
+}
+
+/// How many of the first `among` cumulative weights are at most `u`, in whole vectors: those behind are no smaller than the last that
+/// counts.
+#[inline(always)]
+fn count(cdf: &[f64], among: usize, u: f64) -> usize {
+    const TOGETHER: usize = 8;
+    let (whole, rest) = cdf.as_chunks::<TOGETHER>();
+    let mut counts = [0u64; TOGETHER];
+    for eight in whole.iter().take(among.div_ceil(TOGETHER)) {
+        for (count, c) in counts.iter_mut().zip(eight) {
+            *count += u64::from(*c <= u);
+        }
+    }
+    let found: u64 = counts.iter().sum();
+    let behind = if among > TOGETHER * whole.len() { rest } else { &[] };
+    (found as usize + behind.iter().filter(|&&c| c <= u).count()).min(among)
 }
 
 impl Discrete {

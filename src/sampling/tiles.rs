@@ -2,7 +2,7 @@
 
 use super::discrete::Discrete;
 use super::grid::Grid;
-use crate::math::lanes::{Real, by_lane};
+use crate::math::lanes::{LANES, Real, by_lane};
 
 /// Columns of tiles.
 pub const COLUMNS: usize = 32;
@@ -74,9 +74,10 @@ impl Tiling {
         weights: impl Fn(usize) -> Option<&'w Weights>,
     ) -> ([R; 2], [R; 2]) {
         // In steps, so that lanes wait for memory together.
+        let lanes = u[0];
         let [column, u, y, below] = by_lane!(u, |lane, u| {
             if let Some(weights) = weights(lane) {
-                let (tile, [u, v]) = weights.choose(u);
+                let (tile, [u, v]) = weights.choose(lanes, u);
                 let (column, row) = (tile % COLUMNS, tile / COLUMNS);
                 let (y, below) = self.strips[column].sample_within(self.top[row]..self.top[row + 1], v);
                 grid.prefetch_row(y, self.left[column]..self.left[column + 1]);
@@ -118,12 +119,12 @@ fn accumulate<const N: usize>(weights: [f64; N]) -> ([f32; N], f64) {
     (cumulative, total)
 }
 
-/// The index that `u` selects, and `u` within it.
+/// The index that `u` selects, and `u` within it; `lanes` are any.
 #[inline(always)]
-fn select<const N: usize>(cumulative: &[f32; N], u: f32) -> (usize, f64) {
+fn select<R: Real, const N: usize>(lanes: R, cumulative: &[f32; N], u: f32) -> (usize, f64) {
     let mut below = 0;
-    for &end in cumulative {
-        below += u32::from(end <= u);
+    for ends in cumulative.as_chunks::<LANES>().0 {
+        below += lanes.count_up_to(ends, u);
     }
     let index = (below as usize).min(N - 1);
     let begin = if index == 0 { 0.0 } else { f64::from(cumulative[index - 1]) };
@@ -152,11 +153,11 @@ impl Weights {
         Self { rows, columns, ratios }
     }
 
-    /// The tile that a point of the unit square selects, and its place in it.
+    /// The tile that a point of the unit square selects, and its place in it; `lanes` are any.
     #[inline(always)]
-    pub fn choose(&self, [u, v]: [f32; 2]) -> (usize, [f64; 2]) {
-        let (row, v) = select(&self.rows, v);
-        let (column, u) = select(&self.columns[row], u);
+    pub fn choose<R: Real>(&self, lanes: R, [u, v]: [f32; 2]) -> (usize, [f64; 2]) {
+        let (row, v) = select(lanes, &self.rows, v);
+        let (column, u) = select(lanes, &self.columns[row], u);
         (row * COLUMNS + column, [u, v])
     }
 
@@ -221,7 +222,7 @@ mod tests {
         let learned = Weights::new(&weights, &vec![1.0 / TILES as f32; TILES]);
         for u in [0.0, 0.3, 0.5, 1.0 - f32::EPSILON / 2.0] {
             for v in [0.0, 0.2, 0.7, 1.0 - f32::EPSILON / 2.0] {
-                let (tile, _) = learned.choose([u, v]);
+                let (tile, _) = learned.choose(0.0, [u, v]);
                 assert!(weights[tile] > 0.0, "{u} {v}: {tile}");
             }
         }

@@ -155,7 +155,6 @@ impl PathTracer<'_> {
                     let state = &mut paths[path as usize];
                     arrivals.extend(self.arrive::<E, RECORDS>(numbers, state, meets, surface, vertices, left));
                 }
-                self.face(arrivals, surfaces, paths);
                 self.shade::<E, RECORDS>((arrivals, surfaces), paths, groups, vertices, shadows, |path| {
                     alive[kept] = path;
                     kept += 1;

@@ -11,7 +11,7 @@ use crate::geometry::{Ray, Surface};
 use crate::guiding::sample::field::DirectionGuide;
 use crate::integrators::mixture::{Proposal, cosine_normal, guided_point, one_draw};
 use crate::integrators::site::{Draw, Lit, Onward, Site};
-use crate::lights::seen::{ANYWHERE, LightView};
+use crate::lights::seen::{ANYWHERE, LightView, facing, facings};
 use crate::lights::{LightSamples, LightSet};
 use crate::materials::{Bsdf, Plain, Transport, Variant};
 use crate::math::lanes::{self, Kernel, LANES, Mask, Real, V3, Vectors, Wide, vector};
@@ -57,6 +57,8 @@ pub(super) struct Shaded {
     refracts: bool,
     /// Random numbers of roulette.
     roulette: Column,
+    /// Which way the surfaces face, as the sky is sampled by it; [`ANYWHERE`] where that does not matter.
+    pub facing: [u8; LANES],
     /// The guides' proposals that were to be taken.
     proposals: Proposals,
     /// See [`Shaded::guide`].
@@ -288,8 +290,6 @@ struct Sixteen<'g> {
     /// The rays on which the paths arrived.
     rays: [&'g Ray; LANES],
     randoms: [&'g Random; LANES],
-    /// See [`Arrival::facing`].
-    facing: [u8; LANES],
 }
 
 /// Vertices with all that their shading depends on.
@@ -297,8 +297,9 @@ struct Group<'g, P> {
     points: P,
     sixteen: Sixteen<'g>,
     lights: &'g LightSet,
-    /// How the vertices see the lights.
+    /// How the vertices see the lights, but for their facings, and whether these matter.
     view: LightView<'g>,
+    asks_facing: bool,
     shaded: &'g mut Shaded,
 }
 
@@ -330,14 +331,17 @@ impl<'b, P: Points<'b>> Kernel for Group<'_, P> {
     type Output = ();
 
     #[inline(always)]
-    fn run<W: Wide>(self, wide: W) {
-        let Sixteen { connects, bumped, surfaces, rays, randoms, .. } = &self.sixteen;
+    fn run<W: Wide>(mut self, wide: W) {
+        let Sixteen { connects, bumped, surfaces, rays, randoms } = &self.sixteen;
         let (origins, normal) = Surface::shading_lanes(wide, surfaces);
         let mut smooth = normal;
-        if *bumped {
-            smooth = wide.vectors(|lane| surfaces[lane].smooth);
-        }
         let out = -Ray::directions(wide, rays);
+        if *bumped || self.asks_facing {
+            smooth = Surface::smooth_lanes(wide, surfaces);
+            let towards = V3::choose(smooth.dot(out).below(0.0), -smooth, smooth);
+            self.view.facing = wide.store(facings(towards)).map(|number| number as u8);
+        }
+        self.shaded.facing = self.view.facing;
         let site = Site::new(origins, normal, smooth, out, self.points.gather(wide), *bumped);
         let generators = Generators::new(randoms);
         if *connects {
@@ -476,14 +480,12 @@ impl PathTracer<'_> {
             surfaces: [surface; LANES],
             rays: [&path.ray; LANES],
             randoms: [&path.random; LANES],
-            facing: [ANYWHERE; LANES],
         };
         for (lane, at) in vertices.iter().enumerate().take(count) {
             let path = &paths[at.path as usize];
             sixteen.connects |= at.connects;
             sixteen.surfaces[lane] = &surfaces[at.place as usize];
             (sixteen.rays[lane], sixteen.randoms[lane]) = (&path.ray, &path.random);
-            sixteen.facing[lane] = at.facing;
         }
         if first.variant == Variant::PLAIN && !first.bumped {
             let mut points = [Plain::default(); LANES];
@@ -504,11 +506,18 @@ impl PathTracer<'_> {
     fn shade_points<'p>(&'p self, points: impl Points<'p>, sixteen: Sixteen, shaded: &mut Shaded) {
         let view = LightView {
             learned: self.lights.sky(),
-            facing: sixteen.facing,
+            facing: [ANYWHERE; LANES],
             odds: self.lights.odds_lanes(|lane| sixteen.surfaces[lane].point),
         };
         // There are lanes, or these would have been shaded one by one.
-        let _ = lanes::run(Group { points, sixteen, lights: &self.scene.lights, view, shaded });
+        let _ = lanes::run(Group {
+            points,
+            sixteen,
+            lights: &self.scene.lights,
+            view,
+            asks_facing: self.lights.asks_facing(),
+            shaded,
+        });
     }
 
     /// Shades a vertex alone, in the first lane.
@@ -516,10 +525,11 @@ impl PathTracer<'_> {
         let (path, surface) = (&paths[at.path as usize], &surfaces[at.place as usize]);
         let (lights, random, bsdf) = (&self.scene.lights, &path.random, self.bsdf(at, surface));
         let (normal, smooth, out) = (surface.shading.into(), surface.smooth.into(), -path.ray.direction);
+        shaded.facing[0] = if self.lights.asks_facing() { facing(surface.normal_towards(out)) } else { ANYWHERE };
         let site = Site::<f32>::new(surface.origin(), normal, smooth, out.into(), bsdf, at.bumped);
         if at.connects {
             let u = random.at(Dimension::LIGHT_POINT).next_2d();
-            let view = self.lights.view(surface.point, at.facing);
+            let view = self.lights.view(surface.point, shaded.facing[0]);
             if let Some(light) = lights.sample(surface.point, lights.choice(random), u, &view) {
                 let light = light.into();
                 shaded.keep_light(First, &light, &site.light(&light));

@@ -183,6 +183,9 @@ pub trait Real:
         self * self
     }
 
+    /// How many of sixteen numbers are at most `bound`; it does not matter which number is asked.
+    fn count_up_to(self, numbers: &[f32; LANES], bound: f32) -> u32;
+
     /// 1 / self.
     #[inline(always)]
     fn inverse(self) -> Self {
@@ -350,6 +353,11 @@ macro_rules! lane_by_lane {
         #[inline(always)]
         fn repeated<T: Copy>(self, value: T) -> [T; LANES] {
             [value; LANES]
+        }
+
+        #[inline(always)]
+        fn count_up_to(self, numbers: &[f32; LANES], bound: f32) -> u32 {
+            Self(bytemuck::cast(*numbers)).le(self.all(bound)).answers().count_ones()
         }
 
         #[inline(always)]

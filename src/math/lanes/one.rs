@@ -1,6 +1,6 @@
 //! One lane: plain numbers.
 
-use super::{Bits, Job, Mask, Real};
+use super::{Bits, Job, LANES, Mask, Real};
 
 impl Real for f32 {
     type Mask = bool;
@@ -10,6 +10,11 @@ impl Real for f32 {
     #[inline(always)]
     fn repeated<T: Copy>(self, value: T) -> [T; 1] {
         [value]
+    }
+
+    #[inline(always)]
+    fn count_up_to(self, numbers: &[f32; LANES], bound: f32) -> u32 {
+        numbers.iter().map(|&number| u32::from(number <= bound)).sum()
     }
 
     #[inline(always)]

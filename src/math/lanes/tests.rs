@@ -59,6 +59,7 @@ impl Kernel for Compare<'_> {
             let expected = (0..LANES).fold(0, |answers, lane| answers | u32::from(x[lane] < y[lane]) << lane);
             assert_eq!((mask.answers(), mask.any()), (expected, expected != 0));
             assert_eq!(wide.store_bits(wide.load_bits(&integers)), integers);
+            assert_eq!(wide.load(&x).count_up_to(&x, y[0]), y[0].count_up_to(&x, y[0]));
         }
     }
 }
