@@ -12,12 +12,16 @@ use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
 use crate::guiding::paths::guide::{Chosen, PathGuide};
 use crate::guiding::paths::path::{CompletePath, End, Event, Step};
+use crate::guiding::paths::spatial::Reach;
 use crate::lights::Light;
 use crate::lights::learned::LightSampling;
 use crate::lights::seen::{ANYWHERE, facing};
-use crate::materials::{Material, Transport};
+use crate::materials::medium::MediumId;
+use crate::materials::phase::HenyeyGreenstein;
+use crate::materials::{Bsdf, Transport};
 use crate::math::Frame;
 use crate::scene::Scene;
+use crate::scene::media::Reached;
 
 /// Draws complete paths.
 pub struct GuidedTracer<'a> {
@@ -53,6 +57,9 @@ struct Walk<'g> {
     chosen: Chosen<'g>,
     random: Random,
     ray: Ray,
+    medium: Option<MediumId>,
+    /// Distance on the ray to the next point, if that lies in a medium.
+    distance: Option<f32>,
     points: SmallVec<[Vec3; 6]>,
     steps: SmallVec<[Step; 6]>,
     /// Π f·|cos θ|; of delta lobes their factor times their probability.
@@ -64,6 +71,8 @@ struct Walk<'g> {
     before: f64,
     last: f64,
     survival: f64,
+    /// Density of the distance to the point that it arrives at in a medium, or probability of getting to a surface there through media.
+    flight: f64,
     /// Whether light sampling is tried at its last point.
     connects: bool,
     /// Which way the surface there faces.
@@ -71,9 +80,18 @@ struct Walk<'g> {
     rays: u64,
 }
 
+/// Where a path meets something.
+struct Vertex {
+    surface: Surface,
+    /// The phase function of a medium, if it is there.
+    phase: Option<HenyeyGreenstein>,
+}
+
 /// A step that was drawn at a vertex.
 struct Drawn {
     direction: Vec3,
+    /// Distance to the next point, if that lies in a medium.
+    distance: Option<f32>,
     origin: Vec3,
     value: Vec3,
     pdf: f32,
@@ -92,10 +110,16 @@ impl GuidedTracer<'_> {
         }
         let camera = &self.scene.camera;
         let ray = camera.ray(film, camera.lens(&random));
+        let distance = match chosen.first() {
+            Some(kernel) => Some(kernel.distance(ray.origin, ray.direction, start.next_2d_f64())?),
+            None => None,
+        };
         let walk = Walk {
             chosen,
             random,
             ray,
+            medium: self.scene.camera_medium,
+            distance,
             points: SmallVec::new(),
             steps: SmallVec::new(),
             value: DVec3::ONE,
@@ -104,6 +128,7 @@ impl GuidedTracer<'_> {
             before: 1.0,
             last: 1.0,
             survival: 1.0,
+            flight: 1.0,
             connects: false,
             facing: ANYWHERE,
             rays: 0,
@@ -115,16 +140,14 @@ impl GuidedTracer<'_> {
         let kept = walk.chosen.path();
         for number in 0..kept.points.len() {
             walk.random.begin_vertex(number as u32 + 1);
-            let ray = walk.ray;
-            let surface = self.scene.trace(&ray, &mut walk.random.at(Dimension::SEGMENT));
-            walk.rays += 1;
+            let vertex = self.arrive(&mut walk)?;
             let ends = number + 1 == kept.points.len();
-            match (kept.end, surface) {
-                (End::Surface, Some(surface)) if ends => self.hit(&mut walk, &surface)?,
+            match (kept.end, vertex) {
+                (End::Surface, Some(vertex)) if ends => self.hit(&mut walk, &vertex.surface)?,
                 (End::Sky, None) if ends => self.leave(&mut walk)?,
                 (End::Surface | End::Sky, _) if ends => return None,
-                (End::Light(light), Some(surface)) if ends => self.connect(&mut walk, &surface, light as usize)?,
-                (_, surface) => self.scatter(&mut walk, &surface?)?,
+                (End::Light(light), Some(vertex)) if ends => self.connect(&mut walk, &vertex, light as usize)?,
+                (_, vertex) => self.scatter(&mut walk, &vertex?)?,
             }
         }
         let Walk { points, steps, value, before, last, rays, .. } = walk;
@@ -134,56 +157,100 @@ impl GuidedTracer<'_> {
         (usable && guided > 0.0).then_some(GuidedPath { path, value, unguided, guided, rays })
     }
 
-    /// The scatterer where a ray meets a surface.
-    fn site<'a>(ray: &Ray, surface: &Surface, material: &'a Material) -> SiteAt<'a> {
-        let bsdf = material.at(surface.uv);
-        let bumped = material.bump.is_some() && surface.smooth != surface.shading;
+    /// Takes the path along its ray to the point that was drawn in a medium, or else to the surface that stops it, infinitely far away where
+    /// there is none. None where it does not get to the point.
+    fn arrive(&self, walk: &mut Walk) -> Option<Option<Vertex>> {
+        walk.rays += 1;
+        let mut random = walk.random.at(Dimension::SEGMENT);
+        if !self.scene.needs().media {
+            return Some(self.scene.trace(&walk.ray, &mut random).map(|surface| Vertex { surface, phase: None }));
+        }
+        let (ray, carried, distance) = (walk.ray, walk.throughput, walk.distance);
+        let Reached { surface, phase, weight, density } =
+            self.scene.reach(&ray, distance, carried, &mut walk.medium, &mut random)?;
+        walk.flight = f64::from(density);
+        walk.value *= weight.as_dvec3() * walk.flight;
+        walk.throughput *= weight;
+        Some(surface.map(|surface| Vertex { surface, phase }))
+    }
+
+    /// The scatterer where a ray meets something.
+    fn site(&self, ray: &Ray, Vertex { surface, phase }: &Vertex) -> SiteAt<'_> {
+        let (bsdf, bumps) = match phase {
+            Some(phase) => (Bsdf::phase(*phase), false),
+            None => (self.scene.material(surface).at(surface.uv), self.scene.material(surface).bump.is_some()),
+        };
+        let bumped = bumps && surface.smooth != surface.shading;
         let chooses = bsdf.chooses_lobe();
         let (normal, smooth) = (surface.shading.into(), surface.smooth.into());
         let site = Site::new(surface.origin(), normal, smooth, (-ray.direction).into(), bsdf, bumped);
         SiteAt { site, chooses }
     }
 
+    /// Normal on the side that a ray arrived at; zero in a medium.
+    fn normal(ray: &Ray, Vertex { surface, phase }: &Vertex) -> Vec3 {
+        if phase.is_none() { surface.normal_towards(-ray.direction) } else { Vec3::ZERO }
+    }
+
+    /// Product of the ratios of indices of a step.
+    fn eta(&self, ray: &Ray, Vertex { surface, phase }: &Vertex, direction: Vec3) -> f32 {
+        if phase.is_some() {
+            return 1.0;
+        }
+        let frame = Frame::new(surface.shading);
+        self.scene.material(surface).eta(frame.to_local(-ray.direction), frame.to_local(direction))
+    }
+
     /// Takes the path on from a vertex as the kept one goes on from there.
-    fn scatter(&self, walk: &mut Walk, surface: &Surface) -> Option<()> {
-        let number = walk.points.len();
+    fn scatter(&self, walk: &mut Walk, vertex: &Vertex) -> Option<()> {
+        let (number, Vertex { surface, phase }) = (walk.points.len(), vertex);
         let wanted = walk.chosen.path().steps.get(number)?.event;
-        let material = self.scene.material(surface);
-        let SiteAt { site, chooses } = Self::site(&walk.ray, surface, material);
-        let by_kernel = if wanted.delta { 0.0 } else { self.shares.at(self.scene, surface.shape) };
+        let SiteAt { site, chooses } = self.site(&walk.ray, vertex);
+        let by_kernel = match phase {
+            _ if wanted.delta => 0.0,
+            Some(phase) => KernelShares::in_medium(*phase),
+            None => self.shares.at(self.scene, surface.shape),
+        };
         let mut guide = walk.random.at(Dimension::GUIDE);
         let draw = || {
             let onward = site.draw(&one_draw(&walk.random, chooses, None, Transport::Radiance));
             let (weight, pdf): (Vec3, f32) = (onward.weight.into(), onward.pdf);
             (onward.any && onward.delta == wanted.delta).then(|| Drawn {
                 direction: onward.direction.into(),
+                distance: None,
                 origin: onward.origin.into(),
                 value: weight * pdf,
                 pdf,
             })
         };
-        let drawn = if by_kernel > 0.0 && guide.next_f32() < by_kernel {
-            let direction = walk.chosen.kernel(number)?.sample(surface.point, guide.next_2d_f64())?;
+        let mut drawn = if by_kernel > 0.0 && guide.next_f32() < by_kernel {
+            let across = guide.next_2d_f64();
+            let reach = walk.chosen.kernel(number)?.sample(surface.point, across, || guide.next_2d_f64())?;
+            let Reach { direction, distance } = reach;
             let (value, pdf) = site.eval_and_pdf(direction.into());
             let origin = surface.origin().leave(direction.into()).into();
-            Drawn { direction, origin, value: value.into(), pdf }
+            Drawn { direction, distance, origin, value: value.into(), pdf }
         } else {
             draw()?
         };
-        let normal = surface.normal_towards(-walk.ray.direction);
-        let event = Event { transmits: normal.dot(drawn.direction) < 0.0, delta: wanted.delta };
+        if walk.chosen.path().in_medium(number + 1) && drawn.distance.is_none() {
+            let kernel = walk.chosen.kernel(number)?;
+            drawn.distance = Some(kernel.distance(surface.point, drawn.direction, guide.next_2d_f64())?);
+        }
+        let (normal, medium) = (Self::normal(&walk.ray, vertex), phase.is_some());
+        let event = Event { transmits: normal.dot(drawn.direction) < 0.0, delta: wanted.delta, medium };
         if event != wanted || drawn.value == Vec3::ZERO {
             return None;
         }
-        let frame = Frame::new(surface.shading);
-        let eta = material.eta(frame.to_local(-walk.ray.direction), frame.to_local(drawn.direction));
+        let eta = self.eta(&walk.ray, vertex, drawn.direction);
         walk.go_on(self.settings.roulette, &drawn, eta);
         walk.connects = self.settings.light_sampling && !event.delta;
         walk.facing = if self.lights.asks_facing() { facing(normal) } else { ANYWHERE };
-        let Drawn { direction, origin, pdf, .. } = drawn;
+        let Drawn { direction, distance, origin, pdf, .. } = drawn;
         walk.points.push(surface.point);
         walk.steps.push(Step { direction, pdf, by_kernel, event });
-        walk.ray = Ray { origin, direction };
+        (walk.ray, walk.distance) = (Ray { origin, direction }, distance);
+        walk.medium = self.scene.medium_beyond(surface, direction, walk.medium);
         Some(())
     }
 
@@ -214,27 +281,28 @@ impl GuidedTracer<'_> {
     }
 
     /// Ends the path at a light that no ray can hit.
-    fn connect(&self, walk: &mut Walk, surface: &Surface, index: usize) -> Option<()> {
-        let number = walk.points.len();
+    fn connect(&self, walk: &mut Walk, vertex: &Vertex, index: usize) -> Option<()> {
+        let (number, Vertex { surface, phase }) = (walk.points.len(), vertex);
         let kept = walk.chosen.path().steps.get(number)?;
-        let SiteAt { site, .. } = Self::site(&walk.ray, surface, self.scene.material(surface));
-        let normal = surface.normal_towards(-walk.ray.direction);
+        let SiteAt { site, .. } = self.site(&walk.ray, vertex);
+        let normal = Self::normal(&walk.ray, vertex);
         let u = walk.random.at(Dimension::LIGHT_POINT).next_2d();
         let light = self.scene.lights.lights[index].sample(
             surface.point,
             u,
             &self.lights.view(surface.point, facing(normal)),
         )?;
-        let event = Event { transmits: normal.dot(light.wi) < 0.0, delta: false };
+        let event = Event { transmits: normal.dot(light.wi) < 0.0, delta: false, medium: phase.is_some() };
         let value: Vec3 = site.eval_and_pdf(light.wi.into()).0.into();
         if event != kept.event || value == Vec3::ZERO {
             return None;
         }
         let (ray, length) = surface.towards(light.wi, light.distance);
         walk.rays += 1;
-        let passed = self.scene.transmittance(&ray, length, None, &walk.random.at(Dimension::CONNECTION));
+        let medium = self.scene.medium_beyond(surface, ray.direction, walk.medium);
+        let passed = self.scene.transmittance(&ray, length, medium, &walk.random.at(Dimension::CONNECTION));
         walk.value *= (value * light.radiance * passed / light.pdf).as_dvec3();
-        walk.before *= walk.last * walk.survival;
+        walk.before *= walk.last * walk.survival * walk.flight;
         // As for complete paths of the path tracer, without the density of the place on the light.
         walk.last = f64::from(self.scene.lights.probability(surface.point, index, self.lights.odds(surface.point)));
         walk.points.push(surface.point);
@@ -256,7 +324,7 @@ impl Walk<'_> {
         self.throughput *= drawn.value / drawn.pdf;
         self.squeezed *= eta * eta;
         // Roulette at the last point before the light does not count, so it is multiplied with the next step only.
-        self.before *= self.last * self.survival;
+        self.before *= self.last * self.survival * self.flight;
         self.last = f64::from(drawn.pdf);
         let survival = unguided_survival(roulette, self.points.len() as u32 + 1, self.throughput, self.squeezed);
         self.throughput /= survival;

@@ -35,7 +35,7 @@ use crate::scene::effects::Effects;
 use crate::scene::media::{End, Expected, Passage, Place, Segment};
 use background::Left;
 use shade::{Sampled, Shaded};
-use vertices::{Connection, Shadows, Towards, Tried, Vertices};
+use vertices::{Connection, Flown, Shadows, Towards, Tried, Vertices};
 
 /// Traces camera paths.
 pub struct PathTracer<'a> {
@@ -248,8 +248,10 @@ impl PathTracer<'_> {
         let knows = E::MEDIA && E::GUIDING && self.settings.guided_distances && self.field.is_some();
         let expected = |place: Place| self.expected(path, place);
         let expected: Option<Expected> = if knows { Some(&expected) } else { None };
-        let segment = Segment { ray: &path.ray, carried: path.throughput, random: &path.random, expected };
-        let Passage { end, weight: passed, glow } = self.scene.advance::<E>(segment, meets, surface, &mut medium);
+        let (ray, carried, random, wants_density) = (&path.ray, path.throughput, &path.random, E::MEDIA && RECORDS);
+        let segment = Segment { ray, carried, random, expected, wants_density };
+        let Passage { end, weight: passed, glow, density } =
+            self.scene.advance::<E>(segment, meets, surface, &mut medium);
         path.medium = medium;
         let phase = match end {
             End::Background => {
@@ -266,6 +268,9 @@ impl PathTracer<'_> {
         let emission = if phase.is_none() { self.emission(surface, path).dimmed(passed) } else { Emission::default() };
         let known = (E::GUIDING || RECORDS) && phase.is_none();
         let normal = if known { surface.normal_towards(-path.ray.direction) } else { Vec3::ZERO };
+        if E::MEDIA && RECORDS {
+            vertices.flights.push(Flown { density, phase });
+        }
         let vertex = self.begin_vertex::<E, RECORDS>(path, surface, normal, emission, [passed, glow], vertices);
         if path.depth >= self.settings.max_depth {
             return None;

@@ -170,7 +170,7 @@ impl PhotonTracer<'_> {
     ) -> bool {
         let LightPath { number, random, ray, medium, photon, begun } = path;
         random.begin_vertex(depth);
-        let segment = Segment { ray, carried: photon.power, random, expected: None };
+        let segment = Segment { ray, carried: photon.power, random, expected: None, wants_density: false };
         let Passage { end, weight, .. } = self.scene.advance::<E>(segment, meets, surface, medium);
         photon.power *= weight;
         if !photon.is_finite(count) {

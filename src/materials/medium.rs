@@ -72,6 +72,26 @@ impl Medium {
         if distance < limit { self.collision(share, distance) } else { self.through(share, limit) }
     }
 
+    /// A collision at this distance as [`Medium::sample`] returns it, and its density there, 1 / scene unit.
+    pub fn collision_at(&self, carried: Vec3, distance: f32) -> (Flight, f32) {
+        if self.albedo == Vec3::ZERO {
+            return (Flight::Collision { distance, weight: Vec3::ZERO }, 0.0);
+        }
+        let share = shares(carried);
+        let density = (share * self.extinction * self.transmittance(distance)).element_sum();
+        (self.collision(share, distance), density)
+    }
+
+    /// No collision up to the limit as [`Medium::sample`] returns it, and its probability there.
+    pub fn passed(&self, carried: Vec3, limit: f32) -> (Flight, f32) {
+        let through = self.transmittance(limit);
+        if self.albedo == Vec3::ZERO {
+            return (Flight::Through { weight: through }, 1.0);
+        }
+        let share = shares(carried);
+        (self.through(share, limit), (share * through).element_sum())
+    }
+
     /// [`Medium::sample`] where it is known how much light is expected: what collisions at a distance send back, before the albedo, and what
     /// comes from the end of the ray, for which it is asked with none; either may be unknown. Distances are drawn in proportion to
     /// what a path would bring (after Herholz et al. 2019, *Volume Path Guiding Based on Zero-Variance Random Walk Theory*, §5), in
@@ -285,6 +305,48 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Ends of flights have the density that they are told to have: the probabilities of a collision in each tenth of a ray and of none, by
+    /// the rule of Simpson, against 100,000 flights; 5σ of each of 6 · 11 (false alarm 4e-5 in all). Weights are those of the flights.
+    #[test]
+    fn ends_have_their_densities() {
+        let cases = [(Vec3::new(0.5, 1.0, 2.0), 1.0), (Vec3::new(0.0, 1.0, 20.0), 1.0), (Vec3::splat(3.0), 0.5)];
+        for (case, (extinction, limit)) in cases.into_iter().enumerate() {
+            for carried in [Vec3::ONE, Vec3::new(1.0, 0.2, 0.05)] {
+                let (medium, n) = (medium(extinction, 0.8), 100_000);
+                let (mut random, mut counts) = (Random::new(4, case as u64, 0), [0u32; 11]);
+                for _ in 0..n {
+                    let [choice, u] = random.next_2d();
+                    let flight = medium.sample(carried, limit, choice, u);
+                    let (part, (same, _)) = match flight {
+                        Flight::Collision { distance, .. } => {
+                            ((distance / limit * 10.0) as usize, medium.collision_at(carried, distance))
+                        }
+                        Flight::Through { .. } => (10, medium.passed(carried, limit)),
+                    };
+                    assert_eq!(flight, same);
+                    counts[part] += 1;
+                }
+                let tenth = |part: usize| {
+                    let steps = 20;
+                    let at = |i: usize| limit * (part as f32 + i as f32 / steps as f32) / 10.0;
+                    let factor = |i: usize| [1.0, 4.0, 2.0][if i == 0 || i == steps { 0 } else { 2 - i % 2 }];
+                    let sum: f64 =
+                        (0..=steps).map(|i| factor(i) * f64::from(medium.collision_at(carried, at(i)).1)).sum();
+                    sum * f64::from(limit) / (30 * steps) as f64
+                };
+                for (part, count) in counts.into_iter().enumerate() {
+                    let p = if part < 10 { tenth(part) } else { f64::from(medium.passed(carried, limit).1) };
+                    let error = (p * (1.0 - p) / f64::from(n)).sqrt();
+                    let share = f64::from(count) / f64::from(n);
+                    assert!((share - p).abs() < 5.0 * error + 1e-6, "case {case}, part {part}: {share} {p}");
+                }
+            }
+        }
+        let clear = Medium { albedo: Vec3::ZERO, ..medium(Vec3::ONE, 0.0) };
+        assert_eq!(clear.passed(Vec3::ONE, 1.0).1, 1.0);
+        assert_eq!(clear.collision_at(Vec3::ONE, 1.0).1, 0.0);
     }
 
     /// Where light is expected in one place alone, distances are drawn there: the estimate of what it brings has a fifth of the variance at

@@ -33,6 +33,12 @@ impl HenyeyGreenstein {
         At { g: self.g }
     }
 
+    /// The roughness α of facets whose reflection would be about as wide. Half of the light is turned by no more than about √3·(1 − |g|), by
+    /// g near 1, from the way on or back, and facets by GGX turn half of theirs by no more than about 2α.
+    pub fn roughness(self) -> f32 {
+        0.5 * 3f32.sqrt() * (1.0 - self.g.abs())
+    }
+
     /// Value towards `wi`, sr⁻¹; at the same time the density of [`HenyeyGreenstein::sample`] w.r.t. solid angle.
     pub fn pdf(self, wi: Vec3) -> f32 {
         self.at().density(wi.into())

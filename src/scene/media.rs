@@ -30,6 +30,23 @@ pub struct Passage {
     pub weight: Vec3,
     /// Radiance that media on the way send back to the origin by themselves.
     pub glow: Vec3,
+    /// Where it is [wanted](Segment::wants_density): probability of getting to the end unscattered, or density of being scattered there, 1 / scene
+    /// unit. Media that vary know none, and do not count.
+    pub density: f32,
+}
+
+/// Where a path was taken to.
+#[derive(Debug, Clone, Copy)]
+pub struct Reached {
+    /// The surface, or the point of a medium; none infinitely far away.
+    pub surface: Option<Surface>,
+    /// The phase function at a point of a medium.
+    pub phase: Option<HenyeyGreenstein>,
+    /// As [`Passage::weight`] and [`Passage::density`] of a path that got there by itself. Their product is the transmittance, times the scattering
+    /// coefficient σ_s at a point of a medium.
+    pub weight: Vec3,
+    /// See [`Reached::weight`].
+    pub density: f32,
 }
 
 /// A place that a ray may end at.
@@ -57,6 +74,8 @@ pub struct Segment<'a> {
     pub random: &'a Random,
     /// By which distances in media are drawn; none where transmittance alone decides.
     pub expected: Option<Expected<'a>>,
+    /// Whether [`Passage::density`] is wanted.
+    pub wants_density: bool,
 }
 
 /// What fills space.
@@ -79,7 +98,7 @@ impl Filling {
         random: &mut Random,
         expected: Option<Expected>,
     ) -> Flown {
-        let limit = end.map_or(f32::INFINITY, |surface| surface.distance);
+        let limit = limit(end);
         match (self, expected) {
             (Self::Even(medium), None) => {
                 let [distance, channel] = random.next_2d();
@@ -106,12 +125,26 @@ impl Filling {
         }
     }
 
+    /// Density with which [`Filling::fly`] ends so where nothing is expected, 1 / scene unit, or probability; 1 in a medium that varies.
+    fn density(&self, flight: &Flight, end: Option<&Surface>, carried: Vec3) -> f32 {
+        match (self, flight) {
+            (Self::Even(medium), &Flight::Collision { distance, .. }) => medium.collision_at(carried, distance).1,
+            (Self::Even(medium), Flight::Through { .. }) => medium.passed(carried, limit(end)).1,
+            (Self::Grid(_), _) => 1.0,
+        }
+    }
+
     fn phase(&self) -> HenyeyGreenstein {
         match self {
             Self::Even(medium) => medium.phase,
             Self::Grid(medium) => medium.phase(),
         }
     }
+}
+
+/// How far a ray goes at most.
+fn limit(end: Option<&Surface>) -> f32 {
+    end.map_or(f32::INFINITY, |surface| surface.distance)
 }
 
 /// The media on the two sides of a shape, behind and in front of it; none is empty space.
@@ -164,7 +197,7 @@ impl Scene {
         medium: &mut Option<MediumId>,
     ) -> Passage {
         let end = if meets { End::Surface } else { End::Background };
-        let mut passage = Passage { end, weight: Vec3::ONE, glow: Vec3::ZERO };
+        let mut passage = Passage { end, weight: Vec3::ONE, glow: Vec3::ZERO, density: 1.0 };
         if E::MEDIA || E::MATERIALS && self.has_masks {
             let (mut nearest, random) = (meets.then_some(*surface), &mut segment.random.at(Dimension::SEGMENT));
             if E::MEDIA {
@@ -189,12 +222,12 @@ impl Scene {
     /// it arrives.
     fn travel(
         &self,
-        Segment { ray, carried, expected, .. }: Segment,
+        Segment { ray, carried, expected, wants_density, .. }: Segment,
         random: &mut Random,
         end: &mut Option<Surface>,
         medium: &mut Option<MediumId>,
     ) -> Passage {
-        let (mut ray, mut weight, mut glow, mut behind) = (*ray, Vec3::ONE, Vec3::ZERO, 0.0);
+        let (mut ray, mut weight, mut glow, mut behind, mut density) = (*ray, Vec3::ONE, Vec3::ZERO, 0.0, 1.0);
         for _ in 0..MOST_HOLES {
             if let Some(surface) = end {
                 *medium = self.medium_before(surface, ray.direction, *medium);
@@ -202,19 +235,23 @@ impl Scene {
             if let Some(id) = *medium {
                 let flown = self.medium(id).fly(&ray, end.as_ref(), carried * weight, random, expected);
                 glow += weight * flown.glow;
+                if wants_density {
+                    density *= self.medium(id).density(&flown.end, end.as_ref(), carried * weight);
+                }
                 match flown.end {
                     Flight::Collision { distance, weight: factor } => {
                         *end = Some(Surface::in_medium(ray.at(distance), behind + distance, -ray.direction));
-                        return Passage { end: End::Medium(self.medium(id).phase()), weight: weight * factor, glow };
+                        let end = End::Medium(self.medium(id).phase());
+                        return Passage { end, weight: weight * factor, glow, density };
                     }
                     Flight::Through { weight: factor } => weight *= factor,
                 }
             }
-            let Some(surface) = end else { return Passage { end: End::Background, weight, glow } };
+            let Some(surface) = end else { return Passage { end: End::Background, weight, glow, density } };
             let opacity = self.opacity(surface);
             if opacity >= 1.0 || opacity > 0.0 && random.next_f32() < opacity {
                 surface.distance += behind;
-                return Passage { end: End::Surface, weight, glow };
+                return Passage { end: End::Surface, weight, glow, density };
             }
             *medium = self.medium_beyond(surface, ray.direction, *medium);
             behind += surface.distance;
@@ -222,7 +259,57 @@ impl Scene {
             *end = self.intersect(&ray);
         }
         *end = None;
-        Passage { end: End::Background, weight: Vec3::ZERO, glow }
+        Passage { end: End::Background, weight: Vec3::ZERO, glow, density }
+    }
+
+    /// Takes a path that carries `carried` along a ray, which starts in `medium`, to the point of a medium at `distance`, or where none is
+    /// given to the surface that stops it, and through all media on the way. `medium` becomes the one in which it arrives. None where it does
+    /// not get there: there is another surface before it, no medium that scatters, or one that varies.
+    pub fn reach(
+        &self,
+        ray: &Ray,
+        distance: Option<f32>,
+        carried: Vec3,
+        medium: &mut Option<MediumId>,
+        random: &mut Random,
+    ) -> Option<Reached> {
+        let (mut ray, mut weight, mut density, mut behind) = (*ray, Vec3::ONE, 1.0, 0.0);
+        for _ in 0..MOST_HOLES {
+            let mut end = self.intersect(&ray);
+            if let Some(surface) = &end {
+                *medium = self.medium_before(surface, ray.direction, *medium);
+            }
+            let filling = medium.map(|id| self.medium(id));
+            // Rounding at a border may lead back before it.
+            let left = distance.map(|distance| (distance - behind).max(0.0));
+            let left = left.filter(|left| *left < limit(end.as_ref()));
+            let (flight, part) = match (filling, left) {
+                (Some(Filling::Even(filling)), Some(left)) => filling.collision_at(carried * weight, left),
+                (Some(Filling::Even(filling)), None) => filling.passed(carried * weight, limit(end.as_ref())),
+                (None, None) => (Flight::Through { weight: Vec3::ONE }, 1.0),
+                (Some(Filling::Grid(_)), _) | (None, Some(_)) => return None,
+            };
+            density *= part;
+            match flight {
+                Flight::Collision { distance, weight: factor } => {
+                    let point = Surface::in_medium(ray.at(distance), behind + distance, -ray.direction);
+                    let (surface, phase) = (Some(point), filling.map(Filling::phase));
+                    return Some(Reached { surface, phase, weight: weight * factor, density });
+                }
+                Flight::Through { weight: factor } => weight *= factor,
+            }
+            let reached = |surface| Reached { surface, phase: None, weight, density };
+            let Some(surface) = &mut end else { return distance.is_none().then(|| reached(None)) };
+            let opacity = self.opacity(surface);
+            if opacity >= 1.0 || opacity > 0.0 && random.next_f32() < opacity {
+                surface.distance += behind;
+                return distance.is_none().then(|| reached(Some(*surface)));
+            }
+            *medium = self.medium_beyond(surface, ray.direction, *medium);
+            behind += surface.distance;
+            ray = surface.leave(ray.direction);
+        }
+        None
     }
 
     /// Transmittance along the first `length` of a ray that starts in `medium`, per channel; with media that vary an estimate of it.

@@ -6,6 +6,7 @@ use fanal::guiding::paths::guide::{Part, PathGuide};
 use fanal::guiding::paths::kernel::{CUT, Kernel, truncated_density, truncated_normal};
 use fanal::guiding::paths::neighbours::{NEIGHBOURS, nearest};
 use fanal::guiding::paths::path::{CompletePath, End, Event, Step};
+use fanal::guiding::paths::spatial::{InMedium, Reach, SpatialKernel};
 use fanal::guiding::paths::tiles::Tiles;
 use glam::{Vec2, Vec3};
 
@@ -86,13 +87,96 @@ fn densities_integrate_to_one() {
     assert!([[0.0, 0.3], [1.0 - f64::EPSILON, 0.9]].into_iter().all(|u| truncated_density(truncated_normal(u)) > 0.0));
 }
 
+/// Kernels to and from media: the masses of the eight parts of space around a point, of directions and points, are those of what is drawn, of
+/// 40,000 draws 5σ, and 1 % of all for the quadrature; all parts together have 1. The same of distances in a direction that is given, of parts
+/// before and behind a place. 3 pairs of media, two numbers of neighbours and two points before: false alarm 3e-5 in all.
+#[test]
+fn kernels_in_media_have_their_densities() {
+    let mut random = Random::new(6, 0, 0);
+    let deep = |random: &mut Random| {
+        let ([last, middle], depth) = (pair(random), normal(random));
+        [last + Vec3::X * (0.4 * depth + 0.2 * normal(random)), middle + Vec3::Z * 0.3 * depth]
+    };
+    let pairs: Vec<[Vec3; 2]> = (0..11).map(|_| deep(&mut random)).collect();
+    let all = [[false, true], [true, true], [true, false]];
+    for ([before, at], count) in all.into_iter().flat_map(|within| [11, 3].map(|count| (within, count))) {
+        let within = InMedium { before, at };
+        let kernel = SpatialKernel::fit(THREE, within, pairs[..count].iter().copied(), 0.01);
+        for from in [THREE[1], Vec3::new(3.2, 0.3, 2.2)] {
+            let n = 40_000;
+            let drawn: Vec<Vec3> = (0..n)
+                .map(|_| {
+                    let [across, along] = [random.next_2d_f64(), random.next_2d_f64()];
+                    let Reach { direction, distance } = kernel.sample(from, across, along).unwrap();
+                    assert_eq!(distance.is_some(), at);
+                    from + direction * distance.unwrap_or(-from.x / direction.x)
+                })
+                .collect();
+            let middle = drawn.iter().sum::<Vec3>() / n as f32 + Vec3::new(0.0, 0.05, -0.03);
+            let part = |p: Vec3| {
+                usize::from(p.x > middle.x) | usize::from(p.y > middle.y) << 1 | usize::from(p.z > middle.z) << 2
+            };
+            let mut shares = [0.0; 8];
+            drawn.iter().for_each(|&p| shares[part(p)] += 1.0 / f64::from(n));
+            let spread = (drawn.iter().map(|p| (*p - middle).powf(2.0)).sum::<Vec3>() / n as f32).map(f32::sqrt);
+            // Points of a grid over the spread; those of a plane alone lie in it.
+            let (steps, half) = (if at { 160 } else { 1200 }, 5.0 * spread);
+            let place = |i: i32, half: f32| ((i as f32 + 0.5) / steps as f32 * 2.0 - 1.0) * half;
+            let cell = |half: f32| f64::from(2.0 * half / steps as f32);
+            let mut masses = [0.0; 8];
+            let mut add = |p: Vec3, volume: f64| {
+                let (direction, squared) = ((p - from).normalize(), p.distance_squared(from));
+                let cos = if at { 1.0 } else { direction.x.abs() };
+                masses[part(p)] += f64::from(kernel.density(from, direction, p) * cos / squared) * volume;
+            };
+            for (y, z) in (0..steps).flat_map(|y| (0..steps).map(move |z| (y, z))) {
+                let [y, z] = [middle.y + place(y, half.y), middle.z + place(z, half.z)];
+                let area = cell(half.y) * cell(half.z);
+                if at {
+                    (0..steps).for_each(|x| add(Vec3::new(middle.x + place(x, half.x), y, z), area * cell(half.x)));
+                } else {
+                    add(Vec3::new(0.0, y, z), area);
+                }
+            }
+            let all: f64 = masses.iter().sum();
+            assert!((all - 1.0).abs() < 0.01, "{within:?}, {count}: {all}");
+            for (share, mass) in shares.into_iter().zip(masses) {
+                // A plane has parts on one side of it.
+                assert!((share - mass).abs() < 0.01 + 5.0 * (mass / f64::from(n)).sqrt() || !at, "{share} {mass}");
+            }
+            if at {
+                distances_have_their_density(&kernel, from, (middle + Vec3::Y * 0.1 - from).normalize(), &mut random);
+            }
+        }
+    }
+}
+
+/// See [`kernels_in_media_have_their_densities`].
+fn distances_have_their_density(kernel: &SpatialKernel, from: Vec3, direction: Vec3, random: &mut Random) {
+    let n = 40_000;
+    let drawn: Vec<f32> = (0..n).filter_map(|_| kernel.distance(from, direction, random.next_2d_f64())).collect();
+    let place = drawn.iter().sum::<f32>() / drawn.len() as f32 + 0.02;
+    let (steps, length) = (20_000, 12.0);
+    let mut masses = [0.0; 2];
+    for i in 0..steps {
+        let distance = (i as f32 + 0.5) / steps as f32 * length;
+        let density = f64::from(kernel.distance_density(from, direction, from + direction * distance));
+        masses[usize::from(distance > place)] += density * f64::from(length) / f64::from(steps);
+    }
+    for (behind, mass) in masses.into_iter().enumerate() {
+        let share =
+            drawn.iter().filter(|&&distance| usize::from(distance > place) == behind).count() as f64 / f64::from(n);
+        assert!((share - mass).abs() < 1e-3 + 5.0 * (mass * (1.0 - mass) / f64::from(n)).sqrt(), "{share} {mass}");
+    }
+}
+
 /// A path of three points around `points`, by its own kernels.
 fn path(film: [f32; 2], points: [Vec3; 3]) -> CompletePath {
     let step = |from: Vec3, to: Vec3| Step {
         direction: (to - from).normalize_or(Vec3::Z),
         pdf: 0.3,
         by_kernel: 1.0,
-        event: Event { transmits: false, delta: false },
+        event: Event { transmits: false, delta: false, medium: false },
     };
     CompletePath {
         film,
@@ -158,7 +242,8 @@ fn drawn(guide: &PathGuide, random: &mut Random) -> CompletePath {
     let film = chosen.film(random.next_2d_f64());
     let mut points = [chosen.path().points[0]; 3];
     for step in 0..2 {
-        let direction = chosen.kernel(step).unwrap().sample(points[step], random.next_2d_f64()).unwrap();
+        let direction =
+            chosen.kernel(step).unwrap().sample(points[step], random.next_2d_f64(), || [0.5; 2]).unwrap().direction;
         points[step + 1] = points[step] + direction * 2.0;
     }
     path(film, points)
@@ -185,9 +270,10 @@ fn degenerate_paths_make_guides() {
             let Some(chosen) = guide.choose(random.next_f64()) else { panic!("there is one") };
             let (film, from) = (chosen.film(random.next_2d_f64()), chosen.path().points[0]);
             assert!(film.iter().all(|x| x.is_finite()));
-            if let Some(direction) = chosen.kernel(0).unwrap().sample(from, random.next_2d_f64()) {
+            if let Some(reach) = chosen.kernel(0).unwrap().sample(from, random.next_2d_f64(), || [0.5; 2]) {
+                let direction = reach.direction;
                 assert!(direction.is_finite());
-                let density = chosen.kernel(0).unwrap().density(from, direction);
+                let density = chosen.kernel(0).unwrap().density(from, direction, from + direction);
                 assert!(density >= 0.0, "{density}");
             }
             let density = guide.density(&path(film, [from, Vec3::ZERO, Vec3::X]));

@@ -22,8 +22,8 @@ use fanal::math::channel_mean;
 use fanal::reconstruct::AsCounted;
 use fanal::render::{GuideMode, RenderSettings, SampleKinds, StopRule, render};
 use fanal::scene::Scene;
-use fanal::scene::file::{Distribution, LightFile, MaterialFile, SceneFile, TextureFile};
-use glam::{Mat4, Vec3};
+use fanal::scene::file::{Distribution, LightFile, MaterialFile, MediumFile, SceneFile, TextureFile};
+use glam::{Mat4, Quat, Vec3};
 
 const SIZE: [u32; 2] = [32, 24];
 const PIXELS: f64 = (SIZE[0] * SIZE[1]) as f64;
@@ -56,6 +56,41 @@ fn all_ends() -> SceneFile {
     b.add_light(LightFile::Spot { to_world, intensity: [3.0; 3], cutoff_angle: 60.0, beam_width: 40.0 });
     b.look_at(Vec3::new(0.5, 0.3, 1.9), Vec3::new(0.0, -0.5, 0.0), Vec3::Y, 50.0);
     b.finish()
+}
+
+/// A spot that shines through a ball of glass in tinted fog with a border, with a ball of another fog in it, on a floor and a wall.
+fn foggy_spot(g: f32) -> Builder {
+    let mut b = Builder::new("fog", SIZE);
+    let wall = b.add_material("wall", diffuse([0.6, 0.5, 0.4]));
+    let clear = b.add_material("glass", glass(1.5));
+    b.add_quad("floor", Vec3::new(0.0, -1.0, 0.0), [Vec3::Z * 2.0, Vec3::X * 2.0], &wall, None);
+    b.add_quad("back", Vec3::new(0.0, 0.0, -1.0), [Vec3::X * 2.0, Vec3::Y * 2.0], &wall, None);
+    b.add_sphere("ball", Vec3::new(0.2, 0.1, 0.1), 0.3, &clear, None);
+    let border = b.add_material("border of another", MaterialFile::Null);
+    b.add_sphere("other", Vec3::new(-0.5, -0.5, 0.2), 0.3, &border, None);
+    let eye = Vec3::new(0.9, 1.1, 0.6);
+    let turn = Quat::from_rotation_arc(Vec3::Z, (Vec3::new(0.2, 0.1, 0.1) - eye).normalize());
+    let to_world = matrix(Mat4::from_rotation_translation(turn, eye));
+    b.add_light(LightFile::Spot { to_world, intensity: [6.0, 5.0, 4.0], cutoff_angle: 20.0, beam_width: 15.0 });
+    b.look_at(Vec3::new(0.5, 0.3, 1.9), Vec3::new(0.0, -0.2, 0.0), Vec3::Y, 50.0);
+    b.fill([Vec3::splat(-1.2), Vec3::new(1.3, 1.3, 2.1)], [0.3, 0.45, 0.6], [0.95, 0.9, 0.8], g);
+    b
+}
+
+/// The same as a scene.
+fn foggy(g: f32) -> SceneFile {
+    let mut file = foggy_spot(g).finish();
+    file.media.insert("dense".into(), MediumFile::Homogeneous { sigma_t: [3.0, 2.0, 1.0], albedo: [0.7; 3], g: 0.3 });
+    let other = file.shapes.iter_mut().find(|shape| shape.name.starts_with("other"));
+    other.unwrap().interior = Some("dense".into());
+    file
+}
+
+/// Fills a scene with fog.
+fn filled(mut file: SceneFile, sigma_t: [f32; 3], g: f32) -> SceneFile {
+    file.media.insert("fog".into(), MediumFile::Homogeneous { sigma_t, albedo: [0.9; 3], g });
+    file.camera.medium = Some("fog".into());
+    file
 }
 
 /// The same with a lamp that no ray meets.
@@ -149,8 +184,8 @@ fn guide(scene: &Scene, roulette: Roulette, every: usize) -> PathGuide {
 #[derive(Clone)]
 struct Sums(Vec<[f64; 2]>);
 
-/// Classes of paths: how they end, whether a delta lobe scatters, and how long they are up to 5 points.
-const CLASSES: usize = 3 * 2 * 5;
+/// Classes of paths: how they end, whether a delta lobe scatters, whether a medium does, and how long they are up to 5 points.
+const CLASSES: usize = 3 * 2 * 2 * 5;
 
 fn class(path: &fanal::guiding::paths::path::CompletePath) -> usize {
     let end = match path.end {
@@ -159,7 +194,8 @@ fn class(path: &fanal::guiding::paths::path::CompletePath) -> usize {
         End::Light(_) => 2,
     };
     let delta = usize::from(path.steps.iter().any(|step| step.event.delta));
-    (end * 2 + delta) * 5 + path.points.len().min(5) - 1
+    let medium = usize::from(path.steps.iter().any(|step| step.event.medium));
+    ((end * 2 + delta) * 2 + medium) * 5 + path.points.len().min(5) - 1
 }
 
 impl Sums {
@@ -210,6 +246,10 @@ fn densities_are_those_of_both_techniques() {
         ("unseen", built(unseen_lamp()), 8),
         ("lobes", built(lobes(false)), 6),
         ("holes", built(lobes(true)), 6),
+        ("fog", built(foggy(0.3)), 8),
+        ("forward fog", built(foggy(0.9)), 8),
+        ("room in fog", built(filled(caustic_room().finish(), [0.2, 0.4, 0.3], 0.5)), 8),
+        ("ends in fog", built(filled(all_ends(), [0.4, 0.0, 0.1], -0.85)), 10),
     ];
     let cases = scenes.iter().flat_map(|scene| [Roulette::Off, Roulette::Throughput].map(|roulette| (scene, roulette)));
     for ((name, scene, most), roulette) in cases {
@@ -259,8 +299,9 @@ fn densities_are_those_of_both_techniques() {
         let mut seen = 0;
         for (i, what) in ["densities", "squares", "light"].into_iter().enumerate() {
             // Roulette before a light that is run into does not count in p_u, and so not every such path is found; its light makes up for it. Nor
-            // do holes, which light sampling sees through.
-            if (roulette != Roulette::Off || *name == "holes") && i < 2 {
+            // do holes and fog before such a light, which light sampling sees through.
+            let counts = roulette == Roulette::Off && !["holes", "room in fog", "ends in fog"].contains(name);
+            if !counts && i < 2 {
                 continue;
             }
             seen = agree(&format!("{name}, {what}"), (&sums[i], n as f64), (&sums[3 + i], n as f64));

@@ -14,7 +14,7 @@ use crate::math::Frame;
 /// Standard deviations at which Gaussians are cut (Reibold 2018, §3.1).
 pub const CUT: f32 = 3.33;
 /// Fewest paths, the kept one included, of which a covariance says anything: two means, two slopes each, and one more.
-const FEWEST: usize = 5;
+pub(super) const FEWEST: usize = 5;
 
 /// A two-dimensional standard normal variable within [`CUT`], of two uniform numbers in [0, 1).
 pub fn truncated_normal(u: [f64; 2]) -> Vec2 {
@@ -28,6 +28,16 @@ fn inside() -> f64 {
     -(-0.5 * f64::from(CUT) * f64::from(CUT)).exp_m1()
 }
 
+/// A standard normal variable of two uniform numbers in [0, 1) (Box and Muller 1958).
+pub fn normal(u: [f64; 2]) -> f32 {
+    ((-2.0 * (-u[0]).ln_1p()).sqrt() * (std::f64::consts::TAU * u[1]).cos()) as f32
+}
+
+/// Density of [`normal`].
+pub fn normal_density(at: f32) -> f32 {
+    (-0.5 * at * at).exp() / TAU.sqrt()
+}
+
 /// Density of [`truncated_normal`].
 pub fn truncated_density(at: Vec2) -> f32 {
     let squared = at.length_squared();
@@ -36,18 +46,18 @@ pub fn truncated_density(at: Vec2) -> f32 {
 
 /// The plane of a vertex.
 #[derive(Debug, Clone, Copy)]
-struct Plane {
-    through: Vec3,
-    frame: Frame,
+pub(super) struct Plane {
+    pub through: Vec3,
+    pub frame: Frame,
 }
 
 impl Plane {
     /// The plane of the point that a path reached from `before`.
-    fn new(before: Vec3, through: Vec3) -> Self {
+    pub fn new(before: Vec3, through: Vec3) -> Self {
         Self { through, frame: Frame::new((through - before).normalize_or(Vec3::Z)) }
     }
 
-    fn project(&self, point: Vec3) -> Vec2 {
+    pub fn project(&self, point: Vec3) -> Vec2 {
         let to = point - self.through;
         Vec2::new(to.dot(self.frame.s), to.dot(self.frame.t))
     }
@@ -153,7 +163,7 @@ impl Kernel {
 }
 
 /// Eigenvectors, as columns, and eigenvalues of a symmetric matrix.
-fn eigen(matrix: Mat2) -> (Mat2, Vec2) {
+pub(super) fn eigen(matrix: Mat2) -> (Mat2, Vec2) {
     let (a, b, c) = (matrix.x_axis.x, 0.5 * (matrix.x_axis.y + matrix.y_axis.x), matrix.y_axis.y);
     let (mean, half) = (0.5 * (a + c), 0.5 * (a - c));
     let radius = half.hypot(b);

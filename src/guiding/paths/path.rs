@@ -24,11 +24,13 @@ pub struct Event {
     pub transmits: bool,
     /// Whether a delta lobe scatters.
     pub delta: bool,
+    /// Whether it lies in a medium, and not on a surface.
+    pub medium: bool,
 }
 
 impl Event {
-    fn bits(self) -> u32 {
-        u32::from(self.transmits) | u32::from(self.delta) << 1
+    fn bits(self) -> u64 {
+        u64::from(self.transmits) | u64::from(self.delta) << 1 | u64::from(self.medium) << 2
     }
 }
 
@@ -36,8 +38,8 @@ impl Event {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Kind {
     points: u8,
-    /// Two bits for each vertex that scatters, the first in the lowest.
-    events: u32,
+    /// Three bits for each vertex that scatters, the first in the lowest.
+    events: u64,
     end: End,
 }
 
@@ -46,7 +48,7 @@ pub struct Kind {
 pub struct Step {
     /// Unit direction.
     pub direction: Vec3,
-    /// The BSDF's density of it w.r.t. solid angle; of a delta lobe its probability.
+    /// The BSDF's or phase function's density of it w.r.t. solid angle; of a delta lobe its probability.
     pub pdf: f32,
     /// Probability with which guided sampling chooses the direction by a kernel and not by the BSDF; 0 for a delta lobe.
     pub by_kernel: f32,
@@ -72,8 +74,13 @@ pub struct CompletePath {
 impl CompletePath {
     /// Its kind.
     pub fn kind(&self) -> Kind {
-        let events = self.steps.iter().rev().fold(0, |bits, step| bits << 2 | step.event.bits());
+        let events = self.steps.iter().rev().fold(0, |bits, step| bits << 3 | step.event.bits());
         Kind { points: self.points.len() as u8, events, end: self.end }
+    }
+
+    /// Whether the point of this index lies in a medium.
+    pub fn in_medium(&self, point: usize) -> bool {
+        self.steps.get(point).is_some_and(|step| step.event.medium)
     }
 
     /// Squared distance between corresponding points of two paths of one kind (eq. 9), no further than where it exceeds `most`.

@@ -3,9 +3,11 @@
 use glam::Vec3;
 use smallvec::SmallVec;
 
-use super::{Details, Emission, NO_VERTEX, PathScratch, PathTracer, Step as Traced};
+use super::vertices::Flown;
+use super::{Details, Emission, NO_VERTEX, PathScratch, PathTracer, Step as Traced, Vertex};
 use crate::base::random::Random;
 use crate::guiding::paths::path::{CompletePath, End, Event, MOST_VERTICES, Step};
+use crate::materials::phase::HenyeyGreenstein;
 use crate::scene::Scene;
 
 /// A complete path and what it brings to its sample.
@@ -31,7 +33,6 @@ const WIDE: f32 = 0.2;
 impl KernelShares {
     /// Those of a scene: the smoother a material, the more of its directions does the BSDF choose (Reibold 2018, §3.3).
     pub fn new(scene: &Scene) -> Self {
-        let share = |roughness: f32| ((roughness - NARROW) / (WIDE - NARROW)).clamp(0.0, 1.0);
         Self(scene.materials().iter().map(|material| share(material.roughness())).collect())
     }
 
@@ -39,6 +40,15 @@ impl KernelShares {
     pub fn at(&self, scene: &Scene, shape: u32) -> f32 {
         self.0[scene.material_of(shape)]
     }
+
+    /// The probability in a medium.
+    pub fn in_medium(phase: HenyeyGreenstein) -> f32 {
+        share(phase.roughness())
+    }
+}
+
+fn share(roughness: f32) -> f32 {
+    ((roughness - NARROW) / (WIDE - NARROW)).clamp(0.0, 1.0)
 }
 
 /// The point that stands for the sky in a direction: on a sphere around the scene.
@@ -59,6 +69,9 @@ struct Begun {
     /// The same with the roulette of the last step, but not its density; and that.
     survival: f64,
     last: f64,
+    /// Density of the distance to its last point in a medium, or probability of getting to a surface through media; 1 where there are none. It
+    /// is multiplied with the next step only: whether light from a surface gets through is no part of the balance of both ways to it.
+    flight: f64,
 }
 
 impl PathTracer<'_> {
@@ -81,18 +94,30 @@ impl PathTracer<'_> {
             at = vertices.all[at as usize].previous;
         }
         order.reverse();
-        let mut begun =
-            Begun { points: SmallVec::new(), steps: SmallVec::new(), before: 1.0, survival: 1.0, last: 1.0 };
+        let mut begun = Begun {
+            points: SmallVec::new(),
+            steps: SmallVec::new(),
+            before: 1.0,
+            survival: 1.0,
+            last: 1.0,
+            flight: 1.0,
+        };
+        // What the path carries to a vertex before media on the way dim it, as they do what it meets there.
+        let mut carried = Vec3::ONE;
         for (number, &vertex) in order.iter().enumerate() {
             let details = &vertices.details[vertex as usize];
             let (met, last) = (details.emission, number + 1 == order.len());
+            let flown = vertices.flights.get(vertex as usize);
+            begun.flight = flown.map_or(1.0, |flown| f64::from(flown.density));
             begun.points.push(details.point);
-            let value = details.throughput * met.weighted();
+            let value = carried * met.weighted();
             if value != Vec3::ZERO {
                 take(begun.ended(value, met, End::Surface, film, origin));
             }
-            let share = self.share(shares, details);
+            let share = self.share(shares, details, flown);
             self.direct(number, details, share, (&begun, film, origin, random), &mut take);
+            let Vertex { weight, survival, .. } = vertices.all[vertex as usize];
+            carried = details.throughput * weight / survival;
             match &details.step {
                 Some(step) if !last || background.weight > 0.0 => begun.go_on(step, details, share),
                 _ => {}
@@ -109,8 +134,11 @@ impl PathTracer<'_> {
         }
     }
 
-    fn share(&self, shares: &KernelShares, details: &Details) -> f32 {
-        if details.normal == Vec3::ZERO { 0.0 } else { shares.at(self.scene, details.shape) }
+    fn share(&self, shares: &KernelShares, details: &Details, flown: Option<&Flown>) -> f32 {
+        match flown.and_then(|flown| flown.phase) {
+            Some(phase) => KernelShares::in_medium(phase),
+            None => shares.at(self.scene, details.shape),
+        }
     }
 
     /// The path that ends at the light that was sampled at vertex `number`.
@@ -143,8 +171,8 @@ impl PathTracer<'_> {
             }
             End::Surface | End::Sky => light.pdf + light.bsdf_pdf,
         };
-        let unguided = begun.before * begun.survival * begun.last * f64::from(density);
-        let event = Event { transmits: details.normal.dot(direction) < 0.0, delta: false };
+        let unguided = begun.before * begun.survival * begun.last * begun.flight * f64::from(density);
+        let event = event(details, direction, false);
         let step = Step { direction, pdf: light.bsdf_pdf, by_kernel, event };
         let (mut points, mut steps) = (begun.points.clone(), begun.steps.clone());
         steps.push(step);
@@ -166,6 +194,13 @@ impl PathTracer<'_> {
     }
 }
 
+/// What happens where a path goes on in a direction.
+fn event(details: &Details, direction: Vec3, delta: bool) -> Event {
+    // Media have no normals.
+    let medium = details.normal == Vec3::ZERO;
+    Event { transmits: details.normal.dot(direction) < 0.0, delta, medium }
+}
+
 /// The path if it is not too long.
 fn usable(path: CompletePath) -> Option<CompletePath> {
     (path.points.len() <= MOST_VERTICES && path.is_finite()).then_some(path)
@@ -174,13 +209,13 @@ fn usable(path: CompletePath) -> Option<CompletePath> {
 impl Begun {
     /// Takes the path on from its last point.
     fn go_on(&mut self, Traced { sample, survival }: &Traced, details: &Details, by_kernel: f32) {
-        self.before *= self.last * self.survival;
+        self.before *= self.last * self.survival * self.flight;
         (self.last, self.survival) = (f64::from(sample.pdf), f64::from(*survival));
         self.steps.push(Step {
             direction: sample.direction,
             pdf: sample.pdf,
             by_kernel: if sample.delta { 0.0 } else { by_kernel },
-            event: Event { transmits: details.normal.dot(sample.direction) < 0.0, delta: sample.delta },
+            event: event(details, sample.direction, sample.delta),
         });
     }
 

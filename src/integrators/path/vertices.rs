@@ -8,6 +8,7 @@ use crate::base::random::Random;
 use crate::geometry::{Met, Ray};
 use crate::lights::tried::Trial;
 use crate::materials::medium::MediumId;
+use crate::materials::phase::HenyeyGreenstein;
 use crate::scene::effects::Effects;
 
 /// The vertices of all paths, in the order of depth; each knows the one before it on its path.
@@ -22,6 +23,8 @@ pub(super) struct Vertices {
     pub backgrounds: Vec<Background>,
     /// Of each where records are wanted, otherwise none.
     pub details: Vec<Details>,
+    /// The same of media; empty where there are none.
+    pub flights: Vec<Flown>,
     /// What came of lights that were chosen, where that is counted.
     pub trials: Vec<Trial>,
 }
@@ -62,8 +65,17 @@ impl Vertices {
         self.glow.clear();
         self.backgrounds.clear();
         self.details.clear();
+        self.flights.clear();
         self.trials.clear();
     }
+}
+
+/// How a path through media got to a vertex.
+pub(super) struct Flown {
+    /// See [`Passage::density`](crate::scene::media::Passage::density).
+    pub density: f32,
+    /// The phase function of a medium, if it is there that the vertex lies.
+    pub phase: Option<HenyeyGreenstein>,
 }
 
 /// A vertex and a sampled light, before it is known whether anything is in the way.

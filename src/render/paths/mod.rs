@@ -67,8 +67,9 @@ impl Placed {
 impl Run<'_> {
     /// Renders the picture, and ends the render.
     pub(super) fn by_paths(mut self) -> Result<Outcome> {
-        let guide = if self.scene.needs().media {
-            self.statistics.decisions.push("off: paths through media are not guided".into());
+        let guide = if self.scene.has_grids() {
+            // Delta and ratio tracking have no density that could be told of a path.
+            self.statistics.decisions.push("off: paths through media that vary are not guided".into());
             PathGuide::default()
         } else {
             self.learn_paths()
