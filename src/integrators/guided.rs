@@ -133,21 +133,25 @@ impl GuidedTracer<'_> {
             facing: ANYWHERE,
             rays: 0,
         };
-        self.follow(walk, film, ray.origin)
+        // Each for itself, so that media cost nothing where there are none.
+        let follow = if self.scene.needs().media { Self::follow::<true> } else { Self::follow::<false> };
+        follow(self, walk, film, ray.origin)
     }
 
-    fn follow(&self, mut walk: Walk, film: [f32; 2], origin: Vec3) -> Option<GuidedPath> {
+    fn follow<const MEDIA: bool>(&self, mut walk: Walk, film: [f32; 2], origin: Vec3) -> Option<GuidedPath> {
         let kept = walk.chosen.path();
         for number in 0..kept.points.len() {
             walk.random.begin_vertex(number as u32 + 1);
-            let vertex = self.arrive(&mut walk)?;
+            let vertex = self.arrive::<MEDIA>(&mut walk)?;
             let ends = number + 1 == kept.points.len();
             match (kept.end, vertex) {
                 (End::Surface, Some(vertex)) if ends => self.hit(&mut walk, &vertex.surface)?,
                 (End::Sky, None) if ends => self.leave(&mut walk)?,
                 (End::Surface | End::Sky, _) if ends => return None,
-                (End::Light(light), Some(vertex)) if ends => self.connect(&mut walk, &vertex, light as usize)?,
-                (_, vertex) => self.scatter(&mut walk, &vertex?)?,
+                (End::Light(light), Some(vertex)) if ends => {
+                    self.connect::<MEDIA>(&mut walk, &vertex, light as usize)?
+                }
+                (_, vertex) => self.scatter::<MEDIA>(&mut walk, &vertex?)?,
             }
         }
         let Walk { points, steps, value, before, last, rays, .. } = walk;
@@ -159,10 +163,11 @@ impl GuidedTracer<'_> {
 
     /// Takes the path along its ray to the point that was drawn in a medium, or else to the surface that stops it, infinitely far away where
     /// there is none. None where it does not get to the point.
-    fn arrive(&self, walk: &mut Walk) -> Option<Option<Vertex>> {
+    #[inline(always)]
+    fn arrive<const MEDIA: bool>(&self, walk: &mut Walk) -> Option<Option<Vertex>> {
         walk.rays += 1;
         let mut random = walk.random.at(Dimension::SEGMENT);
-        if !self.scene.needs().media {
+        if !MEDIA {
             return Some(self.scene.trace(&walk.ray, &mut random).map(|surface| Vertex { surface, phase: None }));
         }
         let (ray, carried, distance) = (walk.ray, walk.throughput, walk.distance);
@@ -175,10 +180,14 @@ impl GuidedTracer<'_> {
     }
 
     /// The scatterer where a ray meets something.
-    fn site(&self, ray: &Ray, Vertex { surface, phase }: &Vertex) -> SiteAt<'_> {
+    #[inline(always)]
+    fn site(&self, ray: &Ray, surface: &Surface, phase: Option<HenyeyGreenstein>) -> SiteAt<'_> {
         let (bsdf, bumps) = match phase {
-            Some(phase) => (Bsdf::phase(*phase), false),
-            None => (self.scene.material(surface).at(surface.uv), self.scene.material(surface).bump.is_some()),
+            Some(phase) => (Bsdf::phase(phase), false),
+            None => {
+                let material = self.scene.material(surface);
+                (material.at(surface.uv), material.bump.is_some())
+            }
         };
         let bumped = bumps && surface.smooth != surface.shading;
         let chooses = bsdf.chooses_lobe();
@@ -188,12 +197,14 @@ impl GuidedTracer<'_> {
     }
 
     /// Normal on the side that a ray arrived at; zero in a medium.
-    fn normal(ray: &Ray, Vertex { surface, phase }: &Vertex) -> Vec3 {
+    #[inline(always)]
+    fn normal(ray: &Ray, surface: &Surface, phase: Option<HenyeyGreenstein>) -> Vec3 {
         if phase.is_none() { surface.normal_towards(-ray.direction) } else { Vec3::ZERO }
     }
 
     /// Product of the ratios of indices of a step.
-    fn eta(&self, ray: &Ray, Vertex { surface, phase }: &Vertex, direction: Vec3) -> f32 {
+    #[inline(always)]
+    fn eta(&self, ray: &Ray, surface: &Surface, phase: Option<HenyeyGreenstein>, direction: Vec3) -> f32 {
         if phase.is_some() {
             return 1.0;
         }
@@ -202,13 +213,15 @@ impl GuidedTracer<'_> {
     }
 
     /// Takes the path on from a vertex as the kept one goes on from there.
-    fn scatter(&self, walk: &mut Walk, vertex: &Vertex) -> Option<()> {
-        let (number, Vertex { surface, phase }) = (walk.points.len(), vertex);
+    #[inline(always)]
+    fn scatter<const MEDIA: bool>(&self, walk: &mut Walk, vertex: &Vertex) -> Option<()> {
+        let (number, surface) = (walk.points.len(), &vertex.surface);
+        let phase = vertex.phase.filter(|_| MEDIA);
         let wanted = walk.chosen.path().steps.get(number)?.event;
-        let SiteAt { site, chooses } = self.site(&walk.ray, vertex);
+        let SiteAt { site, chooses } = self.site(&walk.ray, surface, phase);
         let by_kernel = match phase {
             _ if wanted.delta => 0.0,
-            Some(phase) => KernelShares::in_medium(*phase),
+            Some(phase) => KernelShares::in_medium(phase),
             None => self.shares.at(self.scene, surface.shape),
         };
         let mut guide = walk.random.at(Dimension::GUIDE);
@@ -233,16 +246,16 @@ impl GuidedTracer<'_> {
         } else {
             draw()?
         };
-        if walk.chosen.path().in_medium(number + 1) && drawn.distance.is_none() {
+        if MEDIA && walk.chosen.path().in_medium(number + 1) && drawn.distance.is_none() {
             let kernel = walk.chosen.kernel(number)?;
             drawn.distance = Some(kernel.distance(surface.point, drawn.direction, guide.next_2d_f64())?);
         }
-        let (normal, medium) = (Self::normal(&walk.ray, vertex), phase.is_some());
+        let (normal, medium) = (Self::normal(&walk.ray, surface, phase), phase.is_some());
         let event = Event { transmits: normal.dot(drawn.direction) < 0.0, delta: wanted.delta, medium };
         if event != wanted || drawn.value == Vec3::ZERO {
             return None;
         }
-        let eta = self.eta(&walk.ray, vertex, drawn.direction);
+        let eta = self.eta(&walk.ray, surface, phase, drawn.direction);
         walk.go_on(self.settings.roulette, &drawn, eta);
         walk.connects = self.settings.light_sampling && !event.delta;
         walk.facing = if self.lights.asks_facing() { facing(normal) } else { ANYWHERE };
@@ -250,7 +263,9 @@ impl GuidedTracer<'_> {
         walk.points.push(surface.point);
         walk.steps.push(Step { direction, pdf, by_kernel, event });
         (walk.ray, walk.distance) = (Ray { origin, direction }, distance);
-        walk.medium = self.scene.medium_beyond(surface, direction, walk.medium);
+        if MEDIA {
+            walk.medium = self.scene.medium_beyond(surface, direction, walk.medium);
+        }
         Some(())
     }
 
@@ -281,11 +296,12 @@ impl GuidedTracer<'_> {
     }
 
     /// Ends the path at a light that no ray can hit.
-    fn connect(&self, walk: &mut Walk, vertex: &Vertex, index: usize) -> Option<()> {
-        let (number, Vertex { surface, phase }) = (walk.points.len(), vertex);
+    fn connect<const MEDIA: bool>(&self, walk: &mut Walk, vertex: &Vertex, index: usize) -> Option<()> {
+        let (number, surface) = (walk.points.len(), &vertex.surface);
+        let phase = vertex.phase.filter(|_| MEDIA);
         let kept = walk.chosen.path().steps.get(number)?;
-        let SiteAt { site, .. } = self.site(&walk.ray, vertex);
-        let normal = Self::normal(&walk.ray, vertex);
+        let SiteAt { site, .. } = self.site(&walk.ray, surface, phase);
+        let normal = Self::normal(&walk.ray, surface, phase);
         let u = walk.random.at(Dimension::LIGHT_POINT).next_2d();
         let light = self.scene.lights.lights[index].sample(
             surface.point,
@@ -299,7 +315,7 @@ impl GuidedTracer<'_> {
         }
         let (ray, length) = surface.towards(light.wi, light.distance);
         walk.rays += 1;
-        let medium = self.scene.medium_beyond(surface, ray.direction, walk.medium);
+        let medium = if MEDIA { self.scene.medium_beyond(surface, ray.direction, walk.medium) } else { None };
         let passed = self.scene.transmittance(&ray, length, medium, &walk.random.at(Dimension::CONNECTION));
         walk.value *= (value * light.radiance * passed / light.pdf).as_dvec3();
         walk.before *= walk.last * walk.survival * walk.flight;

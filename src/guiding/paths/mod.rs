@@ -11,8 +11,8 @@
 //! - [`guide`]: all kept paths as a density that is drawn from; [`cache`]: the kept paths while they are learned.
 //!
 //! Densities of paths are with respect to area of the picture, in pixels, times the solid angles of all directions from vertex to vertex, times
-//! the distances to vertices in media; that of a delta lobe is its probability. All techniques have the same measure, so no Jacobian between surfaces remains: eq. 7's factor
-//! G(x, x_v) / G(x, x') is the change from area to solid angle at x' and back at x_v.
+//! the distances to vertices in media; that of a delta lobe is its probability. All techniques have the same measure, so no Jacobian between
+//! surfaces remains: eq. 7's factor G(x, x_v) / G(x, x') is the change from area to solid angle at x' and back at x_v.
 
 pub mod cache;
 pub mod guide;

@@ -25,6 +25,7 @@ impl Transition {
     }
 
     /// What uniform numbers in [0, 1) draw from the point before; `along` is asked for a point in a medium.
+    #[inline]
     pub fn sample(&self, from: Vec3, across: [f64; 2], along: impl FnOnce() -> [f64; 2]) -> Option<Reach> {
         match self {
             Self::Planar(kernel) => Some(Reach { direction: kernel.sample(from, across)?, distance: None }),
@@ -33,6 +34,7 @@ impl Transition {
     }
 
     /// Density of [`Transition::sample`], w.r.t. solid angle and, in a medium, distance.
+    #[inline]
     pub fn density(&self, from: Vec3, direction: Vec3, to: Vec3) -> f32 {
         match self {
             Self::Planar(kernel) => kernel.density(from, direction),
@@ -41,6 +43,7 @@ impl Transition {
     }
 
     /// Density of the distance in a direction that was chosen otherwise; 1 on a surface.
+    #[inline]
     pub fn distance_density(&self, from: Vec3, direction: Vec3, to: Vec3) -> f32 {
         match self {
             Self::Planar(_) => 1.0,
