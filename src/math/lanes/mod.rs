@@ -363,10 +363,14 @@ macro_rules! lane_by_lane {
         #[inline(always)]
         fn rows<const N: usize>(numbers: [Self; N]) -> [[f32; N]; LANES] {
             let mut rows = [[0.0; N]; LANES];
-            for i in 0..N {
-                let column: [f32; LANES] = bytemuck::cast(numbers[i].0);
+            for first in (0..N).step_by(4) {
+                // The last is repeated where there are fewer than four.
+                let mut four = [numbers[N - 1]; 4];
+                let count = (N - first).min(4);
+                four[..count].copy_from_slice(&numbers[first..first + count]);
+                let parts = Self::four_rows(four);
                 for lane in 0..LANES {
-                    rows[lane][i] = column[lane];
+                    rows[lane][first..first + count].copy_from_slice(&parts[lane][..count]);
                 }
             }
             rows
