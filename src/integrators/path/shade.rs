@@ -338,6 +338,8 @@ impl<'b, P: Points<'b>> Kernel for Group<'_, P> {
         let out = -Ray::directions(wide, rays);
         if *bumped || self.asks_facing {
             smooth = Surface::smooth_lanes(wide, surfaces);
+        }
+        if self.asks_facing {
             let towards = V3::choose(smooth.dot(out).below(0.0), -smooth, smooth);
             self.view.facing = wide.store(facings(towards)).map(|number| number as u8);
         }
