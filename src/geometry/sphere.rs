@@ -69,7 +69,7 @@ impl<R: Real> Spheres<R> {
     /// Distance of the first hit in (0, `t_max`), from outside or inside, and where there is one. The discriminant comes from the
     /// distance of the centre to the line, which stays accurate for small and distant spheres (Haines et al. 2019).
     #[inline(always)]
-    pub fn intersect(&self, origin: V3<R>, direction: V3<R>, t_max: f32) -> (R, R::Mask) {
+    pub fn intersect(&self, origin: V3<R>, direction: V3<R>, t_max: R) -> (R, R::Mask) {
         let a = direction.length_squared();
         let f = origin - self.center;
         let b = -f.dot(direction);
@@ -84,8 +84,8 @@ impl<R: Real> Spheres<R> {
         let (t0, t1) = (c / q, q / a);
         let first = t0.lt(t1);
         let (near, far) = (first.choose(t0, t1), first.choose(t1, t0));
-        let near_counts = near.above(0.0) & near.below(t_max);
-        let far_counts = far.above(0.0) & far.below(t_max);
+        let near_counts = near.above(0.0) & near.lt(t_max);
+        let far_counts = far.above(0.0) & far.lt(t_max);
         (near_counts.choose(near, far), meets & (near_counts | far_counts))
     }
 

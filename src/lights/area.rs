@@ -273,7 +273,7 @@ pub(super) fn sample_spheres<'a, R: Real>(
     });
     let sphere = Spheres { center: V3::new(x, y, z), radius };
     let (wi, pdf) = sphere.sample_direction(point, u);
-    let (distance, hit) = sphere.intersect(point, wi, f32::INFINITY);
+    let (distance, hit) = sphere.intersect(point, wi, wi.x.all(f32::INFINITY));
     // A direction on the rim may miss by rounding: then the nearest point of the line to the centre serves.
     let distance = hit.choose(distance, (sphere.center - point).dot(wi));
     let (inside, flipped) = (inside(&sphere, point), flipped.above(0.0));

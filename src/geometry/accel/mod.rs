@@ -239,6 +239,10 @@ impl Others for Placed {
             None => u32::MAX,
         }
     }
+
+    fn sphere(&self, index: usize) -> Option<&Sphere> {
+        if let Some(Primitive::Sphere { sphere, .. }) = self.primitives.get(index) { Some(sphere) } else { None }
+    }
 }
 
 /// The ray in mesh coordinates, its direction not normalised, so that distances mean the same in both spaces.

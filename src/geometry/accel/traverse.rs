@@ -4,6 +4,7 @@ use super::Hit;
 use super::node::{Child, Kind, LANES, Node, Packet, WIDTH};
 use super::portable;
 use super::query::{Query, Slabs};
+use crate::geometry::sphere::Sphere;
 use crate::geometry::triangle::Shear;
 
 #[cfg(target_arch = "x86_64")]
@@ -116,6 +117,8 @@ pub trait Others {
     fn occluded(&self, index: usize, query: &Query, t_max: f32) -> bool;
     /// The shape of primitive `index`.
     fn shape(&self, index: usize) -> u32;
+    /// Primitive `index`, if it is a sphere.
+    fn sphere(&self, index: usize) -> Option<&Sphere>;
 }
 
 /// No further primitives: a mesh has triangles only.
@@ -130,6 +133,10 @@ impl Others for NoOthers {
 
     fn shape(&self, _: usize) -> u32 {
         u32::MAX
+    }
+
+    fn sphere(&self, _: usize) -> Option<&Sphere> {
+        None
     }
 }
 

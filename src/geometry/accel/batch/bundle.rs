@@ -5,7 +5,7 @@ use super::super::node::{Child, Kind, LANES, WIDTH};
 use super::super::query::Query;
 use super::super::traverse::{Hierarchy, Others};
 use super::flight::{Flight, SLOTS, fetch};
-use super::lanes::{farthest, reaching};
+use super::lanes::{farthest, meeting, reaching};
 use super::sixteen::{Bounds, Lanes, RAYS};
 use super::triangles::{Found, GROUP};
 use super::wide::{Goal, Job, Wide};
@@ -183,8 +183,20 @@ impl Bundle {
         shorter
     }
 
-    #[cold]
+    /// Tests a primitive that is no triangle against the rays of `mask`. Returns whether one looks less far now.
+    #[inline(always)]
     fn other<T: Wide, G: Goal, O: Others>(&mut self, walk: &Walk<T, G, O>, index: usize, mask: u16) -> bool {
+        // Of a sphere most miss it, or end before it: those that are on their way to a light.
+        let mut mask = mask;
+        if let Some(sphere) = walk.others.sphere(index) {
+            mask &= meeting(walk.tests, &self.lanes, sphere);
+        }
+        mask != 0 && self.other_by_ray(walk, index, mask)
+    }
+
+    /// Tests a primitive against one ray after the other.
+    #[inline(never)]
+    fn other_by_ray<T: Wide, G: Goal, O: Others>(&mut self, walk: &Walk<T, G, O>, index: usize, mask: u16) -> bool {
         let mut shorter = false;
         for lane in lanes_of(mask) {
             let query = self.query(lane);

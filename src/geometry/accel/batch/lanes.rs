@@ -6,7 +6,8 @@ use super::super::query::{Query, Slabs};
 use super::sixteen::{Bounds, Lane, Lanes, RAYS};
 use super::wide::Wide;
 use crate::geometry::Ray;
-use crate::math::lanes::{Mask, Real};
+use crate::geometry::sphere::{Sphere, Spheres};
+use crate::math::lanes::{Bits, Mask, Real, V3};
 
 impl Lanes {
     /// Computes the constants of the first `count` rays, which have the octant and main axis of `first`, and returns their bounds.
@@ -39,6 +40,19 @@ impl Lanes {
 #[inline(always)]
 fn load3<T: Wide>(tests: T, values: &[Lane; 3], [x, y, z]: [usize; 3]) -> [T::Real; 3] {
     [tests.load(&values[x]), tests.load(&values[y]), tests.load(&values[z])]
+}
+
+/// The rays that meet a sphere no farther than they look, one bit each.
+#[inline(always)]
+pub fn meeting<T: Wide>(tests: T, lanes: &Lanes, sphere: &Sphere) -> u16 {
+    const AXES: [usize; 3] = [0, 1, 2];
+    let ([x, y, z], [dx, dy, dz]) = (load3(tests, &lanes.origin, AXES), load3(tests, &lanes.direction, AXES));
+    let spheres = Spheres { center: V3::splat(x).all(sphere.center), radius: x.all(sphere.radius) };
+    // The next number is farther: what lies exactly there may be of an earlier shape.
+    let reach = tests.load(&lanes.t_max).bits();
+    let beyond = (reach + reach.all(1)).real_bits();
+    let (_, met) = spheres.intersect(V3::new(x, y, z), V3::new(dx, dy, dz), beyond);
+    met.answers() as u16
 }
 
 /// The least and the largest of each axis.
