@@ -48,9 +48,10 @@ pub fn meeting<T: Wide>(tests: T, lanes: &Lanes, sphere: &Sphere) -> u16 {
     const AXES: [usize; 3] = [0, 1, 2];
     let ([x, y, z], [dx, dy, dz]) = (load3(tests, &lanes.origin, AXES), load3(tests, &lanes.direction, AXES));
     let spheres = Spheres { center: V3::splat(x).all(sphere.center), radius: x.all(sphere.radius) };
-    // The next number is farther: what lies exactly there may be of an earlier shape.
-    let reach = tests.load(&lanes.t_max).bits();
-    let beyond = (reach + reach.all(1)).real_bits();
+    // The next number is farther: what lies exactly there may be of an earlier shape. There is none behind infinity.
+    let reach = tests.load(&lanes.t_max);
+    let next = (reach.bits() + reach.bits().all(1)).real_bits();
+    let beyond = reach.finite().choose(next, reach);
     let (_, met) = spheres.intersect(V3::new(x, y, z), V3::new(dx, dy, dz), beyond);
     met.answers() as u16
 }

@@ -111,6 +111,28 @@ fn compare(accel: &Accel, rays: &[(Ray, f32)], scratch: &mut Scratch) -> [usize;
     [single.iter().flatten().count(), hidden.iter().filter(|hidden| **hidden).count()]
 }
 
+/// Spheres alone, met by bundles of rays without end, of rays that end far away, and of those that end where they meet them.
+#[test]
+fn bundles_meet_spheres() {
+    let mut random = Random::new(31, 0, 0);
+    let shapes: Vec<Shape> = (0..30).map(|_| Shape::sphere(point(&mut random), 0.1, false)).collect();
+    for kernel in kernels() {
+        let (accel, mut scratch) = (Accel::with_kernel(&shapes, kernel), Scratch::default());
+        let mut rays = Vec::new();
+        for _ in 0..40 {
+            let (origin, to) = (point(&mut random) - 2.0 * Vec3::X, point(&mut random));
+            for i in 0..16 {
+                let origin = origin + 0.02 * point(&mut random);
+                let ray = Ray { origin, direction: (to - origin).normalize() };
+                let distance = accel.intersect(&ray).map_or(1.0, |hit| hit.distance);
+                rays.push((ray, [f32::INFINITY, f32::MAX, distance, distance.next_up()][i % 4]));
+            }
+        }
+        let [hits, hidden] = compare(&accel, &rays, &mut scratch);
+        assert!(hits > 100 && hidden > 100 && hidden < hits, "{hits} {hidden}");
+    }
+}
+
 /// docs/stability.md, S7: answers depend neither on the batch nor on the way that it is answered.
 #[test]
 fn s07_batches_answer_as_single_queries() {
