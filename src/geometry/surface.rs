@@ -62,7 +62,7 @@ impl Surface {
         }
     }
 
-    /// Its numbers, but for the last, which is none.
+    /// Its numbers; the last is the index of the shape, of which only the bits mean something.
     #[inline(always)]
     fn numbers(&self) -> &[f32; NUMBERS] {
         bytemuck::cast_ref(self)

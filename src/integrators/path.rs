@@ -248,7 +248,9 @@ impl PathTracer<'_> {
         let knows = E::MEDIA && E::GUIDING && self.settings.guided_distances && self.field.is_some();
         let expected = |place: Place| self.expected(path, place);
         let expected: Option<Expected> = if knows { Some(&expected) } else { None };
-        let (ray, carried, random, wants_density) = (&path.ray, path.throughput, &path.random, E::MEDIA && RECORDS);
+        // For complete paths, which are learned of paths without a guide.
+        let wants_density = E::MEDIA && RECORDS && !E::GUIDING;
+        let (ray, carried, random) = (&path.ray, path.throughput, &path.random);
         let segment = Segment { ray, carried, random, expected, wants_density };
         let Passage { end, weight: passed, glow, density } =
             self.scene.advance::<E>(segment, meets, surface, &mut medium);
@@ -268,7 +270,7 @@ impl PathTracer<'_> {
         let emission = if phase.is_none() { self.emission(surface, path).dimmed(passed) } else { Emission::default() };
         let known = (E::GUIDING || RECORDS) && phase.is_none();
         let normal = if known { surface.normal_towards(-path.ray.direction) } else { Vec3::ZERO };
-        if E::MEDIA && RECORDS {
+        if wants_density {
             vertices.flights.push(Flown { density, phase });
         }
         let vertex = self.begin_vertex::<E, RECORDS>(path, surface, normal, emission, [passed, glow], vertices);
