@@ -240,18 +240,19 @@ pub struct Generators<const N: usize> {
 }
 
 impl<const N: usize> Generators<N> {
-    /// Of generators at the same vertex.
+    /// Of generators at the same vertex, which `of` tells.
     #[inline(always)]
-    pub fn new(of: &[&Random; N]) -> Self {
+    pub fn new<'a>(of: impl Fn(usize) -> &'a Random) -> Self {
         let (mut keys, mut indices) = ([0; N], [0; N]);
-        let in_sequences = of[0].sequence.is_some();
-        for (lane, random) in of.iter().enumerate() {
+        let in_sequences = of(0).sequence.is_some();
+        for lane in 0..N {
+            let random = of(lane);
             match &random.sequence {
                 Some(sequence) if in_sequences => (keys[lane], indices[lane]) = (sequence.key, sequence.index),
                 _ => keys[lane] = random.key,
             }
         }
-        Self { keys, indices, vertex: of[0].vertex, in_sequences }
+        Self { keys, indices, vertex: of(0).vertex, in_sequences }
     }
 
     /// What each draws for `dimension`. Loops over all, which the compiler turns into vectors.
@@ -380,8 +381,7 @@ mod tests {
                     random
                 });
                 for dimension in (0..PER_VERTEX).map(Dimension) {
-                    let draws =
-                        Generators::new(&std::array::from_fn::<_, 16, _>(|lane| &generators[lane])).draw(dimension);
+                    let draws = Generators::<16>::new(|lane| &generators[lane]).draw(dimension);
                     let at = |lane: usize| generators[lane].at(dimension);
                     assert_eq!(draws.points(), std::array::from_fn(|lane| at(lane).next_2d()));
                     assert_eq!(draws.numbers(), std::array::from_fn(|lane| at(lane).next_f32()));

@@ -15,7 +15,7 @@ pub use surface::{Origins, Surface};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use crate::math::lanes::{LANES, V3, Wide};
+use crate::math::lanes::{V3, Wide};
 
 /// A half line.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -33,11 +33,11 @@ impl Ray {
         self.origin + self.direction * t
     }
 
-    /// The directions of sixteen rays.
+    /// The directions of sixteen rays, which `of` tells.
     #[inline(always)]
-    pub fn directions<W: Wide>(wide: W, rays: &[&Self; LANES]) -> V3<W::Real> {
+    pub fn directions<'a, W: Wide>(wide: W, of: impl Fn(usize) -> &'a Self) -> V3<W::Real> {
         let [_, x, y, z] = wide.four_columns(|lane| {
-            let [_, _, numbers @ ..]: [f32; 6] = bytemuck::cast(*rays[lane]);
+            let [_, _, numbers @ ..]: [f32; 6] = bytemuck::cast(*of(lane));
             numbers
         });
         V3::new(x, y, z)

@@ -12,6 +12,7 @@ use crate::base::random::{Dimension, Random};
 use crate::geometry::Surface;
 use crate::guiding::sample::field::{DirectionGuide, VoxelGuide};
 use crate::materials::{Bsdf, Transport, Variant};
+use crate::math::lanes::{Mask, Real, V3};
 
 /// How directions are sampled at one vertex.
 pub struct Mixture<'a, 'g> {
@@ -108,24 +109,71 @@ pub(super) fn guided_point(bsdf_fraction: f32, random: &Random) -> Option<[f64; 
     (u >= alpha).then(|| [(u - alpha) / (1.0 - alpha), v])
 }
 
-/// The density of BSDF and guide together, for one direction.
+/// The density of BSDF and guide together, for the direction of each lane.
 #[derive(Debug, Clone, Copy)]
-pub struct MixtureDensity {
+pub struct MixtureDensity<R: Real> {
     /// Probability α of sampling the BSDF, in (0, 1].
-    pub bsdf_fraction: f32,
+    pub bsdf_fraction: R,
     /// Probability p_δ of a delta lobe.
-    pub deltas: f32,
+    pub deltas: R,
     /// The guide's density w.r.t. solid angle.
-    pub guide_pdf: f32,
+    pub guide_pdf: R,
 }
 
-impl MixtureDensity {
+impl<R: Real> MixtureDensity<R> {
     /// The mixture's density where the BSDF's is `bsdf_pdf`, and the part of it that is the BSDF's.
     #[inline(always)]
-    pub fn pdf(&self, bsdf_pdf: f32) -> (f32, f32) {
+    pub fn pdf(&self, bsdf_pdf: R) -> (R, R) {
         let bsdf = self.bsdf_fraction * bsdf_pdf;
-        let both = bsdf + (1.0 - self.bsdf_fraction) * ((1.0 - self.deltas).max(0.0) * self.guide_pdf);
-        (both, if both > 0.0 { bsdf / both } else { 1.0 })
+        let both = bsdf + self.bsdf_fraction.rest() * (self.deltas.rest().at_least(0.0) * self.guide_pdf);
+        (both, both.above(0.0).choose(bsdf / both, both.all(1.0)))
+    }
+}
+
+/// Guides in the directions that were drawn, lane by lane.
+#[derive(Clone, Copy)]
+pub struct Guided<R: Real> {
+    /// Where there is a guide and no delta lobe was drawn.
+    pub any: R::Mask,
+    /// Probability α of sampling the BSDF there.
+    pub bsdf_fraction: R,
+    /// The guide's density w.r.t. solid angle.
+    pub pdf: R,
+}
+
+/// What the directions that were drawn are worth, lane by lane, with the density of all that could have drawn them.
+#[derive(Clone, Copy)]
+pub struct Mixed<R: Real> {
+    /// Where something may come back.
+    pub any: R::Mask,
+    /// f·|cos θ| / p.
+    pub weight: V3<R>,
+    /// f·|cos θ| / p_bsdf: share that the surface reflects, whoever proposed the direction.
+    pub bsdf_weight: V3<R>,
+    /// Density p of the mixture w.r.t. solid angle; for a delta lobe its probability.
+    pub pdf: R,
+    /// Part of p that is the BSDF's.
+    pub bsdf_share: R,
+}
+
+impl<R: Real> Mixed<R> {
+    /// Without guides there are no densities of theirs.
+    #[inline(always)]
+    pub fn new(onward: &Onward<R>, guided: Option<Guided<R>>) -> Self {
+        let &Onward { any, value, weight, pdf, .. } = onward;
+        let alone = Self { any, weight, bsdf_weight: weight, pdf, bsdf_share: pdf.all(1.0) };
+        let Some(Guided { any: guided, bsdf_fraction, pdf: guide_pdf }) = guided else { return alone };
+        let (mixed, bsdf_share) = MixtureDensity { bsdf_fraction, deltas: onward.deltas, guide_pdf }.pdf(pdf);
+        let weight = value / mixed;
+        let brings = !value.is_zero() & !mixed.le(mixed.all(0.0));
+        let by_bsdf = V3::choose(pdf.above(0.0), value / pdf, weight);
+        Self {
+            any: any & (brings | !guided),
+            weight: V3::choose(guided, weight, alone.weight),
+            bsdf_weight: V3::choose(guided, by_bsdf, alone.bsdf_weight),
+            pdf: guided.choose(mixed, alone.pdf),
+            bsdf_share: guided.choose(bsdf_share, alone.bsdf_share),
+        }
     }
 }
 
@@ -154,21 +202,16 @@ impl MixtureSample {
     /// guide, or a delta lobe was drawn.
     #[inline(always)]
     pub fn new(onward: &Onward<f32>, guide: Option<(f32, f32)>) -> Option<Self> {
-        if !onward.any {
-            return None;
-        }
-        let (direction, value): (Vec3, Vec3) = (onward.direction.into(), onward.value.into());
-        let Some((bsdf_fraction, guide_pdf)) = guide else {
-            let (weight, pdf, delta) = (onward.weight.into(), onward.pdf, onward.delta);
-            return Some(Self { direction, weight, bsdf_weight: weight, value, pdf, bsdf_share: 1.0, delta });
-        };
-        let mixture = MixtureDensity { bsdf_fraction, deltas: onward.deltas, guide_pdf };
-        let (pdf, bsdf_share) = mixture.pdf(onward.pdf);
-        if value == Vec3::ZERO || pdf <= 0.0 {
-            return None;
-        }
-        let weight = value / pdf;
-        let bsdf_weight = if onward.pdf > 0.0 { value / onward.pdf } else { weight };
-        Some(Self { direction, weight, bsdf_weight, value, pdf, bsdf_share, delta: false })
+        let guided = guide.map(|(bsdf_fraction, pdf)| Guided { any: true, bsdf_fraction, pdf });
+        let mixed = Mixed::new(onward, guided);
+        mixed.any.then(|| Self {
+            direction: onward.direction.into(),
+            weight: mixed.weight.into(),
+            bsdf_weight: mixed.bsdf_weight.into(),
+            value: onward.value.into(),
+            pdf: mixed.pdf,
+            bsdf_share: mixed.bsdf_share,
+            delta: onward.delta,
+        })
     }
 }

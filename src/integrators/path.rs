@@ -6,7 +6,10 @@ mod background;
 mod batch;
 mod complete;
 mod explain;
+mod going;
+mod kept;
 mod shade;
+mod shaded;
 mod vertices;
 
 pub use batch::PathScratch;
@@ -16,8 +19,8 @@ pub use explain::{Cause, ExplainedVertex, Explanation, Met, Onward};
 
 use glam::Vec3;
 
-use super::mixture::{MixtureDensity, MixtureSample, cosine_normal};
-use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
+use super::mixture::cosine_normal;
+use super::{Roulette, TransportSettings};
 use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
 use crate::guiding::record::{PathRecord, Radiance};
@@ -25,6 +28,7 @@ use crate::guiding::sample::field::{DirectionGuide, GuideField};
 use crate::guiding::sample::roulette::AdjointRoulette;
 use crate::lights::Light;
 use crate::lights::learned::LightSampling;
+use crate::lights::seen::ANYWHERE;
 use crate::materials::medium::MediumId;
 use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::{Material, Variant};
@@ -34,7 +38,9 @@ use crate::scene::Scene;
 use crate::scene::effects::Effects;
 use crate::scene::media::{End, Expected, Passage, Place, Segment};
 use background::Left;
-use shade::{Sampled, Shaded};
+use going::Gone;
+pub(super) use going::unguided_survival;
+use shaded::Shaded;
 use vertices::{Connection, Flown, Shadows, Towards, Tried, Vertices};
 
 /// Traces camera paths.
@@ -61,42 +67,45 @@ pub struct CameraPath {
     pub pixel: Option<f32>,
 }
 
-/// A path on its way: all that its next segment depends on.
+/// A path on its way: all that its next segment depends on. What is read or written together lies side by side.
+#[repr(C)]
 struct PathState {
-    ray: Ray,
-    random: Random,
-    /// See [`CameraPath::pixel`].
-    pixel: Option<f32>,
-    /// Segments so far.
-    depth: u32,
     /// Π f·|cos θ| / p, roulette and media included.
     throughput: Vec3,
+    /// See [`CameraPath::pixel`]; 1 where nothing is known.
+    pixel: f32,
     /// The same as if BSDFs had chosen all directions; not kept without a guide, where both are the same.
     reflected: Vec3,
     /// Product of the squared indices that radiance was divided by on its way into glass, and will be multiplied by on its way out.
     squeezed: f32,
-    medium: Option<MediumId>,
-    previous: Option<Previous>,
+    ray: Ray,
+    previous: Previous,
+    random: Random,
     /// Index of its last vertex so far.
     last: u32,
     /// Index of the background that it ran into.
     background: u32,
+    medium: Option<MediumId>,
+    /// Whether something is known of its pixel.
+    judged: bool,
 }
 
 impl PathState {
+    #[inline(always)]
     fn new(CameraPath { ray, random, pixel }: CameraPath, medium: Option<MediumId>) -> Self {
+        let previous = Previous { pdf: 0.0, light_probability: 0.0, point: ray.origin, facing: ANYWHERE };
         Self {
-            ray,
-            random,
-            pixel,
-            depth: 0,
             throughput: Vec3::ONE,
+            pixel: pixel.unwrap_or(1.0),
             reflected: Vec3::ONE,
             squeezed: 1.0,
-            medium,
-            previous: None,
+            ray,
+            previous,
+            random,
             last: NO_VERTEX,
             background: NO_BACKGROUND,
+            medium,
+            judged: pixel.is_some(),
         }
     }
 }
@@ -108,18 +117,18 @@ struct Arrival {
     /// Indices of the path and of the vertex.
     path: u32,
     vertex: u32,
-    variant: Variant,
+    worth: Worth,
+    /// Index of the voxel whose guide is sampled; none where the BSDF samples alone.
+    voxel: Option<u32>,
     /// The phase function of a medium, if it is there that the vertex lies.
     phase: Option<HenyeyGreenstein>,
+    variant: Variant,
     /// Whether the shading normal is turned by bumps.
     bumped: bool,
     /// Whether only delta lobes scatter here.
     smooth: bool,
     /// Whether a light is sampled.
     connects: bool,
-    worth: Worth,
-    /// Index of the voxel whose guide is sampled; none where the BSDF samples alone.
-    voxel: Option<u32>,
 }
 
 /// Probabilities of light sampling and of going on at a vertex, by the light that is expected there; for the latter none where nothing
@@ -131,17 +140,18 @@ struct Worth {
 }
 
 /// Light that a vertex adds, and the part that it lets through of the light that arrives, kept until that light is known.
+#[repr(C)]
 struct Vertex {
-    /// Emission towards the previous vertex as it enters the picture.
-    emitted: Vec3,
-    /// Light sampling: f·L·w / p.
-    direct: Vec3,
     /// f·|cos θ| / p of the direction in which the path went on; zero where it ended.
     weight: Vec3,
     /// Probability of surviving roulette before going on.
     survival: f32,
+    /// Emission towards the previous vertex as it enters the picture.
+    emitted: Vec3,
     /// Index of the path's vertex before this one.
     previous: u32,
+    /// Light sampling: f·L·w / p.
+    direct: Vec3,
 }
 
 /// Index where there is no vertex.
@@ -202,21 +212,39 @@ struct ToLight {
     bsdf_pdf: f32,
 }
 
+/// How a path went on, see [`MixtureSample`](super::mixture::MixtureSample).
 struct Step {
-    sample: MixtureSample,
+    direction: Vec3,
+    weight: Vec3,
+    value: Vec3,
+    pdf: f32,
+    bsdf_share: f32,
+    delta: bool,
     /// Probability of surviving roulette before going on.
     survival: f32,
 }
 
 /// The previous vertex, as far as the weight of emission that the path runs into depends on it.
 #[derive(Clone, Copy)]
+#[repr(C)]
 struct Previous {
-    point: Vec3,
+    /// Density of the direction that was drawn there.
     pdf: f32,
-    /// Probability with which light sampling was tried there; 0 where it never is.
+    /// Probability with which light sampling was tried there; 0 where it never is, and before the first vertex.
     light_probability: f32,
+    point: Vec3,
     /// Which way the surface faces.
     facing: u8,
+}
+
+impl Previous {
+    /// Weight of what the path ran into, and whether light sampling could have found it; `pdf` is the density with which it does where it
+    /// is tried with the given probability.
+    #[inline(always)]
+    fn weight(&self, pdf: impl FnOnce(f32) -> f32) -> (f32, bool) {
+        let connected = self.light_probability > 0.0;
+        (if connected { mis::balance(self.pdf, pdf(self.light_probability)) } else { 1.0 }, connected)
+    }
 }
 
 /// Totals of a worker.
@@ -230,20 +258,19 @@ pub struct RayCount {
 
 impl PathTracer<'_> {
     /// Takes a path to its next vertex, where it `meets` the `surface`, or behind that; there the surface, or the point of a medium,
-    /// takes its place. `number` and `place` are the indices of path and surface. Returns where it scatters; none where it ends. Those that
-    /// meet nothing are added to `left`.
+    /// takes its place. `depth` is the number of segments with this one, `number` and `place` are the indices of path and surface.
+    /// Returns where it scatters; none where it ends. Those that meet nothing are added to `left` where it matters what they see.
     #[inline(always)]
     fn arrive<E: Effects, const RECORDS: bool>(
         &self,
-        [number, place]: [u32; 2],
+        [depth, number, place]: [u32; 3],
         path: &mut PathState,
         meets: bool,
         surface: &mut Surface,
         vertices: &mut Vertices,
         left: &mut Vec<Left>,
     ) -> Option<Arrival> {
-        path.depth += 1;
-        path.random.begin_vertex(path.depth);
+        path.random.begin_vertex(depth);
         let mut medium = path.medium;
         let knows = E::MEDIA && E::GUIDING && self.settings.guided_distances && self.field.is_some();
         let expected = |place: Place| self.expected(path, place);
@@ -257,7 +284,9 @@ impl PathTracer<'_> {
         path.medium = medium;
         let phase = match end {
             End::Background => {
-                left.push(Left { path: number, passed, glow });
+                if E::MEDIA || RECORDS || self.scene.lights.has_background() {
+                    left.push(Left { path: number, passed, glow });
+                }
                 return None;
             }
             End::Surface => None,
@@ -274,7 +303,7 @@ impl PathTracer<'_> {
             vertices.flights.push(Flown { density, phase });
         }
         let vertex = self.begin_vertex::<E, RECORDS>(path, surface, normal, emission, [passed, glow], vertices);
-        if path.depth >= self.settings.max_depth {
+        if depth >= self.settings.max_depth {
             return None;
         }
         let material = if phase.is_none() && E::MATERIALS { Some(self.scene.material(surface)) } else { None };
@@ -289,14 +318,24 @@ impl PathTracer<'_> {
             place,
             path: number,
             vertex,
-            variant: if phase.is_some() { Variant::PHASE } else { self.scene.variant(surface) },
+            worth,
+            voxel: found.and_then(guides),
             phase,
+            variant: self.variant::<E>(surface, phase),
             bumped,
             smooth,
             connects: self.connects::<E>(path, worth.light),
-            worth,
-            voxel: found.and_then(guides),
         })
+    }
+
+    /// How a surface scatters, or a medium of this phase function.
+    #[inline(always)]
+    fn variant<E: Effects>(&self, surface: &Surface, phase: Option<HenyeyGreenstein>) -> Variant {
+        match phase {
+            Some(_) => Variant::PHASE,
+            None if E::MATERIALS => self.scene.variant(surface),
+            None => Variant::PLAIN,
+        }
     }
 
     /// Mean radiance that comes to a path from a place on its ray; none where the guide does not know it.
@@ -351,7 +390,7 @@ impl PathTracer<'_> {
     #[inline(always)]
     fn worth<E: Effects>(&self, path: &PathState, smooth: bool, voxel: Option<(&GuideField, u32)>) -> Worth {
         // Without a guide nothing is known by which a path could be judged.
-        let pixel = if E::GUIDING { path.pixel } else { None };
+        let pixel = (E::GUIDING && path.judged).then_some(path.pixel);
         let carried = channel_mean(path.throughput);
         let importance = pixel.map(|value| carried / value);
         let known = voxel.filter(|_| self.settings.roulette == Roulette::Window);
@@ -379,52 +418,87 @@ impl PathTracer<'_> {
         Some(self.field?.voxels()[voxel? as usize].at(point)?.facing(normal))
     }
 
-    /// Connects a path at a vertex to the light that was sampled there and takes it on in the direction that was drawn; returns whether
-    /// it goes on.
+    /// Connects a path at a vertex to the light that was sampled there, if something may come back; whether light does is known later.
+    #[inline(always)]
+    fn connect<E: Effects>(
+        &self,
+        path: &PathState,
+        at: &Arrival,
+        surface: &Surface,
+        (shaded, lane): (&Shaded, usize),
+        shadows: &mut Shadows,
+    ) {
+        if matches!(self.lights, LightSampling::Counted(_)) {
+            self.count_trial(path, at, surface, shadows);
+        }
+        let Some(sampled) = shaded.light(lane) else { return };
+        shadows.rays.push(sampled.shadow);
+        if E::MEDIA {
+            shadows.media.push(self.scene.medium_beyond(surface, sampled.shadow.0.direction, path.medium));
+            if self.scene.has_grids() {
+                shadows.random.push(path.random.behind(Dimension::CONNECTION));
+            }
+        }
+        if E::GUIDING {
+            let voxel = at.voxel.filter(|_| !sampled.delta);
+            let (direction, deltas) = (shaded.to_light(lane), shaded.deltas(lane));
+            let normal = cosine_normal(at.variant, surface, -path.ray.direction);
+            shadows.guided.push(Towards { voxel, point: surface.point, normal, direction, deltas });
+        }
+        shadows.connections.push(Connection {
+            vertex: at.vertex,
+            facing: shaded.facing[lane],
+            value: sampled.light,
+            // Without a guide it is always tried.
+            pdf: if E::GUIDING { sampled.pdf * at.worth.light } else { sampled.pdf },
+            bsdf_pdf: sampled.bsdf_pdf,
+            factor: sampled.factor,
+        });
+    }
+
+    /// Takes a path on from its vertex in the direction that was drawn; returns whether it goes on.
     #[inline(always)]
     fn go_on<E: Effects, const RECORDS: bool>(
         &self,
         path: &mut PathState,
         at: &Arrival,
         surface: &Surface,
-        (shaded, lane): (&Shaded, usize),
+        (shaded, gone, lane): (&Shaded, &Gone, usize),
         vertices: &mut Vertices,
-        shadows: &mut Shadows,
     ) -> bool {
-        if at.connects && matches!(self.lights, LightSampling::Counted(_)) {
-            self.count_trial(path, at, surface, shadows);
-        }
-        if let Some(sampled) = shaded.light(lane).filter(|_| at.connects) {
-            self.connect::<E>(path, at, surface, (&sampled, shaded.facing[lane]), shadows);
-            if E::GUIDING {
-                let voxel = at.voxel.filter(|_| !sampled.delta);
-                let (direction, deltas) = (shaded.to_light(lane), shaded.deltas(lane));
-                let normal = cosine_normal(at.variant, surface, -path.ray.direction);
-                shadows.guided.push(Towards { voxel, point: surface.point, normal, direction, deltas });
-            }
-        }
-        let vertex = at.vertex as usize;
-        let onward = shaded.onward(lane);
-        let guide = if E::GUIDING { shaded.guide(lane) } else { None };
-        let Some(sample) = MixtureSample::new(&onward, guide) else {
+        let (index, says) = (at.vertex as usize, |answers: u32| answers >> lane & 1 == 1);
+        if !says(gone.brings) {
             if RECORDS {
-                vertices.details[vertex].absorbed = !at.smooth;
+                vertices.details[index].absorbed = !at.smooth;
             }
             return false;
-        };
-        let survival = self.survival::<E>(path, &sample, onward.squeeze, &at.worth);
-        let survives = survival >= 1.0 || shaded.roulette(lane) < survival;
+        }
+        let [wx, wy, wz, survival] = gone.weights[lane];
+        let ([ox, oy, oz, x], [y, z, pdf, bsdf_share]) = (gone.begun[lane], gone.towards[lane]);
+        let (weight, direction, delta) = (Vec3::new(wx, wy, wz), Vec3::new(x, y, z), shaded.delta(lane));
+        let vertex = &mut vertices.all[index];
+        (vertex.weight, vertex.survival) = (weight, survival);
         if RECORDS {
-            vertices.details[vertex].step = (survives || !sample.delta).then_some(Step { sample, survival });
+            let value = shaded.value(lane, weight, pdf);
+            let step = Step { direction, weight, value, pdf, bsdf_share, delta, survival };
+            vertices.details[index].step = (says(gone.survives) || !delta).then_some(step);
         }
-        vertices.all[vertex].weight = sample.weight;
-        vertices.all[vertex].survival = survival;
-        let goes_on = survives && path.throughput != Vec3::ZERO;
-        if goes_on {
-            self.scatter::<E>(path, at, surface, (&sample, survival), shaded.facing[lane]);
-            path.ray = Ray { origin: onward.origin.into(), direction: sample.direction };
+        if !says(gone.goes_on) {
+            return false;
         }
-        goes_on
+        let [r, g, b, pixel] = gone.throughput[lane];
+        (path.throughput, path.pixel) = (Vec3::new(r, g, b), pixel);
+        if E::GUIDING || E::MATERIALS {
+            let [r, g, b, squeezed] = gone.reflected[lane];
+            (path.reflected, path.squeezed) = (Vec3::new(r, g, b), squeezed);
+        }
+        if E::MEDIA && at.phase.is_none() {
+            path.medium = self.scene.medium_beyond(surface, direction, path.medium);
+        }
+        path.ray = Ray { origin: Vec3::new(ox, oy, oz), direction };
+        let light_probability = if delta { 0.0 } else { at.worth.light };
+        path.previous = Previous { pdf, light_probability, point: surface.point, facing: shaded.facing[lane] };
+        true
     }
 
     /// Keeps in mind which light was chosen, if it has a place.
@@ -437,131 +511,18 @@ impl PathTracer<'_> {
         }
     }
 
-    /// What the path takes along in the direction that was drawn, to which it survived with probability `survival`, from a surface that
-    /// faces that way.
-    #[inline(always)]
-    fn scatter<E: Effects>(
-        &self,
-        path: &mut PathState,
-        at: &Arrival,
-        surface: &Surface,
-        (sample, survival): (&MixtureSample, f32),
-        facing: u8,
-    ) {
-        path.throughput /= survival;
-        if E::GUIDING {
-            path.reflected /= survival;
-        }
-        let light_probability = if sample.delta { 0.0 } else { at.worth.light };
-        path.previous = Some(Previous { point: surface.point, pdf: sample.pdf, light_probability, facing });
-        if E::MEDIA && at.phase.is_none() {
-            path.medium = self.scene.medium_beyond(surface, sample.direction, path.medium);
-        }
-    }
-
-    /// Probability that the path goes on in the direction that was drawn, by which its throughput is multiplied. Where a guide chose
-    /// the direction, f·cos/p is small because p is large, that is because much light is expected there: ending such paths early
-    /// would undo what guiding gains. So what counts is the share that the surfaces reflect, as if their BSDFs had chosen the
-    /// directions, or the throughput where that is larger. And what glass divides by η² on the way in it multiplies on the way out:
-    /// inside of it paths are worth as much as outside. Without a guide a path is worth what it carries over the value of its pixel, where
-    /// that is known: in a dark corner more than beside a lamp.
-    #[inline(always)]
-    fn survival<E: Effects>(
-        &self,
-        path: &mut PathState,
-        sample: &MixtureSample,
-        squeeze: Option<f32>,
-        worth: &Worth,
-    ) -> f32 {
-        path.throughput *= sample.weight;
-        if E::GUIDING {
-            path.reflected *= sample.bsdf_weight;
-        }
-        if let Some(squeeze) = squeeze.filter(|_| E::MATERIALS) {
-            path.squeezed *= squeeze;
-        }
-        // What a mirror shows has nothing to do with what the voxel's other directions send back.
-        if let Some(expected) = worth.onward.filter(|_| !sample.delta) {
-            return expected;
-        }
-        if self.settings.roulette == Roulette::Off || path.depth < ROULETTE_START {
-            return 1.0;
-        }
-        let judged = if E::GUIDING { path.throughput.max(path.reflected) } else { path.throughput };
-        let pixel = if E::GUIDING { None } else { path.pixel };
-        survival_by((judged * path.squeezed).max_element() / pixel.unwrap_or(1.0))
-    }
-
     /// Emission of a surface that the path ran into.
     #[inline(always)]
     fn emission(&self, surface: &Surface, path: &PathState) -> Emission {
         let Some((index, Light::Area(light))) = self.scene.light_of(surface) else { return Emission::default() };
         let radiance = light.emitted(surface, -path.ray.direction);
-        match path.previous {
-            Some(p) if p.light_probability > 0.0 => {
-                let choice =
-                    self.scene.lights.probability(p.point, index, self.lights.odds(p.point)) * p.light_probability;
-                let weight = mis::balance(p.pdf, light.pdf(p.point, surface) * choice);
-                Emission { radiance, weight, connected: true }
-            }
-            _ => Emission { radiance, weight: 1.0, connected: false },
-        }
-    }
-
-    /// A connection to the light that was sampled at a surface that faces that way; whether it brings light is known later.
-    #[inline(always)]
-    fn connect<E: Effects>(
-        &self,
-        path: &PathState,
-        at: &Arrival,
-        surface: &Surface,
-        (sampled, facing): (&Sampled, u8),
-        shadows: &mut Shadows,
-    ) {
-        shadows.rays.push(sampled.shadow);
-        if E::MEDIA {
-            shadows.media.push(self.scene.medium_beyond(surface, sampled.shadow.0.direction, path.medium));
-            if self.scene.has_grids() {
-                shadows.random.push(path.random.behind(Dimension::CONNECTION));
-            }
-        }
-        shadows.connections.push(Connection {
-            vertex: at.vertex,
-            facing,
-            value: sampled.light,
-            pdf: sampled.pdf * at.worth.light,
-            bsdf_pdf: if sampled.delta { 0.0 } else { sampled.bsdf_pdf },
+        let (weight, connected) = path.previous.weight(|tried| {
+            let from = path.previous.point;
+            let choice = self.scene.lights.probability(from, index, self.lights.odds(from)) * tried;
+            light.pdf(from, surface) * choice
         });
+        Emission { radiance, weight, connected }
     }
-
-    /// How light that a connection brings is weighted: its factor, and what it tells of the densities. `guide` is the probability of
-    /// sampling the BSDF and the guide's density in the light's direction; none without a guide.
-    #[inline(always)]
-    fn weigh(connection: &Connection, deltas: f32, guide: Option<(f32, f32)>) -> (f32, Direct) {
-        let (onward, bsdf_share) = match guide {
-            Some((bsdf_fraction, guide_pdf)) => {
-                MixtureDensity { bsdf_fraction, deltas, guide_pdf }.pdf(connection.bsdf_pdf)
-            }
-            None => (connection.bsdf_pdf, 1.0),
-        };
-        let pdf = connection.pdf;
-        (mis::balance(pdf, onward) / pdf, Direct { value: Vec3::ZERO, bsdf_share, ratio: pdf / onward, towards: None })
-    }
-}
-
-/// Probability that a path goes on by what it carries.
-#[inline(always)]
-fn survival_by(carried: f32) -> f32 {
-    carried.clamp(0.05, ROULETTE_MOST)
-}
-
-/// Probability with which a path without a guide goes on from its vertex number `depth`, where it carries `throughput` and the product of
-/// squared indices `squeezed`, and nothing is known of its pixel.
-pub(super) fn unguided_survival(roulette: Roulette, depth: u32, throughput: Vec3, squeezed: f32) -> f32 {
-    if roulette == Roulette::Off || depth < ROULETTE_START {
-        return 1.0;
-    }
-    survival_by((throughput * squeezed).max_element())
 }
 
 /// Light that a path ran into.
@@ -601,16 +562,16 @@ fn record(vertex: &Details, next: Option<&Details>, met: Emission, onward: Vec3,
     if vertex.absorbed {
         return Some(absorbed);
     }
-    let Step { sample, survival } = vertex.step.as_ref().filter(|step| !step.sample.delta)?;
+    let step = vertex.step.as_ref().filter(|step| !step.delta)?;
     let arrived = if met.connected { [met.weighted(), onward] } else { [Vec3::ZERO, onward + met.weighted()] };
     let kinds = |[emitted, onward]: [f32; 2]| Radiance { emitted: finite(emitted), onward: finite(onward) };
     Some(PathRecord {
-        direction: sample.direction,
+        direction: step.direction,
         distance: next.map_or(f32::INFINITY, |n| n.distance),
-        pdf: sample.pdf * survival,
-        bsdf_share: sample.bsdf_share,
+        pdf: step.pdf * step.survival,
+        bsdf_share: step.bsdf_share,
         radiance: kinds(arrived.map(channel_mean)),
-        brought: kinds(arrived.map(|radiance| channel_mean(sample.weight * radiance) / survival)),
+        brought: kinds(arrived.map(|radiance| channel_mean(step.weight * radiance) / step.survival)),
         light_ratio: 1.0 / met.weight - 1.0,
         ..absorbed
     })

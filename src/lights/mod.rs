@@ -367,6 +367,12 @@ impl LightSet {
         (radiance.into(), pdf)
     }
 
+    /// Whether anything shines there.
+    #[inline(always)]
+    pub fn has_background(&self) -> bool {
+        !self.around.is_empty()
+    }
+
     /// [`LightSet::background`] in lanes.
     #[inline(always)]
     pub fn background_lanes<R: Real>(&self, wi: V3<R>, sky: &LightView) -> (V3<R>, R) {

@@ -1,5 +1,7 @@
 //! Scattering at points, one or sixteen at once, whose textures have been read.
 
+use glam::Vec3;
+
 use super::dielectric::{Dielectric, ThinDielectric};
 use super::phase::HenyeyGreenstein;
 use super::principled::CLEAR;
@@ -341,24 +343,20 @@ impl Variant {
 /// A point of a diffuse surface that nothing tints: the commonest by far, of which less is to be written and read than of any.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Plain {
-    surface: diffuse::At<f32>,
-    two_sided: bool,
+    /// Albedo, and 1 where the surface is two-sided.
+    row: [f32; 4],
 }
 
 impl Plain {
     #[inline(always)]
-    pub(super) fn new(surface: diffuse::At<f32>, two_sided: bool) -> Self {
-        Self { surface, two_sided }
+    pub(super) fn new(albedo: Vec3, two_sided: bool) -> Self {
+        Self { row: [albedo.x, albedo.y, albedo.z, if two_sided { 1.0 } else { 0.0 }] }
     }
 
     /// Points in lanes.
     #[inline(always)]
     pub fn gather<'a, W: Wide>(wide: W, points: &[Self; LANES]) -> Bsdf<'a, W::Real> {
-        let [r, g, b, two_sided] = wide.four_columns(|lane| {
-            let Self { surface, two_sided } = &points[lane];
-            let V3 { x, y, z } = surface.albedo();
-            [x, y, z, if *two_sided { 1.0 } else { 0.0 }]
-        });
+        let [r, g, b, two_sided] = wide.four_columns(|lane| points[lane].row);
         let model = Model::Diffuse(diffuse::At::new(V3::new(r, g, b)));
         Bsdf { two_sided: two_sided.above(0.0), tint: None, model }
     }
@@ -366,8 +364,8 @@ impl Plain {
 
 impl From<Plain> for Bsdf<'_, f32> {
     #[inline(always)]
-    fn from(Plain { surface, two_sided }: Plain) -> Self {
-        Self { two_sided, tint: None, model: Model::Diffuse(surface) }
+    fn from(Plain { row: [r, g, b, two_sided] }: Plain) -> Self {
+        Self { two_sided: two_sided > 0.0, tint: None, model: Model::Diffuse(diffuse::At::new(V3::new(r, g, b))) }
     }
 }
 

@@ -158,9 +158,15 @@ impl Material {
     #[inline(always)]
     pub fn plain_at(&self, uv: Vec2) -> Option<Plain> {
         match &self.kind {
-            Kind::Diffuse(m) if self.tint.is_none() => Some(Plain::new(m.at(uv), self.two_sided)),
+            Kind::Diffuse(m) if self.tint.is_none() => Some(Plain::new(m.reflectance.eval(uv), self.two_sided)),
             _ => None,
         }
+    }
+
+    /// What [`Material::plain_at`] says anywhere, if that is the same everywhere.
+    pub fn plain(&self) -> Option<Plain> {
+        let one_colour = matches!(&self.kind, Kind::Diffuse(m) if matches!(m.reflectance, Texture::Constant(_)));
+        if one_colour { self.plain_at(Vec2::ZERO) } else { None }
     }
 
     /// Lets the roughness of facets vary: at a point they have the part of it that the texture says, in [0, 1].

@@ -159,11 +159,7 @@ impl Kernel for Begin<'_> {
             return None;
         }
         let camera = self.scene.camera_of(views[0]);
-        let mut of = [&randoms[0]; LANES];
-        for (of, random) in of.iter_mut().zip(&randoms) {
-            *of = random;
-        }
-        let generators = Generators::new(&of);
+        let generators = Generators::<LANES>::new(|lane| &randoms[lane]);
         let mut film = generators.draw(Dimension::FILM).points();
         for (place, corner) in film.iter_mut().zip(corners) {
             *place = on_film(corner, self.filter, *place);

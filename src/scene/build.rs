@@ -151,7 +151,9 @@ impl Scene {
             let material = &materials[*index as usize];
             !matches!(material.kind, Kind::Null) && (material.opacity.is_none() || light.is_some())
         };
-        let shape_solid = shape_material.iter().zip(&shape_light).map(is_solid).collect();
+        let shape_solid: Vec<bool> = shape_material.iter().zip(&shape_light).map(is_solid).collect();
+        let stops = |(solid, border): (&bool, &Option<Border>)| *solid && border.is_none();
+        let shape_stops = shape_solid.iter().zip(&shape_border).map(stops).collect();
         let meshes: usize = loaded.meshes.values().map(|mesh| mesh.bytes()).sum();
         let has_bumps = used().any(|material| material.bump.is_some());
         let needs = Needs {
@@ -174,6 +176,7 @@ impl Scene {
             has_grids: file.media.values().any(MediumFile::is_varying),
             media,
             shape_border,
+            shape_stops,
             light_medium,
             camera_medium,
             name: file.name.clone(),
@@ -189,6 +192,7 @@ impl Scene {
             shape_light,
             shape_solid,
             variants: materials.iter().map(Material::variant).collect(),
+            plains: materials.iter().map(Material::plain).collect(),
             materials,
         };
         scene.order_for_shadows(file.render.max_depth);

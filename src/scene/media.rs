@@ -198,7 +198,9 @@ impl Scene {
     ) -> Passage {
         let end = if meets { End::Surface } else { End::Background };
         let mut passage = Passage { end, weight: Vec3::ONE, glow: Vec3::ZERO, density: 1.0 };
-        if E::MEDIA || E::MATERIALS && self.has_masks {
+        let more = E::MEDIA || E::MATERIALS && self.has_masks;
+        // Most of it ends at a wall, without a medium on the way.
+        if more && (medium.is_some() || meets && !self.shape_stops[surface.shape as usize]) {
             let (mut nearest, random) = (meets.then_some(*surface), &mut segment.random.at(Dimension::SEGMENT));
             if E::MEDIA {
                 passage = self.travel(segment, random, &mut nearest, medium);

@@ -25,7 +25,7 @@ use crate::geometry::{Accel, Hit, Ray, Shape, Surface};
 use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::bump::Tangents;
 use crate::materials::medium::MediumId;
-use crate::materials::{Kind, Material, Variant};
+use crate::materials::{Kind, Material, Plain, Variant};
 use crate::math::lanes::LANES;
 use effects::Needs;
 use media::{Border, Filling};
@@ -58,6 +58,8 @@ pub struct Scene {
     materials: Vec<Material>,
     /// See [`Material::variant`].
     variants: Vec<Variant>,
+    /// See [`Material::plain`].
+    plains: Vec<Option<Plain>>,
     /// Whether any shape has holes or is only the border of a medium.
     has_masks: bool,
     media: Vec<Filling>,
@@ -65,6 +67,8 @@ pub struct Scene {
     has_grids: bool,
     /// Whether a medium has light of its own.
     glows: bool,
+    /// Whether a shape is opaque everywhere and no border of media.
+    shape_stops: Vec<bool>,
     /// Media on both sides of each shape; none where the shape states none.
     shape_border: Vec<Option<Border>>,
     /// Medium into which each light emits.
@@ -191,6 +195,13 @@ impl Scene {
     /// Index of a shape's material among [`Scene::materials`].
     pub fn material_of(&self, shape: u32) -> usize {
         self.shape_material[shape as usize] as usize
+    }
+
+    /// The material at a surface, if it is of the variant [`Variant::PLAIN`].
+    #[inline(always)]
+    pub fn plain_at(&self, surface: &Surface) -> Option<Plain> {
+        let index = self.shape_material[surface.shape as usize] as usize;
+        self.plains[index].or_else(|| self.materials[index].plain_at(surface.uv))
     }
 
     /// The variant of a surface's material.

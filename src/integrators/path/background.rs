@@ -5,9 +5,8 @@ use glam::Vec3;
 use super::vertices::Vertices;
 use super::{Background, Emission, PathState, PathTracer};
 use crate::lights::LightSet;
-use crate::lights::seen::{ANYWHERE, LightView};
+use crate::lights::seen::LightView;
 use crate::math::lanes::{self, Kernel, LANES, Vectors, Wide, vector};
-use crate::sampling::mis;
 
 /// A path that has left the scene.
 pub(super) struct Left {
@@ -48,7 +47,7 @@ impl PathTracer<'_> {
             let mut directions = [Vec3::Z; LANES];
             for (lane, Left { path, .. }) in left.iter().enumerate() {
                 let path = &paths[*path as usize];
-                (directions[lane], view.facing[lane]) = (path.ray.direction, facing(path));
+                (directions[lane], view.facing[lane]) = (path.ray.direction, path.previous.facing);
             }
             let look = Look { lights: &self.scene.lights, directions, view };
             let seen = if left.len() < FEWEST { None } else { lanes::run(look).ok() };
@@ -71,23 +70,13 @@ impl PathTracer<'_> {
     }
 
     fn view(&self, path: &PathState) -> LightView<'_> {
-        LightView { learned: self.lights.sky(), facing: [facing(path); LANES], odds: None }
+        LightView { learned: self.lights.sky(), facing: [path.previous.facing; LANES], odds: None }
     }
-}
-
-/// The facing of a path's previous vertex.
-#[inline(always)]
-fn facing(path: &PathState) -> u8 {
-    path.previous.as_ref().map_or(ANYWHERE, |previous| previous.facing)
 }
 
 /// Radiance with its weight against light sampling of density `pdf` at the previous vertex.
 #[inline(always)]
 fn weighed(path: &PathState, radiance: Vec3, pdf: f32) -> Emission {
-    match path.previous {
-        Some(p) if p.light_probability > 0.0 => {
-            Emission { radiance, weight: mis::balance(p.pdf, pdf * p.light_probability), connected: true }
-        }
-        _ => Emission { radiance, weight: 1.0, connected: false },
-    }
+    let (weight, connected) = path.previous.weight(|tried| pdf * tried);
+    Emission { radiance, weight, connected }
 }

@@ -13,10 +13,12 @@ use crate::base::random::Random;
 use crate::geometry::{Hit, Met, Ray, RayKind, Scratch, Surface};
 use crate::guiding::record::PathRecord;
 use crate::guiding::sample::field::DirectionGuide;
+use crate::integrators::mixture::MixtureDensity;
 use crate::lights::learned::LightSampling;
 use crate::lights::tried::Trial;
 use crate::math::channel_mean;
 use crate::math::lanes::LANES;
+use crate::sampling::mis;
 use crate::scene::effects::{Effects, Everything, With};
 
 /// Vertices that are made and then shaded: enough for lanes to be full, few enough to remain in the nearest caches.
@@ -135,12 +137,12 @@ impl PathTracer<'_> {
             paths, alive, rays, hits, shadows, surfaces, arrivals, left, groups, queries, vertices, ..
         } = scratch;
         surfaces.resize(CHUNK, Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
+        rays.clear();
+        rays.extend(paths.iter().map(|path| path.ray));
         for depth in 1..=self.settings.max_depth {
             if alive.is_empty() {
                 break;
             }
-            rays.clear();
-            rays.extend(alive.iter().map(|&path| paths[path as usize].ray));
             hits.resize(rays.len(), None);
             let accel = &self.scene.accel;
             accel.pace.measure(RayKind::Path(depth), rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
@@ -151,19 +153,24 @@ impl PathTracer<'_> {
                 arrivals.clear();
                 for (place, surface) in places.zip(&mut *surfaces) {
                     let (path, meets) = (alive[place], hits[place].is_some());
-                    let numbers = [path, (place - first) as u32];
+                    let numbers = [depth, path, (place - first) as u32];
                     let state = &mut paths[path as usize];
-                    arrivals.extend(self.arrive::<E, RECORDS>(numbers, state, meets, surface, vertices, left));
+                    // Not by `extend`, which would write it twice.
+                    if let Some(at) = self.arrive::<E, RECORDS>(numbers, state, meets, surface, vertices, left) {
+                        arrivals.push(at);
+                    }
                 }
-                self.shade::<E, RECORDS>((arrivals, surfaces), paths, groups, vertices, shadows, |path| {
-                    alive[kept] = path;
+                self.shade::<E, RECORDS>((depth, arrivals, surfaces), paths, groups, vertices, shadows, |path, ray| {
+                    // In the place of a path that has been at its vertex.
+                    (alive[kept], rays[kept]) = (path, *ray);
                     kept += 1;
                 });
             }
             self.look_out(left, paths, vertices);
             left.clear();
-            alive.truncate(kept);
             count.rays += (rays.len() + shadows.connections.len()) as u64;
+            alive.truncate(kept);
+            rays.truncate(kept);
             self.resolve::<E, RECORDS>(depth, shadows, queries, vertices);
         }
     }
@@ -190,19 +197,14 @@ impl PathTracer<'_> {
         });
         let Shadows { rays, media, random, occluded, met, .. } = &*shadows;
         let unused = Random::new(0, 0, 0);
-        for first in (0..count).step_by(LANES) {
-            self.bring::<E, RECORDS>(first, shadows, vertices, |number| {
-                if veiled {
-                    let ((ray, length), medium) = (&rays[number], media.get(number).copied().flatten());
-                    let random = random.get(number).unwrap_or(&unused);
-                    self.scene.transmittance_past(met[number], ray, *length, medium, random)
-                } else if occluded[number] {
-                    Vec3::ZERO
-                } else {
-                    Vec3::ONE
-                }
-            });
-        }
+        self.bring_all::<E, RECORDS>(shadows, vertices, |number| {
+            if !self.scene.has_veils::<E>() {
+                return if occluded[number] { Vec3::ZERO } else { Vec3::ONE };
+            }
+            let ((ray, length), medium) = (&rays[number], media.get(number).copied().flatten());
+            let random = random.get(number).unwrap_or(&unused);
+            self.scene.transmittance_past(met[number], ray, *length, medium, random)
+        });
         vertices.trials.extend(shadows.tried.iter().map(|&Tried { path, vertex, point, light, carried }| {
             let brought = channel_mean(carried * vertices.all[vertex as usize].direct);
             Trial { path, point, light, brought }
@@ -210,44 +212,66 @@ impl PathTracer<'_> {
         shadows.clear();
     }
 
-    /// Gives vertices what connections bring, sixteen of them from number `first` on, of which rays let through what `visible` says.
+    /// Gives vertices what connections bring, of which rays let through what `visible` says.
     #[inline(always)]
-    fn bring<E: Effects, const RECORDS: bool>(
+    fn bring_all<E: Effects, const RECORDS: bool>(
         &self,
-        first: usize,
         shadows: &Shadows,
         vertices: &mut Vertices,
         visible: impl Fn(usize) -> Vec3,
     ) {
-        let Shadows { connections, guided, .. } = shadows;
-        let numbers = first..connections.len().min(first + LANES);
-        let (mut known, mut asked) = ([Vec3::ZERO; LANES], [None; LANES]);
-        if E::GUIDING {
+        let Shadows { connections, rays, .. } = shadows;
+        if !E::GUIDING {
+            for (number, (connection, ray)) in connections.iter().zip(rays).enumerate() {
+                self.bring::<E, RECORDS>((connection, ray), visible(number), None, vertices);
+            }
+            return;
+        }
+        let count = connections.len();
+        for first in (0..count).step_by(LANES) {
+            let numbers = first..count.min(first + LANES);
+            let (mut passed, mut asked) = ([Vec3::ZERO; LANES], [None; LANES]);
             for (lane, number) in numbers.clone().enumerate() {
-                known[lane] = visible(number);
-                if known[lane] != Vec3::ZERO {
-                    let at = &guided[number];
+                passed[lane] = visible(number);
+                if passed[lane] != Vec3::ZERO {
+                    let at = &shadows.guided[number];
                     asked[lane] = self.guide(at.voxel, at.point, at.normal).map(|guide| (guide, at.direction));
                 }
             }
+            let densities = DirectionGuide::pdf_lanes(&asked);
+            for (lane, number) in numbers.enumerate() {
+                let (guide_pdf, deltas) = (densities[lane], shadows.guided[number].deltas);
+                let guide = asked[lane].map(|(guide, _)| MixtureDensity {
+                    bsdf_fraction: guide.bsdf_fraction,
+                    deltas,
+                    guide_pdf,
+                });
+                self.bring::<E, RECORDS>((&connections[number], &rays[number]), passed[lane], guide, vertices);
+            }
         }
-        let densities = if E::GUIDING { DirectionGuide::pdf_lanes(&asked) } else { [0.0; LANES] };
-        for (lane, number) in numbers.enumerate() {
-            let passed = if E::GUIDING { known[lane] } else { visible(number) };
-            if passed == Vec3::ZERO {
-                continue;
-            }
-            let connection = &connections[number];
-            self.count_sky(connection, &shadows.rays[number]);
-            let guide = asked[lane].map(|(guide, _)| (guide.bsdf_fraction, densities[lane]));
-            let deltas = if E::GUIDING { guided[number].deltas } else { 0.0 };
-            let (factor, direct) = Self::weigh(connection, deltas, guide);
-            let (vertex, value) = (connection.vertex as usize, connection.value * passed * factor);
-            vertices.all[vertex].direct = value;
-            if RECORDS {
-                let towards = ToLight { ray: shadows.rays[number], pdf: connection.pdf, bsdf_pdf: connection.bsdf_pdf };
-                vertices.details[vertex].direct = Direct { value, towards: Some(towards), ..direct };
-            }
+    }
+
+    /// Gives a vertex what a connection brings of which `passed` gets through; `guide` is what chooses directions there beside the BSDF.
+    #[inline(always)]
+    fn bring<E: Effects, const RECORDS: bool>(
+        &self,
+        (connection, ray): (&Connection, &(Ray, f32)),
+        passed: Vec3,
+        guide: Option<MixtureDensity<f32>>,
+        vertices: &mut Vertices,
+    ) {
+        if passed == Vec3::ZERO {
+            return;
+        }
+        let &Connection { vertex, value, pdf, bsdf_pdf, factor, .. } = connection;
+        self.count_sky(connection, ray);
+        let (onward, bsdf_share) = guide.map_or((bsdf_pdf, 1.0), |guide| guide.pdf(bsdf_pdf));
+        let factor = if E::GUIDING { mis::balance(pdf, onward) / pdf } else { factor };
+        let value = value * passed * factor;
+        vertices.all[vertex as usize].direct = value;
+        if RECORDS {
+            let towards = Some(ToLight { ray: *ray, pdf, bsdf_pdf });
+            vertices.details[vertex as usize].direct = Direct { value, bsdf_share, ratio: pdf / onward, towards };
         }
     }
 
@@ -266,11 +290,12 @@ impl PathTracer<'_> {
 
     /// Radiance of path `index` of those traced last, W·m⁻²·sr⁻¹. Where `records` is given, one record per vertex that is not a delta
     /// surface is added to it.
+    #[inline]
     pub fn radiance(&self, index: usize, scratch: &PathScratch, records: Option<&mut Vec<PathRecord>>) -> Vec3 {
         let PathScratch { paths, vertices, .. } = scratch;
         let path = &paths[index];
         let Some(records) = records else { return gather(path, vertices, |_, _, _| ()) };
-        let pixel = path.pixel.unwrap_or(1.0);
+        let pixel = path.pixel;
         gather(path, vertices, |vertex, next, onward| {
             let next = next.map(|next| &vertices.details[next]);
             let met = next.map_or_else(|| vertices.background(path).emission, |next| next.emission);
@@ -284,8 +309,9 @@ impl PathTracer<'_> {
 #[inline(always)]
 fn gather(path: &PathState, vertices: &Vertices, mut step: impl FnMut(usize, Option<usize>, Vec3)) -> Vec3 {
     let media = !vertices.passed.is_empty();
-    let Background { emission, glow: mut onward } = vertices.background(path);
-    let mut incoming = emission.weighted() + onward;
+    let behind = vertices.backgrounds.get(path.background as usize);
+    let (mut incoming, mut onward) =
+        behind.map_or((Vec3::ZERO, Vec3::ZERO), |&Background { emission, glow }| (emission.weighted() + glow, glow));
     let (mut at, mut next) = (path.last, None);
     while at != NO_VERTEX {
         let index = at as usize;

@@ -208,14 +208,14 @@ fn usable(path: CompletePath) -> Option<CompletePath> {
 
 impl Begun {
     /// Takes the path on from its last point.
-    fn go_on(&mut self, Traced { sample, survival }: &Traced, details: &Details, by_kernel: f32) {
+    fn go_on(&mut self, step: &Traced, details: &Details, by_kernel: f32) {
         self.before *= self.last * self.survival * self.flight;
-        (self.last, self.survival) = (f64::from(sample.pdf), f64::from(*survival));
+        (self.last, self.survival) = (f64::from(step.pdf), f64::from(step.survival));
         self.steps.push(Step {
-            direction: sample.direction,
-            pdf: sample.pdf,
-            by_kernel: if sample.delta { 0.0 } else { by_kernel },
-            event: event(details, sample.direction, sample.delta),
+            direction: step.direction,
+            pdf: step.pdf,
+            by_kernel: if step.delta { 0.0 } else { by_kernel },
+            event: event(details, step.direction, step.delta),
         });
     }
 

@@ -179,12 +179,12 @@ impl PathTracer<'_> {
 
 fn explained(vertex: &Vertex, [passed, glow]: [Vec3; 2], details: &Details, throughput: Vec3) -> ExplainedVertex {
     let onward = |step: &Step| Onward {
-        direction: step.sample.direction,
-        value: step.sample.value,
-        pdf: step.sample.pdf,
-        weight: step.sample.weight,
-        bsdf_share: step.sample.bsdf_share,
-        delta: step.sample.delta,
+        direction: step.direction,
+        value: step.value,
+        pdf: step.pdf,
+        weight: step.weight,
+        bsdf_share: step.bsdf_share,
+        delta: step.delta,
         survival: step.survival,
     };
     let onward = details.step.as_ref().map(onward);

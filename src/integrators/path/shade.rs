@@ -1,247 +1,26 @@
 //! Shading of paths that arrived at vertices: the light that is sampled there and the directions in which they go on, for sixteen
 //! vertices of like materials at once, or for one.
 
+use std::marker::PhantomData;
+
 use glam::Vec3;
 use smallvec::SmallVec;
 
+use super::going::{Going, Gone, plays};
+use super::kept::{All, First};
+use super::shaded::{Guides, Shaded};
 use super::vertices::{Shadows, Vertices};
 use super::{Arrival, PathState, PathTracer};
-use crate::base::random::{Dimension, Generators, Random};
+use crate::base::random::{Dimension, Generators};
 use crate::geometry::{Ray, Surface};
 use crate::guiding::sample::field::DirectionGuide;
 use crate::integrators::mixture::{Proposal, cosine_normal, guided_point, one_draw};
-use crate::integrators::site::{Draw, Lit, Onward, Site};
+use crate::integrators::site::{Draw, Site};
 use crate::lights::seen::{ANYWHERE, LightView, facing, facings};
 use crate::lights::{LightSamples, LightSet};
 use crate::materials::{Bsdf, Plain, Transport, Variant};
-use crate::math::lanes::{self, Kernel, LANES, Mask, Real, V3, Vectors, Wide, vector};
+use crate::math::lanes::{self, Kernel, LANES, Real, V3, Wide};
 use crate::scene::effects::Effects;
-
-/// A number in each lane.
-type Column = [f32; LANES];
-
-/// What paths do at up to sixteen vertices, lane by lane, but for the densities of guides and for roulette.
-#[derive(Default)]
-pub(super) struct Shaded {
-    /// Where a light was sampled from which something comes back, unless something is in the way, one bit each. What else is said of
-    /// lights counts only there.
-    lit: u32,
-    /// Where no ray can hit the light.
-    light_delta: u32,
-    /// f·|cos θ|·L.
-    light: Vectors,
-    /// Density of light sampling w.r.t. solid angle.
-    light_pdf: Column,
-    /// The BSDF's density in the direction of the light.
-    bsdf_pdf: Column,
-    /// Unit direction to the light; not kept where there are no guides.
-    to_light: Vectors,
-    shadow_origin: Vectors,
-    shadow_direction: Vectors,
-    shadow_length: Column,
-    /// See [`Onward`].
-    any: u32,
-    delta: u32,
-    direction: Vectors,
-    /// Not kept where there are no guides.
-    value: Vectors,
-    weight: Vectors,
-    pdf: Column,
-    /// Not kept where there are no guides.
-    deltas: Column,
-    /// Not kept where nothing refracts.
-    squeeze: Column,
-    origin: Vectors,
-    /// Whether there are guides, and whether anything refracts.
-    guided: bool,
-    refracts: bool,
-    /// Random numbers of roulette.
-    roulette: Column,
-    /// Which way the surfaces face, as the sky is sampled by it; [`ANYWHERE`] where that does not matter.
-    pub facing: [u8; LANES],
-    /// The guides' proposals that were to be taken.
-    proposals: Proposals,
-    /// See [`Shaded::guide`].
-    guides: [Option<(f32, f32)>; LANES],
-}
-
-/// Proposals of guides that are to be taken.
-type Proposals = [Option<Proposal>; LANES];
-
-/// The guides of vertices that have one.
-type Guides<'g> = [Option<DirectionGuide<'g>>; LANES];
-
-/// Where numbers are kept, in all lanes or in the first alone.
-trait Keep: Copy {
-    type Real: Real;
-
-    fn keep(self, numbers: Self::Real, column: &mut Column);
-
-    #[inline(always)]
-    fn keep_vectors(self, v: V3<Self::Real>, [x, y, z]: &mut Vectors) {
-        self.keep(v.x, x);
-        self.keep(v.y, y);
-        self.keep(v.z, z);
-    }
-}
-
-#[derive(Clone, Copy)]
-struct All<W>(W);
-
-impl<W: Wide> Keep for All<W> {
-    type Real = W::Real;
-
-    #[inline(always)]
-    fn keep(self, numbers: W::Real, column: &mut Column) {
-        *column = self.0.store(numbers);
-    }
-}
-
-#[derive(Clone, Copy)]
-struct First;
-
-impl Keep for First {
-    type Real = f32;
-
-    #[inline(always)]
-    fn keep(self, number: f32, column: &mut Column) {
-        column[0] = number;
-    }
-}
-
-impl Shaded {
-    #[inline(always)]
-    fn keep_light<K: Keep>(&mut self, to: K, light: &LightSamples<K::Real>, lit: &Lit<K::Real>) {
-        self.lit = lit.any.answers();
-        self.light_delta = light.delta.answers();
-        to.keep_vectors(lit.radiance, &mut self.light);
-        to.keep(light.pdf, &mut self.light_pdf);
-        to.keep(lit.pdf, &mut self.bsdf_pdf);
-        if self.guided {
-            to.keep_vectors(light.wi, &mut self.to_light);
-        }
-        to.keep_vectors(lit.ray.0, &mut self.shadow_origin);
-        to.keep_vectors(lit.ray.1, &mut self.shadow_direction);
-        to.keep(lit.ray.2, &mut self.shadow_length);
-    }
-
-    #[inline(always)]
-    fn keep_onward<K: Keep>(&mut self, to: K, onward: &Onward<K::Real>) {
-        self.any = onward.any.answers();
-        self.delta = onward.delta.answers();
-        to.keep_vectors(onward.direction, &mut self.direction);
-        to.keep_vectors(onward.weight, &mut self.weight);
-        to.keep(onward.pdf, &mut self.pdf);
-        to.keep_vectors(onward.origin, &mut self.origin);
-        if self.guided {
-            to.keep_vectors(onward.value, &mut self.value);
-            to.keep(onward.deltas, &mut self.deltas);
-        }
-        self.refracts = onward.squeeze.is_some();
-        if let Some(squeeze) = onward.squeeze {
-            to.keep(squeeze, &mut self.squeeze);
-        }
-    }
-
-    /// The light that was sampled at the vertex in a lane.
-    #[inline(always)]
-    pub fn light(&self, lane: usize) -> Option<Sampled> {
-        (self.lit >> lane & 1 == 1).then(|| Sampled {
-            light: vector(&self.light, lane),
-            pdf: self.light_pdf[lane],
-            bsdf_pdf: self.bsdf_pdf[lane],
-            delta: self.light_delta >> lane & 1 == 1,
-            shadow: (
-                Ray { origin: vector(&self.shadow_origin, lane), direction: vector(&self.shadow_direction, lane) },
-                self.shadow_length[lane],
-            ),
-        })
-    }
-
-    /// Unit direction to the light, where there are guides.
-    #[inline(always)]
-    pub fn to_light(&self, lane: usize) -> Vec3 {
-        vector(&self.to_light, lane)
-    }
-
-    /// Probability of a delta lobe; 0 without guides, where it is not needed.
-    #[inline(always)]
-    pub fn deltas(&self, lane: usize) -> f32 {
-        if self.guided { self.deltas[lane] } else { 0.0 }
-    }
-
-    /// How the path in a lane goes on.
-    #[inline(always)]
-    pub fn onward(&self, lane: usize) -> Onward<f32> {
-        let delta = self.delta >> lane & 1 == 1;
-        let (weight, pdf) = (vector(&self.weight, lane), self.pdf[lane]);
-        let value = match self.guided {
-            true => vector(&self.value, lane),
-            false if delta => Vec3::ZERO,
-            false => weight * pdf,
-        };
-        Onward {
-            any: self.any >> lane & 1 == 1,
-            direction: vector(&self.direction, lane).into(),
-            value: value.into(),
-            weight: weight.into(),
-            pdf,
-            delta,
-            deltas: self.deltas(lane),
-            squeeze: self.refracts.then(|| self.squeeze[lane]),
-            origin: vector(&self.origin, lane).into(),
-        }
-    }
-
-    /// Asks guides for their densities in the directions that the BSDFs have drawn.
-    #[inline(always)]
-    fn ask(&mut self, guides: &Guides) {
-        if !self.guided {
-            return;
-        }
-        let chooses = |lane: usize| guides[lane].filter(|_| self.delta >> lane & 1 == 0);
-        let mut asked = [None; LANES];
-        for (lane, asked) in asked.iter_mut().enumerate() {
-            if self.any >> lane & 1 == 1 && self.proposals[lane].is_none() {
-                *asked = chooses(lane).map(|guide| (guide, vector(&self.direction, lane)));
-            }
-        }
-        let densities = DirectionGuide::pdf_lanes(&asked);
-        let density = |lane: usize| self.proposals[lane].map_or(densities[lane], |proposal| proposal.pdf);
-        let mut all = [None; LANES];
-        for (lane, of) in all.iter_mut().enumerate() {
-            *of = chooses(lane).map(|guide| (guide.bsdf_fraction, density(lane)));
-        }
-        self.guides = all;
-    }
-
-    /// Of the guide in a lane, unless a delta lobe was drawn: the probability of sampling the BSDF instead, and its density in the
-    /// direction in which the path goes on.
-    #[inline(always)]
-    pub fn guide(&self, lane: usize) -> Option<(f32, f32)> {
-        if self.guided { self.guides[lane] } else { None }
-    }
-
-    /// Random number of roulette.
-    #[inline(always)]
-    pub fn roulette(&self, lane: usize) -> f32 {
-        self.roulette[lane]
-    }
-}
-
-/// A light that was sampled at a vertex, from which something comes back unless something is in the way.
-pub(super) struct Sampled {
-    /// f·|cos θ|·L.
-    pub light: Vec3,
-    /// Density of light sampling w.r.t. solid angle.
-    pub pdf: f32,
-    /// The BSDF's density in its direction.
-    pub bsdf_pdf: f32,
-    /// Whether no ray can hit it.
-    pub delta: bool,
-    /// The shadow ray with its length.
-    pub shadow: (Ray, f32),
-}
 
 /// How sixteen vertices scatter, which are of one variant.
 trait Points<'b>: Copy {
@@ -281,21 +60,48 @@ impl<'b> Points<'b> for &[Plain; LANES] {
     }
 }
 
-/// Vertices that are shaded together: all with bumps or none. Lanes behind the last one repeat the first.
-struct Sixteen<'g> {
+/// Vertices that are shaded together: of one variant, all with bumps or none. Lanes behind the last one repeat the first, and are not
+/// looked at.
+struct Sixteen<'v, 'p> {
+    count: usize,
+    vertices: [&'v Arrival; LANES],
+    surfaces: [&'v Surface; LANES],
+    paths: [&'p PathState; LANES],
     /// Whether lights are sampled at some of them.
     connects: bool,
-    bumped: bool,
-    surfaces: [&'g Surface; LANES],
-    /// The rays on which the paths arrived.
-    rays: [&'g Ray; LANES],
-    randoms: [&'g Random; LANES],
+}
+
+impl<'v, 'p> Sixteen<'v, 'p> {
+    /// The first of those that `vertices` tells, at least one.
+    #[inline(always)]
+    fn new(
+        first: &'v Arrival,
+        vertices: impl ExactSizeIterator<Item = &'v Arrival>,
+        surfaces: &'v [Surface],
+        paths: &'p [PathState],
+    ) -> Self {
+        let (surface, path) = (&surfaces[first.place as usize], &paths[first.path as usize]);
+        let mut sixteen = Self {
+            count: vertices.len(),
+            vertices: [first; LANES],
+            surfaces: [surface; LANES],
+            paths: [path; LANES],
+            connects: false,
+        };
+        for (lane, at) in vertices.enumerate().take(LANES) {
+            sixteen.vertices[lane] = at;
+            sixteen.surfaces[lane] = &surfaces[at.place as usize];
+            sixteen.paths[lane] = &paths[at.path as usize];
+            sixteen.connects |= at.connects;
+        }
+        sixteen
+    }
 }
 
 /// Vertices with all that their shading depends on.
 struct Group<'g, P> {
     points: P,
-    sixteen: Sixteen<'g>,
+    sixteen: &'g Sixteen<'g, 'g>,
     lights: &'g LightSet,
     /// How the vertices see the lights, but for their facings, and whether these matter.
     view: LightView<'g>,
@@ -332,11 +138,12 @@ impl<'b, P: Points<'b>> Kernel for Group<'_, P> {
 
     #[inline(always)]
     fn run<W: Wide>(mut self, wide: W) {
-        let Sixteen { connects, bumped, surfaces, rays, randoms } = &self.sixteen;
+        let Sixteen { connects, vertices, surfaces, paths, .. } = self.sixteen;
+        let bumped = vertices[0].bumped;
         let (origins, normal) = Surface::shading_lanes(wide, surfaces);
         let mut smooth = normal;
-        let out = -Ray::directions(wide, rays);
-        if *bumped || self.asks_facing {
+        let out = -Ray::directions(wide, |lane| &paths[lane].ray);
+        if bumped || self.asks_facing {
             smooth = Surface::smooth_lanes(wide, surfaces);
         }
         if self.asks_facing {
@@ -344,8 +151,8 @@ impl<'b, P: Points<'b>> Kernel for Group<'_, P> {
             self.view.facing = wide.store(facings(towards)).map(|number| number as u8);
         }
         self.shaded.facing = self.view.facing;
-        let site = Site::new(origins, normal, smooth, out, self.points.gather(wide), *bumped);
-        let generators = Generators::new(randoms);
+        let site = Site::new(origins, normal, smooth, out, self.points.gather(wide), bumped);
+        let generators = Generators::new(|lane| &paths[lane].random);
         if *connects {
             let light = self.lights(wide, &origins.point, &generators);
             self.shaded.keep_light(All(wide), &light, &site.light(&light));
@@ -362,22 +169,33 @@ pub(super) struct Groups {
     /// Indices of vertices, for each variant with and without bumps.
     alike: Vec<Vec<u32>>,
     shaded: Shaded,
+    gone: Gone,
 }
 
 impl Groups {
-    /// Sorts vertices; without `materials` other than plain ones all are alike.
+    /// Sorts vertices.
     #[inline(always)]
-    fn sort(&mut self, vertices: &[Arrival], materials: bool) {
+    fn sort(&mut self, vertices: &[Arrival]) {
         self.alike.resize_with(2 * Variant::COUNT, Vec::new);
-        if !materials {
-            self.alike[0].clear();
-            return self.alike[0].extend(0..vertices.len() as u32);
-        }
         self.alike.iter_mut().for_each(Vec::clear);
         for (index, vertex) in (0..).zip(vertices) {
             self.alike[2 * vertex.variant.index() + usize::from(vertex.bumped)].push(index);
         }
     }
+}
+
+/// What shading reads and writes.
+struct Room<'r, 's> {
+    surfaces: &'s [Surface],
+    paths: &'r mut [PathState],
+    /// Whether roulette is played by what paths carry.
+    plays: bool,
+    /// Fewest vertices that are shaded in lanes.
+    fewest: usize,
+    shaded: &'r mut Shaded,
+    gone: &'r mut Gone,
+    vertices: &'r mut Vertices,
+    shadows: &'r mut Shadows,
 }
 
 /// Fewest vertices that are shaded in lanes: fewer take less time one by one.
@@ -393,42 +211,67 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Shades the vertices at which paths arrived and takes these on, in any order; `goes_on` is told of each that does.
+    /// Shades the vertices at which paths arrived and takes these on, in any order; `goes_on` is told the index and the ray of each that does.
     #[inline(always)]
     pub(super) fn shade<E: Effects, const RECORDS: bool>(
         &self,
-        (arrivals, surfaces): (&[Arrival], &[Surface]),
+        (depth, arrivals, surfaces): (u32, &[Arrival], &[Surface]),
         paths: &mut [PathState],
         groups: &mut Groups,
         vertices: &mut Vertices,
         shadows: &mut Shadows,
-        mut goes_on: impl FnMut(u32),
+        mut goes_on: impl FnMut(u32, &Ray),
     ) {
-        groups.sort(arrivals, E::MATERIALS);
+        let plays = plays(self.settings.roulette, depth);
+        if E::MATERIALS {
+            groups.sort(arrivals);
+        }
+        let Groups { alike, shaded, gone } = groups;
         let fewest = if lanes::available() { FEWEST } else { usize::MAX };
-        let Groups { alike, shaded } = groups;
-        let alike = if E::MATERIALS { &alike[..] } else { &alike[..1] };
-        for indices in alike.iter().flat_map(|alike| alike.chunks(LANES)) {
-            let together = if indices.len() < fewest { 1 } else { LANES };
-            for indices in indices.chunks(together) {
-                // Lanes behind the last vertex repeat the first, and are not looked at.
-                let mut group = [&arrivals[indices[0] as usize]; LANES];
-                for (lane, index) in group.iter_mut().zip(indices) {
-                    *lane = &arrivals[*index as usize];
-                }
-                let guides = self.propose::<E>(&group[..indices.len()], surfaces, paths, shaded);
-                if together == 1 {
-                    self.shade_one(group[0], surfaces, paths, shaded);
+        let mut room = Room { surfaces, paths, plays, fewest, shaded, gone, vertices, shadows };
+        if E::MATERIALS {
+            for alike in alike {
+                let vertex = |index: &u32| &arrivals[*index as usize];
+                self.shade_alike::<E, RECORDS, _>(alike, vertex, &mut room, &mut goes_on);
+            }
+        } else {
+            self.shade_alike::<E, RECORDS, _>(arrivals, |vertex| vertex, &mut room, &mut goes_on);
+        }
+    }
+
+    /// Shades vertices of one variant, all with bumps or none, which `vertex` tells of `all`.
+    #[inline(always)]
+    fn shade_alike<'a, E: Effects, const RECORDS: bool, V>(
+        &self,
+        all: &'a [V],
+        vertex: impl Fn(&'a V) -> &'a Arrival + Copy,
+        room: &mut Room<'_, 'a>,
+        goes_on: &mut impl FnMut(u32, &Ray),
+    ) {
+        for together in all.chunks(LANES) {
+            let most = if together.len() < room.fewest { 1 } else { LANES };
+            for together in together.chunks(most) {
+                let Room { surfaces, paths, plays, shaded, gone, vertices, shadows, .. } = room;
+                let sixteen = Sixteen::new(vertex(&together[0]), together.iter().map(vertex), surfaces, paths);
+                let guides = self.propose::<E>(&sixteen, shaded);
+                if most == 1 {
+                    self.shade_one(&sixteen, shaded);
                 } else {
-                    self.shade_lanes::<E>(group, indices.len(), surfaces, paths, shaded);
+                    self.shade_lanes::<E>(&sixteen, shaded);
                 }
                 if E::GUIDING {
                     shaded.ask(&guides);
                 }
-                for (lane, at) in group.into_iter().enumerate().take(indices.len()) {
-                    let (path, surface) = (&mut paths[at.path as usize], &surfaces[at.place as usize]);
-                    if self.go_on::<E, RECORDS>(path, at, surface, (shaded, lane), vertices, shadows) {
-                        goes_on(at.path);
+                let (plays, effects) = (*plays, PhantomData::<E>);
+                let Sixteen { vertices: arrivals, surfaces, paths: before, .. } = sixteen;
+                Going { shaded, vertices: &arrivals, paths: &before, plays, gone, effects }.take(most > 1);
+                for (lane, at) in together.iter().map(vertex).enumerate() {
+                    let (path, surface) = (&mut paths[at.path as usize], surfaces[lane]);
+                    if at.connects {
+                        self.connect::<E>(path, at, surface, (shaded, lane), shadows);
+                    }
+                    if self.go_on::<E, RECORDS>(path, at, surface, (shaded, gone, lane), vertices) {
+                        goes_on(at.path, &path.ray);
                     }
                 }
             }
@@ -437,20 +280,15 @@ impl PathTracer<'_> {
 
     /// Lets the guides at vertices propose directions, and returns them.
     #[inline(always)]
-    fn propose<E: Effects>(
-        &self,
-        vertices: &[&Arrival],
-        surfaces: &[Surface],
-        paths: &[PathState],
-        shaded: &mut Shaded,
-    ) -> Guides<'_> {
+    fn propose<E: Effects>(&self, sixteen: &Sixteen, shaded: &mut Shaded) -> Guides<'_> {
+        let &Sixteen { count, vertices, surfaces, paths, .. } = sixteen;
         let mut guides = [None; LANES];
         shaded.lit = 0;
         shaded.guided = E::GUIDING && vertices.iter().any(|at| at.voxel.is_some());
         if shaded.guided {
             let mut draws = [None; LANES];
-            for (lane, at) in vertices.iter().enumerate() {
-                let (path, surface) = (&paths[at.path as usize], &surfaces[at.place as usize]);
+            for lane in 0..count {
+                let (at, path, surface) = (vertices[lane], paths[lane], surfaces[lane]);
                 let normal = cosine_normal(at.variant, surface, -path.ray.direction);
                 guides[lane] = self.guide(at.voxel, surface.point, normal);
                 let random = &path.random;
@@ -464,40 +302,19 @@ impl PathTracer<'_> {
         guides
     }
 
-    /// Shades vertices together, of which the first `count` are looked at.
+    /// Shades vertices together.
     #[inline(always)]
-    fn shade_lanes<E: Effects>(
-        &self,
-        vertices: [&Arrival; LANES],
-        count: usize,
-        surfaces: &[Surface],
-        paths: &[PathState],
-        shaded: &mut Shaded,
-    ) {
-        let first = vertices[0];
-        let (path, surface) = (&paths[first.path as usize], &surfaces[first.place as usize]);
-        let mut sixteen = Sixteen {
-            connects: false,
-            bumped: first.bumped,
-            surfaces: [surface; LANES],
-            rays: [&path.ray; LANES],
-            randoms: [&path.random; LANES],
-        };
-        for (lane, at) in vertices.iter().enumerate().take(count) {
-            let path = &paths[at.path as usize];
-            sixteen.connects |= at.connects;
-            sixteen.surfaces[lane] = &surfaces[at.place as usize];
-            (sixteen.rays[lane], sixteen.randoms[lane]) = (&path.ray, &path.random);
-        }
-        if first.variant == Variant::PLAIN && !first.bumped {
+    fn shade_lanes<E: Effects>(&self, sixteen: &Sixteen, shaded: &mut Shaded) {
+        let Sixteen { count, vertices, surfaces, .. } = sixteen;
+        if !E::MATERIALS || vertices[0].variant == Variant::PLAIN && !vertices[0].bumped {
             let mut points = [Plain::default(); LANES];
-            for (point, surface) in points.iter_mut().zip(sixteen.surfaces) {
-                *point = self.scene.material(surface).plain_at(surface.uv).unwrap_or_default();
+            for (point, surface) in points.iter_mut().zip(surfaces) {
+                *point = self.scene.plain_at(surface).unwrap_or_default();
             }
             self.shade_points(&points, sixteen, shaded);
-        } else if E::MATERIALS {
+        } else {
             // Not an array: they are large, and would be written twice.
-            let looked_at = vertices.iter().take(count).zip(sixteen.surfaces);
+            let looked_at = vertices.iter().zip(surfaces).take(*count);
             let bsdfs: SmallVec<[Bsdf<f32>; LANES]> = looked_at.map(|(at, surface)| self.bsdf(at, surface)).collect();
             self.shade_points(&bsdfs[..], sixteen, shaded);
         }
@@ -505,7 +322,7 @@ impl PathTracer<'_> {
 
     /// Shades vertices that scatter so.
     #[inline(always)]
-    fn shade_points<'p>(&'p self, points: impl Points<'p>, sixteen: Sixteen, shaded: &mut Shaded) {
+    fn shade_points<'p>(&'p self, points: impl Points<'p>, sixteen: &Sixteen, shaded: &mut Shaded) {
         let view = LightView {
             learned: self.lights.sky(),
             facing: [ANYWHERE; LANES],
@@ -523,8 +340,8 @@ impl PathTracer<'_> {
     }
 
     /// Shades a vertex alone, in the first lane.
-    fn shade_one(&self, at: &Arrival, surfaces: &[Surface], paths: &[PathState], shaded: &mut Shaded) {
-        let (path, surface) = (&paths[at.path as usize], &surfaces[at.place as usize]);
+    fn shade_one(&self, sixteen: &Sixteen, shaded: &mut Shaded) {
+        let (at, path, surface) = (sixteen.vertices[0], sixteen.paths[0], sixteen.surfaces[0]);
         let (lights, random, bsdf) = (&self.scene.lights, &path.random, self.bsdf(at, surface));
         let (normal, smooth, out) = (surface.shading.into(), surface.smooth.into(), -path.ray.direction);
         shaded.facing[0] = if self.lights.asks_facing() { facing(surface.normal_towards(out)) } else { ANYWHERE };

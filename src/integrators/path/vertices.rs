@@ -90,6 +90,8 @@ pub(super) struct Connection {
     pub pdf: f32,
     /// The BSDF's density in the light's direction; 0 where no ray can hit the light.
     pub bsdf_pdf: f32,
+    /// Weight of light sampling against the BSDF over its density; known only without guides.
+    pub factor: f32,
 }
 
 /// A light with a place that was chosen at a vertex, before it is known what it brings.

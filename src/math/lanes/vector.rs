@@ -189,6 +189,12 @@ impl<R: Real> V3<R> {
         Self { x: self.x.rest(), y: self.y.rest(), z: self.z.rest() }
     }
 
+    /// The greater of each coordinate.
+    #[inline(always)]
+    pub fn max(self, other: Self) -> Self {
+        Self { x: self.x.max(other.x), y: self.y.max(other.y), z: self.z.max(other.z) }
+    }
+
     /// The greatest coordinate.
     #[inline(always)]
     pub fn max_element(self) -> R {

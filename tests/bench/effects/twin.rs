@@ -345,7 +345,7 @@ impl Kernel for Sixteen<'_> {
     fn run<W: Wide>(self, wide: W) -> Shaded {
         let (origins, normal) = Surface::shading_lanes(wide, &self.surfaces);
         let frames = Frames::new(normal);
-        let wo = frames.to_local(-Ray::directions(wide, &self.rays));
+        let wo = frames.to_local(-Ray::directions(wide, |lane| self.rays[lane]));
         let [r, g, b, two_sided] = wide.four_columns(|lane| {
             let V3 { x, y, z } = self.points[lane].albedo();
             [x, y, z, if self.two_sided[lane] { 1.0 } else { 0.0 }]
@@ -353,7 +353,7 @@ impl Kernel for Sixteen<'_> {
         let (bsdf, two_sided) = (diffuse::At::new(V3::new(r, g, b)), two_sided.above(0.0));
         let turned = two_sided & wo.z.below(0.0);
         let wo = V3::choose(turned, -wo, wo);
-        let generators = Generators::new(&self.randoms);
+        let generators = Generators::new(|lane| self.randoms[lane]);
         let draws = |dimension| generators.draw(dimension);
         let lights = &self.scene.lights;
         let choices = if lights.has_choice() { draws(Dimension::LIGHT).doubles() } else { [0.0; LANES] };
