@@ -163,7 +163,7 @@ impl Pass {
     }
 
     /// Samples of all pixels together.
-    pub(super) fn samples(&self) -> u64 {
+    pub fn samples(&self) -> u64 {
         self.halves.iter().flatten().map(|pixel| u64::from(pixel.count)).sum()
     }
 

@@ -1,6 +1,7 @@
 //! Estimated pixel values, from the noisy picture so far.
 
 use rayon::prelude::*;
+use smallvec::SmallVec;
 
 use super::accumulator::{Pass, combine};
 use crate::math::{channel_mean, trimmed_mean};
@@ -19,7 +20,7 @@ pub fn expected_values(image: &Image) -> Option<Vec<f32>> {
         let (x, y) = (i % image.width, i / image.width);
         let (columns, rows) = (reach(x, image.width), reach(y, image.height));
         let around = rows.flat_map(|row| columns.clone().map(move |column| row * image.width + column));
-        let mut around: Vec<f64> = around.map(|at| found[at]).collect();
+        let mut around: SmallVec<[f64; 25]> = around.map(|at| found[at]).collect();
         // A corner has 9 pixels around it, and one of them may be a firefly.
         let fireflies = around.len() / 9;
         trimmed_mean(&mut around, fireflies).unwrap_or(0.0).hypot(floor) as f32

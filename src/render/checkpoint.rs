@@ -37,8 +37,8 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 11: costs of guided samples, and sums of blocks.
-pub const VERSION: u32 = 11;
+/// The version of checkpoints that this program reads and writes. 12: light that paths have not found.
+pub const VERSION: u32 = 12;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;

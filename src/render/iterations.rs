@@ -29,7 +29,7 @@ const MAKING_GROWTH: f64 = 1.5;
 const TRIAL_SHARE: f64 = 0.005;
 const TRIALS: usize = 3;
 /// Least cost of a guided sample over another; a clock that says less was disturbed.
-const LEAST_COST: f64 = 1.1;
+pub(super) const LEAST_COST: f64 = 1.1;
 
 impl Run<'_> {
     /// Iterations, each with twice the paths of the one before, while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
@@ -100,7 +100,7 @@ impl Run<'_> {
     }
 
     /// Camera paths per pixel that the guide of iteration `t` was learned from.
-    fn learned_before(&self, t: u32) -> f64 {
+    pub(super) fn learned_before(&self, t: u32) -> f64 {
         (0..t).map(|t| self.paths_of(t)).sum()
     }
 
@@ -111,7 +111,7 @@ impl Run<'_> {
     }
 
     /// Whether the iterations before `next` have shown that guiding will not pay.
-    fn is_hopeless(&self, next: u32) -> bool {
+    pub(super) fn is_hopeless(&self, next: u32) -> bool {
         let Trend { verdict, guided_cost, making, .. } = self.state.trend;
         // Guides have to win back the time in which they are made.
         let making = match self.settings.stop {
@@ -151,19 +151,21 @@ impl Run<'_> {
         if let StopRule::Time(seconds) = self.settings.stop {
             self.watcher.deadline = Some(self.settings.learning_share * seconds);
         }
-        let complete = self.trace(part, Some(&field), Some(learning), picture.as_deref());
+        let on_trial = self.is_tried(t, learning);
+        let (given_up, complete) = if on_trial {
+            (self.try_pass(part, &field, learning, picture.as_deref()), true)
+        } else {
+            (false, self.trace(part, Some(&field), Some(learning), picture.as_deref()))
+        };
         let finished = self.finished(&part.pass);
         if t == 0 && !complete {
             self.state.passes.push(finished);
             return Ok(None);
         }
-        self.state.trend.caustics = learning.caustics().map_or_else(|| self.has_delta_lobes(), |part| part > MUCH);
-        let worst = outliers(finished.samples().min(self.pixels()) as usize);
-        let moments = learning.learner.picture_moments(worst);
-        let variance = part.pass.variance_relative_to(picture.as_deref());
-        self.state.trend.verdict = judged(variance, &moments, finished.samples() as f64);
-        // With each iteration more voxels are guided, and so samples cost more.
-        self.try_cost(learning, voxels);
+        if !given_up {
+            let variance = part.pass.variance_relative_to(picture.as_deref());
+            self.judge(variance, learning, finished.samples(), on_trial);
+        }
         // Of a guide that does not pay no better one is made: that takes longer than all else that was learned.
         let iteration = if self.is_hopeless(t + 1) {
             Iteration {
@@ -200,9 +202,29 @@ impl Run<'_> {
         Ok(Some((finished, complete)))
     }
 
+    /// Judges the guides that a pass was made with by its `samples` camera paths and by its photons; those of a pass on trial have been
+    /// judged by the paths before.
+    fn judge(&mut self, variance: Option<f64>, learning: &mut Learning, samples: u64, on_trial: bool) {
+        let knows_cost = on_trial && self.state.trend.verdict.gain().is_some();
+        let caustics = learning.caustics();
+        self.state.trend.caustics = caustics.map_or_else(|| self.has_delta_lobes(), |part| part > MUCH);
+        let moments = learning.learner.picture_moments(self.outliers_of(samples));
+        self.state.trend.verdict = judged(variance, &moments, samples as f64);
+        learning.unseen = caustics.map(|_| moments.unseen);
+        if !knows_cost {
+            // With each iteration more voxels are guided, and so samples cost more.
+            self.try_cost(learning, self.state.position.voxels);
+        }
+    }
+
+    /// How many of so many samples the variances of pictures leave out.
+    pub(super) fn outliers_of(&self, samples: u64) -> usize {
+        outliers(samples.min(self.pixels()) as usize)
+    }
+
     /// Iterations before guiding is given up. Learning costs several times what rendering does, so an easy scene should be known
     /// as one at once; but light that comes through glass or from mirrors is found late, and then it is most of the noise.
-    fn patience(&self) -> u32 {
+    pub(super) fn patience(&self) -> u32 {
         if self.state.trend.caustics { 4 } else { 2 }
     }
 
@@ -212,13 +234,13 @@ impl Run<'_> {
     }
 
     /// Whether guiding is never given up, whatever it costs.
-    fn is_always_guided(&self) -> bool {
+    pub(super) fn is_always_guided(&self) -> bool {
         self.learn_only || !self.settings.gives_up
     }
 
     /// Measures the cost of a sample with the guides of the first `voxels` voxels over that without them, where the verdict on guiding
     /// depends on it. Both trace the same samples in turns, which are in no picture, for about a two-hundredth of the time for the render.
-    fn try_cost(&mut self, learning: &Learning, voxels: usize) {
+    pub(super) fn try_cost(&mut self, learning: &Learning, voxels: usize) {
         let StopRule::Time(budget) = self.settings.stop else { return };
         let verdict = self.state.trend.verdict;
         let open = verdict.gain().is_some_and(|gain| gain >= STRONG) && verdict.may_pay(LEAST_COST);

@@ -39,7 +39,14 @@ pub struct Learning {
     reconstruction_rays: f64,
     /// Power of the photons of this iteration in voxels, and that of caustics among it.
     arrived: [f64; 2],
+    /// Path samples of a pass on trial, see [`Learning::begin_trial`]; none in others.
+    on_trial: Option<Vec<PathRecord>>,
+    /// Share of the light by photons that paths had not found in the iteration before; none where no photons have told.
+    pub(super) unseen: Option<f64>,
 }
+
+/// What a checkpoint has for [`Learning::unseen`] where there is none.
+const UNTOLD: f64 = -1.0;
 
 /// Iterations in which photons are never given up: path samples that have not found the light cannot judge them.
 const PATIENCE: u32 = 4;
@@ -67,14 +74,17 @@ impl Learning {
             iterations: 0,
             reconstruction_rays: 0.0,
             arrived: [0.0; 2],
+            on_trial: None,
+            unseen: None,
             photon_share: if settings.samples.photons() { 1.0 } else { 0.0 },
         }
     }
 
     /// State for checkpoints apart from the learner's and the photons' own.
-    pub(super) fn numbers(&self) -> [f64; 5] {
+    pub(super) fn numbers(&self) -> [f64; 6] {
         let [arrived, caustic] = self.arrived;
-        [self.photon_share, f64::from(self.iterations), self.reconstruction_rays, arrived, caustic]
+        let unseen = self.unseen.unwrap_or(UNTOLD);
+        [self.photon_share, f64::from(self.iterations), self.reconstruction_rays, arrived, caustic, unseen]
     }
 
     /// Reads from a checkpoint what was learned of a scene whose lights have the powers `emitted`.
@@ -82,8 +92,8 @@ impl Learning {
     /// # Errors
     /// [`Error::Malformed`](crate::base::Error::Malformed) naming the tensor.
     pub(super) fn from_arrays(settings: &RenderSettings, emitted: &Discrete, file: &Tensors) -> Result<Self> {
-        let numbers = file.read("learning", Dtype::F64, Some(5), 1, f64::from_le_bytes)?;
-        let [photon_share, iterations, reconstruction_rays, arrived, caustic] = numbers[..] else {
+        let numbers = file.read("learning", Dtype::F64, Some(6), 1, f64::from_le_bytes)?;
+        let [photon_share, iterations, reconstruction_rays, arrived, caustic, unseen] = numbers[..] else {
             return file.fail("learning", format!("{} numbers", numbers.len()));
         };
         if !(0.0..=1.0).contains(&photon_share) {
@@ -93,13 +103,55 @@ impl Learning {
         let (emission, emission_learner) = emission::from_arrays(emitted, file)?;
         let iterations = iterations as u32;
         let arrived = [arrived, caustic];
-        Ok(Self { learner, emission, emission_learner, photon_share, iterations, reconstruction_rays, arrived })
+        let learning = Self { learner, emission, emission_learner, photon_share, ..Self::new(settings, emitted) };
+        let unseen = (unseen != UNTOLD).then_some(unseen);
+        Ok(Self { iterations, reconstruction_rays, arrived, unseen, ..learning })
+    }
+
+    /// Lets the paths of the next pass only judge the guides: light paths and all that is learned wait for
+    /// [`PassTracer::settle`](super::PassTracer::settle), which is not needed where the guides are given up.
+    pub(super) fn begin_trial(&mut self) {
+        self.on_trial = Some(Vec::new());
+    }
+
+    /// Whether a pass is on trial.
+    pub(super) fn is_on_trial(&self) -> bool {
+        self.on_trial.is_some()
+    }
+
+    /// Ends the trial of a pass and returns its path samples.
+    pub(super) fn end_trial(&mut self) -> Vec<PathRecord> {
+        self.on_trial.take().unwrap_or_default()
+    }
+
+    /// Judges guides by the path samples of a chunk of a pass on trial.
+    pub(super) fn judge(&mut self, mut paths: Vec<PathRecord>, seconds: &mut Seconds) {
+        let begun = Instant::now();
+        self.learner.judge(&paths);
+        if let Some(kept) = &mut self.on_trial {
+            kept.append(&mut paths);
+        }
+        seconds.splat += begun.elapsed().as_secs_f64();
+    }
+
+    /// Learns from the records of a pass whose paths have judged guides.
+    pub(super) fn deposit(&mut self, records: &Records, kinds: SampleKinds, seconds: &mut Seconds) {
+        let begun = Instant::now();
+        let voxels = self.learner.deposit(&records.paths, &records.photons, kinds.paths());
+        self.count_arrivals(records, voxels);
+        seconds.splat += begun.elapsed().as_secs_f64();
     }
 
     /// Deposits the records of one chunk.
     pub fn absorb(&mut self, records: &Records, kinds: SampleKinds, seconds: &mut Seconds) {
         let begun = Instant::now();
         let voxels = self.learner.absorb(&records.paths, &records.photons, kinds.paths());
+        self.count_arrivals(records, voxels);
+        seconds.splat += begun.elapsed().as_secs_f64();
+    }
+
+    /// Counts the power of photons that fell into voxels, and learns from where they started.
+    fn count_arrivals(&mut self, records: &Records, voxels: Vec<VoxelId>) {
         let mut power = vec![0.0f64; records.starts.len()];
         for (photon, _) in records.photons.iter().zip(voxels).filter(|(_, voxel)| *voxel != VoxelId::MAX) {
             power[photon.path as usize] += f64::from(photon.power);
@@ -109,7 +161,6 @@ impl Learning {
         let useful = records.starts.iter().zip(power).filter(|(_, power)| *power > 0.0);
         let useful: Vec<(Start, f64)> = useful.filter_map(|(start, power)| Some(((*start)?, power))).collect();
         self.emission_learner.absorb(&useful);
-        seconds.splat += begun.elapsed().as_secs_f64();
     }
 
     /// Part of the light on what the camera sees that delta lobes sent there, by photons, beside direct light; none without photons.

@@ -26,6 +26,7 @@ mod share;
 mod state;
 mod statistics;
 mod target;
+mod trial;
 
 pub use aov::Aov;
 pub use checkpoint::Checkpointing;

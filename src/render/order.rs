@@ -37,6 +37,8 @@ pub(super) struct Order<'a> {
     rows: Vec<u32>,
     spp: u32,
     division: Division<'a>,
+    /// Whether an even division takes all samples of a pixel together.
+    by_pixel: bool,
 }
 
 enum Division<'a> {
@@ -64,7 +66,9 @@ impl<'a> Order<'a> {
     /// `spp` samples in each of the first so many `places` of `window` in the order of rows, or divided among all pixels.
     pub fn new(window: Window, places: u64, spp: u32, uneven: Option<Uneven<'a>>) -> Self {
         let (width, rows) = (u64::from(window.width), row_order(window.height));
-        let Some(uneven) = uneven else { return Self { width, rows, spp, division: Division::Even(places) } };
+        let Some(uneven) = uneven else {
+            return Self { width, rows, spp, division: Division::Even(places), by_pixel: false };
+        };
         let samples = |&row: &u32| -> u64 {
             let pixels = u64::from(row) * width..u64::from(row + 1) * width;
             pixels.map(|pixel| uneven.batch(pixel, spp)).map(|batch| batch.end - batch.start).sum()
@@ -73,7 +77,12 @@ impl<'a> Order<'a> {
         for row in &rows {
             starts.push(starts[starts.len() - 1] + samples(row));
         }
-        Self { width, rows, spp, division: Division::Uneven(uneven, starts) }
+        Self { width, rows, spp, division: Division::Uneven(uneven, starts), by_pixel: true }
+    }
+
+    /// The order pixel by pixel: any part of an even pass then has all samples of its pixels.
+    pub fn by_pixel(self) -> Self {
+        Self { by_pixel: true, ..self }
     }
 
     /// Number of samples.
@@ -87,7 +96,10 @@ impl<'a> Order<'a> {
     /// The samples of a range of linear indices.
     pub fn places(&self, range: Range<u64>) -> Places<'_> {
         let (uneven, starts) = match &self.division {
-            Division::Even(places) => return Places::Even(&self.rows, *places, self.width),
+            Division::Even(places) => {
+                let even = Places::Even(&self.rows, *places, self.width);
+                return if self.by_pixel { even.listed(range, self.spp.into()) } else { even };
+            }
             Division::Uneven(uneven, starts) => (uneven, starts),
         };
         // The last row that begins no later; rows without samples begin where the next one does.
@@ -103,7 +115,13 @@ impl<'a> Order<'a> {
     }
 }
 
-impl Places<'_> {
+impl<'o> Places<'o> {
+    /// The samples of a range of linear indices, `spp` in a place before those of the next.
+    fn listed(&self, range: Range<u64>, spp: u64) -> Places<'o> {
+        let sample = |index: u64| (self.at(index / spp).0 as u32, (index % spp) as u32);
+        Places::Listed(range.clone().map(sample).collect(), range.start)
+    }
+
     /// Pixel and sample of a linear index: in an even pass the sample's number in the pass, or else the number that it has among the
     /// pixel's since the pass began.
     #[inline(always)]
@@ -127,6 +145,23 @@ impl Places<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The same samples in both orders, in one of them those of a pixel together.
+    #[test]
+    fn a_part_of_an_order_by_pixel_has_all_samples_of_its_pixels() {
+        let window = Window { x: 0, y: 0, width: 20, height: 40 };
+        let order = || Order::new(window, 300, 3, None);
+        let samples = |order: &Order, range: Range<u64>| -> Vec<(u64, u64)> {
+            let places = order.places(range.clone());
+            range.map(|index| places.at(index)).collect()
+        };
+        let (by_sample, by_pixel) = (order(), order().by_pixel());
+        let mut all = [&by_sample, &by_pixel].map(|order| samples(order, 0..order.total()));
+        assert_eq!(all[1][..6].iter().map(|(_, sample)| *sample).collect::<Vec<_>>(), [0, 1, 2, 0, 1, 2]);
+        assert_eq!(all[1][450..], samples(&by_pixel, 450..900)[..]);
+        all.iter_mut().for_each(|samples| samples.sort_unstable());
+        assert_eq!(all[0], all[1]);
+    }
 
     #[test]
     fn rows_are_visited_once_and_evenly() {

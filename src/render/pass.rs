@@ -117,7 +117,7 @@ impl PassTracer<'_> {
         statistics: &mut Statistics,
         go_on: &mut dyn FnMut(&Chunk) -> bool,
     ) -> bool {
-        let order = Order::new(self.window, self.places, self.spp, self.uneven);
+        let order = self.order(learning.as_deref().is_some_and(Learning::is_on_trial));
         let total = order.total();
         let (paths, light_paths) = (Pool::default(), Pool::default());
         while start < total {
@@ -129,7 +129,9 @@ impl PassTracer<'_> {
             let places = order.places(start..end);
             let kept = wants_paths.then_some(&mut records.paths);
             self.camera_chunk(start..end, &places, &paths, pass, kept, statistics);
-            if let Some(learning) = learning.as_deref_mut() {
+            if let Some(learning) = learning.as_deref_mut().filter(|learning| learning.is_on_trial()) {
+                learning.judge(std::mem::take(&mut records.paths), &mut statistics.seconds);
+            } else if let Some(learning) = learning.as_deref_mut() {
                 let photons = |index: u64| (index as f64 * learning.photon_share) as u64;
                 let range = photons(start)..photons(end);
                 if !range.is_empty() {
@@ -146,6 +148,26 @@ impl PassTracer<'_> {
             }
         }
         true
+    }
+
+    /// The order of the pass's samples.
+    fn order(&self, on_trial: bool) -> Order<'_> {
+        let order = Order::new(self.window, self.places, self.spp, self.uneven);
+        // Half of a pass on trial is judged by variances, which take two samples of a pixel.
+        if on_trial { order.by_pixel() } else { order }
+    }
+
+    /// Learns from a pass that was on trial, whose camera paths left these records: traces its light paths, and tells `learning` of both
+    /// kinds. Returns the number of light paths.
+    pub(super) fn settle(&self, paths: Vec<PathRecord>, learning: &mut Learning, statistics: &mut Statistics) -> u64 {
+        let mut records = Records { paths, ..Records::default() };
+        let total = self.order(true).total();
+        let photons = (total as f64 * learning.photon_share) as u64;
+        if photons > 0 {
+            self.photon_chunk((0..photons, photons), &Pool::default(), &learning.emission, &mut records, statistics);
+        }
+        learning.deposit(&records, self.settings.samples, &mut statistics.seconds);
+        photons
     }
 
     fn camera_chunk(

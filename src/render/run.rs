@@ -139,7 +139,8 @@ impl<'a> Run<'a> {
         if by_brightness { Pass::with_cascades(width, height) } else { Pass::new(width, height) }
     }
 
-    /// Traces the rest of a pass, with `picture` for the guide's roulette; returns whether all camera paths were made.
+    /// Traces the rest of a pass, with `picture` for the guide's roulette, or half of one on trial; returns whether all camera paths were
+    /// made.
     pub fn trace(
         &mut self,
         part: &mut Part,
@@ -147,6 +148,8 @@ impl<'a> Run<'a> {
         learning: Option<&mut Learning>,
         picture: Option<&[f32]>,
     ) -> bool {
+        let on_trial = learning.as_ref().is_some_and(|learning| learning.is_on_trial());
+        let halfway = on_trial && part.start == 0;
         let chunk = match (&learning, self.watcher.deadline) {
             (None, Some(deadline)) => {
                 let left = deadline - self.watcher.elapsed();
@@ -157,6 +160,7 @@ impl<'a> Run<'a> {
         };
         let Part { pass, spp, start } = part;
         let (pixels, places) = (self.pixels(), self.places());
+        let half = (places * u64::from(*spp)).div_ceil(2);
         if *start == 0 {
             self.state.rendered += *spp;
             let paths = f64::from(*spp) * (places as f64 / pixels as f64);
@@ -180,7 +184,7 @@ impl<'a> Run<'a> {
             sequences_from: self.state.sequences_from,
             spp: *spp,
             places,
-            chunk: chunk.max(LEAST_CHUNK).max(pixels.div_ceil(EVERY_ROW)),
+            chunk: if on_trial { half } else { chunk.max(LEAST_CHUNK).max(pixels.div_ceil(EVERY_ROW)) },
             ..PassTracer::new(self.scene, self.settings, self.window, &self.filter)
         };
         let (watcher, state, evidence) = (&mut self.watcher, &self.state, &self.evidence);
@@ -196,8 +200,15 @@ impl<'a> Run<'a> {
                 Some(sum.finish().image(width, views))
             }
         };
+        let mut reached = 0;
         let mut go_on = |chunk: &Chunk| {
             let Chunk { pass, samples, end: start, learning, statistics } = *chunk;
+            if on_trial {
+                // A checkpoint would have to hold what is on trial; the next chunk is not far.
+                watcher.control.progress.advance(samples);
+                reached = start;
+                return !halfway;
+            }
             let reached = statistics.samples.div_ceil(pixels) as u32;
             let keep = |checkpoint: &Checkpointing, elapsed: f64, errors: &[ErrorPoint]| {
                 let Some((path, _)) = &checkpoint.write else { return Ok(()) };
@@ -207,8 +218,8 @@ impl<'a> Run<'a> {
             watcher.end_chunk(samples, reached, || so_far(pass), keep)
         };
         let complete = tracer.run(pass, *start, learning, &mut self.statistics, &mut go_on);
-        *start = 0;
-        self.interrupted |= !complete && self.watcher.stopped();
+        *start = if complete { 0 } else { reached };
+        self.interrupted |= !complete && !on_trial && self.watcher.stopped();
         complete
     }
 
@@ -218,7 +229,7 @@ impl<'a> Run<'a> {
     }
 
     /// Pixels that the pass at hand visits.
-    fn places(&self) -> u64 {
+    pub fn places(&self) -> u64 {
         let Position { phase, iteration, .. } = self.state.position;
         if phase == Phase::Learning { self.iteration_size(iteration).0 } else { self.pixels() }
     }

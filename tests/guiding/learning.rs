@@ -20,6 +20,7 @@ use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::guiding::tree::topology::Topology;
 use fanal::guiding::tree::{TreeSettings, Trees};
 use fanal::math::cylindrical;
+use fanal::reconstruct::{AsCounted, Reconstructor};
 use glam::Vec3;
 use tempfile::TempDir;
 
@@ -268,6 +269,36 @@ fn histograms_are_loaded_as_they_were_saved() {
         tensors::write(&path, file::VERSION, &arrays).expect("it can be written");
         let error = file::load(&path).expect_err("a mass that is none").to_string();
         assert!(error.contains("guide_bins"), "{error}");
+    }
+}
+
+/// A pass may be judged in parts and learned from later as a whole: guides and moments are the same, bit for bit.
+#[test]
+fn what_is_judged_first_is_learned_as_ever() {
+    let mut random = Random::new(21, 0, 0);
+    let mut point = || Vec3::new(random.next_f32(), random.next_f32(), random.next_f32());
+    let paths: Vec<PathRecord> =
+        (0..20_000).map(|i| path_at(point(), (point() - 0.3).normalize(), (i % 7) as f32)).collect();
+    let photons: Vec<_> = (0..10_000).map(|_| photon_at(point(), (point() - 0.3).normalize(), 1.0)).collect();
+    let [mut whole, mut tried] = [0; 2].map(|_| Learner::new(LearnerSettings::default()));
+    // The first chunk of all decides how large cells are, so only later passes are judged in parts.
+    for parts in [1, 2] {
+        let reached = whole.absorb(&paths, &photons, true);
+        paths.chunks(paths.len() / parts).for_each(|part| {
+            tried.judge(part);
+            let halfway = tried.moments_so_far(100);
+            assert!(halfway.learning.is_finite() && halfway.unseen == 0.0, "photons come later");
+        });
+        assert!(tried.deposit(&paths, &photons, true) == reached, "photons fall into the same voxels");
+        for learner in [&mut whole, &mut tried] {
+            learner.fit(&mut |trees| AsCounted::default().reconstruct(trees)).expect("nothing here fails");
+        }
+        assert_eq!(whole.picture_moments(100), tried.picture_moments(100));
+        for learner in [&mut whole, &mut tried] {
+            learner.refine(1);
+        }
+        let [whole, tried] = [&whole, &tried].map(|learner| learner.field(Use::Rendering));
+        assert!(whole.voxels() == tried.voxels() && whole.distributions().count() > 100);
     }
 }
 

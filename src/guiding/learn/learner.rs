@@ -201,20 +201,9 @@ impl Learner {
     ///
     /// Returns the voxel that each photon fell into, [`VoxelId::MAX`] for none.
     pub fn absorb(&mut self, paths: &[PathRecord], photons: &[PhotonRecord], deposit_paths: bool) -> Vec<VoxelId> {
-        if paths.is_empty() && self.cache.is_none() {
-            return vec![VoxelId::MAX; photons.len()];
-        }
-        let learned = Learned { target: self.target(), direct: self.settings.direct };
-        let LearnerSettings { resolution, facing, fraction, .. } = self.settings;
-        let cache = self.cache.get_or_insert_with(|| {
-            let cache = SpatialCache::fit(&paths.iter().map(|r| r.point).collect::<Vec<_>>(), resolution);
-            if facing { cache } else { cache.without_facing() }
-        });
-        let mut path_voxels = voxels_of(cache, paths, most_voxels(self.settings.memory));
-        self.voxels.resize_with(cache.len(), Voxel::default);
-        self.model.resize(cache.len());
-        let mut photon_voxels: Vec<VoxelId> =
-            photons.par_iter().map(|r| cache.find(r.point, r.normal).unwrap_or(VoxelId::MAX)).collect();
+        let mut path_voxels = self.make_voxels(paths);
+        let mut photon_voxels = self.find_voxels(photons, |photon| (photon.point, photon.normal));
+        let Some(cache) = &self.cache else { return photon_voxels };
         let reached = photon_voxels.clone();
         if self.settings.tree.filtered {
             self.chunks += 1;
@@ -226,11 +215,67 @@ impl Learner {
         }
         let samples = Samples::new((paths, &path_voxels), (photons, &photon_voxels), self.voxels.len());
         self.outliers.absorb(paths, &path_voxels);
+        self.judge_samples(&samples);
+        self.deposit_samples(&samples, deposit_paths);
+        reached
+    }
+
+    /// Judges guides by one chunk of path samples, which make voxels where there are none. What is to be learned from them is told to
+    /// [`Learner::deposit`] later, in one chunk of the whole pass. Samples must not be [moved](TreeSettings::filtered).
+    pub fn judge(&mut self, paths: &[PathRecord]) {
+        let voxels = self.make_voxels(paths);
+        self.outliers.absorb(paths, &voxels);
+        self.judge_samples(&Samples::new((paths, &voxels), (&[], &[]), self.voxels.len()));
+    }
+
+    /// Learns from path samples that have [judged](Learner::judge) guides, and from photons: both steps together do what
+    /// [`Learner::absorb`] does. Returns the voxel that each photon fell into.
+    pub fn deposit(&mut self, paths: &[PathRecord], photons: &[PhotonRecord], deposit_paths: bool) -> Vec<VoxelId> {
+        let path_voxels = self.find_voxels(paths, |path| (path.point, path.normal));
+        let reached = self.find_voxels(photons, |photon| (photon.point, photon.normal));
+        let samples = Samples::new((paths, &path_voxels), (photons, &reached), self.voxels.len());
+        self.deposit_samples(&samples, deposit_paths);
+        reached
+    }
+
+    /// Voxels of path samples; missing ones are made, as far as the memory allows.
+    fn make_voxels(&mut self, paths: &[PathRecord]) -> Vec<VoxelId> {
+        if paths.is_empty() && self.cache.is_none() {
+            return Vec::new();
+        }
+        let LearnerSettings { resolution, facing, memory, .. } = self.settings;
+        let cache = self.cache.get_or_insert_with(|| {
+            let cache = SpatialCache::fit(&paths.iter().map(|r| r.point).collect::<Vec<_>>(), resolution);
+            if facing { cache } else { cache.without_facing() }
+        });
+        let voxels = voxels_of(cache, paths, most_voxels(memory));
+        self.voxels.resize_with(cache.len(), Voxel::default);
+        self.model.resize(cache.len());
+        voxels
+    }
+
+    /// Voxels of records with these points and normals, [`VoxelId::MAX`] where there is none.
+    fn find_voxels<R: Sync>(&self, records: &[R], place: impl Fn(&R) -> (Vec3, Vec3) + Sync) -> Vec<VoxelId> {
+        let find = |record| {
+            let (point, normal) = place(record);
+            self.cache.as_ref()?.find(point, normal)
+        };
+        records.par_iter().map(|record| find(record).unwrap_or(VoxelId::MAX)).collect()
+    }
+
+    fn judge_samples(&mut self, samples: &Samples) {
+        let rule = self.settings.fraction;
         self.chosen = false;
-        let (cache, model) = (&*cache, &self.model);
+        let judge = |(v, voxel): (usize, &mut Voxel)| samples.paths(v).for_each(|record| voxel.judge(record, rule));
+        self.voxels.par_iter_mut().enumerate().for_each(judge);
+    }
+
+    fn deposit_samples(&mut self, samples: &Samples, deposit_paths: bool) {
+        let Some(cache) = &self.cache else { return };
+        let learned = Learned { target: self.target(), direct: self.settings.direct };
+        let model = &self.model;
         let fits = self.settings.parallax && !self.keeps_spheres;
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
-            samples.paths(v).for_each(|record| voxel.judge(record, fraction));
             let bounds = cache.bounds(v as VoxelId);
             let deposited = samples.directed(v).filter(|_| deposit_paths);
             let any = deposited.clone().next().is_some() || samples.photons(v).next().is_some();
@@ -242,10 +287,7 @@ impl Learner {
             voxel.count(&bounds, samples.directed(v), samples.photons(v));
         });
         let spheres = self.spheres();
-        if let Some(cache) = &self.cache {
-            self.model.observe(&Told { samples: &samples, cache, paths: deposit_paths, spheres: &spheres, learned });
-        }
-        reached
+        self.model.observe(&Told { samples, cache, paths: deposit_paths, spheres: &spheres, learned });
     }
 
     fn spheres(&self) -> Vec<Spheres> {
@@ -314,6 +356,18 @@ impl Learner {
         sum.effective = squares.effective();
         sum.unseen /= if shown > 0.0 { shown } else { 1.0 };
         sum
+    }
+
+    /// [`Learner::picture_moments`] in the middle of a pass: nothing is chosen by them.
+    pub fn moments_so_far(&mut self, worst: usize) -> PictureMoments {
+        let outliers = self.outliers.clone();
+        let chosen: Vec<_> = self.voxels.iter().map(|voxel| (voxel.bsdf_fraction, voxel.best, voxel.gain)).collect();
+        let moments = self.picture_moments(worst);
+        (self.outliers, self.chosen) = (outliers, false);
+        for (voxel, chosen) in self.voxels.iter_mut().zip(chosen) {
+            (voxel.bsdf_fraction, voxel.best, voxel.gain) = chosen;
+        }
+        moments
     }
 
     /// Makes the next guides, those on quadtrees from the proposals of `propose`. A voxel that gets none keeps the one that it has.
