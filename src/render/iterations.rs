@@ -196,7 +196,8 @@ impl Run<'_> {
             mean_variance: finished.sample_variance().map_or(f64::NAN, |v| v / f64::from(part.spp)),
             gain: trend.verdict.gain(),
             cost: trend.guided_cost,
-            photon_share,
+            // Light paths of a pass on trial are made when its guides may pay.
+            photon_share: if given_up { 0.0 } else { photon_share },
             ..iteration
         });
         Ok(Some((finished, complete)))
