@@ -200,13 +200,10 @@ impl Random {
     /// Two uniform numbers in [0, 1), multiples of 2⁻⁵³: independent, or a 2D point of a sequence with random lower bits.
     #[inline(always)]
     pub fn next_2d_f64(&mut self) -> [f64; 2] {
-        const STEP: f64 = 1.0 / 9_007_199_254_740_992.0;
         if let Some(point) = self.next_point() {
-            let bits = self.next_u64();
-            let [low, high] = [bits >> 43, (bits >> 22) & 0x1F_FFFF];
-            return [(u64::from(point[0]) << 21 | low) as f64 * STEP, (u64::from(point[1]) << 21 | high) as f64 * STEP];
+            return fine(point, self.next_u64());
         }
-        [0; 2].map(|_| (self.next_u64() >> 11) as f64 * STEP)
+        [0; 2].map(|_| (self.next_u64() >> 11) as f64 * FINE)
     }
 
     /// Uniform integer in [0, n); `n` must not be 0.
@@ -253,6 +250,22 @@ impl<const N: usize> Generators<N> {
             }
         }
         Self { keys, indices, vertex: of(0).vertex, in_sequences }
+    }
+
+    /// What each, which `of` tells again, draws for `dimension` by [`Random::next_2d_f64`].
+    #[inline(always)]
+    pub fn fine_points<'a>(&self, of: impl Fn(usize) -> &'a Random, dimension: Dimension) -> [[f64; 2]; N] {
+        let (Draws { bits, .. }, mut points) = (self.draw(dimension), [[0.0; 2]; N]);
+        let skipped = GOLDEN.wrapping_mul((u64::from(self.vertex * PER_VERTEX + dimension.0) << APART) + 1);
+        for lane in 0..N {
+            let first = of(lane).key.wrapping_add(skipped);
+            points[lane] = if self.in_sequences {
+                fine([(bits[lane] >> 32) as u32, bits[lane] as u32], mix(first))
+            } else {
+                [first, first.wrapping_add(GOLDEN)].map(|state| (mix(state) >> 11) as f64 * FINE)
+            };
+        }
+        points
     }
 
     /// What each draws for `dimension`. Loops over all, which the compiler turns into vectors.
@@ -310,6 +323,16 @@ impl<const N: usize> Draws<N> {
         }
         numbers
     }
+}
+
+/// Distance of numbers of 53 bits in [0, 1).
+const FINE: f64 = 1.0 / 9_007_199_254_740_992.0;
+
+/// A point of a sequence in [0, 1)², with lower bits of others.
+#[inline(always)]
+fn fine([x, y]: [u32; 2], bits: u64) -> [f64; 2] {
+    let [low, high] = [bits >> 43, (bits >> 22) & 0x1F_FFFF];
+    [(x, low), (y, high)].map(|(upper, lower)| (u64::from(upper) << 21 | lower) as f64 * FINE)
 }
 
 /// The upper 24 bits as a number in [0, 1).
@@ -381,11 +404,14 @@ mod tests {
                     random
                 });
                 for dimension in (0..PER_VERTEX).map(Dimension) {
-                    let draws = Generators::<16>::new(|lane| &generators[lane]).draw(dimension);
+                    let all = Generators::<16>::new(|lane| &generators[lane]);
+                    let draws = all.draw(dimension);
                     let at = |lane: usize| generators[lane].at(dimension);
                     assert_eq!(draws.points(), std::array::from_fn(|lane| at(lane).next_2d()));
                     assert_eq!(draws.numbers(), std::array::from_fn(|lane| at(lane).next_f32()));
                     assert_eq!(draws.doubles(), std::array::from_fn(|lane| at(lane).next_f64()));
+                    let fine = all.fine_points(|lane| &generators[lane], dimension);
+                    assert_eq!(fine, std::array::from_fn(|lane| at(lane).next_2d_f64()));
                 }
             }
         }

@@ -83,6 +83,13 @@ impl Surface {
         (origins, V3::new(sx, sy, sz))
     }
 
+    /// [`Surface::point`] of sixteen surfaces.
+    #[inline(always)]
+    pub fn point_lanes<W: Wide>(wide: W, surfaces: &[&Self; LANES]) -> V3<W::Real> {
+        let [x, y, z, _] = wide.four_columns(|lane| four(surfaces[lane].numbers(), 0));
+        V3::new(x, y, z)
+    }
+
     /// [`Surface::smooth`] of sixteen surfaces.
     #[inline(always)]
     pub fn smooth_lanes<W: Wide>(wide: W, surfaces: &[&Self; LANES]) -> V3<W::Real> {

@@ -14,15 +14,15 @@ use super::jensen::{Histogram, Histograms, histogram_arrays, read_histograms};
 use super::samples::{Around, Told};
 use super::target::Target;
 use super::tree::arrays::{read_trees, tree_arrays};
-use super::tree::sampler::{self, SamplingTree};
+use super::tree::sampler::{self, Places, SamplingTree};
 use super::tree::{CountedTree, Propose, TreeSettings, Trees};
 use super::vmf::learn::VmfMixtures;
 use super::vmf::mixture::VmfMixture;
 use super::vmf::stored::{mixture_arrays, read_mixtures};
 use crate::base::Result;
 use crate::base::tensors::{Tensor, Tensors};
-use crate::math::cylindrical;
-use crate::math::lanes::LANES;
+use crate::math::cylindrical::{self, to_directions, to_place};
+use crate::math::lanes::{LANES, V3, Wide, vector};
 
 /// Kind of the model of directions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,40 +98,58 @@ impl Directions {
         }
     }
 
-    /// [`Directions::sample`] of several, which wait for memory together.
+    /// [`Directions::sample`] of several, which wait for memory together; a density of 0 where there are none.
     #[inline(always)]
-    pub fn sample_lanes(draws: &[Option<(&Self, [f64; 2])>; LANES]) -> [Option<(Vec3, f32)>; LANES] {
-        let mut ways = [None; LANES];
-        for (way, draw) in ways.iter_mut().zip(draws) {
-            *way = draw.and_then(|(directions, u)| Some(directions.tree()?.draw(u)));
+    pub fn sample_lanes<W: Wide>(wide: W, draws: &[Option<(&Self, [f64; 2])>; LANES]) -> (V3<W::Real>, W::Real) {
+        let mut trees = [None; LANES];
+        let mut others = false;
+        for (tree, draw) in trees.iter_mut().zip(draws) {
+            *tree = draw.and_then(|(directions, u)| Some((directions.tree()?, u)));
+            others |= draw.is_some() && tree.is_none();
         }
-        sampler::walk(&mut ways);
-        let mut drawn = [None; LANES];
-        for ((drawn, draw), way) in drawn.iter_mut().zip(draws).zip(&ways) {
-            *drawn = draw.map(|(directions, u)| match (directions, way) {
-                (Self::Tree(tree), Some(way)) => tree.direction(way),
-                _ => directions.sample(u),
-            });
+        let Places { steps: [x, y], mut pdf } = sampler::sample_lanes(&trees);
+        let directions = to_directions([wide.load_bits(&x), wide.load_bits(&y)]);
+        if !others {
+            return (directions, wide.load(&pdf));
         }
-        drawn
+        let mut columns = wide.store_vectors(directions);
+        for (lane, (tree, draw)) in trees.iter().zip(draws).enumerate() {
+            if let (None, Some((directions, u))) = (tree, draw) {
+                let direction;
+                (direction, pdf[lane]) = directions.sample(*u);
+                columns.iter_mut().zip(direction.to_array()).for_each(|(column, x)| column[lane] = x);
+            }
+        }
+        (wide.load_vectors(&columns), wide.load(&pdf))
     }
 
-    /// [`Directions::pdf`] of several, which wait for memory together; 0 where there are none.
+    /// [`Directions::pdf`] of several towards unit vectors, which wait for memory together; 0 where there are none.
     #[inline(always)]
-    pub fn pdf_lanes(asked: &[Option<(&Self, Vec3)>; LANES]) -> [f32; LANES] {
-        let mut ways = [None; LANES];
-        for (way, asked) in ways.iter_mut().zip(asked) {
-            *way = asked.and_then(|(directions, towards)| Some(directions.tree()?.look_up(towards)));
+    pub fn pdf_lanes<W: Wide>(wide: W, asked: &[Option<&Self>; LANES], towards: V3<W::Real>) -> W::Real {
+        let mut trees = [None; LANES];
+        let mut others = false;
+        for (tree, asked) in trees.iter_mut().zip(asked) {
+            *tree = asked.and_then(Self::tree);
+            others |= asked.is_some() && tree.is_none();
         }
-        sampler::walk(&mut ways);
-        let mut densities = [0.0; LANES];
-        for ((density, asked), way) in densities.iter_mut().zip(asked).zip(&ways) {
-            *density = asked.map_or(0.0, |(directions, towards)| match (directions, way) {
-                (Self::Tree(tree), Some(way)) => tree.density(way),
-                _ => directions.pdf(towards),
-            });
+        let mut pdf = sampler::pdf_lanes(&trees, &to_place(towards).map(|steps| wide.store_bits(steps)));
+        if others {
+            let towards = wide.store_vectors(towards);
+            for (lane, (tree, asked)) in trees.iter().zip(asked).enumerate() {
+                if let (None, Some(directions)) = (tree, asked) {
+                    pdf[lane] = directions.pdf(vector(&towards, lane));
+                }
+            }
         }
-        densities
+        wide.load(&pdf)
+    }
+
+    /// Brings near what will be read first.
+    #[inline(always)]
+    pub fn prefetch(&self) {
+        if let Self::Tree(tree) = self {
+            tree.prefetch();
+        }
     }
 
     #[inline(always)]

@@ -12,7 +12,7 @@ use crate::base::random::{Dimension, Random};
 use crate::geometry::Surface;
 use crate::guiding::sample::field::{DirectionGuide, VoxelGuide};
 use crate::materials::{Bsdf, Transport, Variant};
-use crate::math::lanes::{Mask, Real, V3};
+use crate::math::lanes::{LANES, Mask, Real, V3};
 
 /// How directions are sampled at one vertex.
 pub struct Mixture<'a, 'g> {
@@ -49,15 +49,17 @@ impl<'a, 'g> Mixture<'a, 'g> {
     pub fn sample(&self, random: &Random, transport: Transport) -> Option<(MixtureSample, Vec3)> {
         let proposal = self.guide.and_then(|guide| {
             let u = guided_point(guide.bsdf_fraction, random)?;
-            Some(Proposal::from(guide.sample(u)))
+            Some(guide.sample(u))
         });
-        let onward = self.site.draw(&one_draw(random, self.chooses_lobe, self.guide.map(|_| proposal), transport));
-        let density = |proposal: Option<Proposal>, guide: DirectionGuide| match proposal {
-            Some(proposal) => proposal.pdf,
+        let (towards, _) = proposal.unwrap_or_default();
+        let guided = self.guide.map(|_| (proposal.is_some(), towards.into()));
+        let onward = self.site.draw(&one_draw(random, self.chooses_lobe, guided, transport));
+        let density = |guide: DirectionGuide| match proposal {
+            Some((_, pdf)) => pdf,
             None if onward.any => guide.pdf(onward.direction.into()),
             None => 0.0,
         };
-        let guide = self.guide.filter(|_| !onward.delta).map(|guide| (guide.bsdf_fraction, density(proposal, guide)));
+        let guide = self.guide.filter(|_| !onward.delta).map(|guide| (guide.bsdf_fraction, density(guide)));
         let sample = MixtureSample::new(&onward, guide)?;
         Some((sample, onward.origin.into()))
     }
@@ -69,34 +71,18 @@ pub(super) fn cosine_normal(variant: Variant, surface: &Surface, out: Vec3) -> V
     if variant.reflects() { surface.normal_towards(out) } else { Vec3::ZERO }
 }
 
-/// The numbers of one vertex by which a direction is drawn. `guided` is none without a guide.
+/// The numbers of one vertex by which a direction is drawn; see [`Draw::guided`].
 pub(super) fn one_draw(
     random: &Random,
     chooses_lobe: bool,
-    guided: Option<Option<Proposal>>,
+    guided: Option<(bool, V3<f32>)>,
     transport: Transport,
 ) -> Draw<f32> {
     Draw {
         lobe: if chooses_lobe { random.at(Dimension::LOBE).next_f32() } else { 0.0 },
         u: random.at(Dimension::DIRECTION).next_2d(),
-        guided: guided.map(|taken| (taken.is_some(), taken.map_or(Vec3::ZERO, |taken| taken.direction).into())),
+        guided,
         transport,
-    }
-}
-
-/// A direction that a guide proposes, to be taken unless the BSDF draws a delta lobe.
-#[derive(Debug, Clone, Copy)]
-pub struct Proposal {
-    /// Unit direction in the world.
-    pub direction: Vec3,
-    /// Density of the guide w.r.t. solid angle.
-    pub pdf: f32,
-}
-
-impl From<(Vec3, f32)> for Proposal {
-    #[inline(always)]
-    fn from((direction, pdf): (Vec3, f32)) -> Self {
-        Self { direction, pdf }
     }
 }
 
@@ -104,9 +90,27 @@ impl From<(Vec3, f32)> for Proposal {
 /// chosen with probability `bsdf_fraction`; none where it is.
 #[inline(always)]
 pub(super) fn guided_point(bsdf_fraction: f32, random: &Random) -> Option<[f64; 2]> {
-    // One point of the plane chooses the strategy and the guide's direction, so that directions are spread evenly.
-    let (alpha, [u, v]) = (f64::from(bsdf_fraction), random.at(Dimension::GUIDE).next_2d_f64());
-    (u >= alpha).then(|| [(u - alpha) / (1.0 - alpha), v])
+    let (taken, point) = left_by_bsdf(bsdf_fraction, random.at(Dimension::GUIDE).next_2d_f64());
+    taken.then_some(point)
+}
+
+/// [`guided_point`] of sixteen vertices, of their numbers, and where it is none no bit.
+#[inline(always)]
+pub(super) fn guided_points(bsdf_fractions: &[f32; LANES], points: &[[f64; 2]; LANES]) -> (u32, [[f64; 2]; LANES]) {
+    let (mut all, mut left) = (0, *points);
+    for (lane, (point, &fraction)) in left.iter_mut().zip(bsdf_fractions).enumerate() {
+        let taken;
+        (taken, *point) = left_by_bsdf(fraction, *point);
+        all |= u32::from(taken) << lane;
+    }
+    (all, left)
+}
+
+/// One point of the plane chooses the strategy and the guide's direction, so that directions are spread evenly.
+#[inline(always)]
+fn left_by_bsdf(bsdf_fraction: f32, [u, v]: [f64; 2]) -> (bool, [f64; 2]) {
+    let alpha = f64::from(bsdf_fraction);
+    (u >= alpha, [(u - alpha) / (1.0 - alpha), v])
 }
 
 /// The density of BSDF and guide together, for the direction of each lane.

@@ -7,6 +7,7 @@ mod batch;
 mod complete;
 mod explain;
 mod going;
+mod guides;
 mod kept;
 mod shade;
 mod shaded;
@@ -24,7 +25,7 @@ use super::{Roulette, TransportSettings};
 use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
 use crate::guiding::record::{PathRecord, Radiance};
-use crate::guiding::sample::field::{DirectionGuide, GuideField};
+use crate::guiding::sample::field::{GuideField, VoxelGuide};
 use crate::guiding::sample::roulette::AdjointRoulette;
 use crate::lights::Light;
 use crate::lights::learned::LightSampling;
@@ -310,16 +311,25 @@ impl PathTracer<'_> {
         let smooth = material.is_some_and(Material::is_delta);
         let bumped = material.is_some_and(|material| material.bump.is_some() && surface.smooth != surface.shading);
         let field = if E::GUIDING { self.field.filter(|_| !smooth) } else { None };
-        let found = field.and_then(|field| Some((field, field.find(surface.point, normal)?)));
+        // No closures: they would be functions for any processor.
+        let (mut found, mut guide) = (None, None);
+        if let Some(field) = field
+            && let Some(voxel) = field.find(surface.point, normal)
+        {
+            let here = &field.voxels()[voxel as usize];
+            found = Some(here);
+            if let Some(directions) = &here.directions {
+                directions.prefetch();
+                guide = Some(voxel);
+            }
+        }
         let worth = self.worth::<E>(path, smooth, found);
-        let guides =
-            |(field, voxel): (&GuideField, u32)| field.voxels()[voxel as usize].directions.is_some().then_some(voxel);
         Some(Arrival {
             place,
             path: number,
             vertex,
             worth,
-            voxel: found.and_then(guides),
+            voxel: guide,
             phase,
             variant: self.variant::<E>(surface, phase),
             bumped,
@@ -388,13 +398,13 @@ impl PathTracer<'_> {
 
     /// Probabilities of light sampling and of going on at a vertex in a voxel.
     #[inline(always)]
-    fn worth<E: Effects>(&self, path: &PathState, smooth: bool, voxel: Option<(&GuideField, u32)>) -> Worth {
+    fn worth<E: Effects>(&self, path: &PathState, smooth: bool, voxel: Option<&VoxelGuide>) -> Worth {
         // Without a guide nothing is known by which a path could be judged.
         let pixel = (E::GUIDING && path.judged).then_some(path.pixel);
         let carried = channel_mean(path.throughput);
         let importance = pixel.map(|value| carried / value);
         let known = voxel.filter(|_| self.settings.roulette == Roulette::Window);
-        let adjoint = known.map_or(AdjointRoulette::UNKNOWN, |(field, voxel)| field.voxels()[voxel as usize].roulette);
+        let adjoint = known.map_or(AdjointRoulette::UNKNOWN, |voxel| voxel.roulette);
         let tries = self.settings.light_sampling && !smooth;
         let light = importance.map_or(1.0, |importance| adjoint.light_probability(importance, carried));
         Worth {
@@ -410,12 +420,6 @@ impl PathTracer<'_> {
             return probability > 0.0 && path.random.at(Dimension::CONNECTION).next_f32() < probability;
         }
         probability > 0.0
-    }
-
-    /// The guide of a vertex at a surface of this [`cosine_normal`].
-    #[inline(always)]
-    fn guide(&self, voxel: Option<u32>, point: Vec3, normal: Vec3) -> Option<DirectionGuide<'_>> {
-        Some(self.field?.voxels()[voxel? as usize].at(point)?.facing(normal))
     }
 
     /// Connects a path at a vertex to the light that was sampled there, if something may come back; whether light does is known later.

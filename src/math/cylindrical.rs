@@ -1,34 +1,60 @@
 //! The area-preserving cylindrical map between directions and the unit square: (z, φ) ↔ (x, y) = ((z+1)/2, φ/2π).
 //!
-//! Cells are half-open, [k, k+1)/2ⁿ, so every direction lies in exactly one cell of every level. Coordinates are kept in
-//! double precision: a cell at level 20 is 2⁻²⁰ wide, which single precision cannot subdivide.
-
-use std::f64::consts::TAU;
+//! Cells are half-open, [k, k+1)/2ⁿ, so every direction lies in exactly one cell of every level. Coordinates are integers of 32 bits: a cell
+//! at level 20 is 2⁻²⁰ wide, which single precision cannot subdivide.
 
 use glam::Vec3;
+
+use super::lanes::functions::{sin_cos_turn, turn};
+use super::lanes::{Bits, Real, V3};
 
 /// Cells along one side at the deepest level, 2²⁰.
 pub const CELLS: u32 = 1 << 20;
 
-const BELOW_ONE: f64 = 1.0 - f64::EPSILON / 2.0;
+/// Steps of coordinates along one side.
+const STEPS: f64 = 4_294_967_296.0;
+
+/// Half of the steps.
+const HALF: f32 = 2_147_483_648.0;
+
+/// Maps unit vectors to points of the square, in steps of 2⁻³² along each side, as bits of unsigned numbers.
+#[inline(always)]
+pub fn to_place<R: Real>(direction: V3<R>) -> [R::Bits; 2] {
+    // 1 would be a step too far.
+    let z = direction.z.between(-1.0, 1.0 - f32::EPSILON / 2.0);
+    let x = (z * z.all(HALF)).whole();
+    [x ^ x.all(i32::MIN), turn(direction.y, direction.x)]
+}
+
+/// Maps points of the square to unit vectors. Inverse of [`to_place`] up to rounding: to 3e-8 of a side.
+#[inline(always)]
+pub fn to_directions<R: Real>([x, y]: [R::Bits; 2]) -> V3<R> {
+    let around = x ^ x.all(i32::MIN);
+    let z: R = around.real();
+    // What is left to the nearer pole, exactly: the root of 1 − z² has no digits there.
+    let inside: R = (x.all(i32::MAX) - (around ^ around.right::<31>())).real();
+    let inside = inside * inside.all(1.0 / HALF);
+    let r = (inside * (inside.all(2.0) - inside)).sqrt();
+    let (sin, cos) = sin_cos_turn::<R>(y);
+    V3::new(r * cos, r * sin, z * z.all(1.0 / HALF))
+}
+
+/// The point of the square [0, 1)² in steps of 2⁻³² along each side; the nearest one for others.
+#[inline]
+pub fn place_of(square: [f64; 2]) -> [i32; 2] {
+    square.map(|c| ((c * STEPS) as u32).cast_signed())
+}
 
 /// Maps a unit vector to the square [0, 1)².
 #[inline]
 pub fn to_square(direction: Vec3) -> [f64; 2] {
-    let x = (f64::from(direction.z) + 1.0) * 0.5;
-    let turn = f64::from(direction.y).atan2(f64::from(direction.x)) / TAU;
-    let y = if turn < 0.0 { turn + 1.0 } else { turn };
-    [x.clamp(0.0, BELOW_ONE), y.clamp(0.0, BELOW_ONE)]
+    to_place::<f32>(direction.into()).map(|c| f64::from(c.cast_unsigned()) / STEPS)
 }
 
-/// Maps a point of the square to a unit vector. Inverse of [`to_square`] up to the rounding of the result.
+/// Maps a point of the square to a unit vector. Inverse of [`to_square`] up to the rounding of the result. φ is the same a turn away.
 #[inline]
 pub fn to_direction([x, y]: [f64; 2]) -> Vec3 {
-    let z = 2.0 * x - 1.0;
-    // At the poles rounding can push 1 - z² below zero.
-    let r = (1.0 - z * z).max(0.0).sqrt();
-    let (sin, cos) = (TAU * y).sin_cos();
-    Vec3::new((r * cos) as f32, (r * sin) as f32, z as f32)
+    to_directions::<f32>(place_of([x, y.rem_euclid(1.0)])).into()
 }
 
 /// The direction of the centre of a cell at `level`.
@@ -44,7 +70,13 @@ pub fn cell_centre(level: usize, cell: [u32; 2]) -> [f32; 3] {
 /// Integer cell of a direction at level 20; shifting right by 20−n gives its cell at level n.
 #[inline]
 pub fn to_cell(direction: Vec3) -> [u32; 2] {
-    cell_of(to_square(direction))
+    to_place::<f32>(direction.into()).map(cell_at)
+}
+
+/// Integer cell at level 20 of a coordinate in steps of 2⁻³².
+#[inline(always)]
+pub fn cell_at(steps: i32) -> u32 {
+    steps.cast_unsigned() >> 12
 }
 
 /// Integer cell at level 20 of a point of the square [0, 1)².

@@ -3,7 +3,8 @@
 //!     cargo bench --bench rays                           all of it
 //!     cargo bench --bench rays -- queries [--raw DIR]    one round of queries; writes the scene, the rays and the hits
 //!     cargo bench --bench rays -- shadows SCENE...       shadow rays of scenes, before and after an order is learned
-//!     cargo bench --bench rays -- batches SCENE...       rays of a render's paths, one at a time and in batches
+//!     cargo bench --bench rays -- batches SCENE... [--raw DIR]
+//!                                                        rays of a render's paths, one at a time and in batches
 //!     cargo bench --bench rays -- build SCENE...         building hierarchies: seconds that pass, and of all processors
 //!
 //! The scene is procedural: displaced ground, closed lumps and loose triangles, about 300,000 triangles in all. Rays start
@@ -59,6 +60,9 @@ enum What {
     Batches {
         /// Scenes.
         scenes: Vec<PathBuf>,
+        /// Folder for the last scene's triangles and rays, and for what these meet (raw, little-endian).
+        #[arg(long)]
+        raw: Option<PathBuf>,
     },
     /// Seconds to build the hierarchies of a million triangles and of scenes.
     Build {
@@ -77,7 +81,7 @@ fn main() {
     let what = Options::parse().what;
     match &what {
         Some(What::Shadows { scenes }) => return shadows::compare(scenes),
-        Some(What::Batches { scenes }) => return batches::compare(scenes),
+        Some(What::Batches { scenes, raw }) => return batches::compare(scenes, raw.as_deref()),
         Some(What::Build { scenes }) => return build::time(scenes),
         Some(What::Queries { .. }) | None => {}
     }
@@ -323,16 +327,26 @@ fn write_ply(path: &Path, mesh: &Mesh) -> std::io::Result<()> {
 /// The scene and the rays (origin, direction, end) for a peer, and our hits: distance, negative without one, and triangle.
 fn write_raw(folder: &Path, mesh: &Mesh, rays: &[(Ray, f32)], accel: &Accel) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
-    let write = |name: &str, bytes: Vec<u8>| std::fs::write(folder.join(name), bytes);
-    let floats = |values: &mut dyn Iterator<Item = f32>| values.flat_map(f32::to_le_bytes).collect();
-    write("vertices", floats(&mut mesh.positions.iter().flat_map(|p| p.to_array())))?;
-    write("triangles", mesh.triangles.iter().flatten().flat_map(|i| i.to_le_bytes()).collect())?;
-    write(
-        "rays",
-        floats(&mut rays.iter().flat_map(|(ray, t_max)| {
-            let ([a, b, c], [d, e, f]) = (ray.origin.to_array(), ray.direction.to_array());
-            [a, b, c, d, e, f, *t_max]
-        })),
-    )?;
-    write("hits", floats(&mut rays.iter().map(|(ray, _)| accel.intersect(ray).map_or(-1.0, |hit| hit.distance))))
+    write_floats(folder, "vertices", mesh.positions.iter().flat_map(|p| p.to_array()))?;
+    write_words(folder, "triangles", mesh.triangles.iter().flatten().copied())?;
+    write_rays(folder, "rays", rays.iter())?;
+    let hits = rays.iter().map(|(ray, _)| accel.intersect(ray).map_or(-1.0, |hit| hit.distance));
+    write_floats(folder, "hits", hits)
+}
+
+/// Origins, directions and lengths.
+fn write_rays<'a>(folder: &Path, name: &str, rays: impl Iterator<Item = &'a (Ray, f32)>) -> std::io::Result<()> {
+    let numbers = rays.flat_map(|(ray, t_max)| {
+        let ([a, b, c], [d, e, f]) = (ray.origin.to_array(), ray.direction.to_array());
+        [a, b, c, d, e, f, *t_max]
+    });
+    write_floats(folder, name, numbers)
+}
+
+fn write_floats(folder: &Path, name: &str, numbers: impl Iterator<Item = f32>) -> std::io::Result<()> {
+    std::fs::write(folder.join(name), numbers.flat_map(f32::to_le_bytes).collect::<Vec<u8>>())
+}
+
+fn write_words(folder: &Path, name: &str, numbers: impl Iterator<Item = u32>) -> std::io::Result<()> {
+    std::fs::write(folder.join(name), numbers.flat_map(u32::to_le_bytes).collect::<Vec<u8>>())
 }

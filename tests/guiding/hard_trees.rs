@@ -17,7 +17,8 @@ use fanal::guiding::gmm::mixture::GaussianMixture;
 use fanal::guiding::learn::adam::Adam;
 use fanal::guiding::learn::learner::{Learner, LearnerSettings, Use};
 use fanal::guiding::record::PathRecord;
-use fanal::guiding::sample::field::{DirectionGuide, GuideField, VoxelGuide};
+use fanal::guiding::sample::field::{GuideField, VoxelGuide};
+use fanal::guiding::sample::lanes::GuideLanes;
 use fanal::guiding::sample::roulette::AdjointRoulette;
 use fanal::guiding::target::{DirectLight, Target};
 use fanal::guiding::tree::TreeSettings;
@@ -36,7 +37,7 @@ use fanal::materials::fresnel::Metal;
 use fanal::materials::texture::Texture;
 use fanal::materials::{Kind, Material, Transport};
 use fanal::math::cylindrical;
-use fanal::math::lanes::LANES;
+use fanal::math::lanes::{self, Kernel, LANES, Vectors, Wide, vector};
 use fanal::reconstruct::neural::inputs_of;
 use fanal::reconstruct::{Neural, Reconstructor};
 use glam::{Vec2, Vec3};
@@ -123,7 +124,32 @@ fn gaussians(random: &mut Random) -> GaussianMixture {
     GaussianMixture::new(&(0..count).map(gaussian).collect::<Vec<_>>()).expect("these are Gaussians")
 }
 
-/// Guides of different depths, of lobes or of Gaussians, some of them absent, draw and judge directions together as each does alone.
+/// What guides draw together, and say of directions.
+struct Together<'a> {
+    guides: GuideLanes<'a>,
+    points: [Vec3; LANES],
+    normals: [Vec3; LANES],
+    u: [[f64; 2]; LANES],
+    towards: [Vec3; LANES],
+    /// Lanes that are asked.
+    asked: u32,
+}
+
+impl Kernel for Together<'_> {
+    type Output = (Vectors, [f32; LANES], [f32; LANES]);
+
+    #[inline(always)]
+    fn run<W: Wide>(self, wide: W) -> Self::Output {
+        let Self { guides, points, normals, u, towards, asked } = self;
+        let (points, normal) = (wide.vectors(|lane| points[lane]), |lane: usize| normals[lane]);
+        let (drawn, pdf) = guides.sample(wide, points, (asked, &u), normal);
+        let densities = guides.pdf(wide, points, (asked, wide.vectors(|lane| towards[lane])), normal);
+        (wide.store_vectors(drawn), wide.store(pdf), wide.store(densities))
+    }
+}
+
+/// Guides of different depths, of lobes or of Gaussians, some of them absent, draw and judge directions together as
+/// alone.
 #[test]
 fn guides_in_lanes_have_the_bits_of_guides_alone() {
     let mut random = Random::new(31, 0, 0);
@@ -144,15 +170,22 @@ fn guides_in_lanes_have_the_bits_of_guides_alone() {
     };
     let voxels: [VoxelGuide; LANES] = std::array::from_fn(|k| voxel(&mut random, k));
     for _ in 0..500 {
-        let point = 0.9 * random.next_f32() * direction(&mut random);
-        let normal = direction(&mut random);
-        let guides = voxels.each_ref().map(|voxel| voxel.at(point).map(|guide| guide.facing(normal)));
-        let draws = guides.map(|guide| guide.map(|guide| (guide, random.next_2d_f64())));
-        let drawn = DirectionGuide::sample_lanes(&draws);
-        assert_eq!(drawn, draws.map(|draw| draw.map(|(guide, u)| guide.sample(u))));
-        let asked = guides.map(|guide| guide.map(|guide| (guide, direction(&mut random))));
-        let alone = asked.map(|asked| asked.map_or(0.0, |(guide, towards)| guide.pdf(towards)));
-        assert_eq!(DirectionGuide::pdf_lanes(&asked), alone);
+        let [points, normals, towards] =
+            [0, 1, 2].map(|_| std::array::from_fn::<_, LANES, _>(|_| direction(&mut random)));
+        let points = points.map(|point| 0.9 * random.next_f32() * point);
+        let u = std::array::from_fn(|_| random.next_2d_f64());
+        let guides = GuideLanes::new(|lane| Some(&voxels[lane]));
+        let asked = random.next_u64() as u32 & guides.any;
+        let together = Together { guides, points, normals, u, towards, asked };
+        let Ok((directions, densities, found)) = lanes::run(together) else { return };
+        for lane in (0..LANES).filter(|lane| asked >> lane & 1 == 1) {
+            let alone = voxels[lane].at(points[lane]).expect("it has a guide").facing(normals[lane]);
+            assert_eq!((vector(&directions, lane), densities[lane]), alone.sample(u[lane]), "{lane}");
+            assert_eq!(found[lane], alone.pdf(towards[lane]), "{lane}");
+        }
+        assert_eq!(guides.any, (0..LANES).fold(0, |any, k| any | u32::from(voxels[k].directions.is_some()) << k));
+        let fractions = guides.bsdf_fractions();
+        assert!((0..LANES).all(|k| fractions[k] == if voxels[k].directions.is_some() { 0.5 } else { 1.0 }));
     }
 }
 
@@ -202,6 +235,18 @@ fn a01_density_of_a_sample_in_the_deepest_leaves() {
     }
 }
 
+/// Places of directions, found together.
+struct Places([Vec3; LANES]);
+
+impl Kernel for Places {
+    type Output = [[i32; LANES]; 2];
+
+    #[inline(always)]
+    fn run<W: Wide>(self, wide: W) -> Self::Output {
+        cylindrical::to_place(wide.vectors(|lane| self.0[lane])).map(|steps| wide.store_bits(steps))
+    }
+}
+
 /// The corners of the square: no NaN from the root of a negative number, no cell outside, and the same cell there and back.
 #[test]
 fn a01_poles_and_seam_have_their_cells() {
@@ -216,6 +261,14 @@ fn a01_poles_and_seam_have_their_cells() {
     for z in [1.000_000_1f32, -1.000_000_1] {
         let [x, _] = cylindrical::to_cell(Vec3::new(1e-20, -1e-20, z));
         assert_eq!(x, if z > 0.0 { cylindrical::CELLS - 1 } else { 0 });
+    }
+    // In lanes as alone: what is too large for an integer is not the same number for all processors.
+    let towards = |lane: usize| Vec3::new(lane as f32 - 7.5, 1.5 - lane as f32, 0.0) * 1e-3;
+    let poles = |up: f32| std::array::from_fn(|lane| (towards(lane) + up * Vec3::Z).normalize().with_z(up));
+    for directions in [1.0, -1.0, 1.000_000_1, -1.000_000_1, 0.999_999_94].map(poles) {
+        let alone = directions.map(|direction| cylindrical::to_place::<f32>(direction.into()));
+        let Ok([x, y]) = lanes::run(Places(directions)) else { break };
+        assert_eq!(std::array::from_fn(|lane| [x[lane], y[lane]]), alone);
     }
     // A hair below the positive x axis a turn is nearly full, and must not be full.
     assert_eq!(cylindrical::to_cell(Vec3::new(1.0, -1e-30, 0.0))[1], cylindrical::CELLS - 1);

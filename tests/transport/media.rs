@@ -123,6 +123,8 @@ fn s03_fog_changes_no_furnace() {
         let spp = match guide {
             (GuideMode::Ppg, ..) => 2304,
             (_, SampleKinds::Photon, _) => 768,
+            // 192 were, by chance, 3.2 standard errors off; 1,100 other renders of 192 have 1.9997 ± 0.0002 instead of 2.
+            (GuideMode::Gaussian, ..) => 384,
             _ => 192,
         };
         check_at(0.0027, scene, guide, [spp, 200], [*expected; 3]);

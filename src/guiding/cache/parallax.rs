@@ -9,6 +9,7 @@
 use glam::Vec3;
 
 use crate::guiding::cache::Bounds;
+use crate::math::lanes::{Mask, Real, V3};
 
 /// Least radius of a sphere over half of the voxel's diagonal: so large that the map is far from singular.
 const ROOM: f32 = 1.5;
@@ -61,39 +62,84 @@ impl Parallax {
         if curvature.is_finite() && centre.is_finite() { Self { centre, curvature } } else { Self::NONE }
     }
 
-    /// Offset of `point` from the centre in radii; none where there is nothing to correct, or the point lies outside.
-    #[inline(always)]
-    fn offset(&self, point: Vec3) -> Option<Vec3> {
-        let offset = (point - self.centre) * self.curvature;
-        (self.curvature > 0.0 && offset.length_squared() < 0.9).then_some(offset)
-    }
-
     /// The direction `away` at `point`, as seen from the centre.
     #[inline(always)]
     pub fn to_centre(&self, point: Vec3, away: Vec3) -> Carried {
-        let Some(offset) = self.offset(point) else { return Carried { direction: away, density: 1.0 } };
-        // Along the ray to the unit sphere, from its inside: the only positive solution.
-        let along = offset.dot(away);
-        let distance = (along * along - offset.length_squared() + 1.0).sqrt() - along;
-        let direction = offset + distance * away;
-        Carried { direction, density: density(direction, away, distance) }
+        self.sphere().to_centre(point.into(), away.into()).into()
     }
 
     /// The direction `direction` at the centre, as seen from `point`.
     #[inline(always)]
     pub fn from_centre(&self, point: Vec3, direction: Vec3) -> Carried {
-        let Some(offset) = self.offset(point) else { return Carried { direction, density: 1.0 } };
+        self.sphere().from_centre(point.into(), direction.into()).into()
+    }
+
+    #[inline(always)]
+    fn sphere(&self) -> Sphere<f32> {
+        Sphere { centre: self.centre.into(), curvature: self.curvature }
+    }
+}
+
+/// A [`Parallax`] in each lane.
+#[derive(Debug, Clone, Copy)]
+pub struct Sphere<R: Real> {
+    /// The centre c.
+    pub centre: V3<R>,
+    /// 1/R, or 0.
+    pub curvature: R,
+}
+
+/// See [`Carried`].
+type CarriedLanes<R> = (V3<R>, R);
+
+impl<R: Real> Sphere<R> {
+    /// Offset of points from the centres in radii, and its squared length; none where there is nothing to correct, or the point lies outside.
+    #[inline(always)]
+    fn offset(&self, point: V3<R>) -> (V3<R>, R, R::Mask) {
+        let offset = (point - self.centre) * self.curvature;
+        let squared = offset.length_squared();
+        (offset, squared, self.curvature.above(0.0) & squared.below(0.9))
+    }
+
+    /// The directions `away` at points as seen from the centres, with their factors.
+    #[inline(always)]
+    pub fn to_centre(&self, point: V3<R>, away: V3<R>) -> CarriedLanes<R> {
+        let (offset, squared, any) = self.offset(point);
+        // Along the ray to the unit sphere, from its inside: the only positive solution.
+        let along = offset.dot(away);
+        let distance = (along * along - squared + along.all(1.0)).sqrt() - along;
+        let direction = offset + away * distance;
+        carried(any, away, direction, density(direction, away, distance))
+    }
+
+    /// The directions `direction` at the centres as seen from points, with their factors.
+    #[inline(always)]
+    pub fn from_centre(&self, point: V3<R>, direction: V3<R>) -> CarriedLanes<R> {
+        let (offset, _, any) = self.offset(point);
         let to = direction - offset;
         let distance = to.length();
         let away = to / distance;
-        Carried { direction: away, density: density(direction, away, distance) }
+        carried(any, direction, away, density(direction, away, distance))
+    }
+}
+
+/// What was carried, or what was not.
+#[inline(always)]
+fn carried<R: Real>(any: R::Mask, as_it_was: V3<R>, direction: V3<R>, density: R) -> CarriedLanes<R> {
+    (V3::choose(any, direction, as_it_was), any.choose(density, density.all(1.0)))
+}
+
+impl From<CarriedLanes<f32>> for Carried {
+    #[inline(always)]
+    fn from((direction, density): CarriedLanes<f32>) -> Self {
+        Self { direction: direction.into(), density }
     }
 }
 
 /// dω/dω' with lengths in radii.
 #[inline(always)]
-fn density(direction: Vec3, away: Vec3, distance: f32) -> f32 {
-    distance * distance / direction.dot(away).max(1e-3)
+fn density<R: Real>(direction: V3<R>, away: V3<R>, distance: R) -> R {
+    distance * distance / direction.dot(away).at_least(1e-3)
 }
 
 #[cfg(test)]

@@ -33,6 +33,18 @@ impl Facing {
     }
 }
 
+/// Position and facing of a cell.
+type Key = ([i32; 3], Facing);
+
+/// A [`Key`] in two numbers, which take half of the time to hash.
+type Packed = (u64, u64);
+
+#[inline(always)]
+fn packed(([x, y, z], Facing(facing)): Key) -> Packed {
+    let [x, y, z] = [x, y, z].map(|k| u64::from(k.cast_unsigned()));
+    (x << 32 | y, z << 32 | u64::from(facing))
+}
+
 /// A voxel's box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
@@ -108,13 +120,13 @@ pub struct SpatialCache {
     cell: f32,
     /// Whether surfaces that face differently have voxels of their own.
     faces: bool,
-    cells: HashMap<([i32; 3], Facing), u32>,
+    cells: HashMap<Packed, u32>,
     nodes: Vec<Node>,
     bounds: Vec<Bounds>,
     /// Cell of each voxel.
     cell_of: Vec<u32>,
     /// Keys of the cells in the order in which they were made.
-    keys: Vec<([i32; 3], Facing)>,
+    keys: Vec<Key>,
 }
 
 impl SpatialCache {
@@ -175,7 +187,7 @@ impl SpatialCache {
     }
 
     #[inline(always)]
-    fn key(&self, point: Vec3, normal: Vec3) -> ([i32; 3], Facing) {
+    fn key(&self, point: Vec3, normal: Vec3) -> Key {
         // Casting saturates, so a point at infinity has a key like any other.
         let cell = ((point - self.origin) / self.cell).floor().to_array().map(|x| x as i32);
         (cell, if self.faces { Facing::of(normal) } else { Facing(0) })
@@ -205,7 +217,7 @@ impl SpatialCache {
     /// The voxel that holds `point` of a surface with this normal, on the side that the normal points to.
     #[inline(always)]
     pub fn find(&self, point: Vec3, normal: Vec3) -> Option<VoxelId> {
-        let mut node = *self.cells.get(&self.key(point, normal))?;
+        let mut node = *self.cells.get(&packed(self.key(point, normal)))?;
         loop {
             match self.nodes[node as usize] {
                 Node::Leaf(voxel) => return Some(voxel),
@@ -225,7 +237,7 @@ impl SpatialCache {
         self.bounds.push(Bounds { low, high: low + Vec3::splat(self.cell), depth: 0 });
         self.cell_of.push(self.keys.len() as u32);
         self.keys.push(key);
-        self.cells.insert(key, self.nodes.len() as u32);
+        self.cells.insert(packed(key), self.nodes.len() as u32);
         self.nodes.push(Node::Leaf(voxel));
         voxel
     }
@@ -264,7 +276,7 @@ impl SpatialCache {
 
     /// Parts of the cache, for files.
     pub(in crate::guiding) fn parts(&self) -> CacheParts {
-        let roots = self.keys.iter().filter_map(|key| self.cells.get(key).copied()).collect();
+        let roots = self.keys.iter().filter_map(|key| self.cells.get(&packed(*key)).copied()).collect();
         let node = |node: &Node| match *node {
             Node::Leaf(voxel) => (LEAF, 0.0, voxel),
             Node::Split { axis, position, low } => (axis, position, low),
@@ -301,7 +313,7 @@ impl SpatialCache {
             }
             let key = (cell, Facing(facing));
             cache.keys.push(key);
-            if cache.cells.insert(key, root).is_some() {
+            if cache.cells.insert(packed(key), root).is_some() {
                 return Err(format!("cell {i} is there twice"));
             }
             let low = cache.corner(cell);
@@ -361,7 +373,7 @@ impl SpatialCache {
         self.nodes.len() * size_of::<Node>()
             + self.bounds.len() * (size_of::<Bounds>() + size_of::<u32>())
             + self.keys.len() * size_of::<([i32; 3], Facing)>()
-            + self.cells.capacity() * (size_of::<([i32; 3], Facing, u32)>() + 1)
+            + self.cells.capacity() * (size_of::<(Packed, u32)>() + 1)
     }
 }
 

@@ -7,7 +7,6 @@ use crate::guiding::cache::SpatialCache;
 use crate::guiding::cache::parallax::Parallax;
 use crate::guiding::model::Directions;
 use crate::guiding::vmf::mixture::Spot;
-use crate::math::lanes::LANES;
 use crate::picture::Window;
 
 /// Guide of one voxel.
@@ -53,51 +52,6 @@ impl DirectionGuide<'_> {
         self
     }
 
-    /// [`DirectionGuide::sample`] of several guides, which wait for memory together.
-    #[inline(always)]
-    pub fn sample_lanes(draws: &[Option<(Self, [f64; 2])>; LANES]) -> [Option<(Vec3, f32)>; LANES] {
-        let mut fixed = [None; LANES];
-        for (fixed, draw) in fixed.iter_mut().zip(draws) {
-            *fixed = draw.and_then(|(guide, u)| guide.is_fixed().then_some((guide.directions, u)));
-        }
-        let mut drawn = Directions::sample_lanes(&fixed);
-        for (drawn, draw) in drawn.iter_mut().zip(draws) {
-            match (drawn.as_mut(), draw) {
-                (Some((direction, pdf)), Some((guide, _))) => {
-                    let seen = guide.parallax.from_centre(guide.spot.point, *direction);
-                    (*direction, *pdf) = (seen.direction, *pdf * seen.density);
-                }
-                (None, Some((guide, u))) => *drawn = Some(guide.sample(*u)),
-                _ => {}
-            }
-        }
-        drawn
-    }
-
-    /// [`DirectionGuide::pdf`] of several guides, which wait for memory together; 0 where there are none.
-    #[inline(always)]
-    pub fn pdf_lanes(asked: &[Option<(Self, Vec3)>; LANES]) -> [f32; LANES] {
-        let (mut towards, mut factors) = ([None; LANES], [0.0; LANES]);
-        for (lane, asked) in asked.iter().enumerate() {
-            if let Some((guide, direction)) = asked
-                && guide.is_fixed()
-            {
-                let seen = guide.parallax.to_centre(guide.spot.point, *direction);
-                (towards[lane], factors[lane]) = (Some((guide.directions, seen.direction)), seen.density);
-            }
-        }
-        let mut densities = Directions::pdf_lanes(&towards);
-        densities.iter_mut().zip(factors).for_each(|(density, factor)| *density *= factor);
-        for (density, asked) in densities.iter_mut().zip(asked) {
-            if let Some((guide, direction)) = asked
-                && !guide.is_fixed()
-            {
-                *density = guide.pdf(*direction);
-            }
-        }
-        densities
-    }
-
     /// Direction that a point of the unit square maps to, and its density w.r.t. solid angle.
     pub fn sample(&self, u: [f64; 2]) -> (Vec3, f32) {
         if let Some(mixture) = self.directions.mixture() {
@@ -115,12 +69,6 @@ impl DirectionGuide<'_> {
         }
         let seen = self.parallax.to_centre(self.spot.point, direction);
         self.directions.pdf(seen.direction) * seen.density
-    }
-
-    /// Whether one distribution of directions is carried to all points.
-    #[inline(always)]
-    fn is_fixed(&self) -> bool {
-        self.directions.mixture().is_none()
     }
 }
 

@@ -323,7 +323,7 @@ mod tests {
     /// Contents that a checksum does not protect from: written on purpose.
     #[test]
     fn hostile_trees_are_refused() {
-        let node = |begin, inner, first| Node { begin, inner, first };
+        let node = Node::new;
         let flat = [16384, 32768, 49152];
         let refused = |nodes: Vec<Node>| SamplingTree::from_nodes(nodes, 0.1).is_err();
         assert!(!refused(vec![node(flat, 1, 1), node(flat, 0, 2)]));

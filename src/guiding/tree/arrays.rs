@@ -8,8 +8,11 @@ use crate::base::tensors::{Arrays, Dtype, Tensor, Tensors, vector};
 pub(in crate::guiding) fn tree_arrays<'a>(kind: &str, trees: &[Option<&SamplingTree>]) -> [Tensor<'a>; 3] {
     let (mut offsets, mut nodes, mut uniforms) = (vec![0u64], Vec::new(), Vec::new());
     for tree in trees {
-        let (inner, part) = tree.map_or((&[][..], 0.0), SamplingTree::nodes);
-        nodes.extend(inner.iter().flat_map(|n| [n.begin[0], n.begin[1], n.begin[2], n.inner]));
+        let (inner, part) = tree.map_or((&[][..], 0.0), SamplingTree::parts);
+        nodes.extend(inner.iter().flat_map(|node| {
+            let [a, b, c] = node.begin();
+            [a, b, c, node.inner()]
+        }));
         uniforms.push(part);
         offsets.push(nodes.len() as u64 / 4);
     }
@@ -41,8 +44,8 @@ pub(in crate::guiding) fn read_trees(file: &Tensors, kind: &str, count: usize) -
         }
         let mut first = 1;
         let unpack = |&[a, b, c, inner]: &[u16; 4]| {
-            let node = Node { begin: [a, b, c], inner, first };
-            first += (inner & 15).count_ones();
+            let node = Node::new([a, b, c], inner, first);
+            first += u32::from(node.inner()).count_ones();
             node
         };
         let nodes = own.iter().map(unpack).collect();

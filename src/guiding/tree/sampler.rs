@@ -1,9 +1,9 @@
 //! Q_r packed for sampling: drawing a direction and looking up a density touch one small node per level.
 //!
-//! Precision: shares are 16-bit fractions, their products and the cylindrical map f64. An f32 product is right to 5e-7, but over-
-//! or underflows for 2 in 1,000 of the deepest leaves, which no check downstream could tell from a direction without light. The f32
-//! map puts 6 % of the directions drawn in a cell of level 20 into a neighbour when their density is looked up, the f64 map 1 %
-//! (the directions themselves are f32), for 9 ns more (`cargo bench --bench precision`).
+//! Precision: shares are 16-bit fractions, their products f64, and the cylindrical map counts in steps of 2⁻³². An f32 product is right to 5e-7,
+//! but over- or underflows for 2 in 1,000 of the deepest leaves, which no check downstream could tell from a direction without light. A map to
+//! f32 puts 6 % of the directions drawn in a cell of level 20 into a neighbour when their density is looked up, ours 1.5 %, and an exact
+//! one 1 %, as the directions themselves are f32 (`cargo bench --bench precision`).
 
 use std::f64::consts::PI;
 
@@ -13,6 +13,7 @@ use super::distribution::Distribution;
 use super::topology::{MAX_LEVEL, MAX_NODES, NO_CHILD};
 use crate::base::processor::prefetch_line;
 use crate::math::cylindrical;
+use crate::math::lanes::LANES;
 
 /// Sum of the shares of a node's children. Sixteen bits are enough: directions are drawn and densities computed with the same
 /// rounded shares, so nothing is biased, and a child below 1/65536 of its parent is left to the uniform part.
@@ -21,32 +22,58 @@ const WHOLE: f64 = 65536.0;
 /// Largest coordinate within a node: one that rounding carried to 1 would select a child of no share.
 const BELOW_ONE: f64 = 1.0 - 1.0 / (1u64 << 36) as f64;
 
-/// An inner node: the probability of each child given the node, and the indices of the children that are inner nodes themselves.
+/// An inner node: the probability of each child given the node, and the indices of the children that are inner nodes themselves. From
+/// the lowest bit on: three times 16 bits, the cumulative shares at which children 1, 2 and 3 begin, on a scale of [`WHOLE`], child 0 beginning
+/// at 0; 4 bits, of which k is set where child k is an inner node; 12 bits, the index of the first such child, which the others follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::guiding) struct Node {
-    /// Cumulative shares at which children 1, 2 and 3 begin, on a scale of [`WHOLE`]; child 0 begins at 0.
-    pub begin: [u16; 3],
-    /// Bit k is set where child k is an inner node.
-    pub inner: u16,
-    /// Index of the first child that is an inner node; the others follow it.
-    pub first: u32,
-}
+pub(in crate::guiding) struct Node(u64);
+
+/// Bits of all cumulative shares.
+const SHARES: u32 = 48;
+
+/// No index of a node has more bits than there is room for.
+const _: () = assert!(MAX_NODES / 4 < 1 << 12);
 
 impl Node {
+    /// See [`Node`]; `inner` has 4 bits, and `first` is at most [`MAX_NODES`] / 4.
+    #[inline]
+    pub fn new([a, b, c]: [u16; 3], inner: u16, first: u32) -> Self {
+        let shares = u64::from(a) | u64::from(b) << 16 | u64::from(c) << 32;
+        Self(shares | u64::from(inner & 15) << SHARES | u64::from(first & 0xFFF) << (SHARES + 4))
+    }
+
+    /// Cumulative shares at which children 1, 2 and 3 begin.
+    #[inline(always)]
+    pub fn begin(self) -> [u16; 3] {
+        [0, 16, 32].map(|bits| (self.0 >> bits) as u16)
+    }
+
+    /// The children that are inner nodes, one bit each.
+    #[inline(always)]
+    pub fn inner(self) -> u16 {
+        (self.0 >> SHARES & 15) as u16
+    }
+
+    /// Index of the first child that is an inner node.
+    #[inline(always)]
+    pub fn first(self) -> u32 {
+        (self.0 >> (SHARES + 4)) as u32
+    }
+
     /// The index of child `k`'s node, 0 where that is a leaf, and whether it is none.
     #[inline(always)]
     fn child(self, k: u32) -> (usize, bool) {
-        let (inner, before) = (u32::from(self.inner >> k & 1), (self.inner & ((1 << k) - 1)).count_ones());
-        (((self.first + before) * inner) as usize, inner == 1)
+        let inner = (self.0 >> SHARES) as u32;
+        let (is_inner, before) = (inner >> k & 1, (inner & ((1 << k) - 1)).count_ones());
+        (((self.first() + before) * is_inner) as usize, is_inner == 1)
     }
 
     /// Cumulative shares at which child `k` begins and child `last` ends. Bits are shifted and nothing is chosen, as a processor that
     /// guesses the way of a random number is wrong half of the time.
     #[inline(always)]
     fn span(self, k: u32, last: u32) -> [f64; 2] {
-        let [a, b, c] = self.begin.map(u64::from);
-        let shares = a | b << 16 | c << 32;
-        let begin = (shares << 16 >> (16 * k)) as u32 & 0xFFFF;
+        let begin = (self.0 << 16 >> (16 * k)) as u32 & 0xFFFF;
+        let shares = self.0 & ((1 << SHARES) - 1);
         let end = (shares >> (16 * last)) as u32 & 0xFFFF | (last + 1) >> 2 << 16;
         [begin, end].map(f64::from)
     }
@@ -56,7 +83,7 @@ impl Node {
     #[inline(always)]
     fn choose(self, [u, v]: [f64; 2]) -> (u32, [f64; 2], f64) {
         let row = v * WHOLE;
-        let lower = 2 * u32::from(row >= f64::from(self.begin[1]));
+        let lower = 2 * u32::from(row >= f64::from((self.0 >> 16) as u16));
         let [begin, end] = self.span(lower, lower + 1);
         let v = (row - begin) / (end - begin);
         let column = begin + u * (end - begin);
@@ -67,7 +94,7 @@ impl Node {
     }
 }
 
-/// Bytes of one inner node: three for each quadtree node that it stands for. The largest cost of a pass is to fetch nodes of trees
+/// Bytes of one inner node: two for each quadtree node that it stands for. The largest cost of a pass is to fetch nodes of trees
 /// that no cache holds all of, so small nodes are fast nodes.
 pub const NODE_BYTES: usize = size_of::<Node>();
 
@@ -91,7 +118,7 @@ impl SamplingTree {
         for node in (0..topology.len()).filter(|&n| kept[n]) {
             let first = topology.first_child[node] as usize;
             let mask = (0..4).fold(0, |mask, k| mask | u16::from(kept[first + k]) << k);
-            nodes.push(Node { begin: begins([0, 1, 2, 3].map(|k| mass[first + k])), inner: mask, first: next });
+            nodes.push(Node::new(begins([0, 1, 2, 3].map(|k| mass[first + k])), mask, next));
             next += mask.count_ones();
         }
         Self { nodes: nodes.into(), uniform: uniform.clamp(1e-4, 1.0) }
@@ -111,9 +138,9 @@ impl SamplingTree {
         let mut level = vec![0; nodes.len()];
         let mut next = 1;
         for (i, node) in nodes.iter().enumerate() {
-            let children = (node.inner & 15).count_ones() as usize;
-            let rises = node.begin.is_sorted();
-            if node.inner > 15 || !rises || node.first as usize != next || next + children > nodes.len() {
+            let children = node.inner().count_ones() as usize;
+            let rises = node.begin().is_sorted();
+            if !rises || node.first() as usize != next || next + children > nodes.len() {
                 return Err(format!("node {i} has shares that do not rise, or children out of order"));
             }
             if level[i] >= MAX_LEVEL {
@@ -130,8 +157,15 @@ impl SamplingTree {
     }
 
     /// The packed nodes, breadth first, and the uniform part.
-    pub(in crate::guiding) fn nodes(&self) -> (&[Node], f32) {
+    pub(in crate::guiding) fn parts(&self) -> (&[Node], f32) {
         (&self.nodes, self.uniform)
+    }
+
+    /// Brings the nodes near with which all ways begin.
+    #[inline(always)]
+    pub fn prefetch(&self) {
+        fetch(&self.nodes, 0);
+        fetch(&self.nodes, 8);
     }
 
     /// Bytes in use.
@@ -180,9 +214,12 @@ impl SamplingTree {
     /// The direction that was drawn, and its density w.r.t. solid angle.
     #[inline(always)]
     pub fn direction(&self, draw: &Draw) -> (Vec3, f32) {
-        let (place, relative) = self.drawn(draw);
+        let (place, relative) = match draw {
+            Draw::Uniform(place, found) => (*place, found.relative),
+            Draw::Tree(descent) => (descent.place(), descent.relative),
+        };
         // Rounding to three f32 may carry the direction over the edge of its cell; it was drawn with this cell's density.
-        (cylindrical::to_direction(place), (relative / (4.0 * PI)) as f32)
+        (cylindrical::to_direction(place), self.over_sphere(relative))
     }
 
     #[inline(always)]
@@ -208,13 +245,7 @@ impl SamplingTree {
     pub fn pdf_at(&self, cell: [u32; 2]) -> f32 {
         let mut found = self.look_up_cell(cell);
         while found.step() {}
-        self.density(&found)
-    }
-
-    /// Begins to look up the density in a direction.
-    #[inline(always)]
-    pub fn look_up(&self, direction: Vec3) -> LookUp<'_> {
-        self.look_up_cell(cylindrical::to_cell(direction))
+        self.over_sphere(found.relative)
     }
 
     #[inline(always)]
@@ -223,13 +254,14 @@ impl SamplingTree {
         LookUp { nodes: &self.nodes, node: 0, cell, level: MAX_LEVEL, relative: 1.0 }
     }
 
-    /// The density that was looked up, w.r.t. solid angle. Never zero.
+    /// The density w.r.t. solid angle where the tree has that of a leaf, relative to the uniform one. Never zero.
     #[inline(always)]
-    pub fn density(&self, found: &LookUp) -> f32 {
-        (self.mixed(found.relative) / (4.0 * PI)) as f32
+    fn over_sphere(&self, relative: f64) -> f32 {
+        (self.mixed(relative) / (4.0 * PI)) as f32
     }
 
     /// The tree's density with the uniform part.
+    #[inline(always)]
     fn mixed(&self, relative: f64) -> f64 {
         let uniform = f64::from(self.uniform);
         (1.0 - uniform) * relative + uniform
@@ -274,7 +306,7 @@ pub struct LookUp<'t> {
 
 /// A way down a tree, step by step. A step has no branches and fetches the node of the next one, so that the steps of several ways
 /// do not wait for each other's nodes.
-pub trait Way {
+trait Way {
     /// Goes down one level; returns whether there is another below.
     fn step(&mut self) -> bool;
 }
@@ -287,6 +319,23 @@ impl Way for Draw<'_> {
             Self::Tree(descent) => descent.step(),
         }
     }
+}
+
+impl Descent<'_> {
+    /// In no tree.
+    const NOWHERE: Self = Self { nodes: &[], node: 0, within: [0.0; 2], cell: [0; 2], level: 0, relative: 0.0 };
+
+    /// The point of the square that was drawn.
+    #[inline(always)]
+    fn place(&self) -> [f64; 2] {
+        let side = 1.0 / f64::from(1u32 << self.level);
+        [0, 1].map(|axis| (f64::from(self.cell[axis]) + self.within[axis]) * side)
+    }
+}
+
+impl LookUp<'_> {
+    /// In no tree.
+    const NOWHERE: Self = Self { nodes: &[], node: 0, cell: [0; 2], level: 0, relative: 0.0 };
 }
 
 impl Way for Descent<'_> {
@@ -302,15 +351,6 @@ impl Way for Descent<'_> {
         self.node = child;
         fetch(self.nodes, child);
         is_inner
-    }
-}
-
-impl Descent<'_> {
-    /// The point of the square that was drawn.
-    #[inline(always)]
-    fn place(&self) -> [f64; 2] {
-        let side = 1.0 / f64::from(1u32 << self.level);
-        [0, 1].map(|axis| (f64::from(self.cell[axis]) + self.within[axis]) * side)
     }
 }
 
@@ -339,24 +379,99 @@ fn fetch(nodes: &[Node], index: usize) {
     prefetch_line(nodes.as_ptr().wrapping_add(index));
 }
 
-/// Takes several ways to their ends, all of them a level before any goes down the next.
+/// Takes the first `count` ways to their ends, all of them a level before any goes down the next.
 #[inline(always)]
-pub fn walk<const N: usize>(ways: &mut [Option<impl Way>; N]) {
-    let (mut going, mut count) = ([0; N], 0);
-    for (number, way) in ways.iter().enumerate() {
-        going[count] = number;
-        count += usize::from(way.is_some());
-    }
+fn walk(ways: &mut [impl Way; LANES], mut count: usize) {
+    let mut going: [usize; LANES] = std::array::from_fn(|number| number);
     while count > 0 {
         let mut kept = 0;
-        for place in 0..count {
+        for place in 0..count.min(LANES) {
             let number = going[place];
-            let goes_on = ways[number].as_mut().is_some_and(Way::step);
             going[kept] = number;
-            kept += usize::from(goes_on);
+            // There are no others, which the compiler does not know.
+            kept += usize::from(ways[number % LANES].step());
         }
         count = kept;
     }
+}
+
+/// Ways of lanes, those that there are side by side.
+struct Ways<W> {
+    ways: [W; LANES],
+    lanes: [usize; LANES],
+    count: usize,
+}
+
+impl<W: Way + Copy> Ways<W> {
+    #[inline(always)]
+    fn new(nowhere: W) -> Self {
+        Self { ways: [nowhere; LANES], lanes: [0; LANES], count: 0 }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, lane: usize, way: W) {
+        (self.ways[self.count % LANES], self.lanes[self.count % LANES]) = (way, lane % LANES);
+        self.count += 1;
+    }
+
+    /// Takes all to their ends, and tells their lanes and where they have come.
+    #[inline(always)]
+    fn ends(&mut self) -> impl Iterator<Item = (usize, &W)> {
+        walk(&mut self.ways, self.count);
+        self.lanes.iter().copied().zip(&self.ways).take(self.count)
+    }
+}
+
+/// Points of the square that were drawn in lanes.
+pub struct Places {
+    /// In steps of 2⁻³² along each side, see [`cylindrical::to_place`].
+    pub steps: [[i32; LANES]; 2],
+    /// Their densities w.r.t. solid angle.
+    pub pdf: [f32; LANES],
+}
+
+/// [`SamplingTree::sample`] of several trees, which wait for memory together, up to the place on the square; 0 where there is none.
+#[inline(always)]
+pub fn sample_lanes(draws: &[Option<(&SamplingTree, [f64; 2])>; LANES]) -> Places {
+    let (mut trees, mut uniform) = (Ways::new(Descent::NOWHERE), Ways::new(LookUp::NOWHERE));
+    let mut places = Places { steps: [[0; LANES]; 2], pdf: [0.0; LANES] };
+    let mut keep = |lane: usize, place: [f64; 2]| {
+        [places.steps[0][lane], places.steps[1][lane]] = cylindrical::place_of(place);
+    };
+    for (lane, draw) in draws.iter().enumerate() {
+        match draw.map(|(tree, u)| tree.draw(u)) {
+            Some(Draw::Tree(descent)) => trees.push(lane, descent),
+            Some(Draw::Uniform(place, look_up)) => {
+                uniform.push(lane, look_up);
+                keep(lane, place);
+            }
+            None => {}
+        }
+    }
+    let density = |lane: usize, relative: f64| draws[lane].map_or(0.0, |(tree, _)| tree.over_sphere(relative));
+    for (lane, descent) in trees.ends() {
+        keep(lane, descent.place());
+        places.pdf[lane] = density(lane, descent.relative);
+    }
+    for (lane, found) in uniform.ends() {
+        places.pdf[lane] = density(lane, found.relative);
+    }
+    places
+}
+
+/// [`SamplingTree::pdf`] of several trees at places as [`cylindrical::to_place`] finds them; 0 where there is none.
+#[inline(always)]
+pub fn pdf_lanes(trees: &[Option<&SamplingTree>; LANES], [x, y]: &[[i32; LANES]; 2]) -> [f32; LANES] {
+    let (mut ways, mut densities) = (Ways::new(LookUp::NOWHERE), [0.0; LANES]);
+    for (lane, tree) in trees.iter().enumerate() {
+        if let Some(tree) = tree {
+            ways.push(lane, tree.look_up_cell([x[lane], y[lane]].map(cylindrical::cell_at)));
+        }
+    }
+    for (lane, found) in ways.ends() {
+        densities[lane] = trees[lane].map_or(0.0, |tree| tree.over_sphere(found.relative));
+    }
+    densities
 }
 
 /// Cumulative shares at which the last three of four siblings begin; equal shares where there is no mass.

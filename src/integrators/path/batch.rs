@@ -4,6 +4,7 @@
 use glam::Vec3;
 
 use super::background::Left;
+use super::guides::Lights;
 use super::shade::Groups;
 use super::vertices::{Connection, Shadows, Tried, Vertices};
 use super::{Arrival, Background, CameraPath, Direct, NO_VERTEX, PathState, PathTracer, RayCount, ToLight, record};
@@ -12,7 +13,6 @@ use crate::base::processor::Avx2;
 use crate::base::random::Random;
 use crate::geometry::{Hit, Met, Ray, RayKind, Scratch, Surface};
 use crate::guiding::record::PathRecord;
-use crate::guiding::sample::field::DirectionGuide;
 use crate::integrators::mixture::MixtureDensity;
 use crate::lights::learned::LightSampling;
 use crate::lights::tried::Trial;
@@ -230,21 +230,18 @@ impl PathTracer<'_> {
         let count = connections.len();
         for first in (0..count).step_by(LANES) {
             let numbers = first..count.min(first + LANES);
-            let (mut passed, mut asked) = ([Vec3::ZERO; LANES], [None; LANES]);
-            for (lane, number) in numbers.clone().enumerate() {
-                passed[lane] = visible(number);
-                if passed[lane] != Vec3::ZERO {
-                    let at = &shadows.guided[number];
-                    asked[lane] = self.guide(at.voxel, at.point, at.normal).map(|guide| (guide, at.direction));
-                }
+            let mut passed = [Vec3::ZERO; LANES];
+            for (passed, number) in passed.iter_mut().zip(numbers.clone()) {
+                *passed = visible(number);
             }
-            let densities = DirectionGuide::pdf_lanes(&asked);
+            let lights = Lights::new(&shadows.guided[numbers.clone()], self.field, |lane| passed[lane] != Vec3::ZERO);
+            let (guides, fractions) = (lights.guides.any, lights.guides.bsdf_fractions());
+            let densities = lights.densities();
             for (lane, number) in numbers.enumerate() {
-                let (guide_pdf, deltas) = (densities[lane], shadows.guided[number].deltas);
-                let guide = asked[lane].map(|(guide, _)| MixtureDensity {
-                    bsdf_fraction: guide.bsdf_fraction,
-                    deltas,
-                    guide_pdf,
+                let guide = (guides >> lane & 1 == 1).then(|| MixtureDensity {
+                    bsdf_fraction: fractions[lane],
+                    deltas: shadows.guided[number].deltas,
+                    guide_pdf: densities[lane],
                 });
                 self.bring::<E, RECORDS>((&connections[number], &rays[number]), passed[lane], guide, vertices);
             }

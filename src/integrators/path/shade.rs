@@ -3,18 +3,18 @@
 
 use std::marker::PhantomData;
 
-use glam::Vec3;
 use smallvec::SmallVec;
 
 use super::going::{Going, Gone, plays};
+use super::guides::Guides;
 use super::kept::{All, First};
-use super::shaded::{Guides, Shaded};
+use super::shaded::Shaded;
 use super::vertices::{Shadows, Vertices};
 use super::{Arrival, PathState, PathTracer};
 use crate::base::random::{Dimension, Generators};
 use crate::geometry::{Ray, Surface};
-use crate::guiding::sample::field::DirectionGuide;
-use crate::integrators::mixture::{Proposal, cosine_normal, guided_point, one_draw};
+use crate::guiding::sample::lanes::GuideLanes;
+use crate::integrators::mixture::one_draw;
 use crate::integrators::site::{Draw, Site};
 use crate::lights::seen::{ANYWHERE, LightView, facing, facings};
 use crate::lights::{LightSamples, LightSet};
@@ -120,14 +120,7 @@ impl<'b, P: Points<'b>> Group<'_, P> {
     fn draw<W: Wide>(&self, wide: W, of: &Generators<LANES>) -> Draw<W::Real> {
         let chooses = self.points.chooses_lobe();
         let lobes = if chooses { of.draw(Dimension::LOBE).numbers() } else { [0.0; LANES] };
-        let guided = self.shaded.guided.then(|| {
-            let (proposals, mut taken) = (&self.shaded.proposals, [0.0; LANES]);
-            for (taken, proposal) in taken.iter_mut().zip(proposals) {
-                *taken = f32::from(proposal.is_some());
-            }
-            let directions = wide.vectors(|lane| proposals[lane].map_or(Vec3::ZERO, |of| of.direction));
-            (wide.load(&taken).above(0.0), directions)
-        });
+        let guided = self.shaded.proposals(All(wide));
         let u = wide.points(&of.draw(Dimension::DIRECTION).points());
         Draw { lobe: wide.load(&lobes), u, guided, transport: Transport::Radiance }
     }
@@ -253,14 +246,20 @@ impl PathTracer<'_> {
             for together in together.chunks(most) {
                 let Room { surfaces, paths, plays, shaded, gone, vertices, shadows, .. } = room;
                 let sixteen = Sixteen::new(vertex(&together[0]), together.iter().map(vertex), surfaces, paths);
-                let guides = self.propose::<E>(&sixteen, shaded);
+                let Sixteen { vertices: arrivals, surfaces, paths: before, .. } = &sixteen;
+                let guides = self.guides::<E>(&sixteen);
+                let guides = guides.map(|guides| Guides { guides, vertices: arrivals, surfaces, paths: before });
+                (shaded.lit, shaded.guided) = (0, guides.is_some());
+                if let Some(guides) = &guides {
+                    guides.propose(most > 1, shaded);
+                }
                 if most == 1 {
                     self.shade_one(&sixteen, shaded);
                 } else {
                     self.shade_lanes::<E>(&sixteen, shaded);
                 }
-                if E::GUIDING {
-                    shaded.ask(&guides);
+                if let Some(guides) = &guides {
+                    guides.ask(most > 1, shaded);
                 }
                 let (plays, effects) = (*plays, PhantomData::<E>);
                 let Sixteen { vertices: arrivals, surfaces, paths: before, .. } = sixteen;
@@ -278,28 +277,18 @@ impl PathTracer<'_> {
         }
     }
 
-    /// Lets the guides at vertices propose directions, and returns them.
+    /// The guides at vertices; none where none of them has one.
     #[inline(always)]
-    fn propose<E: Effects>(&self, sixteen: &Sixteen, shaded: &mut Shaded) -> Guides<'_> {
-        let &Sixteen { count, vertices, surfaces, paths, .. } = sixteen;
-        let mut guides = [None; LANES];
-        shaded.lit = 0;
-        shaded.guided = E::GUIDING && vertices.iter().any(|at| at.voxel.is_some());
-        if shaded.guided {
-            let mut draws = [None; LANES];
-            for lane in 0..count {
-                let (at, path, surface) = (vertices[lane], paths[lane], surfaces[lane]);
-                let normal = cosine_normal(at.variant, surface, -path.ray.direction);
-                guides[lane] = self.guide(at.voxel, surface.point, normal);
-                let random = &path.random;
-                draws[lane] = guides[lane].and_then(|guide| Some((guide, guided_point(guide.bsdf_fraction, random)?)));
-            }
-            let drawn = DirectionGuide::sample_lanes(&draws);
-            for (proposal, drawn) in shaded.proposals.iter_mut().zip(drawn) {
-                *proposal = drawn.map(Proposal::from);
-            }
+    fn guides<E: Effects>(&self, sixteen: &Sixteen) -> Option<GuideLanes<'_>> {
+        if !E::GUIDING {
+            return None;
         }
-        guides
+        let field = self.field?;
+        let guides = GuideLanes::new(|lane| {
+            let voxel = sixteen.vertices[lane].voxel.filter(|_| lane < sixteen.count)?;
+            Some(&field.voxels()[voxel as usize])
+        });
+        (guides.any != 0).then_some(guides)
     }
 
     /// Shades vertices together.
@@ -354,8 +343,7 @@ impl PathTracer<'_> {
                 shaded.keep_light(First, &light, &site.light(&light));
             }
         }
-        let guided = shaded.guided.then_some(shaded.proposals[0]);
-        let draw = one_draw(random, bsdf.chooses_lobe(), guided, Transport::Radiance);
+        let draw = one_draw(random, bsdf.chooses_lobe(), shaded.proposals(First), Transport::Radiance);
         shaded.roulette[0] = random.at(Dimension::ROULETTE).next_f32();
         shaded.keep_onward(First, &site.draw(&draw));
     }

@@ -4,11 +4,10 @@ use glam::Vec3;
 
 use super::kept::{Column, Keep, Rows, row};
 use crate::geometry::Ray;
-use crate::guiding::sample::field::DirectionGuide;
-use crate::integrators::mixture::{Guided, Proposal};
+use crate::integrators::mixture::Guided;
 use crate::integrators::site::{Lit, Onward};
 use crate::lights::LightSamples;
-use crate::math::lanes::{LANES, Mask, Real, Vectors, vector};
+use crate::math::lanes::{LANES, Mask, Real, V3, Vectors, vector};
 use crate::sampling::mis;
 
 /// What paths do at up to sixteen vertices, lane by lane, but for the densities of guides and for roulette.
@@ -49,20 +48,19 @@ pub(super) struct Shaded {
     pub roulette: Column,
     /// Which way the surfaces face, as the sky is sampled by it; [`ANYWHERE`](crate::lights::seen::ANYWHERE) where that does not matter.
     pub facing: [u8; LANES],
-    /// The guides' proposals that were to be taken.
-    pub proposals: Proposals,
-    /// Of guides, see [`Shaded::ask`]: where there is one and no delta lobe was drawn, the probability of sampling the BSDF instead, and
+    /// The guides' proposals that are to be taken: where there is one, unit directions, and the guides' densities.
+    proposed: u32,
+    proposal: Vectors,
+    proposal_pdf: Column,
+    /// Of guides, see [`Shaded::keep_guides`]: where there is one and no delta lobe was drawn, the probability of sampling the BSDF instead, and
     /// the guide's density in the direction in which the path goes on.
     guides: u32,
     bsdf_fraction: Column,
     guide_pdf: Column,
 }
 
-/// Proposals of guides that are to be taken.
-pub(super) type Proposals = [Option<Proposal>; LANES];
-
-/// The guides of vertices that have one.
-pub(super) type Guides<'g> = [Option<DirectionGuide<'g>>; LANES];
+/// Where guides propose directions, and which.
+type Proposed<R> = (<R as Real>::Mask, V3<R>);
 
 impl Shaded {
     #[inline(always)]
@@ -157,29 +155,38 @@ impl Shaded {
         }
     }
 
-    /// Asks guides for their densities in the directions that the BSDFs have drawn.
+    /// Keeps directions that guides propose, where bits are set, with the guides' densities.
     #[inline(always)]
-    pub fn ask(&mut self, guides: &Guides) {
-        if !self.guided {
-            return;
-        }
-        let chooses = |lane: usize| guides[lane].filter(|_| self.delta >> lane & 1 == 0);
-        let mut asked = [None; LANES];
-        for (lane, asked) in asked.iter_mut().enumerate() {
-            if self.any >> lane & 1 == 1 && self.proposals[lane].is_none() {
-                *asked = chooses(lane).map(|guide| (guide, vector(&self.direction, lane)));
-            }
-        }
-        let densities = DirectionGuide::pdf_lanes(&asked);
-        let (mut chosen, mut fractions, mut pdfs) = (0, [1.0; LANES], [0.0; LANES]);
-        for lane in 0..LANES {
-            if let Some(guide) = chooses(lane) {
-                chosen |= 1 << lane;
-                fractions[lane] = guide.bsdf_fraction;
-                pdfs[lane] = self.proposals[lane].map_or(densities[lane], |proposal| proposal.pdf);
-            }
-        }
-        (self.guides, self.bsdf_fraction, self.guide_pdf) = (chosen, fractions, pdfs);
+    pub fn keep_proposals<K: Keep>(&mut self, to: K, proposed: u32, direction: V3<K::Real>, pdf: K::Real) {
+        self.proposed = proposed;
+        to.keep_vectors(direction, &mut self.proposal);
+        to.keep(pdf, &mut self.proposal_pdf);
+    }
+
+    /// Where guides propose directions, and which; none without any.
+    #[inline(always)]
+    pub fn proposals<K: Keep>(&self, from: K) -> Option<Proposed<K::Real>> {
+        self.guided.then(|| (from.mask(self.proposed), from.kept_vectors(&self.proposal)))
+    }
+
+    /// Of guides that there are, those which are to be asked for their densities in the directions that the BSDFs have drawn.
+    #[inline(always)]
+    pub fn asks(&self, guides: u32) -> u32 {
+        guides & self.any & !self.delta & !self.proposed
+    }
+
+    /// Directions in which the paths go on.
+    #[inline(always)]
+    pub fn directions<K: Keep>(&self, from: K) -> V3<K::Real> {
+        from.kept_vectors(&self.direction)
+    }
+
+    /// Keeps what is known of the guides that there are: their densities in the directions of the BSDFs, where they were asked.
+    #[inline(always)]
+    pub fn keep_guides<K: Keep>(&mut self, to: K, guides: u32, bsdf_fractions: &Column, pdf: K::Real) {
+        let asked = pdf.only(to.mask(self.asks(guides)));
+        to.keep(to.mask(self.proposed).choose(to.kept(&self.proposal_pdf), asked), &mut self.guide_pdf);
+        (self.guides, self.bsdf_fraction) = (guides & !self.delta, *bsdf_fractions);
     }
 
     /// What the guides say; none without any.

@@ -2,7 +2,7 @@
 //! processor. Reductions and polynomials are those of Cephes for single precision (Moshier 1992, *Methods and Programs for
 //! Mathematical Functions*); errors are in units in the last place (ulp), measured over all exponents by the tests.
 
-use std::f32::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E, PI, SQRT_2};
+use std::f32::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E, PI, SQRT_2, TAU};
 
 use super::{Bits, Mask, Real};
 
@@ -24,9 +24,27 @@ pub fn sin_cos<R: Real>(x: R) -> (R, R) {
     let turns = (x * x.all(FRAC_2_PI)).nearest();
     let quarter = turns.real();
     let r = ((x - quarter * x.all(PARTS[0])) - quarter * x.all(PARTS[1])) - quarter * x.all(PARTS[2]);
+    sin_cos_around(turns, r)
+}
+
+/// Steps of a turn that is counted in integers.
+const STEPS: f32 = 4_294_967_296.0;
+
+/// Sine and cosine of a part of a turn, in steps of 2⁻³²: within 1.2e-7.
+#[inline(always)]
+pub fn sin_cos_turn<R: Real>(turn: R::Bits) -> (R, R) {
+    // What is left of the nearest quarter: the bits below it, with their own sign.
+    let rest: R = turn.left::<2>().right::<2>().real();
+    let quarters = (turn.right::<29>() + turn.all(1)).right::<1>();
+    sin_cos_around(quarters, rest * rest.all(TAU / STEPS))
+}
+
+/// Sine and cosine of an angle `r` of up to π/4 in magnitude beyond whole quarters of a turn.
+#[inline(always)]
+fn sin_cos_around<R: Real>(turns: R::Bits, r: R) -> (R, R) {
     let z = r * r;
     let sin = polynomial(z, [-1.951_529_6e-4, 8.332_161e-3, -1.666_665_5e-1]) * z * r + r;
-    let cos = polynomial(z, [2.443_315_7e-5, -1.388_731_6e-3, 4.166_664_6e-2]) * z * z - z * x.all(0.5) + x.all(1.0);
+    let cos = polynomial(z, [2.443_315_7e-5, -1.388_731_6e-3, 4.166_664_6e-2]) * z * z - z * r.all(0.5) + r.all(1.0);
     let swapped = (turns & turns.all(1)).same(turns.all(1));
     let (sin, cos) = (swapped.choose(cos, sin), swapped.choose(sin, cos));
     // The second and third quarters turn the sine around, the first and second the cosine.
@@ -92,21 +110,54 @@ pub fn pow<R: Real>(x: R, y: R) -> R {
 /// Angle of the point (x, y) from the x axis, in [−π, π], within 3 ulp; 0 or ±π where both are 0, by the sign of x.
 #[inline(always)]
 pub fn atan2<R: Real>(y: R, x: R) -> R {
-    let (across, along) = (y.abs(), x.abs());
-    let steep = across.gt(along);
-    let (low, high) = (steep.choose(along, across), steep.choose(across, along));
-    let one = x.all(1.0);
-    // Zeros, and infinities, have no quotient.
-    let slope = low.same(high).choose(low.gt(x.all(0.0)).choose(one, low), low / high);
-    // Above tan π/8 by way of the angle to the diagonal.
-    let far = slope.gt(x.all(0.414_213_57));
-    let r = far.choose((slope - one) / (slope + one), slope);
-    let z = r * r;
-    let angle = polynomial(z, [8.053_744_5e-2, -1.387_768_5e-1, 1.997_771e-1, -3.333_295e-1]) * z * r + r;
+    let Folded { angle, far, steep } = Folded::new(y, x);
     let angle = far.choose(angle + x.all(FRAC_PI_4), angle);
     let angle = steep.choose(x.all(FRAC_PI_2) - angle, angle);
     let behind = x.bits().right::<31>().same(x.bits().all(-1));
     behind.choose(x.all(PI) - angle, angle).with_sign(y)
+}
+
+/// Angle of the point (x, y) from the x axis as a part of a turn in [0, 1), in steps of 2⁻³² and as bits of an unsigned number, within 1.5e-8 of a
+/// turn. Where y is negative, of −0 too, it is never 0.
+#[inline(always)]
+pub fn turn<R: Real>(y: R, x: R) -> R::Bits {
+    let Folded { angle, far, steep } = Folded::new(y, x);
+    let number = |steps: i32| x.bits().all(steps);
+    let choose = |mask: R::Mask, yes: R::Bits, no: R::Bits| mask.choose(yes.real_bits(), no.real_bits()).bits();
+    // NaN is no integer.
+    let part = (angle.between(-1.0, 1.0) * x.all(STEPS / TAU)).whole() + choose(far, number(1 << 29), number(0));
+    let quarter = choose(steep, number(1 << 30) - part, part);
+    // Behind, and below, the turn is what is left of a half, or of a whole one; but for one step, and that does not overflow.
+    let (behind, below) = (x.bits().right::<31>(), y.bits().right::<31>());
+    quarter ^ behind ^ below ^ (behind & number(i32::MIN))
+}
+
+/// The angle of a point from the x axis, mirrored into the first eighth of a turn.
+struct Folded<R: Real> {
+    /// From the axis, or from the diagonal: up to π/8 in magnitude.
+    angle: R,
+    /// Where it is from the diagonal.
+    far: R::Mask,
+    /// Where the point lies nearer to the y axis, by which it was mirrored.
+    steep: R::Mask,
+}
+
+impl<R: Real> Folded<R> {
+    #[inline(always)]
+    fn new(y: R, x: R) -> Self {
+        let (across, along) = (y.abs(), x.abs());
+        let steep = across.gt(along);
+        let (low, high) = (steep.choose(along, across), steep.choose(across, along));
+        let one = x.all(1.0);
+        // Zeros, and infinities, have no quotient.
+        let slope = low.same(high).choose(low.gt(x.all(0.0)).choose(one, low), low / high);
+        // Above tan π/8 by way of the angle to the diagonal.
+        let far = slope.gt(x.all(0.414_213_57));
+        let r = far.choose((slope - one) / (slope + one), slope);
+        let z = r * r;
+        let angle = polynomial(z, [8.053_744_5e-2, -1.387_768_5e-1, 1.997_771e-1, -3.333_295e-1]) * z * r + r;
+        Self { angle, far, steep }
+    }
 }
 
 /// Arc cosine, in [0, π], within 3 ulp; numbers beyond ±1 count as ±1.

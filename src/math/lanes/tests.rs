@@ -30,6 +30,8 @@ fn all_operations<R: Real>(x: R, y: R, z: R) -> Vec<R> {
     all.extend([(bits & others).real_bits(), (bits | others).real_bits(), (bits ^ others).real_bits()]);
     all.extend([bits.left::<3>().real_bits(), bits.right::<5>().real_bits(), few.same(more).choose(x, z)]);
     all.extend([functions::exp(x), functions::ln(x), functions::atan2(x, y), functions::acos(x)]);
+    let (sin, cos) = functions::sin_cos_turn::<R>(bits);
+    all.extend([sin, cos, functions::turn(x, y).real()]);
     all.extend([functions::pow(x.abs(), y.between(-3.0, 3.0)), v.dot(w), v.max_element(), there.choose(unit.x, z)]);
     all.extend([cross.x, cross.y, cross.z, x.finite().choose(y, z), (x.gt(y) | y.ge(z)).choose(z, x)]);
     all
@@ -175,6 +177,20 @@ fn errors_are_as_stated() {
         let exact = f64::from(*y).atan2(f64::from(*x));
         // Where the quotient is subnormal, so is the angle.
         assert!(ulps(functions::atan2(*y, *x), exact, f32::MIN_POSITIVE) < 3.0, "{y} {x}");
+    }
+    let steps = |turn: f64| turn * 4_294_967_296.0;
+    for [y, x] in all.as_chunks::<2>().0.iter().filter(|point| point.iter().all(|x| x.is_finite())) {
+        let exact = f64::from(*y).atan2(f64::from(*x)) / std::f64::consts::TAU;
+        let found = f64::from(functions::turn(*y, *x));
+        // Half a turn forwards is one backwards.
+        let error = (found - steps(exact)).abs();
+        assert!(error.min((error - steps(1.0)).abs()) < steps(1.5e-8), "{y} {x}: {found}");
+    }
+    for turn in all.iter().map(|x| x.to_bits().cast_signed()) {
+        let angle = f64::from(turn) / steps(1.0) * std::f64::consts::TAU;
+        let (sin, cos) = functions::sin_cos_turn::<f32>(turn);
+        let error = (f64::from(sin) - angle.sin()).abs().max((f64::from(cos) - angle.cos()).abs());
+        assert!(error < 1.2e-7, "{turn}: {sin} {cos}");
     }
     for (x, y) in even(0.0, 1.0).into_iter().zip(even(-4.0, 4.0)) {
         let exact = f64::from(x).powf(f64::from(y));

@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use fanal::base::random::{Dimension, Random};
-use fanal::geometry::{Accel, Hit, Ray, Scratch, Surface, Way};
+use fanal::geometry::{Accel, Geometry, Hit, Ray, Scratch, Surface, Way};
 use fanal::lights::seen::LightView;
 use fanal::materials::Transport;
 use fanal::scene::{Scene, readers};
 use glam::Vec3;
 
-use super::{cpu_seconds, median};
+use super::{cpu_seconds, median, write_floats, write_rays, write_words};
 
 /// Rounds, of which the median counts.
 const ROUNDS: usize = 7;
@@ -32,8 +32,9 @@ const WAYS: [Way; 3] = [Way::Single, Way::InFlight, Way::Bundles];
 
 type Batch = Vec<(Ray, f32)>;
 
-/// One line of the table for each kind of rays of each scene.
-pub fn compare(paths: &[PathBuf]) {
+/// One line of the table for each kind of rays of each scene. Into the folder `raw` go the last scene's triangles, and the rays of each kind with
+/// what they meet.
+pub fn compare(paths: &[PathBuf], raw: Option<&Path>) {
     println!("Mrays/s, one thread, median of {ROUNDS}");
     println!(
         "{:>16} {:>12} {:>8} {:>8} {:>9} {:>9} {:>6}",
@@ -44,7 +45,11 @@ pub fn compare(paths: &[PathBuf]) {
         let film = &loaded.file.film;
         let scene = Scene::build(&loaded, [film.width, film.height]).expect("the scene is sound");
         let name = path.parent().and_then(Path::file_name).unwrap_or(path.as_os_str()).to_string_lossy();
-        for (kind, batches) in batches(&scene).iter().enumerate() {
+        let kinds = batches(&scene);
+        if let Some(folder) = raw {
+            write_raw(folder, &scene, &kinds).expect("the folder can be written, and all shapes are triangles");
+        }
+        for (kind, batches) in kinds.iter().enumerate() {
             let count: usize = batches.iter().map(Vec::len).sum();
             if count > 0 {
                 let speeds = measure(&scene.accel, batches, kind >= SHADOWS).map(|time| count as f64 * 1e-6 / time);
@@ -57,6 +62,38 @@ pub fn compare(paths: &[PathBuf]) {
             }
         }
     }
+}
+
+/// Writes `vertices`, `triangles`, and of each kind of rays by its number `rays0`, the numbers of rays in its batches `batches0`, and the
+/// distances of their hits, or whether they are in shadow, `met0`.
+fn write_raw(folder: &Path, scene: &Scene, kinds: &[Vec<Batch>]) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    let mesh = triangles(scene)?;
+    write_floats(folder, "vertices", mesh.iter().flatten().flat_map(|p| p.to_array()))?;
+    write_words(folder, "triangles", 0..3 * mesh.len() as u32)?;
+    for (kind, batches) in kinds.iter().enumerate() {
+        let rays = || batches.iter().flatten();
+        write_words(folder, &format!("batches{kind}"), batches.iter().map(|batch| batch.len() as u32))?;
+        write_rays(folder, &format!("rays{kind}"), rays())?;
+        let met = rays().map(|(ray, t_max)| match kind < SHADOWS {
+            true => scene.accel.intersect(ray).map_or(-1.0, |hit| hit.distance),
+            false => f32::from(scene.accel.occluded(ray, *t_max)),
+        });
+        write_floats(folder, &format!("met{kind}"), met)?;
+    }
+    Ok(())
+}
+
+/// The corners of all triangles that rays meet.
+fn triangles(scene: &Scene) -> std::io::Result<Vec<[Vec3; 3]>> {
+    let mut all = Vec::new();
+    for shape in scene.shapes.iter().filter(|shape| !shape.unseen) {
+        match &shape.geometry {
+            Geometry::Mesh { mesh, .. } => all.extend((0..mesh.triangles.len() as u32).map(|i| shape.triangle(i))),
+            Geometry::Sphere(_) => return Err(std::io::Error::other("a sphere")),
+        }
+    }
+    Ok(all)
 }
 
 /// Batches of rays by kind.
