@@ -3,9 +3,10 @@
 
 Development only: needs `pip install mitsuba numpy` (for llvm_ad_rgb also LLVM's shared library) and a release build of fanal.
 
-    python3 tests/bench/peer.py SCENE_FOLDER... [--rounds 5] [--seconds 30] [--seeds 2] [--variants scalar_rgb,llvm_ad_rgb] [--fanal PATH]
+    python3 tests/bench/peer.py SCENE_FOLDER... [--rounds 5] [--seconds 30] [--seeds 2] [--variants scalar_rgb,llvm_ad_rgb] [--fanal PATH] [--avx2]
 
-Each folder holds a scene.xml and, for errors, a reference.exr with the scene's own filter. Two tables are printed:
+Each folder holds a scene.xml and, for errors, a reference.exr with the scene's own filter. With `--avx2` nobody uses vectors wider than
+those of AVX2. Two tables are printed:
 
 - samples per CPU second at the scene's depth without Russian roulette: ours is the difference of two renders, so that loading does not
   count; the peer's is measured inside its process after a first render, so that compiling does not count. Interleaved, medians.
@@ -16,6 +17,7 @@ Each folder holds a scene.xml and, for errors, a reference.exr with the scene's 
 import argparse
 import json
 import math
+import os
 import pathlib
 import resource
 import statistics
@@ -47,6 +49,12 @@ PEER = r"""
 import sys, time, json
 import mitsuba as mi
 mi.set_variant(sys.argv[1])
+if sys.argv[3] == "avx2":
+    import ctypes, glob, os
+    import drjit
+    [core] = glob.glob(os.path.join(os.path.dirname(drjit.__file__), "libdrjit-core.*"))
+    # There is no Python for it: jit_llvm_set_target(cpu, features, width).
+    ctypes.CDLL(core)["_Z19jit_llvm_set_targetPKcS0_j"](b"x86-64-v3", None, 8)
 import numpy as np
 mi.set_log_level(mi.LogLevel.Error)
 scene = mi.load_file(sys.argv[2])
@@ -71,9 +79,9 @@ for line in sys.stdin:
 
 
 class Peer:
-    def __init__(self, variant, scene):
+    def __init__(self, variant, scene, vectors):
         self.process = subprocess.Popen(
-            [sys.executable, "-c", PEER, variant, str(scene)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, "-c", PEER, variant, str(scene), vectors], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
 
     def render(self, spp, roulette, seed, out=None, part=64):
@@ -141,7 +149,11 @@ def main():
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--variants", default="scalar_rgb,llvm_ad_rgb")
     parser.add_argument("--fanal", type=pathlib.Path, default=FANAL, help="the build to measure")
+    parser.add_argument("--avx2", action="store_true", help="no wider vectors than those of AVX2, for anybody")
     options = parser.parse_args()
+    vectors = "avx2" if options.avx2 else "any"
+    if options.avx2:
+        os.environ["FANAL_LANES"] = "avx2"
     globals()["FANAL"] = options.fanal
     variants = [variant for variant in options.variants.split(",") if variant]
     ratios = {variant: [] for variant in variants}
@@ -149,7 +161,7 @@ def main():
         folder = pathlib.Path(folder)
         for place in options.scenes:
             scene = place / "scene.xml" if place.is_dir() else place
-            peers = {variant: Peer(variant, scene) for variant in variants}
+            peers = {variant: Peer(variant, scene, vectors) for variant in variants}
             if options.rounds:
                 rates = speed(scene, peers, options.rounds, folder)
                 text = "  ".join(f"{name} {rate:.3f}" for name, rate in rates.items())
