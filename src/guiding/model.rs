@@ -22,7 +22,7 @@ use super::vmf::stored::{mixture_arrays, read_mixtures};
 use crate::base::Result;
 use crate::base::tensors::{Tensor, Tensors};
 use crate::math::cylindrical::{self, to_directions, to_place};
-use crate::math::lanes::{LANES, V3, Wide, vector};
+use crate::math::lanes::{LANES, V3, Wide, set_vector, vector};
 
 /// Kind of the model of directions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -117,7 +117,7 @@ impl Directions {
             if let (None, Some((directions, u))) = (tree, draw) {
                 let direction;
                 (direction, pdf[lane]) = directions.sample(*u);
-                columns.iter_mut().zip(direction.to_array()).for_each(|(column, x)| column[lane] = x);
+                set_vector(&mut columns, lane, direction);
             }
         }
         (wide.load_vectors(&columns), wide.load(&pdf))

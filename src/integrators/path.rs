@@ -11,6 +11,7 @@ mod guides;
 mod kept;
 mod shade;
 mod shaded;
+mod sixteen;
 mod vertices;
 
 pub use batch::PathScratch;

@@ -184,7 +184,7 @@ fn guides_in_lanes_have_the_bits_of_guides_alone() {
             assert_eq!(found[lane], alone.pdf(towards[lane]), "{lane}");
         }
         assert_eq!(guides.any, (0..LANES).fold(0, |any, k| any | u32::from(voxels[k].directions.is_some()) << k));
-        let fractions = guides.bsdf_fractions();
+        let fractions = guides.bsdf_fractions;
         assert!((0..LANES).all(|k| fractions[k] == if voxels[k].directions.is_some() { 0.5 } else { 1.0 }));
     }
 }

@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::field::{DirectionGuide, VoxelGuide};
 use crate::guiding::cache::parallax::{Parallax, Sphere};
 use crate::guiding::model::Directions;
-use crate::math::lanes::{LANES, V3, Vectors, Wide, vector};
+use crate::math::lanes::{LANES, V3, Vectors, Wide, set_vector, vector};
 
 /// Guides of the voxels of points, one per lane; none where the BSDF samples alone.
 #[derive(Clone, Copy)]
@@ -15,17 +15,20 @@ pub struct GuideLanes<'g> {
     pub any: u32,
     /// Where its distribution is another one for each point.
     moving: u32,
+    /// Probabilities α of sampling the BSDF instead; 1 where there is no guide.
+    pub bsdf_fractions: [f32; LANES],
 }
 
 impl<'g> GuideLanes<'g> {
     /// Of the guides that `of` tells.
     #[inline(always)]
     pub fn new(of: impl Fn(usize) -> Option<&'g VoxelGuide>) -> Self {
-        let mut all = Self { guides: [None; LANES], any: 0, moving: 0 };
+        let mut all = Self { guides: [None; LANES], any: 0, moving: 0, bsdf_fractions: [1.0; LANES] };
         for lane in 0..LANES {
             let Some(guide) = of(lane) else { continue };
             if let Some(directions) = &guide.directions {
                 all.guides[lane] = Some(guide);
+                all.bsdf_fractions[lane] = guide.bsdf_fraction;
                 all.any |= 1 << lane;
                 all.moving |= u32::from(directions.mixture().is_some()) << lane;
             }
@@ -38,16 +41,6 @@ impl<'g> GuideLanes<'g> {
     pub fn at(&self, lane: usize, point: Vec3, normal: impl FnOnce() -> Vec3) -> Option<DirectionGuide<'g>> {
         let guide = self.guides[lane]?.at(point)?;
         Some(if self.moving >> lane & 1 == 1 { guide.facing(normal()) } else { guide })
-    }
-
-    /// Probabilities α of sampling the BSDF instead; 1 where there is no guide.
-    #[inline(always)]
-    pub fn bsdf_fractions(&self) -> [f32; LANES] {
-        let mut fractions = [1.0; LANES];
-        for (fraction, guide) in fractions.iter_mut().zip(self.guides) {
-            *fraction = guide.map_or(1.0, |guide| guide.bsdf_fraction);
-        }
-        fractions
     }
 
     /// Directions at `points` that points `u` of the unit square map to, and their densities w.r.t. solid angle, as by
@@ -73,7 +66,7 @@ impl<'g> GuideLanes<'g> {
         self.alone(taken, &points, normal, |lane, guide| {
             let direction;
             (direction, densities[lane]) = guide.sample(u[lane]);
-            directions.iter_mut().zip(direction.to_array()).for_each(|(column, x)| column[lane] = x);
+            set_vector(&mut directions, lane, direction);
         });
         (wide.load_vectors(&directions), wide.load(&densities))
     }

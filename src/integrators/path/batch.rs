@@ -235,7 +235,7 @@ impl PathTracer<'_> {
                 *passed = visible(number);
             }
             let lights = Lights::new(&shadows.guided[numbers.clone()], self.field, |lane| passed[lane] != Vec3::ZERO);
-            let (guides, fractions) = (lights.guides.any, lights.guides.bsdf_fractions());
+            let (guides, fractions) = (lights.guides.any, lights.guides.bsdf_fractions);
             let densities = lights.densities();
             for (lane, number) in numbers.enumerate() {
                 let guide = (guides >> lane & 1 == 1).then(|| MixtureDensity {

@@ -4,8 +4,8 @@ use glam::Vec3;
 
 use super::kept::{All, First};
 use super::shaded::Shaded;
+use super::sixteen::Sixteen;
 use super::vertices::Towards;
-use super::{Arrival, PathState};
 use crate::base::random::{Dimension, Generators};
 use crate::geometry::Surface;
 use crate::guiding::sample::field::{DirectionGuide, GuideField};
@@ -16,9 +16,7 @@ use crate::math::lanes::{self, Kernel, LANES, Wide};
 /// Vertices that are shaded together, with their guides.
 pub(super) struct Guides<'v, 'g> {
     pub guides: GuideLanes<'g>,
-    pub vertices: &'v [&'v Arrival; LANES],
-    pub surfaces: &'v [&'v Surface; LANES],
-    pub paths: &'v [&'v PathState; LANES],
+    pub sixteen: &'v Sixteen<'v, 'v>,
 }
 
 impl<'g> Guides<'_, 'g> {
@@ -27,9 +25,9 @@ impl<'g> Guides<'_, 'g> {
     pub fn propose(&self, in_lanes: bool, shaded: &mut Shaded) {
         if in_lanes {
             // There are lanes, or these would be shaded one by one.
-            let _ = lanes::run(Propose { at: self, shaded });
+            let _ = lanes::run(Propose(self, shaded));
         } else {
-            let random = &self.paths[0].random;
+            let random = &self.sixteen.paths[0].random;
             let drawn = self.first().and_then(|guide| Some(guide.sample(guided_point(guide.bsdf_fraction, random)?)));
             let (direction, pdf) = drawn.unwrap_or_default();
             shaded.keep_proposals(First, u32::from(drawn.is_some()), direction.into(), pdf);
@@ -40,60 +38,57 @@ impl<'g> Guides<'_, 'g> {
     #[inline(always)]
     pub fn ask(&self, in_lanes: bool, shaded: &mut Shaded) {
         if in_lanes {
-            let _ = lanes::run(Ask { at: self, shaded });
+            let _ = lanes::run(Ask(self, shaded));
         } else {
             let guide = self.first().filter(|_| shaded.asks(self.guides.any) & 1 == 1);
             let pdf = guide.map_or(0.0, |guide| guide.pdf(shaded.directions(First).into()));
-            shaded.keep_guides(First, self.guides.any, &self.guides.bsdf_fractions(), pdf);
+            shaded.keep_guides(First, &self.guides, pdf);
         }
     }
 
     #[inline(always)]
     fn first(&self) -> Option<DirectionGuide<'g>> {
-        self.guides.at(0, self.surfaces[0].point, || self.normal(0))
+        self.guides.at(0, self.sixteen.surfaces[0].point, || self.normal(0))
     }
 
     #[inline(always)]
     fn normal(&self, lane: usize) -> Vec3 {
-        cosine_normal(self.vertices[lane].variant, self.surfaces[lane], -self.paths[lane].ray.direction)
+        let Sixteen { vertices, surfaces, paths, .. } = self.sixteen;
+        cosine_normal(vertices[lane].variant, surfaces[lane], -paths[lane].ray.direction)
     }
 }
 
-struct Propose<'p, 'v, 'g> {
-    at: &'p Guides<'v, 'g>,
-    shaded: &'p mut Shaded,
-}
+struct Propose<'p, 'v, 'g>(&'p Guides<'v, 'g>, &'p mut Shaded);
 
 impl Kernel for Propose<'_, '_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<W: Wide>(self, wide: W) {
-        let Guides { guides, surfaces, paths, .. } = self.at;
-        let random = |lane: usize| &paths[lane].random;
+        let Self(of, shaded) = self;
+        let Guides { guides, sixteen } = of;
+        let random = |lane: usize| &sixteen.paths[lane].random;
         let points = Generators::new(random).fine_points(random, Dimension::GUIDE);
-        let (taken, u) = guided_points(&guides.bsdf_fractions(), &points);
-        let (taken, at) = (taken & guides.any, Surface::point_lanes(wide, surfaces));
-        let (direction, pdf) = guides.sample(wide, at, (taken, &u), |lane| self.at.normal(lane));
-        self.shaded.keep_proposals(All(wide), taken, direction, pdf);
+        let (taken, u) = guided_points(&guides.bsdf_fractions, &points);
+        let (taken, at) = (taken & guides.any, Surface::point_lanes(wide, &sixteen.surfaces));
+        let (direction, pdf) = guides.sample(wide, at, (taken, &u), |lane| of.normal(lane));
+        shaded.keep_proposals(All(wide), taken, direction, pdf);
     }
 }
 
-struct Ask<'p, 'v, 'g> {
-    at: &'p Guides<'v, 'g>,
-    shaded: &'p mut Shaded,
-}
+struct Ask<'p, 'v, 'g>(&'p Guides<'v, 'g>, &'p mut Shaded);
 
 impl Kernel for Ask<'_, '_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<W: Wide>(self, wide: W) {
-        let Guides { guides, surfaces, .. } = self.at;
-        let (asked, at) = (self.shaded.asks(guides.any), Surface::point_lanes(wide, surfaces));
-        let towards = self.shaded.directions(All(wide));
-        let pdf = guides.pdf(wide, at, (asked, towards), |lane| self.at.normal(lane));
-        self.shaded.keep_guides(All(wide), guides.any, &guides.bsdf_fractions(), pdf);
+        let Self(of, shaded) = self;
+        let Guides { guides, sixteen } = of;
+        let (asked, at) = (shaded.asks(guides.any), Surface::point_lanes(wide, &sixteen.surfaces));
+        let towards = shaded.directions(All(wide));
+        let pdf = guides.pdf(wide, at, (asked, towards), |lane| of.normal(lane));
+        shaded.keep_guides(All(wide), guides, pdf);
     }
 }
 

@@ -9,6 +9,7 @@ use super::going::{Going, Gone, plays};
 use super::guides::Guides;
 use super::kept::{All, First};
 use super::shaded::Shaded;
+use super::sixteen::Sixteen;
 use super::vertices::{Shadows, Vertices};
 use super::{Arrival, PathState, PathTracer};
 use crate::base::random::{Dimension, Generators};
@@ -57,44 +58,6 @@ impl<'b> Points<'b> for &[Plain; LANES] {
     #[inline(always)]
     fn gather<W: Wide>(self, wide: W) -> Bsdf<'b, W::Real> {
         Plain::gather(wide, self)
-    }
-}
-
-/// Vertices that are shaded together: of one variant, all with bumps or none. Lanes behind the last one repeat the first, and are not
-/// looked at.
-struct Sixteen<'v, 'p> {
-    count: usize,
-    vertices: [&'v Arrival; LANES],
-    surfaces: [&'v Surface; LANES],
-    paths: [&'p PathState; LANES],
-    /// Whether lights are sampled at some of them.
-    connects: bool,
-}
-
-impl<'v, 'p> Sixteen<'v, 'p> {
-    /// The first of those that `vertices` tells, at least one.
-    #[inline(always)]
-    fn new(
-        first: &'v Arrival,
-        vertices: impl ExactSizeIterator<Item = &'v Arrival>,
-        surfaces: &'v [Surface],
-        paths: &'p [PathState],
-    ) -> Self {
-        let (surface, path) = (&surfaces[first.place as usize], &paths[first.path as usize]);
-        let mut sixteen = Self {
-            count: vertices.len(),
-            vertices: [first; LANES],
-            surfaces: [surface; LANES],
-            paths: [path; LANES],
-            connects: false,
-        };
-        for (lane, at) in vertices.enumerate().take(LANES) {
-            sixteen.vertices[lane] = at;
-            sixteen.surfaces[lane] = &surfaces[at.place as usize];
-            sixteen.paths[lane] = &paths[at.path as usize];
-            sixteen.connects |= at.connects;
-        }
-        sixteen
     }
 }
 
@@ -246,9 +209,7 @@ impl PathTracer<'_> {
             for together in together.chunks(most) {
                 let Room { surfaces, paths, plays, shaded, gone, vertices, shadows, .. } = room;
                 let sixteen = Sixteen::new(vertex(&together[0]), together.iter().map(vertex), surfaces, paths);
-                let Sixteen { vertices: arrivals, surfaces, paths: before, .. } = &sixteen;
                 let guides = self.guides::<E>(&sixteen);
-                let guides = guides.map(|guides| Guides { guides, vertices: arrivals, surfaces, paths: before });
                 (shaded.lit, shaded.guided) = (0, guides.is_some());
                 if let Some(guides) = &guides {
                     guides.propose(most > 1, shaded);
@@ -279,7 +240,7 @@ impl PathTracer<'_> {
 
     /// The guides at vertices; none where none of them has one.
     #[inline(always)]
-    fn guides<E: Effects>(&self, sixteen: &Sixteen) -> Option<GuideLanes<'_>> {
+    fn guides<'s, E: Effects>(&'s self, sixteen: &'s Sixteen) -> Option<Guides<'s, 's>> {
         if !E::GUIDING {
             return None;
         }
@@ -288,7 +249,7 @@ impl PathTracer<'_> {
             let voxel = sixteen.vertices[lane].voxel.filter(|_| lane < sixteen.count)?;
             Some(&field.voxels()[voxel as usize])
         });
-        (guides.any != 0).then_some(guides)
+        (guides.any != 0).then_some(Guides { guides, sixteen })
     }
 
     /// Shades vertices together.

@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::kept::{Column, Keep, Rows, row};
 use crate::geometry::Ray;
+use crate::guiding::sample::lanes::GuideLanes;
 use crate::integrators::mixture::Guided;
 use crate::integrators::site::{Lit, Onward};
 use crate::lights::LightSamples;
@@ -183,10 +184,10 @@ impl Shaded {
 
     /// Keeps what is known of the guides that there are: their densities in the directions of the BSDFs, where they were asked.
     #[inline(always)]
-    pub fn keep_guides<K: Keep>(&mut self, to: K, guides: u32, bsdf_fractions: &Column, pdf: K::Real) {
-        let asked = pdf.only(to.mask(self.asks(guides)));
+    pub fn keep_guides<K: Keep>(&mut self, to: K, guides: &GuideLanes, pdf: K::Real) {
+        let asked = pdf.only(to.mask(self.asks(guides.any)));
         to.keep(to.mask(self.proposed).choose(to.kept(&self.proposal_pdf), asked), &mut self.guide_pdf);
-        (self.guides, self.bsdf_fraction) = (guides & !self.delta, *bsdf_fractions);
+        (self.guides, self.bsdf_fraction) = (guides.any & !self.delta, guides.bsdf_fractions);
     }
 
     /// What the guides say; none without any.

@@ -45,6 +45,12 @@ pub fn vector(of: &Vectors, lane: usize) -> Vec3 {
     Vec3::new(of[0][lane], of[1][lane], of[2][lane])
 }
 
+/// Puts a vector into a lane.
+#[inline(always)]
+pub fn set_vector(of: &mut Vectors, lane: usize, vector: Vec3) {
+    of.iter_mut().zip(vector.to_array()).for_each(|(column, x)| column[lane] = x);
+}
+
 /// Numbers in single precision, one per lane.
 pub trait Real:
     Copy
