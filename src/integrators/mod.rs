@@ -1,7 +1,9 @@
 //! Light transport: the path tracer, the photon tracer, paths that follow kept ones, the sites where their paths scatter, and the mixture of BSDF and guide.
 
+mod alike;
 pub mod block;
 pub mod guided;
+mod kept;
 pub mod mixture;
 pub mod path;
 pub mod photon;
@@ -39,6 +41,11 @@ impl Roulette {
             Self::Throughput => "throughput",
             Self::Window => "window",
         }
+    }
+
+    /// Whether it is played at vertex number `depth` by what paths carry.
+    fn plays(self, depth: u32) -> bool {
+        self != Self::Off && depth >= ROULETTE_START
     }
 }
 

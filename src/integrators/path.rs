@@ -8,7 +8,6 @@ mod complete;
 mod explain;
 mod going;
 mod guides;
-mod kept;
 mod shade;
 mod shaded;
 mod sixteen;

@@ -1,22 +1,27 @@
 //! The photon tracer: light paths whose power is deposited in the voxels that camera paths have reached.
 
+mod scatter;
+
 use glam::Vec3;
 
-use super::mixture::Mixture;
+use super::TransportSettings;
 use super::path::RayCount;
-use super::{ROULETTE_MOST, ROULETTE_START, Roulette, TransportSettings};
-use crate::base::random::{Dimension, Random};
+use crate::base::random::Random;
 use crate::geometry::{Hit, Ray, RayKind, Scratch, Surface};
 use crate::guiding::learn::emission::{EmissionGuide, Start};
 use crate::guiding::record::PhotonRecord;
 use crate::lights::Emission;
 use crate::materials::medium::MediumId;
-use crate::materials::{Bsdf, Transport};
+use crate::materials::phase::HenyeyGreenstein;
+use crate::materials::{Material, Variant};
 use crate::math::channel_mean;
-use crate::math::lanes::LANES;
 use crate::scene::Scene;
 use crate::scene::effects::{Effects, With};
 use crate::scene::media::{End, Passage, Segment};
+use scatter::Groups;
+
+/// Vertices that are made and then left: enough for lanes to be full, few enough to remain in the nearest caches.
+const CHUNK: usize = 256;
 
 /// Traces light paths.
 pub struct PhotonTracer<'a> {
@@ -83,13 +88,31 @@ pub struct PhotonBlock {
     pub rays: RayCount,
 }
 
+/// Where a light path scatters.
+#[derive(Clone, Copy)]
+struct Arrival {
+    /// Index of its surface, or of the point of a medium.
+    place: u32,
+    /// Index of the path.
+    path: u32,
+    /// Of a medium.
+    phase: Option<HenyeyGreenstein>,
+    variant: Variant,
+    /// Whether bumps turn the shading normal.
+    bumped: bool,
+}
+
 /// Scratch space of a worker, reused from batch to batch.
 #[derive(Default)]
 pub struct PhotonScratch {
-    alive: Vec<LightPath>,
+    paths: Vec<LightPath>,
+    /// Indices of the paths that go on.
+    alive: Vec<u32>,
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
     surfaces: Vec<Surface>,
+    arrivals: Vec<Arrival>,
+    groups: Groups,
     queries: Scratch,
 }
 
@@ -105,10 +128,10 @@ impl PhotonTracer<'_> {
         block: &mut PhotonBlock,
     ) {
         let PhotonBlock { photons, starts, rays } = block;
-        scratch.alive.clear();
+        scratch.paths.clear();
         for (number, mut random) in begun {
             let start = self.emission.sample(&mut random);
-            scratch.alive.extend(start.as_ref().and_then(|start| self.begin(start, number, random, paths, rays)));
+            scratch.paths.extend(start.as_ref().and_then(|start| self.begin(start, number, random, paths, rays)));
             starts.push(start);
         }
         let before = photons.len();
@@ -135,82 +158,76 @@ impl PhotonTracer<'_> {
 
     /// Extends all paths until they end.
     fn extend<E: Effects>(&self, scratch: &mut PhotonScratch, records: &mut Vec<PhotonRecord>, count: &mut RayCount) {
-        let PhotonScratch { alive, rays, hits, surfaces, queries } = scratch;
+        let PhotonScratch { paths, alive, rays, hits, surfaces, arrivals, groups, queries } = scratch;
+        surfaces.resize(CHUNK, Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
+        alive.clear();
+        alive.extend(0..paths.len() as u32);
+        rays.clear();
+        rays.extend(paths.iter().map(|path| path.ray));
         // A light path of n segments continues to the camera with at least one more: n + 1 vertices after the light.
         for depth in 1..self.settings.max_depth {
             if alive.is_empty() {
                 break;
             }
-            rays.clear();
-            rays.extend(alive.iter().map(|path| path.ray));
             hits.resize(rays.len(), None);
             let accel = &self.scene.accel;
             accel.pace.measure(RayKind::Photon, rays.len(), |way| accel.intersect_all(rays, way, queries, hits));
             count.rays += rays.len() as u64;
-            // Sixteen are made at once, the last ones too.
-            surfaces.resize(rays.len().next_multiple_of(LANES), Surface::in_medium(Vec3::ZERO, 0.0, Vec3::Z));
-            self.scene.surfaces(rays, hits, 0..rays.len(), surfaces);
-            let mut ends = hits.iter().zip(&mut *surfaces);
-            alive.retain_mut(|path| {
-                let Some((hit, surface)) = ends.next() else { return false };
-                self.visit::<E>(path, hit.is_some(), surface, depth, records, count)
-            });
+            let mut kept = 0;
+            for first in (0..hits.len()).step_by(CHUNK) {
+                let places = first..hits.len().min(first + CHUNK);
+                self.scene.surfaces(rays, hits, places.clone(), surfaces);
+                arrivals.clear();
+                for (place, surface) in places.zip(&mut *surfaces) {
+                    let (number, meets) = (alive[place], hits[place].is_some());
+                    let (path, place) = (&mut paths[number as usize], (place - first) as u32);
+                    let arrival = self.arrive::<E>([depth, number, place], path, meets, surface, records, count);
+                    arrivals.extend(arrival);
+                }
+                self.scatter::<E>((depth, arrivals, surfaces), paths, groups, count, |path, ray| {
+                    // In the place of a path that has been at its vertex.
+                    (alive[kept], rays[kept]) = (path, *ray);
+                    kept += 1;
+                });
+            }
+            alive.truncate(kept);
+            rays.truncate(kept);
         }
     }
 
-    /// Takes a path to its vertex number `depth`, where it `meets` the `surface` or behind that; returns whether it goes on from there.
-    fn visit<E: Effects>(
+    /// Takes a path to its vertex number `depth`, where it `meets` the `surface` or behind that; there the surface, or the point of a
+    /// medium, takes its place. `number` and `place` are the indices of path and surface. Returns where it scatters; none where it ends.
+    #[inline(always)]
+    fn arrive<E: Effects>(
         &self,
+        [depth, number, place]: [u32; 3],
         path: &mut LightPath,
         meets: bool,
         surface: &mut Surface,
-        depth: u32,
         records: &mut Vec<PhotonRecord>,
         count: &mut RayCount,
-    ) -> bool {
-        let LightPath { number, random, ray, medium, photon, begun } = path;
+    ) -> Option<Arrival> {
+        let LightPath { random, ray, medium, photon, .. } = path;
         random.begin_vertex(depth);
         let segment = Segment { ray, carried: photon.power, random, expected: None, wants_density: false };
         let Passage { end, weight, .. } = self.scene.advance::<E>(segment, meets, surface, medium);
         photon.power *= weight;
         if !photon.is_finite(count) {
-            return false;
+            return None;
         }
-        let (bsdf, bumped, smooth) = match end {
-            End::Background => return false,
-            End::Surface => {
-                let material = self.scene.material(surface);
-                let bumped = E::MATERIALS && material.bump.is_some() && surface.smooth != surface.shading;
-                (material.at(surface.uv), bumped, material.is_delta())
-            }
-            End::Medium(phase) => (Bsdf::phase(phase), false, false),
+        let phase = match end {
+            End::Background => return None,
+            End::Surface => None,
+            End::Medium(phase) => Some(phase),
         };
-        let on_surface = matches!(end, End::Surface);
+        let material = if phase.is_none() { Some(self.scene.material(surface)) } else { None };
+        let smooth = material.is_some_and(Material::is_delta);
         if !smooth && photon.is_useful(self.settings.light_sampling) {
-            self.deposit(*number, surface, on_surface, -ray.direction, photon, records);
+            self.deposit(path.number, surface, phase.is_none(), -path.ray.direction, &path.photon, records);
         }
-        let mixture = Mixture::new(surface, bsdf, bumped, -ray.direction, None);
-        let Some((sample, origin)) = mixture.sample(random, Transport::Importance) else { return false };
-        photon.power *= sample.weight;
-        if on_surface {
-            photon.power *= shading_correction(surface, -ray.direction, sample.direction);
-        }
-        if !photon.is_finite(count) {
-            return false;
-        }
-        let survival = self.survival(depth, channel_mean(photon.power) / *begun);
-        if !(survival > 0.0 && random.at(Dimension::ROULETTE).next_f32() < survival) {
-            return false;
-        }
-        photon.power /= survival;
-        photon.at_infinity = false;
-        photon.delta_chain = if sample.delta { photon.delta_chain + 1 } else { 0 };
-        photon.scattered |= !sample.delta;
-        if E::MEDIA {
-            *medium = self.scene.medium_beyond(surface, sample.direction, *medium);
-        }
-        *ray = Ray { origin, direction: sample.direction };
-        true
+        let bumped = material.is_some_and(|material| material.bump.is_some() && surface.smooth != surface.shading);
+        let variant = if phase.is_some() { Variant::PHASE } else { self.scene.variant(surface) };
+        Some(Arrival { place, path: number, phase, variant, bumped: E::MATERIALS && bumped })
     }
 
     fn emit(&self, start: &Start) -> Option<(Emission, Photon)> {
@@ -225,14 +242,6 @@ impl PhotonTracer<'_> {
             at_infinity: light.is_at_infinity(),
         };
         (photon.power != Vec3::ZERO).then_some((emission, photon))
-    }
-
-    fn survival(&self, depth: u32, relative: f32) -> f32 {
-        if self.settings.roulette == Roulette::Off || depth < ROULETTE_START {
-            1.0
-        } else {
-            relative.clamp(0.0, ROULETTE_MOST)
-        }
     }
 
     fn deposit(
@@ -263,13 +272,4 @@ impl PhotonTracer<'_> {
 /// The shading normal on the side that `direction` points to; zero in a medium.
 fn side(surface: &Surface, on_surface: bool, direction: Vec3) -> Vec3 {
     if on_surface { surface.normal_towards(direction) } else { Vec3::ZERO }
-}
-
-/// Adjoint correction for shading normals (Veach 1997, eq. 5.19): power is carried by the geometric cosine, the BSDF's
-/// cosine is the shading one.
-fn shading_correction(surface: &Surface, arriving: Vec3, leaving: Vec3) -> f32 {
-    let ratio = |w: Vec3| surface.shading.dot(w).abs() / surface.normal.dot(w).abs();
-    let correction = ratio(arriving) / ratio(leaving);
-    // The ratio is unbounded at grazing angles; photons only steer sampling, so the tail is cut.
-    if correction.is_finite() { correction.min(10.0) } else { 0.0 }
 }

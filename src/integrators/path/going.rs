@@ -4,11 +4,11 @@ use std::marker::PhantomData;
 
 use glam::Vec3;
 
-use super::kept::{All, Column, First, Keep, Rows, row};
 use super::shaded::Shaded;
 use super::{Arrival, PathState};
+use crate::integrators::kept::{All, Column, First, Keep, Rows, row};
 use crate::integrators::mixture::Mixed;
-use crate::integrators::{ROULETTE_MOST, ROULETTE_START, Roulette};
+use crate::integrators::{ROULETTE_MOST, Roulette};
 use crate::math::lanes::{self, Kernel, LANES, Mask, Real, V3, Wide};
 use crate::scene::effects::Effects;
 
@@ -135,12 +135,6 @@ fn survival_by<R: Real>(carried: R) -> R {
     carried.between(0.05, ROULETTE_MOST)
 }
 
-/// Whether roulette is played at vertex number `depth` by what paths carry.
-#[inline(always)]
-pub(super) fn plays(roulette: Roulette, depth: u32) -> bool {
-    roulette != Roulette::Off && depth >= ROULETTE_START
-}
-
 /// Probability with which a path without a guide goes on from its vertex number `depth`, where it carries `throughput` and the product of
 /// squared indices `squeezed`, and nothing is known of its pixel.
 pub(in crate::integrators) fn unguided_survival(
@@ -149,5 +143,5 @@ pub(in crate::integrators) fn unguided_survival(
     throughput: Vec3,
     squeezed: f32,
 ) -> f32 {
-    if plays(roulette, depth) { survival_by((throughput * squeezed).max_element()) } else { 1.0 }
+    if roulette.plays(depth) { survival_by((throughput * squeezed).max_element()) } else { 1.0 }
 }

@@ -2,7 +2,6 @@
 
 use glam::Vec3;
 
-use super::kept::{All, First};
 use super::shaded::Shaded;
 use super::sixteen::Sixteen;
 use super::vertices::Towards;
@@ -10,6 +9,7 @@ use crate::base::random::{Dimension, Generators};
 use crate::geometry::Surface;
 use crate::guiding::sample::field::{DirectionGuide, GuideField};
 use crate::guiding::sample::lanes::GuideLanes;
+use crate::integrators::kept::{All, First};
 use crate::integrators::mixture::{cosine_normal, guided_point, guided_points};
 use crate::math::lanes::{self, Kernel, LANES, Wide};
 

@@ -5,9 +5,8 @@ use std::marker::PhantomData;
 
 use smallvec::SmallVec;
 
-use super::going::{Going, Gone, plays};
+use super::going::{Going, Gone};
 use super::guides::Guides;
-use super::kept::{All, First};
 use super::shaded::Shaded;
 use super::sixteen::Sixteen;
 use super::vertices::{Shadows, Vertices};
@@ -15,6 +14,8 @@ use super::{Arrival, PathState, PathTracer};
 use crate::base::random::{Dimension, Generators};
 use crate::geometry::{Ray, Surface};
 use crate::guiding::sample::lanes::GuideLanes;
+use crate::integrators::alike::{self, Alike, Points};
+use crate::integrators::kept::{All, First};
 use crate::integrators::mixture::one_draw;
 use crate::integrators::site::{Draw, Site};
 use crate::lights::seen::{ANYWHERE, LightView, facing, facings};
@@ -22,44 +23,6 @@ use crate::lights::{LightSamples, LightSet};
 use crate::materials::{Bsdf, Plain, Transport, Variant};
 use crate::math::lanes::{self, Kernel, LANES, Real, V3, Wide};
 use crate::scene::effects::Effects;
-
-/// How sixteen vertices scatter, which are of one variant.
-trait Points<'b>: Copy {
-    /// See [`Bsdf::chooses_lobe`].
-    fn chooses_lobe(self) -> bool;
-
-    /// Lane by lane.
-    fn gather<W: Wide>(self, wide: W) -> Bsdf<'b, W::Real>;
-}
-
-/// Of any variant: of the vertices that are looked at, at least one.
-impl<'b> Points<'b> for &[Bsdf<'b, f32>] {
-    #[inline(always)]
-    fn chooses_lobe(self) -> bool {
-        self[0].chooses_lobe()
-    }
-
-    #[inline(always)]
-    fn gather<W: Wide>(self, wide: W) -> Bsdf<'b, W::Real> {
-        let mut points = [&self[0]; LANES];
-        for (point, bsdf) in points.iter_mut().zip(self) {
-            *point = bsdf;
-        }
-        Bsdf::gather(wide, points)
-    }
-}
-
-impl<'b> Points<'b> for &[Plain; LANES] {
-    #[inline(always)]
-    fn chooses_lobe(self) -> bool {
-        false
-    }
-
-    #[inline(always)]
-    fn gather<W: Wide>(self, wide: W) -> Bsdf<'b, W::Real> {
-        Plain::gather(wide, self)
-    }
-}
 
 /// Vertices with all that their shading depends on.
 struct Group<'g, P> {
@@ -122,22 +85,9 @@ impl<'b, P: Points<'b>> Kernel for Group<'_, P> {
 /// Vertices by what may be shaded together, and room for what becomes of them, reused from chunk to chunk.
 #[derive(Default)]
 pub(super) struct Groups {
-    /// Indices of vertices, for each variant with and without bumps.
-    alike: Vec<Vec<u32>>,
+    alike: Alike,
     shaded: Shaded,
     gone: Gone,
-}
-
-impl Groups {
-    /// Sorts vertices.
-    #[inline(always)]
-    fn sort(&mut self, vertices: &[Arrival]) {
-        self.alike.resize_with(2 * Variant::COUNT, Vec::new);
-        self.alike.iter_mut().for_each(Vec::clear);
-        for (index, vertex) in (0..).zip(vertices) {
-            self.alike[2 * vertex.variant.index() + usize::from(vertex.bumped)].push(index);
-        }
-    }
 }
 
 /// What shading reads and writes.
@@ -153,9 +103,6 @@ struct Room<'r, 's> {
     vertices: &'r mut Vertices,
     shadows: &'r mut Shadows,
 }
-
-/// Fewest vertices that are shaded in lanes: fewer take less time one by one.
-const FEWEST: usize = 3;
 
 impl PathTracer<'_> {
     /// How a vertex scatters.
@@ -178,15 +125,15 @@ impl PathTracer<'_> {
         shadows: &mut Shadows,
         mut goes_on: impl FnMut(u32, &Ray),
     ) {
-        let plays = plays(self.settings.roulette, depth);
+        let plays = self.settings.roulette.plays(depth);
         if E::MATERIALS {
-            groups.sort(arrivals);
+            groups.alike.sort(arrivals.iter().map(|vertex| (vertex.variant, vertex.bumped)));
         }
         let Groups { alike, shaded, gone } = groups;
-        let fewest = if lanes::available() { FEWEST } else { usize::MAX };
+        let fewest = alike::fewest();
         let mut room = Room { surfaces, paths, plays, fewest, shaded, gone, vertices, shadows };
         if E::MATERIALS {
-            for alike in alike {
+            for alike in alike.all() {
                 let vertex = |index: &u32| &arrivals[*index as usize];
                 self.shade_alike::<E, RECORDS, _>(alike, vertex, &mut room, &mut goes_on);
             }

@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 
-use super::kept::{Column, Keep, Rows, row};
 use crate::geometry::Ray;
 use crate::guiding::sample::lanes::GuideLanes;
+use crate::integrators::kept::{Column, Keep, Rows, row};
 use crate::integrators::mixture::Guided;
 use crate::integrators::site::{Lit, Onward};
 use crate::lights::LightSamples;
