@@ -316,6 +316,11 @@ pub struct RenderArgs {
     /// Whether noisy pixels get more samples than others, once a fifth of all has told where they are [default: on with --time]
     #[arg(long, value_enum)]
     pub adaptive: Option<Switch>,
+    /// Learn complete paths on top of the guide, those that it finds too rarely, and draw so many from them for each path of the path tracer,
+    /// from 0 to 1 (Reibold 2018): for caustics that voxels cannot hold. Samples are not divided by noise then [default: 0; 1 for --guide
+    /// paths]
+    #[arg(long, value_name = "RATIO", value_parser = part)]
+    pub complete_paths: Option<f64>,
     /// Render only this part of the samples, for example 3/64: whole blocks of 64 samples of each pixel. The parts of one picture, which
     /// other machines may render, are put together by `fanal merge`, which gives the bits of the picture that the same command gives
     /// without --part. Under --guide none and --load-guide. A part keeps its state in a file beside it, from which the same command goes on

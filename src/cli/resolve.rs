@@ -134,6 +134,7 @@ fn settings(args: &RenderArgs, scene: &SceneFile, aovs: &[Aov]) -> Result<Render
         crop: args.of.crop,
         part: args.part,
         adaptive: adaptive(args, &defaults)?,
+        complete_paths: args.complete_paths.unwrap_or(defaults.complete_paths),
         keeps_spread: aovs.iter().any(|aov| aov.is_of_film()),
         fireflies: fireflies(args)?,
         seed: args.of.seed,
@@ -165,7 +166,7 @@ fn stop(args: &RenderArgs, scene: &SceneFile) -> Result<StopRule> {
 /// Whether samples are divided among pixels by noise.
 fn adaptive(args: &RenderArgs, defaults: &RenderSettings) -> Result<bool> {
     let adaptive = args.adaptive.map_or(defaults.adaptive, Switch::is_on);
-    if adaptive && !defaults.guide.adapts() {
+    if adaptive && !defaults.adapts() {
         let guide = defaults.guide.name();
         return Err(Error::Options(format!("--adaptive on: --guide {guide} samples all pixels evenly; leave it out")));
     }

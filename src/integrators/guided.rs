@@ -4,22 +4,23 @@
 use glam::{DVec3, Vec3};
 use smallvec::SmallVec;
 
-use super::mixture::one_draw;
-use super::path::{KernelShares, sky_point, unguided_survival};
-use super::site::Site;
+use super::mixture::{Mixture, MixtureSample};
+use super::path::{KernelShares, Worth, blind_survival, sky_point};
 use super::{Roulette, TransportSettings};
 use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
 use crate::guiding::paths::guide::{Chosen, PathGuide};
 use crate::guiding::paths::path::{CompletePath, End, Event, Step};
 use crate::guiding::paths::spatial::Reach;
+use crate::guiding::sample::field::GuideField;
 use crate::lights::Light;
 use crate::lights::learned::LightSampling;
 use crate::lights::seen::{ANYWHERE, facing};
 use crate::materials::medium::MediumId;
 use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::{Bsdf, Transport};
-use crate::math::Frame;
+use crate::math::{Frame, channel_mean};
+use crate::picture::Window;
 use crate::scene::Scene;
 use crate::scene::media::Reached;
 
@@ -29,12 +30,35 @@ pub struct GuidedTracer<'a> {
     pub scene: &'a Scene,
     /// Settings.
     pub settings: TransportSettings,
+    /// The guiding field of the path tracer beside it; none for plain path tracing.
+    pub field: Option<&'a GuideField>,
+    /// What pixels are expected to be, by which its paths are judged; none where that is not known.
+    pub expected: Option<Expected<'a>>,
     /// How lights are sampled.
     pub lights: LightSampling<'a>,
     /// What is drawn from.
     pub guide: &'a PathGuide,
     /// How often kernels choose.
     pub shares: &'a KernelShares,
+}
+
+/// Values (channel means) that pixels are expected to have.
+#[derive(Debug, Clone, Copy)]
+pub struct Expected<'a> {
+    /// Of each pixel of the window, row by row, above 0.
+    pub values: &'a [f32],
+    /// The window.
+    pub window: Window,
+}
+
+impl Expected<'_> {
+    /// The value of the pixel in which a place of the film lies, or of the nearest.
+    pub fn at(&self, film: [f32; 2]) -> f32 {
+        let Window { x, y, width, height } = self.window;
+        let inside = |place: f32, first: u32, count: u32| (place.max(0.0) as u32).saturating_sub(first).min(count - 1);
+        let (column, row) = (inside(film[0], x, width), inside(film[1], y, height));
+        self.values[row as usize * width as usize + column as usize]
+    }
 }
 
 /// A complete path that was drawn.
@@ -64,8 +88,9 @@ struct Walk<'g> {
     steps: SmallVec<[Step; 6]>,
     /// Π f·|cos θ|; of delta lobes their factor times their probability.
     value: DVec3,
-    /// What the path tracer's path would carry, see [`unguided_survival`].
+    /// What the path tracer's path would carry, and what it would if BSDFs had chosen all directions, see [`blind_survival`].
     throughput: Vec3,
+    reflected: Vec3,
     squeezed: f32,
     /// Density of its steps but the last, roulette included, of the last, and the probability of surviving roulette behind that.
     before: f64,
@@ -73,8 +98,10 @@ struct Walk<'g> {
     survival: f64,
     /// Density of the distance to the point that it arrives at in a medium, or probability of getting to a surface there through media.
     flight: f64,
-    /// Whether light sampling is tried at its last point.
-    connects: bool,
+    /// Probability with which light sampling is tried at its last point.
+    tried: f32,
+    /// Value of its pixel, if that is known.
+    pixel: Option<f32>,
     /// Which way the surface there faces.
     facing: u8,
     rays: u64,
@@ -87,14 +114,18 @@ struct Vertex {
     phase: Option<HenyeyGreenstein>,
 }
 
+/// What the path tracer does at a vertex: how it chooses directions, and the probabilities of light sampling and of going on.
+struct At<'a> {
+    mixture: Mixture<'a, 'a>,
+    worth: Worth,
+}
+
 /// A step that was drawn at a vertex.
 struct Drawn {
-    direction: Vec3,
+    sample: MixtureSample,
     /// Distance to the next point, if that lies in a medium.
     distance: Option<f32>,
     origin: Vec3,
-    value: Vec3,
-    pdf: f32,
 }
 
 impl GuidedTracer<'_> {
@@ -124,12 +155,14 @@ impl GuidedTracer<'_> {
             steps: SmallVec::new(),
             value: DVec3::ONE,
             throughput: Vec3::ONE,
+            reflected: Vec3::ONE,
             squeezed: 1.0,
             before: 1.0,
             last: 1.0,
             survival: 1.0,
             flight: 1.0,
-            connects: false,
+            tried: 0.0,
+            pixel: self.field.and(self.expected).map(|expected| expected.at(film)),
             facing: ANYWHERE,
             rays: 0,
         };
@@ -176,24 +209,28 @@ impl GuidedTracer<'_> {
         walk.flight = f64::from(density);
         walk.value *= weight.as_dvec3() * walk.flight;
         walk.throughput *= weight;
+        walk.reflected *= weight;
         Some(surface.map(|surface| Vertex { surface, phase }))
     }
 
-    /// The scatterer where a ray meets something.
+    /// What the path tracer does where the walk has arrived.
     #[inline(always)]
-    fn site(&self, ray: &Ray, surface: &Surface, phase: Option<HenyeyGreenstein>) -> SiteAt<'_> {
-        let (bsdf, bumps) = match phase {
-            Some(phase) => (Bsdf::phase(phase), false),
+    fn at(&self, walk: &Walk, surface: &Surface, phase: Option<HenyeyGreenstein>) -> At<'_> {
+        let (bsdf, bumps, smooth) = match phase {
+            Some(phase) => (Bsdf::phase(phase), false, false),
             None => {
                 let material = self.scene.material(surface);
-                (material.at(surface.uv), material.bump.is_some())
+                (material.at(surface.uv), material.bump.is_some(), material.is_delta())
             }
         };
         let bumped = bumps && surface.smooth != surface.shading;
-        let chooses = bsdf.chooses_lobe();
-        let (normal, smooth) = (surface.shading.into(), surface.smooth.into());
-        let site = Site::new(surface.origin(), normal, smooth, (-ray.direction).into(), bsdf, bumped);
-        SiteAt { site, chooses }
+        let field = self.field.filter(|_| !smooth);
+        let voxel = field.and_then(|field| field.at(surface.point, Self::normal(&walk.ray, surface, phase)));
+        let TransportSettings { light_sampling, roulette, .. } = self.settings;
+        At {
+            mixture: Mixture::new(surface, bsdf, bumped, -walk.ray.direction, voxel),
+            worth: Worth::new(roulette, light_sampling && !smooth, voxel, channel_mean(walk.throughput), walk.pixel),
+        }
     }
 
     /// Normal on the side that a ray arrived at; zero in a medium.
@@ -218,48 +255,39 @@ impl GuidedTracer<'_> {
         let (number, surface) = (walk.points.len(), &vertex.surface);
         let phase = vertex.phase.filter(|_| MEDIA);
         let wanted = walk.chosen.path().steps.get(number)?.event;
-        let SiteAt { site, chooses } = self.site(&walk.ray, surface, phase);
+        let At { mixture, worth } = self.at(walk, surface, phase);
         let by_kernel = match phase {
             _ if wanted.delta => 0.0,
             Some(phase) => KernelShares::in_medium(phase),
             None => self.shares.at(self.scene, surface.shape),
         };
-        let mut guide = walk.random.at(Dimension::GUIDE);
-        let draw = || {
-            let onward = site.draw(&one_draw(&walk.random, chooses, None, Transport::Radiance));
-            let (weight, pdf): (Vec3, f32) = (onward.weight.into(), onward.pdf);
-            (onward.any && onward.delta == wanted.delta).then(|| Drawn {
-                direction: onward.direction.into(),
-                distance: None,
-                origin: onward.origin.into(),
-                value: weight * pdf,
-                pdf,
-            })
-        };
+        // Roulette is not played here, so its numbers are free; those of guides are the mixture's.
+        let mut guide = walk.random.at(Dimension::ROULETTE);
         let mut drawn = if by_kernel > 0.0 && guide.next_f32() < by_kernel {
             let across = guide.next_2d_f64();
             let reach = walk.chosen.kernel(number)?.sample(surface.point, across, || guide.next_2d_f64())?;
             let Reach { direction, distance } = reach;
-            let (value, pdf) = site.eval_and_pdf(direction.into());
             let origin = surface.origin().leave(direction.into()).into();
-            Drawn { direction, distance, origin, value: value.into(), pdf }
+            Drawn { sample: mixture.towards(direction), distance, origin }
         } else {
-            draw()?
+            let (sample, origin) = mixture.sample(&walk.random, Transport::Radiance)?;
+            Drawn { sample, distance: None, origin }
         };
+        let MixtureSample { direction, pdf, delta, .. } = drawn.sample;
         if MEDIA && walk.chosen.path().in_medium(number + 1) && drawn.distance.is_none() {
             let kernel = walk.chosen.kernel(number)?;
-            drawn.distance = Some(kernel.distance(surface.point, drawn.direction, guide.next_2d_f64())?);
+            drawn.distance = Some(kernel.distance(surface.point, direction, guide.next_2d_f64())?);
         }
         let (normal, medium) = (Self::normal(&walk.ray, surface, phase), phase.is_some());
-        let event = Event { transmits: normal.dot(drawn.direction) < 0.0, delta: wanted.delta, medium };
-        if event != wanted || drawn.value == Vec3::ZERO {
+        let event = Event { transmits: normal.dot(direction) < 0.0, delta, medium };
+        if event != wanted || drawn.sample.weight == Vec3::ZERO {
             return None;
         }
-        let eta = self.eta(&walk.ray, surface, phase, drawn.direction);
-        walk.go_on(self.settings.roulette, &drawn, eta);
-        walk.connects = self.settings.light_sampling && !event.delta;
+        let eta = self.eta(&walk.ray, surface, phase, direction);
+        walk.go_on(self.settings.roulette, &drawn.sample, eta, worth.onward);
+        walk.tried = if event.delta { 0.0 } else { worth.light };
         walk.facing = if self.lights.asks_facing() { facing(normal) } else { ANYWHERE };
-        let Drawn { direction, distance, origin, pdf, .. } = drawn;
+        let Drawn { distance, origin, .. } = drawn;
         walk.points.push(surface.point);
         walk.steps.push(Step { direction, pdf, by_kernel, event });
         (walk.ray, walk.distance) = (Ray { origin, direction }, distance);
@@ -273,11 +301,10 @@ impl GuidedTracer<'_> {
     fn hit(&self, walk: &mut Walk, surface: &Surface) -> Option<()> {
         let (index, Light::Area(light)) = self.scene.light_of(surface)? else { return None };
         walk.value *= light.emitted(surface, -walk.ray.direction).as_dvec3();
-        if walk.connects {
+        if walk.tried > 0.0 {
             let from = *walk.points.last()?;
-            walk.last += f64::from(
-                light.pdf(from, surface) * self.scene.lights.probability(from, index, self.lights.odds(from)),
-            );
+            let choice = self.scene.lights.probability(from, index, self.lights.odds(from)) * walk.tried;
+            walk.last += f64::from(light.pdf(from, surface) * choice);
         }
         walk.points.push(surface.point);
         Some(())
@@ -288,9 +315,7 @@ impl GuidedTracer<'_> {
         let sky = self.lights.view(*walk.points.last()?, walk.facing);
         let (radiance, pdf) = self.scene.lights.background(walk.ray.direction, &sky);
         walk.value *= radiance.as_dvec3();
-        if walk.connects {
-            walk.last += f64::from(pdf);
-        }
+        walk.last += f64::from(pdf * walk.tried);
         walk.points.push(sky_point(self.scene, *walk.points.last()?, walk.ray.direction));
         Some(())
     }
@@ -300,7 +325,7 @@ impl GuidedTracer<'_> {
         let (number, surface) = (walk.points.len(), &vertex.surface);
         let phase = vertex.phase.filter(|_| MEDIA);
         let kept = walk.chosen.path().steps.get(number)?;
-        let SiteAt { site, .. } = self.site(&walk.ray, surface, phase);
+        let At { mixture, worth } = self.at(walk, surface, phase);
         let normal = Self::normal(&walk.ray, surface, phase);
         let u = walk.random.at(Dimension::LIGHT_POINT).next_2d();
         let light = self.scene.lights.lights[index].sample(
@@ -309,7 +334,7 @@ impl GuidedTracer<'_> {
             &self.lights.view(surface.point, facing(normal)),
         )?;
         let event = Event { transmits: normal.dot(light.wi) < 0.0, delta: false, medium: phase.is_some() };
-        let value: Vec3 = site.eval_and_pdf(light.wi.into()).0.into();
+        let value = mixture.eval(light.wi);
         if event != kept.event || value == Vec3::ZERO {
             return None;
         }
@@ -320,30 +345,33 @@ impl GuidedTracer<'_> {
         walk.value *= (value * light.radiance * passed / light.pdf).as_dvec3();
         walk.before *= walk.last * walk.survival * walk.flight;
         // As for complete paths of the path tracer, without the density of the place on the light.
-        walk.last = f64::from(self.scene.lights.probability(surface.point, index, self.lights.odds(surface.point)));
+        let choice = self.scene.lights.probability(surface.point, index, self.lights.odds(surface.point));
+        walk.last = f64::from(choice * worth.light);
         walk.points.push(surface.point);
         walk.steps.push(Step { direction: light.wi, pdf: 0.0, by_kernel: 0.0, event });
         Some(())
     }
 }
 
-/// A scatterer, and whether its BSDF reads the number that chooses a lobe.
-struct SiteAt<'a> {
-    site: Site<'a, f32>,
-    chooses: bool,
-}
-
 impl Walk<'_> {
-    /// Counts a step that crosses indices of ratio `eta`.
-    fn go_on(&mut self, roulette: Roulette, drawn: &Drawn, eta: f32) {
-        self.value *= drawn.value.as_dvec3();
-        self.throughput *= drawn.value / drawn.pdf;
+    /// Counts a step that crosses indices of ratio `eta`; `survival` is the probability of going on by the light that is expected, if that is
+    /// known.
+    fn go_on(&mut self, roulette: Roulette, drawn: &MixtureSample, eta: f32, survival: Option<f32>) {
+        // Of a delta lobe its factor times its probability; what is never drawn may still be seen of a light that is sampled.
+        let value = if drawn.pdf > 0.0 { drawn.weight * drawn.pdf } else { drawn.value };
+        self.value *= value.as_dvec3();
+        self.throughput *= drawn.weight;
+        self.reflected *= drawn.bsdf_weight;
         self.squeezed *= eta * eta;
         // Roulette at the last point before the light does not count, so it is multiplied with the next step only.
         self.before *= self.last * self.survival * self.flight;
         self.last = f64::from(drawn.pdf);
-        let survival = unguided_survival(roulette, self.points.len() as u32 + 1, self.throughput, self.squeezed);
+        let judged = self.throughput.max(self.reflected);
+        let blind = || blind_survival(roulette, self.points.len() as u32 + 1, judged, self.squeezed);
+        // What a mirror shows has nothing to do with what the voxel's other directions send back.
+        let survival = survival.filter(|_| !drawn.delta).unwrap_or_else(blind);
         self.throughput /= survival;
+        self.reflected /= survival;
         self.survival = f64::from(survival);
     }
 }

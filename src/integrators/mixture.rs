@@ -39,10 +39,30 @@ impl<'a, 'g> Mixture<'a, 'g> {
 
     /// The density with which [`Mixture::sample`] chooses the world direction `wi`, and the part of it that is the BSDF's.
     pub fn pdf(&self, wi: Vec3) -> (f32, f32) {
-        let pdf = self.site.eval_and_pdf(wi.into()).1;
-        let Some(guide) = self.guide else { return (pdf, 1.0) };
-        let (bsdf_fraction, deltas, guide_pdf) = (guide.bsdf_fraction, self.site.delta_probability(), guide.pdf(wi));
-        MixtureDensity { bsdf_fraction, deltas, guide_pdf }.pdf(pdf)
+        let MixtureSample { pdf, bsdf_share, .. } = self.towards(wi);
+        (pdf, bsdf_share)
+    }
+
+    /// The world direction `wi`, as if it had been drawn by all that can draw it but delta lobes; its weights are not finite where none can.
+    pub fn towards(&self, wi: Vec3) -> MixtureSample {
+        let (value, pdf) = self.site.eval_and_pdf(wi.into());
+        let mut sample = MixtureSample {
+            direction: wi,
+            weight: Vec3::ZERO,
+            bsdf_weight: Vec3::ZERO,
+            value: value.into(),
+            pdf,
+            bsdf_share: 1.0,
+            delta: false,
+        };
+        if let Some(guide) = self.guide {
+            let (bsdf_fraction, deltas, guide_pdf) =
+                (guide.bsdf_fraction, self.site.delta_probability(), guide.pdf(wi));
+            (sample.pdf, sample.bsdf_share) = MixtureDensity { bsdf_fraction, deltas, guide_pdf }.pdf(pdf);
+        }
+        sample.weight = sample.value / sample.pdf;
+        sample.bsdf_weight = if pdf > 0.0 { sample.value / pdf } else { sample.weight };
+        sample
     }
 
     /// Draws a direction by the numbers of this vertex, and where a ray in it starts; none where the surface absorbs.

@@ -40,7 +40,7 @@ use crate::scene::effects::Effects;
 use crate::scene::media::{End, Expected, Passage, Place, Segment};
 use background::Left;
 use going::Gone;
-pub(super) use going::unguided_survival;
+pub(super) use going::blind_survival;
 use shaded::Shaded;
 use vertices::{Connection, Flown, Shadows, Towards, Tried, Vertices};
 
@@ -135,9 +135,31 @@ struct Arrival {
 /// Probabilities of light sampling and of going on at a vertex, by the light that is expected there; for the latter none where nothing
 /// is known.
 #[derive(Clone, Copy)]
-struct Worth {
-    light: f32,
-    onward: Option<f32>,
+pub(super) struct Worth {
+    pub light: f32,
+    pub onward: Option<f32>,
+}
+
+impl Worth {
+    /// Where light is sampled at all if it `connects`, for a path that carries `carried` (channel mean) to a vertex in `voxel`, if that is
+    /// known, for a pixel of this value; without one nothing is known by which a path could be judged.
+    #[inline(always)]
+    pub fn new(
+        roulette: Roulette,
+        connects: bool,
+        voxel: Option<&VoxelGuide>,
+        carried: f32,
+        pixel: Option<f32>,
+    ) -> Self {
+        let importance = pixel.map(|value| carried / value);
+        let known = voxel.filter(|_| roulette == Roulette::Window);
+        let adjoint = known.map_or(AdjointRoulette::UNKNOWN, |voxel| voxel.roulette);
+        let light = importance.map_or(1.0, |importance| adjoint.light_probability(importance, carried));
+        Self {
+            light: if connects { light } else { 0.0 },
+            onward: importance.and_then(|importance| adjoint.survival(importance, carried)),
+        }
+    }
 }
 
 /// Light that a vertex adds, and the part that it lets through of the light that arrives, kept until that light is known.
@@ -182,7 +204,8 @@ struct Details {
     throughput: Vec3,
     /// Emission towards the previous vertex.
     emission: Emission,
-    /// Light sampling at this vertex.
+    /// Probability with which light sampling is tried at this vertex, and what came of it.
+    tried: f32,
     direct: Direct,
     /// How the path went on; none where it ended.
     step: Option<Step>,
@@ -208,9 +231,9 @@ struct Direct {
 struct ToLight {
     /// The shadow ray with its length, which is infinite for a light that is infinitely far away.
     ray: (Ray, f32),
-    /// Densities of light sampling and of the BSDF; the latter is 0 where no ray can hit the light.
+    /// Densities of light sampling, and of what chooses directions at the vertex; the latter is 0 where no ray can hit the light.
     pdf: f32,
-    bsdf_pdf: f32,
+    onward: f32,
 }
 
 /// How a path went on, see [`MixtureSample`](super::mixture::MixtureSample).
@@ -276,8 +299,8 @@ impl PathTracer<'_> {
         let knows = E::MEDIA && E::GUIDING && self.settings.guided_distances && self.field.is_some();
         let expected = |place: Place| self.expected(path, place);
         let expected: Option<Expected> = if knows { Some(&expected) } else { None };
-        // For complete paths, which are learned of paths without a guide.
-        let wants_density = E::MEDIA && RECORDS && !E::GUIDING;
+        // For complete paths, which are not guided that way.
+        let wants_density = E::MEDIA && RECORDS && !knows;
         let (ray, carried, random) = (&path.ray, path.throughput, &path.random);
         let segment = Segment { ray, carried, random, expected, wants_density };
         let Passage { end, weight: passed, glow, density } =
@@ -324,6 +347,9 @@ impl PathTracer<'_> {
             }
         }
         let worth = self.worth::<E>(path, smooth, found);
+        if RECORDS {
+            vertices.details[vertex as usize].tried = worth.light;
+        }
         Some(Arrival {
             place,
             path: number,
@@ -389,6 +415,7 @@ impl PathTracer<'_> {
             normal,
             throughput: path.throughput,
             emission,
+            tried: 0.0,
             direct: Direct::default(),
             step: None,
             absorbed: false,
@@ -399,18 +426,10 @@ impl PathTracer<'_> {
     /// Probabilities of light sampling and of going on at a vertex in a voxel.
     #[inline(always)]
     fn worth<E: Effects>(&self, path: &PathState, smooth: bool, voxel: Option<&VoxelGuide>) -> Worth {
-        // Without a guide nothing is known by which a path could be judged.
+        // Without a guide the value means something else.
         let pixel = (E::GUIDING && path.judged).then_some(path.pixel);
-        let carried = channel_mean(path.throughput);
-        let importance = pixel.map(|value| carried / value);
-        let known = voxel.filter(|_| self.settings.roulette == Roulette::Window);
-        let adjoint = known.map_or(AdjointRoulette::UNKNOWN, |voxel| voxel.roulette);
-        let tries = self.settings.light_sampling && !smooth;
-        let light = importance.map_or(1.0, |importance| adjoint.light_probability(importance, carried));
-        Worth {
-            light: if tries { light } else { 0.0 },
-            onward: importance.and_then(|importance| adjoint.survival(importance, carried)),
-        }
+        let connects = self.settings.light_sampling && !smooth;
+        Worth::new(self.settings.roulette, connects, voxel, channel_mean(path.throughput), pixel)
     }
 
     /// Whether a light is sampled, which is tried with `probability`.

@@ -45,6 +45,11 @@ impl Run<'_> {
     pub(super) fn finish(mut self, field: Option<GuideField>) -> Result<Outcome> {
         let known = field.as_ref();
         self.statistics.guide = known.map_or(GuideStatistics::default(), GuideStatistics::of);
+        if self.settings.complete_paths > 0.0
+            && let Some(rendered) = self.by_paths(known)?
+        {
+            return Ok(self.end(rendered, field));
+        }
         self.watcher.control.progress.message("rendering");
         let rendered = match self.settings.stop {
             StopRule::TargetError(error) => self.render_to(error, field.as_ref())?,

@@ -119,12 +119,8 @@ pub fn render_watched(
     reconstructor: &dyn Reconstructor,
     control: &Control,
 ) -> Result<Outcome> {
+    paths::check(scene, settings, control)?;
     let mut run = Run::begin(scene, settings, control)?;
-    if settings.guide == GuideMode::Paths {
-        paths::check(scene, settings, control)?;
-        run.start(own_samples(settings, scene.size, None)?)?;
-        return run.by_paths();
-    }
     run.start(own_samples(settings, scene.size, None)?)?;
     let resumed = run.resumed.as_mut().and_then(|resumed| resumed.field.take());
     if settings.part.is_some() && settings.guide != GuideMode::None {
@@ -133,7 +129,7 @@ pub fn render_watched(
         ));
     }
     let field = match (settings.guide, resumed) {
-        (GuideMode::None, _) => None,
+        (GuideMode::None | GuideMode::Paths, _) => None,
         (_, Some((field, evidence))) => {
             run.evidence = if settings.learner.keeps_evidence { evidence } else { Evidence::default() };
             Some(field)
@@ -155,7 +151,10 @@ pub fn render_with_field(
     field: GuideField,
     control: &Control,
 ) -> Result<Outcome> {
-    paths::refuse(settings)?;
+    if settings.guide == GuideMode::Paths {
+        return Err(Error::Options("--guide paths has no guide that could be loaded".into()));
+    }
+    paths::check(scene, settings, control)?;
     let mut run = Run::begin(scene, settings, control)?;
     run.start(own_samples(settings, scene.size, Some(&field))?)?;
     run.known = field.pixel_values().and_then(|known| known.within(run.window));

@@ -110,11 +110,6 @@ impl GuideMode {
         matches!(self, Self::Ppg | Self::Ppg2 | Self::Nilsson)
     }
 
-    /// Whether noisy pixels can get more samples than others: guided paths fall where they may.
-    pub fn adapts(self) -> bool {
-        self != Self::Paths
-    }
-
     /// Model of directions that learns.
     pub fn model(self) -> ModelKind {
         match self {
@@ -234,9 +229,6 @@ impl Fireflies {
     }
 }
 
-/// Part of the budget in which complete paths are learned (Reibold 2018, §4.3).
-const PATHS_SHARE: f64 = 0.1;
-
 /// Rule by which a render ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StopRule {
@@ -261,6 +253,11 @@ pub struct RenderSettings {
     pub reconstruction: Reconstruction,
     /// Settings of the learner.
     pub learner: LearnerSettings,
+    /// Paths that are drawn from kept ones for each path of the path tracer (Reibold 2018), in [0, 1]. Where it is not 0, these are learned once
+    /// other guides are.
+    pub complete_paths: f64,
+    /// Part of the budget that guides have left in which they are learned.
+    pub paths_share: f64,
     /// Largest share of the budget that may go into learning; within it learning ends when it no longer pays.
     pub learning_share: f64,
     /// Whether guiding is left out where it turns out not to pay.
@@ -289,6 +286,11 @@ pub struct RenderSettings {
 }
 
 impl RenderSettings {
+    /// Whether noisy pixels can get more samples than others: paths that are drawn from kept ones fall where they may.
+    pub fn adapts(&self) -> bool {
+        self.guide != GuideMode::Paths
+    }
+
     /// Defaults for a mode and a budget.
     pub fn new(guide: GuideMode, stop: StopRule) -> Self {
         let learner = match guide {
@@ -330,7 +332,10 @@ impl RenderSettings {
             samples,
             reconstruction,
             learner: LearnerSettings { model: guide.model(), ..learner },
-            learning_share: if guide == GuideMode::Paths { PATHS_SHARE } else { 0.5 },
+            complete_paths: if guide == GuideMode::Paths { 1.0 } else { 0.0 },
+            // Reibold 2018, §4.3.
+            paths_share: 0.1,
+            learning_share: 0.5,
             gives_up: !guide.has_own_surroundings(),
             reconstruction_share: 0.15,
             filter: FilterFile::default(),
@@ -338,7 +343,7 @@ impl RenderSettings {
             part: None,
             keeps_spread: false,
             // Samples that are asked for by their number are those of each pixel.
-            adaptive: matches!(stop, StopRule::Time(_)) && guide.adapts(),
+            adaptive: matches!(stop, StopRule::Time(_)) && guide != GuideMode::Paths,
             fireflies: Fireflies::Keep,
             stop,
             seed: 0,
@@ -364,8 +369,9 @@ impl RenderSettings {
         let TransportSettings { roulette, light_sampling, .. } = defaults.transport;
         let light_sampling = light_sampling && self.transport.light_sampling;
         let transport = TransportSettings { roulette, light_sampling, ..self.transport };
-        let Self { seed, filter, crop, adaptive, fireflies, .. } = *self;
-        Self { transport, seed, filter, crop, adaptive: adaptive && guide.adapts(), fireflies, learner, ..defaults }
+        let Self { seed, filter, crop, fireflies, .. } = *self;
+        let adaptive = self.adaptive && guide != GuideMode::Paths;
+        Self { transport, seed, filter, crop, adaptive, fireflies, learner, ..defaults }
     }
 
     /// Window that is rendered of a picture of `size` (columns, rows).

@@ -91,7 +91,9 @@ pub struct GuideStatistics {
     pub trees: usize,
     /// Quadtree nodes that can be sampled.
     pub nodes: usize,
-    /// Bytes of the field.
+    /// Complete paths that are kept.
+    pub paths: usize,
+    /// Bytes of the field, and of the paths.
     pub bytes: usize,
 }
 
@@ -102,6 +104,7 @@ impl GuideStatistics {
             voxels: field.voxels().len(),
             trees: field.voxels().iter().filter(|v| v.directions.is_some()).count(),
             nodes: field.nodes(),
+            paths: 0,
             bytes: field.bytes(),
         }
     }

@@ -282,7 +282,7 @@ impl Experiment<'_> {
                 let settings = RenderSettings {
                     stop,
                     seed,
-                    adaptive: adaptive && guide.adapts(),
+                    adaptive: adaptive && guide != GuideMode::Paths,
                     ..self.settings.with_guide(guide)
                 };
                 settings.following(&plan(&self.loaded.file))
@@ -292,7 +292,7 @@ impl Experiment<'_> {
                 let Variant { settings, adaptive: given, .. } = &self.variants[index];
                 let transport =
                     TransportSettings { max_depth: self.settings.transport.max_depth, ..settings.transport };
-                let adaptive = given.unwrap_or(adaptive && settings.guide.adapts());
+                let adaptive = given.unwrap_or(adaptive && settings.adapts());
                 RenderSettings { transport, filter: self.settings.filter, stop, seed, adaptive, ..settings.clone() }
             }
         }

@@ -30,8 +30,8 @@ fn f08_parts_and_learning_go_on() {
     let files = Files::new();
     let door = scene("door-ajar");
     let part =
-        ["render", &door, "--guide", "none", "--size", "48x36", "--spp", "192", "--part", "2/2", "--threads", "1"];
-    let learn = ["learn", &door, "--guide", "gaussian", "--size", "32x24", "--spp", "48", "--threads", "1"];
+        ["render", &door, "--guide", "none", "--size", "48x36", "--spp", "1536", "--part", "2/2", "--threads", "1"];
+    let learn = ["learn", &door, "--guide", "gaussian", "--size", "32x24", "--spp", "256", "--threads", "1"];
     for command in [&part[..], &learn] {
         let (whole, broken) = (files.text("whole"), files.text("broken"));
         works(&[command, &["-o", &whole, "--quiet"]].concat());
@@ -43,7 +43,7 @@ fn f08_parts_and_learning_go_on() {
                 .stderr(Stdio::piped())
                 .spawn()
                 .unwrap();
-            std::thread::sleep(Duration::from_millis(100 << interruptions));
+            std::thread::sleep(Duration::from_millis(50 << interruptions));
             let _ =
                 Command::new("sh").args(["-c", &format!("kill -TERM {}", child.id())]).stderr(Stdio::null()).status();
             match child.wait().unwrap().code() {

@@ -15,13 +15,14 @@ pub struct VariantArgs {
 }
 
 /// Options that a variant may have: how light is found, and which is believed. What the picture shows, and its budget, are the comparison's.
-const OPTIONS: [&str; 16] = [
+const OPTIONS: [&str; 17] = [
     "guide",
     "guide_memory",
     "roulette",
     "light_sampling",
     "guided_distances",
     "adaptive",
+    "complete_paths",
     "fireflies",
     "kappa",
     "samples",

@@ -47,7 +47,7 @@ pub fn run(args: &InspectArgs) -> Result<()> {
 }
 
 fn summary(field: &GuideField, evidence: &Evidence) -> [String; 2] {
-    let GuideStatistics { voxels, trees, nodes, bytes } = GuideStatistics::of(field);
+    let GuideStatistics { voxels, trees, nodes, bytes, .. } = GuideStatistics::of(field);
     let size = format!("{voxels} voxels, {trees} with a guide; {nodes} nodes or lobes; {bytes} bytes while rendering");
     let mut gains: Vec<f32> = evidence.gain.iter().copied().filter(|g| g.is_finite()).collect();
     gains.sort_by(f32::total_cmp);

@@ -138,6 +138,7 @@ fn as_render(args: &LearnArgs) -> RenderArgs {
         time: args.time,
         target_error: None,
         adaptive: None,
+        complete_paths: None,
         part: None,
         display: None,
         aov: Vec::new(),

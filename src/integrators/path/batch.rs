@@ -267,7 +267,7 @@ impl PathTracer<'_> {
         let value = value * passed * factor;
         vertices.all[vertex as usize].direct = value;
         if RECORDS {
-            let towards = Some(ToLight { ray: *ray, pdf, bsdf_pdf });
+            let towards = Some(ToLight { ray: *ray, pdf, onward });
             vertices.details[vertex as usize].direct = Direct { value, bsdf_share, ratio: pdf / onward, towards };
         }
     }

@@ -17,7 +17,7 @@ pub struct Contribution {
     pub path: Option<CompletePath>,
     /// Its part of the sample's radiance, W·m⁻²·sr⁻¹.
     pub value: Vec3,
-    /// Density p_u with which BSDFs or light sampling make the path, given its place in the picture. Roulette at its last point before the
+    /// Density p_u with which BSDFs, guides or light sampling make the path, given its place in the picture. Roulette at its last point before the
     /// light does not count, as in the balance of both.
     pub unguided: f64,
 }
@@ -157,7 +157,7 @@ impl PathTracer<'_> {
         }
         let ((ray, length), direction) = (light.ray, light.ray.0.direction);
         let end = match self.sampled_light(number, details.point, random) {
-            Some(index) if light.bsdf_pdf == 0.0 && !self.scene.lights.lights[index].is_reachable() => {
+            Some(index) if light.onward == 0.0 && !self.scene.lights.lights[index].is_reachable() => {
                 End::Light(index as u32)
             }
             _ if length.is_infinite() => End::Sky,
@@ -167,13 +167,13 @@ impl PathTracer<'_> {
             // Both techniques choose the place on an unseen surface alike: its density is left out of both.
             End::Light(index) => {
                 let at = details.point;
-                self.scene.lights.probability(at, index as usize, self.lights.odds(at))
+                self.scene.lights.probability(at, index as usize, self.lights.odds(at)) * details.tried
             }
-            End::Surface | End::Sky => light.pdf + light.bsdf_pdf,
+            End::Surface | End::Sky => light.pdf + light.onward,
         };
         let unguided = begun.before * begun.survival * begun.last * begun.flight * f64::from(density);
         let event = event(details, direction, false);
-        let step = Step { direction, pdf: light.bsdf_pdf, by_kernel, event };
+        let step = Step { direction, pdf: light.onward, by_kernel, event };
         let (mut points, mut steps) = (begun.points.clone(), begun.steps.clone());
         steps.push(step);
         match end {

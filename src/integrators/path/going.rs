@@ -135,13 +135,8 @@ fn survival_by<R: Real>(carried: R) -> R {
     carried.between(0.05, ROULETTE_MOST)
 }
 
-/// Probability with which a path without a guide goes on from its vertex number `depth`, where it carries `throughput` and the product of
-/// squared indices `squeezed`, and nothing is known of its pixel.
-pub(in crate::integrators) fn unguided_survival(
-    roulette: Roulette,
-    depth: u32,
-    throughput: Vec3,
-    squeezed: f32,
-) -> f32 {
+/// Probability with which a path goes on from its vertex number `depth`, where it carries `throughput`, or the larger of that and what it
+/// would carry if BSDFs had chosen all directions, and the product of squared indices `squeezed`, and nothing is known of its pixel.
+pub(in crate::integrators) fn blind_survival(roulette: Roulette, depth: u32, throughput: Vec3, squeezed: f32) -> f32 {
     if roulette.plays(depth) { survival_by((throughput * squeezed).max_element()) } else { 1.0 }
 }

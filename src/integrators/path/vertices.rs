@@ -23,7 +23,7 @@ pub(super) struct Vertices {
     pub backgrounds: Vec<Background>,
     /// Of each where records are wanted, otherwise none.
     pub details: Vec<Details>,
-    /// The same of media; empty where there are none, and with a guide.
+    /// The same of media; empty where there are none, and where guides choose distances in them.
     pub flights: Vec<Flown>,
     /// What came of lights that were chosen, where that is counted.
     pub trials: Vec<Trial>,

@@ -9,8 +9,8 @@ use glam::{DVec3, Vec3};
 
 use super::super::pass::{Pool, in_blocks};
 use super::super::run::Run;
-use super::super::settings::StopRule;
-use super::{GUIDED_STREAM, LEARNING_SEED, Placed};
+use super::super::settings::{GuideMode, StopRule};
+use super::{GUIDED_STREAM, Guides, LEARNING_SEED, Placed};
 use crate::base::random::{Dimension, Random};
 use crate::film::{Cascade, Judge};
 use crate::guiding::paths::cache::{Kept, MOST, MOST_SHARE, PathCache};
@@ -85,6 +85,7 @@ struct Batch<'a> {
     tracer: PathTracer<'a>,
     guided: GuidedTracer<'a>,
     shares: &'a KernelShares,
+    guides: Guides<'a>,
     cells: &'a Cells,
     /// Corner of the window, and its columns and rows.
     corner: [f32; 2],
@@ -123,7 +124,7 @@ impl Batch<'_> {
                 let random = Random::new(self.seed, self.number, index);
                 let [x, y] = random.at(Dimension::FILM).next_2d();
                 let film = [self.corner[0] + x * self.size[0], self.corner[1] + y * self.size[1]];
-                Placed::new(self.guided.scene, film, random)
+                Placed::new(self.guided.scene, film, random, self.guides)
             })
             .collect();
         let mut count = RayCount::default();
@@ -189,28 +190,38 @@ fn outliers(cells: &Cells, mut samples: Vec<Sample>, most: usize) -> Vec<Kept> {
 }
 
 impl Run<'_> {
-    /// Learns paths while a part of the budget lasts.
-    pub(super) fn learn_paths(&mut self) -> PathGuide {
+    /// Learns paths while a part of the budget that is left lasts, of the path tracer with these guides.
+    pub(super) fn learn_paths(&mut self, guides: Guides) -> PathGuide {
+        let Guides { field, expected } = guides;
         let (scene, settings, window) = (self.scene, self.settings, self.window);
         let pixels = window.pixels();
         let count = pixels.min(BATCH);
         let (mut cells, mut cache) = (Cells::new([window.width, window.height], count), PathCache::default());
         let (mut guide, shares) = (PathGuide::default(), KernelShares::new(scene));
         let pool = Pool::<PathScratch>::default();
-        let mut took = 0.0;
+        let (until, mut took) = (self.paths_until(), 0.0);
         for number in 0u32.. {
             let kinds = if guide.is_empty() { 1 } else { 2 };
-            if !self.learns_paths(kinds * count, took) || cache.len() >= MOST {
+            if !self.learns_paths(kinds * count, took, until) || cache.len() >= MOST {
                 break;
             }
             self.watcher.control.progress.message(&format!("learning, batch {number}"));
             let began = Instant::now();
             let lights = (&self.lights).into();
-            let guided = GuidedTracer { scene, settings: settings.transport, lights, guide: &guide, shares: &shares };
+            let guided = GuidedTracer {
+                scene,
+                settings: settings.transport,
+                field,
+                expected,
+                lights,
+                guide: &guide,
+                shares: &shares,
+            };
             let batch = Batch {
-                tracer: PathTracer { scene, settings: settings.transport, field: None, lights },
+                tracer: PathTracer { scene, settings: settings.transport, field, lights },
                 guided,
                 shares: &shares,
+                guides,
                 cells: &cells,
                 corner: [window.x as f32, window.y as f32],
                 size: [window.width as f32, window.height as f32],
@@ -241,18 +252,31 @@ impl Run<'_> {
             self.statistics.seconds.reconstruct += made.elapsed().as_secs_f64();
             took = began.elapsed().as_secs_f64();
         }
-        let told = if guide.is_empty() { "off: no sample stood alone" } else { "on" };
-        self.statistics.decisions.push(format!("{told}; {} paths kept", guide.len()));
+        self.statistics.decisions.push(match guide.len() {
+            0 => "complete paths off: no sample stood alone".into(),
+            kept => format!("complete paths on: {kept} are kept"),
+        });
         guide
     }
 
+    /// What may be spent until the last batch, in seconds or in samples per pixel.
+    fn paths_until(&self) -> f64 {
+        let of = |spent: f64, budget: f64| spent + self.settings.paths_share * (budget - spent);
+        match self.settings.stop {
+            // Without other guides the clock has only begun.
+            StopRule::Time(seconds) if self.settings.guide == GuideMode::Paths => of(0.0, seconds),
+            StopRule::Time(seconds) => of(self.watcher.elapsed(), seconds),
+            StopRule::Spp(spp) => of(self.state.spent, f64::from(spp)),
+            StopRule::TargetError(_) => 0.0,
+        }
+    }
+
     /// Whether there is room for another batch of so many paths, where the last took so many seconds.
-    fn learns_paths(&self, paths: u64, took: f64) -> bool {
-        let share = self.settings.learning_share;
+    fn learns_paths(&self, paths: u64, took: f64, until: f64) -> bool {
         !self.watcher.stopped()
             && match self.settings.stop {
-                StopRule::Time(seconds) => self.watcher.elapsed() + 0.5 * took < share * seconds,
-                StopRule::Spp(spp) => self.state.spent + paths as f64 / self.pixels() as f64 <= share * f64::from(spp),
+                StopRule::Time(_) => self.watcher.elapsed() + 0.5 * took < until,
+                StopRule::Spp(_) => self.state.spent + paths as f64 / self.pixels() as f64 <= until,
                 StopRule::TargetError(_) => false,
             }
     }

@@ -1,20 +1,21 @@
-//! Rendering guided by complete paths (Reibold 2018): learning, and the picture. The algorithm is in [`crate::guiding::paths`].
+//! Rendering guided by complete paths (Reibold 2018): learning, and the picture. The algorithm is in [`crate::guiding::paths`]. The rest of
+//! the samples are the path tracer's, with a guide of directions where there is one, which the paper does not do.
 //!
-//! As many paths are drawn from the kept ones as the path tracer draws, which is u = ½ of the paper's eq. 6: with W pixels, one path of the
-//! path tracer in each and W guided ones, the one-sample estimator of a pixel is f / (p_u + W·p_g / h), h the density of the pixel's filter
-//! at the path's place. A guided path adds to every pixel in whose filter it lies.
+//! With W pixels, one path of the path tracer in each and r·W guided ones, the one-sample estimator of a pixel is f / (p_u + r·W·p_g / h), h the
+//! density of the pixel's filter at the path's place. A guided path adds to every pixel in whose filter it lies. r = 1 is u = ½ of the paper's
+//! eq. 6.
 
 mod learn;
 mod picture;
 
-use super::Outcome;
 use super::camera::camera_film;
 use super::control::Control;
-use super::run::Run;
+use super::run::{Rendered, Run};
 use super::settings::{GuideMode, RenderSettings, StopRule};
 use crate::base::random::Random;
 use crate::base::{Error, Result};
-use crate::guiding::paths::guide::PathGuide;
+use crate::guiding::sample::field::GuideField;
+use crate::integrators::guided::Expected;
 use crate::integrators::path::CameraPath;
 use crate::scene::Scene;
 
@@ -22,17 +23,35 @@ use crate::scene::Scene;
 const GUIDED_STREAM: u64 = 1 << 62;
 const LEARNING_SEED: u64 = 0x9A7B_5EED_0C0D_E001;
 
-/// Refuses a render that is no picture by complete paths: these are not kept in files.
+/// Refuses learning that is kept: complete paths are not kept in files.
 pub(super) fn refuse(settings: &RenderSettings) -> Result<()> {
-    if settings.guide == GuideMode::Paths {
-        return Err(Error::Options("--guide paths keeps no guide that could be saved, loaded or shared".into()));
+    if settings.complete_paths > 0.0 {
+        return Err(Error::Options("complete paths are no guide that could be saved, loaded or shared".into()));
     }
     Ok(())
 }
 
-/// Refuses what a picture by complete paths cannot be.
+/// Refuses what a picture by complete paths, if it is one, cannot be.
 pub(super) fn check(scene: &Scene, settings: &RenderSettings, control: &Control) -> Result<()> {
-    let refused = |what: &str| Err(Error::Options(format!("--guide paths: {what}")));
+    if settings.complete_paths == 0.0 {
+        return Ok(());
+    }
+    if !(0.0..=1.0).contains(&settings.complete_paths) {
+        return Err(Error::Options(format!(
+            "{} complete paths for each path: expected 0 to 1",
+            settings.complete_paths
+        )));
+    }
+    let option = if settings.guide == GuideMode::Paths { "--guide paths" } else { "--complete-paths" };
+    let refused = |what: &str| Err(Error::Options(format!("{option}: {what}")));
+    if settings.guide == GuideMode::None {
+        return refused("there are no samples to learn from under --guide none; give --guide paths");
+    }
+    if settings.transport.guided_distances {
+        return refused(
+            "distances that a guide chooses have no density that could be told; leave --guided-distances out",
+        );
+    }
     if control.checkpoint.is_some() {
         return refused("kept paths are in no checkpoint; leave --checkpoint and --resume out");
     }
@@ -45,10 +64,18 @@ pub(super) fn check(scene: &Scene, settings: &RenderSettings, control: &Control)
     if scene.views() > 1 {
         return refused("it guides one view; render the views one by one");
     }
-    if settings.adaptive {
+    if settings.adaptive && settings.guide == GuideMode::Paths {
         return refused("guided paths fall where they may, not where noise is; leave --adaptive out");
     }
     Ok(())
+}
+
+/// What paths are drawn by: kept ones, and the guide of the path tracer beside them.
+#[derive(Clone, Copy)]
+struct Guides<'a> {
+    field: Option<&'a GuideField>,
+    /// See [`GuidedTracer::expected`].
+    expected: Option<Expected<'a>>,
 }
 
 /// A camera path with its place in the picture.
@@ -58,28 +85,32 @@ struct Placed {
 }
 
 impl Placed {
-    fn new(scene: &Scene, film: [f32; 2], random: Random) -> Self {
+    fn new(scene: &Scene, film: [f32; 2], random: Random, guides: Guides) -> Self {
         let ray = scene.camera.ray(film, scene.camera.lens(&random));
-        Self { film, path: CameraPath { ray, random, pixel: None } }
+        // Of the pixel in which it lies, whichever it is for: then its density does not depend on that.
+        let pixel = guides.field.and(guides.expected).map(|expected| expected.at(film));
+        Self { film, path: CameraPath { ray, random, pixel } }
     }
 }
 
 impl Run<'_> {
-    /// Renders the picture, and ends the render.
-    pub(super) fn by_paths(mut self) -> Result<Outcome> {
-        let guide = if self.scene.has_grids() {
+    /// Renders what is left of the picture by complete paths and by the path tracer with `field`; none where no paths are kept.
+    pub(super) fn by_paths(&mut self, field: Option<&GuideField>) -> Result<Option<Rendered>> {
+        // One without voxels, of a guide that was given up or not begun, would only be looked up in vain.
+        let field = field.filter(|field| !field.voxels().is_empty());
+        let (values, window) = (self.pixel_values(), self.window);
+        let guides = Guides { field, expected: values.as_deref().map(|values| Expected { values, window }) };
+        if self.scene.has_grids() {
             // Delta and ratio tracking have no density that could be told of a path.
-            self.statistics.decisions.push("off: paths through media that vary are not guided".into());
-            PathGuide::default()
-        } else {
-            self.learn_paths()
-        };
-        if guide.is_empty() {
-            return self.finish(None);
+            self.statistics.decisions.push("complete paths off: those through media that vary are not guided".into());
+            return Ok(None);
         }
-        self.statistics.guide.nodes = guide.len();
-        self.statistics.guide.bytes = guide.bytes();
-        let rendered = self.guided_picture(&guide)?;
-        Ok(self.end(rendered, None))
+        let paths = self.learn_paths(guides);
+        if paths.is_empty() {
+            return Ok(None);
+        }
+        self.statistics.guide.paths = paths.len();
+        self.statistics.guide.bytes += paths.bytes();
+        self.guided_picture(&paths, guides).map(Some)
     }
 }

@@ -10,7 +10,7 @@ use super::super::pass::{Pool, in_blocks};
 use super::super::run::{Rendered, Run};
 use super::super::settings::{RenderSettings, StopRule};
 use super::super::state::{Phase, Position};
-use super::{GUIDED_STREAM, Placed, camera_film};
+use super::{GUIDED_STREAM, Guides, Placed, camera_film};
 use crate::base::Result;
 use crate::base::random::Random;
 use crate::film::{Pass, PixelFilter, combine_sheet};
@@ -32,7 +32,12 @@ struct Round<'a> {
     tracer: PathTracer<'a>,
     guided: GuidedTracer<'a>,
     shares: &'a KernelShares,
+    guides: Guides<'a>,
+    /// Guided paths for each of the path tracer.
+    ratio: f64,
+    /// Its number among the samples of each pixel, and that of the first round: learning has taken those before.
     number: u64,
+    first: u32,
 }
 
 /// Light of pixels.
@@ -56,9 +61,9 @@ impl Round<'_> {
     fn unguided(&self, pixels: Range<u64>, scratch: &mut PathScratch) -> Light {
         let place = |pixel: u64| {
             let place = self.window.place(pixel);
-            let sample = CameraSample { place, number: self.number, sequences_from: Some(0) };
+            let sample = CameraSample { place, number: self.number, sequences_from: Some(self.first) };
             let (_, film, random) = camera_film(self.scene, self.settings, self.filter, sample);
-            (pixel, Placed::new(self.scene, film, random))
+            (pixel, Placed::new(self.scene, film, random, self.guides))
         };
         // Where no guided path may come from, nothing has to be known of paths but their sum.
         let (covered, plain): (Vec<_>, Vec<_>) =
@@ -86,7 +91,7 @@ impl Round<'_> {
     /// Radiance of path `index` as far as guided ones do not bring it.
     fn balanced(&self, index: usize, pixel: u64, Placed { film, path }: &Placed, scratch: &PathScratch) -> Vec3 {
         let (mut sum, start) = (Vec3::ZERO, (*film, path.ray.origin, &path.random));
-        let guided_per_pixel = self.window.pixels() as f64 / self.filtered(pixel, *film);
+        let guided_per_pixel = self.ratio * self.window.pixels() as f64 / self.filtered(pixel, *film);
         self.tracer.contributions(index, scratch, start, self.shares, |contribution| {
             let guided = contribution.path.as_ref().map_or(0.0, |path| self.guided.guide.density(path));
             let share = if guided > 0.0 {
@@ -101,7 +106,7 @@ impl Round<'_> {
 
     /// Guided paths of these numbers.
     fn guided(&self, numbers: Range<u64>) -> Light {
-        let (mut light, all) = (Light::default(), self.window.pixels() as f64);
+        let (mut light, all) = (Light::default(), self.ratio * self.window.pixels() as f64);
         for index in numbers {
             let random = Random::new(self.settings.seed, self.number | GUIDED_STREAM, index);
             let Some(path) = self.guided.sample(random) else { continue };
@@ -119,11 +124,13 @@ impl Round<'_> {
 
 impl Run<'_> {
     /// The picture that the rest of the budget allows.
-    pub(super) fn guided_picture(&mut self, guide: &PathGuide) -> Result<Rendered> {
+    pub(super) fn guided_picture(&mut self, paths: &PathGuide, guides: Guides) -> Result<Rendered> {
         self.watcher.control.progress.message("rendering");
         self.state.position = Position { phase: Phase::Final, began: self.watcher.elapsed(), ..Position::default() };
         let rounds = match self.settings.stop {
-            StopRule::Spp(spp) => ((f64::from(spp) - self.state.spent) / 2.0).max(1.0) as u64,
+            StopRule::Spp(spp) => {
+                ((f64::from(spp) - self.state.spent) / (1.0 + self.settings.complete_paths)).max(1.0) as u64
+            }
             _ => u64::MAX,
         };
         if let StopRule::Time(seconds) = self.settings.stop {
@@ -133,9 +140,9 @@ impl Run<'_> {
         let pool = Pool::default();
         self.watcher.begin_chunk();
         for number in 0..rounds {
-            let Some((sum, goes_on)) = self.round(guide, &shares, &pool, &pass, number) else { break };
+            let Some((sum, goes_on)) = self.round((paths, guides), &shares, &pool, &pass, number) else { break };
             sum.into_iter().enumerate().for_each(|(pixel, value)| pass.add(pixel, number, value));
-            self.state.spent += 2.0;
+            self.state.spent += 1.0 + self.settings.complete_paths;
             if !goes_on {
                 self.interrupted |= self.watcher.stopped() && number + 1 < rounds;
                 break;
@@ -152,7 +159,7 @@ impl Run<'_> {
     /// first.
     fn round(
         &mut self,
-        guide: &PathGuide,
+        (guide, guides): (&PathGuide, Guides),
         shares: &KernelShares,
         pool: &Pool<PathScratch>,
         pass: &Pass,
@@ -160,7 +167,9 @@ impl Run<'_> {
     ) -> Option<(Vec<Vec3>, bool)> {
         let (scene, settings, pixels) = (self.scene, self.settings, self.pixels());
         let mut sum = vec![Vec3::ZERO; pixels as usize];
+        let (Guides { field, expected }, ratio) = (guides, settings.complete_paths);
         let (mut start, mut goes_on) = (0, true);
+        let drawn = |pixels: u64| (pixels as f64 * ratio) as u64;
         while start < pixels {
             let (began, end) = (Instant::now(), (start + PIECE).min(pixels));
             let lights = (&self.lights).into();
@@ -169,20 +178,23 @@ impl Run<'_> {
                 settings,
                 window: self.window,
                 filter: &self.filter,
-                tracer: PathTracer { scene, settings: settings.transport, field: None, lights },
-                guided: GuidedTracer { scene, settings: settings.transport, lights, guide, shares },
+                tracer: PathTracer { scene, settings: settings.transport, field, lights },
+                guided: GuidedTracer { scene, settings: settings.transport, field, expected, lights, guide, shares },
                 shares,
-                number,
+                guides,
+                ratio,
+                number: u64::from(self.state.rendered) + number,
+                first: self.state.rendered,
             };
             let mut blocks = in_blocks(start..end, pool, |scratch, pixels| round.unguided(pixels, scratch));
-            blocks.extend(in_blocks(start..end, pool, |_, numbers| round.guided(numbers)));
+            blocks.extend(in_blocks(drawn(start)..drawn(end), pool, |_, numbers| round.guided(numbers)));
             for Light { values, rays, dropped } in blocks {
                 values.into_iter().for_each(|(pixel, value)| sum[pixel as usize] += value);
                 self.statistics.rays += rays;
                 self.statistics.camera_rays += rays;
                 self.statistics.dropped_samples += dropped;
             }
-            let samples = 2 * (end - start);
+            let samples = end - start + drawn(end) - drawn(start);
             self.statistics.samples += samples;
             self.statistics.seconds.trace += began.elapsed().as_secs_f64();
             start = end;
