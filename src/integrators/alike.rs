@@ -1,7 +1,19 @@
 //! Vertices that scatter alike, of which sixteen are shaded at once.
 
+use crate::geometry::Surface;
+use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::{Bsdf, Plain, Variant};
 use crate::math::lanes::{self, LANES, Wide};
+use crate::scene::Scene;
+
+/// How a surface scatters, or a medium of this phase function.
+#[inline(always)]
+pub(super) fn bsdf<'s>(scene: &'s Scene, phase: Option<HenyeyGreenstein>, surface: &Surface) -> Bsdf<'s, f32> {
+    match phase {
+        Some(phase) => Bsdf::phase(phase),
+        None => scene.material(surface).at(surface.uv),
+    }
+}
 
 /// How sixteen vertices scatter, which are of one variant.
 pub(super) trait Points<'b>: Copy {

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use super::path::{CameraPath, Cause, PathScratch, PathTracer, RayCount};
+use super::path::{CameraPath, Cause, PathScratch, PathTracer, RayCount, Wants};
 use super::photon::{PhotonBlock, PhotonScratch, PhotonTracer};
 use crate::base::random::Random;
 use crate::guiding::record::PathRecord;
@@ -36,7 +36,8 @@ impl PathTracer<'_> {
         block.radiance.reserve((numbers.end - numbers.start) as usize);
         let mut begun = std::mem::take(&mut scratch.begun);
         begin(numbers.clone(), &mut begun);
-        self.trace_all(begun.drain(..), wants_records, scratch, &mut block.rays);
+        let wants = if wants_records { Wants::Records } else { Wants::Radiance };
+        self.trace_all(begun.drain(..), wants, scratch, &mut block.rays);
         for (index, number) in numbers.enumerate() {
             let before = block.records.len();
             let radiance = self.radiance(index, scratch, wants_records.then_some(&mut block.records));

@@ -4,6 +4,7 @@
 use glam::{DVec3, Vec3};
 use smallvec::SmallVec;
 
+use super::alike::bsdf;
 use super::mixture::{Mixture, MixtureSample};
 use super::path::{KernelShares, Worth, blind_survival, sky_point};
 use super::{Roulette, TransportSettings};
@@ -18,7 +19,7 @@ use crate::lights::learned::LightSampling;
 use crate::lights::seen::{ANYWHERE, facing};
 use crate::materials::medium::MediumId;
 use crate::materials::phase::HenyeyGreenstein;
-use crate::materials::{Bsdf, Transport};
+use crate::materials::{Material, Transport};
 use crate::math::{Frame, channel_mean};
 use crate::picture::Window;
 use crate::scene::Scene;
@@ -216,19 +217,14 @@ impl GuidedTracer<'_> {
     /// What the path tracer does where the walk has arrived.
     #[inline(always)]
     fn at(&self, walk: &Walk, surface: &Surface, phase: Option<HenyeyGreenstein>) -> At<'_> {
-        let (bsdf, bumps, smooth) = match phase {
-            Some(phase) => (Bsdf::phase(phase), false, false),
-            None => {
-                let material = self.scene.material(surface);
-                (material.at(surface.uv), material.bump.is_some(), material.is_delta())
-            }
-        };
-        let bumped = bumps && surface.smooth != surface.shading;
+        let material = if phase.is_none() { Some(self.scene.material(surface)) } else { None };
+        let smooth = material.is_some_and(Material::is_delta);
+        let bumped = material.is_some_and(|material| material.bump.is_some() && surface.smooth != surface.shading);
         let field = self.field.filter(|_| !smooth);
         let voxel = field.and_then(|field| field.at(surface.point, Self::normal(&walk.ray, surface, phase)));
         let TransportSettings { light_sampling, roulette, .. } = self.settings;
         At {
-            mixture: Mixture::new(surface, bsdf, bumped, -walk.ray.direction, voxel),
+            mixture: Mixture::new(surface, bsdf(self.scene, phase, surface), bumped, -walk.ray.direction, voxel),
             worth: Worth::new(roulette, light_sampling && !smooth, voxel, channel_mean(walk.throughput), walk.pixel),
         }
     }

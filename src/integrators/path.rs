@@ -13,7 +13,7 @@ mod shaded;
 mod sixteen;
 mod vertices;
 
-pub use batch::PathScratch;
+pub use batch::{PathScratch, Wants};
 pub(super) use complete::sky_point;
 pub use complete::{Contribution, KernelShares};
 pub use explain::{Cause, ExplainedVertex, Explanation, Met, Onward};
@@ -299,8 +299,7 @@ impl PathTracer<'_> {
         let knows = E::MEDIA && E::GUIDING && self.settings.guided_distances && self.field.is_some();
         let expected = |place: Place| self.expected(path, place);
         let expected: Option<Expected> = if knows { Some(&expected) } else { None };
-        // For complete paths, which are not guided that way.
-        let wants_density = E::MEDIA && RECORDS && !knows;
+        let wants_density = E::MEDIA && RECORDS && vertices.tells_flights;
         let (ray, carried, random) = (&path.ray, path.throughput, &path.random);
         let segment = Segment { ray, carried, random, expected, wants_density };
         let Passage { end, weight: passed, glow, density } =

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::camera::{CameraSample, camera_ray};
 use super::settings::{RenderSettings, StopRule};
 use crate::film::PixelFilter;
-use crate::integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
+use crate::integrators::path::{CameraPath, PathScratch, PathTracer, RayCount, Wants};
 use crate::lights::counted::SkyCounts;
 use crate::lights::learned::{LearnedLights, LightSampling};
 use crate::lights::places::LightPlaces;
@@ -109,7 +109,7 @@ impl Probe<'_> {
             let first = u64::from(block) * BLOCK;
             let numbers = first..(first + BLOCK).min(paths);
             let begun = numbers.clone().map(|number| self.begin(number));
-            self.tracer.trace_all(begun, false, scratch, &mut RayCount::default());
+            self.tracer.trace_all(begun, Wants::Radiance, scratch, &mut RayCount::default());
             let value = |number| channel_mean(self.tracer.radiance((number - first) as usize, scratch, None));
             let finite = |value: f32| if value.is_finite() { value } else { 0.0 };
             let values = numbers.map(|number| finite(value(number))).collect();

@@ -48,7 +48,7 @@ use base::random::{Dimension, Random};
 use film::PixelFilter;
 use geometry::{Pace, Way};
 use guiding::target::{DirectLight, Target};
-use integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
+use integrators::path::{CameraPath, PathScratch, PathTracer, RayCount, Wants};
 use integrators::{Roulette, TransportSettings};
 use lights::learned::LightSampling;
 use scene::Scene;
@@ -172,7 +172,7 @@ fn samples(scene: &Scene, tracer: Tracer, per_pixel: u64) -> Vec<Vec3> {
             let tracer = PathTracer { scene, settings, field: None, lights: LightSampling::Plain };
             let (mut scratch, mut rays) = (PathScratch::default(), RayCount::default());
             for _ in 0..batches {
-                tracer.trace_all(starts.by_ref().take(BATCH), false, &mut scratch, &mut rays);
+                tracer.trace_all(starts.by_ref().take(BATCH), Wants::Radiance, &mut scratch, &mut rays);
                 radiance.extend((0..scratch.paths()).map(|index| tracer.radiance(index, &scratch, None)));
             }
         }

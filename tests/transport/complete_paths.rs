@@ -16,7 +16,7 @@ use fanal::guiding::paths::path::End;
 use fanal::guiding::sample::field::GuideField;
 use fanal::guiding::target::Target;
 use fanal::integrators::guided::{Expected, GuidedTracer};
-use fanal::integrators::path::{CameraPath, Contribution, KernelShares, PathScratch, PathTracer, RayCount};
+use fanal::integrators::path::{CameraPath, Contribution, KernelShares, PathScratch, PathTracer, RayCount, Wants};
 use fanal::integrators::{Roulette, TransportSettings};
 use fanal::lights::learned::LightSampling;
 use fanal::math::channel_mean;
@@ -162,7 +162,7 @@ fn traced(
             })
             .collect();
         let paths = begun.iter().map(|(_, path)| path.clone());
-        tracer.trace_all(paths, true, &mut scratch, &mut RayCount::default());
+        tracer.trace_all(paths, Wants::Contributions, &mut scratch, &mut RayCount::default());
         for (index, (film, path)) in begun.iter().enumerate() {
             let mut sum = Vec3::ZERO;
             tracer.contributions(index, &scratch, (*film, path.ray.origin, &path.random), &shares, |contribution| {

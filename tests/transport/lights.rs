@@ -9,7 +9,7 @@ use fanal::base::random::Random;
 use fanal::generate::build::{Builder, diffuse, matrix};
 use fanal::geometry::{Ray, Shape, Surface};
 use fanal::guiding::learn::emission::EmissionGuide;
-use fanal::integrators::path::{CameraPath, PathScratch, PathTracer, RayCount};
+use fanal::integrators::path::{CameraPath, PathScratch, PathTracer, RayCount, Wants};
 use fanal::integrators::photon::{PhotonScratch, PhotonTracer};
 use fanal::integrators::{Roulette, TransportSettings};
 use fanal::lights::area::AreaLight;
@@ -517,7 +517,7 @@ fn tried(scene: &Scene) -> Vec<Vec<Trial>> {
             let [x, z] = random.next_2d().map(|u| 2.0 * u - 1.0);
             CameraPath { ray: Ray { origin: Vec3::new(x, 0.01, z), direction: Vec3::NEG_Y }, random, pixel: None }
         };
-        tracer.trace_all((0..1000).map(begin), false, &mut scratch, &mut RayCount::default());
+        tracer.trace_all((0..1000).map(begin), Wants::Radiance, &mut scratch, &mut RayCount::default());
         scratch.trials().to_vec()
     };
     (0..32).map(block).collect()

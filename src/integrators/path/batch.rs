@@ -24,6 +24,17 @@ use crate::scene::effects::{Effects, Everything, With};
 /// Vertices that are made and then shaded: enough for lanes to be full, few enough to remain in the nearest caches.
 const CHUNK: usize = 256;
 
+/// What is asked of paths once they are traced.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wants {
+    /// [`PathTracer::radiance`] alone.
+    Radiance,
+    /// That, and records.
+    Records,
+    /// That, records, and [`PathTracer::contributions`].
+    Contributions,
+}
+
 /// Scratch space of a worker, reused from batch to batch.
 #[derive(Default)]
 pub struct PathScratch {
@@ -70,7 +81,7 @@ impl PathTracer<'_> {
         records: Option<&mut Vec<PathRecord>>,
         count: &mut RayCount,
     ) -> Vec3 {
-        self.trace_all([path], records.is_some(), scratch, count);
+        self.trace_all([path], if records.is_some() { Wants::Records } else { Wants::Radiance }, scratch, count);
         self.radiance(0, scratch, records)
     }
 
@@ -78,11 +89,13 @@ impl PathTracer<'_> {
     pub fn trace_all(
         &self,
         begun: impl IntoIterator<Item = CameraPath>,
-        wants_records: bool,
+        wants: Wants,
         scratch: &mut PathScratch,
         count: &mut RayCount,
     ) {
+        let wants_records = wants != Wants::Radiance;
         scratch.vertices.clear();
+        scratch.vertices.tells_flights = wants == Wants::Contributions;
         scratch.paths.clear();
         scratch.paths.extend(begun.into_iter().map(|path| PathState::new(path, self.scene.camera_medium)));
         scratch.alive.clear();

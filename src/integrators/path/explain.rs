@@ -3,7 +3,7 @@
 use glam::Vec3;
 use serde::Serialize;
 
-use super::{Background, CameraPath, Details, Emission, PathScratch, PathTracer, RayCount, Step, Vertex};
+use super::{Background, CameraPath, Details, Emission, PathScratch, PathTracer, RayCount, Step, Vertex, Wants};
 use crate::geometry::Ray;
 
 /// First quantity on a path that is not finite.
@@ -147,7 +147,7 @@ impl PathTracer<'_> {
     /// Traces a path as among others, and returns its vertices.
     pub fn explain(&self, path: CameraPath) -> Explanation {
         let (ray, mut scratch) = (path.ray, PathScratch::default());
-        self.trace_all([path], true, &mut scratch, &mut RayCount::default());
+        self.trace_all([path], Wants::Records, &mut scratch, &mut RayCount::default());
         let radiance = self.radiance(0, &scratch, None);
         let mut throughput = Vec3::ONE;
         let of = &scratch.vertices;

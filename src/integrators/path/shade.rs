@@ -14,7 +14,7 @@ use super::{Arrival, PathState, PathTracer};
 use crate::base::random::{Dimension, Generators};
 use crate::geometry::{Ray, Surface};
 use crate::guiding::sample::lanes::GuideLanes;
-use crate::integrators::alike::{self, Alike, Points};
+use crate::integrators::alike::{self, Alike, Points, bsdf};
 use crate::integrators::kept::{All, First};
 use crate::integrators::mixture::one_draw;
 use crate::integrators::site::{Draw, Site};
@@ -105,15 +105,6 @@ struct Room<'r, 's> {
 }
 
 impl PathTracer<'_> {
-    /// How a vertex scatters.
-    #[inline(always)]
-    fn bsdf(&self, at: &Arrival, surface: &Surface) -> Bsdf<'_, f32> {
-        match at.phase {
-            Some(phase) => Bsdf::phase(phase),
-            None => self.scene.material(surface).at(surface.uv),
-        }
-    }
-
     /// Shades the vertices at which paths arrived and takes these on, in any order; `goes_on` is told the index and the ray of each that does.
     #[inline(always)]
     pub(super) fn shade<E: Effects, const RECORDS: bool>(
@@ -212,7 +203,8 @@ impl PathTracer<'_> {
         } else {
             // Not an array: they are large, and would be written twice.
             let looked_at = vertices.iter().zip(surfaces).take(*count);
-            let bsdfs: SmallVec<[Bsdf<f32>; LANES]> = looked_at.map(|(at, surface)| self.bsdf(at, surface)).collect();
+            let bsdfs: SmallVec<[Bsdf<f32>; LANES]> =
+                looked_at.map(|(at, surface)| bsdf(self.scene, at.phase, surface)).collect();
             self.shade_points(&bsdfs[..], sixteen, shaded);
         }
     }
@@ -239,7 +231,7 @@ impl PathTracer<'_> {
     /// Shades a vertex alone, in the first lane.
     fn shade_one(&self, sixteen: &Sixteen, shaded: &mut Shaded) {
         let (at, path, surface) = (sixteen.vertices[0], sixteen.paths[0], sixteen.surfaces[0]);
-        let (lights, random, bsdf) = (&self.scene.lights, &path.random, self.bsdf(at, surface));
+        let (lights, random, bsdf) = (&self.scene.lights, &path.random, bsdf(self.scene, at.phase, surface));
         let (normal, smooth, out) = (surface.shading.into(), surface.smooth.into(), -path.ray.direction);
         shaded.facing[0] = if self.lights.asks_facing() { facing(surface.normal_towards(out)) } else { ANYWHERE };
         let site = Site::<f32>::new(surface.origin(), normal, smooth, out.into(), bsdf, at.bumped);

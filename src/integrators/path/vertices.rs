@@ -23,8 +23,10 @@ pub(super) struct Vertices {
     pub backgrounds: Vec<Background>,
     /// Of each where records are wanted, otherwise none.
     pub details: Vec<Details>,
-    /// The same of media; empty where there are none, and where guides choose distances in them.
+    /// The same of media, where it is wanted and there are any.
     pub flights: Vec<Flown>,
+    /// Whether that is wanted.
+    pub tells_flights: bool,
     /// What came of lights that were chosen, where that is counted.
     pub trials: Vec<Trial>,
 }

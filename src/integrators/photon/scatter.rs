@@ -8,7 +8,7 @@ use super::{Arrival, LightPath, PhotonTracer};
 use crate::base::random::{Dimension, Generators};
 use crate::geometry::{Ray, Surface};
 use crate::integrators::ROULETTE_MOST;
-use crate::integrators::alike::{self, Alike, Points};
+use crate::integrators::alike::{self, Alike, Points, bsdf};
 use crate::integrators::kept::{All, First, Keep};
 use crate::integrators::mixture::one_draw;
 use crate::integrators::path::RayCount;
@@ -169,15 +169,6 @@ pub(super) struct Groups {
 }
 
 impl PhotonTracer<'_> {
-    /// How a vertex scatters.
-    #[inline(always)]
-    fn bsdf(&self, at: &Arrival, surface: &Surface) -> Bsdf<'_, f32> {
-        match at.phase {
-            Some(phase) => Bsdf::phase(phase),
-            None => self.scene.material(surface).at(surface.uv),
-        }
-    }
-
     /// Takes paths on from the vertices at which they arrived, in any order; `goes_on` is told the index and the ray of each that does.
     #[inline(always)]
     pub(super) fn scatter<E: Effects>(
@@ -224,7 +215,8 @@ impl PhotonTracer<'_> {
         } else {
             // Not an array: they are large, and would be written twice.
             let looked_at = vertices.iter().zip(surfaces).take(*count);
-            let bsdfs: SmallVec<[Bsdf<f32>; LANES]> = looked_at.map(|(at, surface)| self.bsdf(at, surface)).collect();
+            let bsdfs: SmallVec<[Bsdf<f32>; LANES]> =
+                looked_at.map(|(at, surface)| bsdf(self.scene, at.phase, surface)).collect();
             let _ = lanes::run(Scatter { points: &bsdfs[..], together, scattered });
         }
     }
@@ -232,7 +224,7 @@ impl PhotonTracer<'_> {
     /// Scatters a vertex alone, in the first lane.
     fn scatter_one(&self, together: &Together, scattered: &mut Scattered) {
         let (at, path, surface) = (together.vertices[0], together.paths[0], together.surfaces[0]);
-        let (bsdf, random, out) = (self.bsdf(at, surface), &path.random, -path.ray.direction);
+        let (bsdf, random, out) = (bsdf(self.scene, at.phase, surface), &path.random, -path.ray.direction);
         let (shading, smooth, normal) = (surface.shading.into(), surface.smooth.into(), surface.normal.into());
         let photons = Photons {
             power: path.photon.power.into(),

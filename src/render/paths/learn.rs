@@ -17,7 +17,7 @@ use crate::guiding::paths::cache::{Kept, MOST, MOST_SHARE, PathCache};
 use crate::guiding::paths::guide::PathGuide;
 use crate::guiding::paths::path::CompletePath;
 use crate::integrators::guided::GuidedTracer;
-use crate::integrators::path::{KernelShares, PathScratch, PathTracer, RayCount};
+use crate::integrators::path::{KernelShares, PathScratch, PathTracer, RayCount, Wants};
 use crate::math::channel_mean;
 use crate::scene::Scene;
 
@@ -128,7 +128,12 @@ impl Batch<'_> {
             })
             .collect();
         let mut count = RayCount::default();
-        self.tracer.trace_all(placed.iter().map(|placed| placed.path.clone()), true, scratch, &mut count);
+        self.tracer.trace_all(
+            placed.iter().map(|placed| placed.path.clone()),
+            Wants::Contributions,
+            scratch,
+            &mut count,
+        );
         for (index, Placed { film, path }) in placed.iter().enumerate() {
             let start = (*film, path.ray.origin, &path.random);
             self.tracer.contributions(index, scratch, start, self.shares, |contribution| {

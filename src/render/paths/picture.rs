@@ -16,7 +16,7 @@ use crate::base::random::Random;
 use crate::film::{Pass, PixelFilter, combine_sheet};
 use crate::guiding::paths::guide::PathGuide;
 use crate::integrators::guided::GuidedTracer;
-use crate::integrators::path::{KernelShares, PathScratch, PathTracer, RayCount};
+use crate::integrators::path::{KernelShares, PathScratch, PathTracer, RayCount, Wants};
 use crate::picture::Window;
 use crate::scene::Scene;
 
@@ -70,11 +70,11 @@ impl Round<'_> {
             pixels.map(place).partition(|(_, placed)| self.guided.guide.covers(placed.film));
         let (mut light, mut count) = (Light::default(), RayCount::default());
         let paths = |of: &[(u64, Placed)]| of.iter().map(|(_, placed)| placed.path.clone()).collect::<Vec<_>>();
-        self.tracer.trace_all(paths(&plain), false, scratch, &mut count);
+        self.tracer.trace_all(paths(&plain), Wants::Radiance, scratch, &mut count);
         for (index, (pixel, _)) in plain.iter().enumerate() {
             light.add(*pixel, self.tracer.radiance(index, scratch, None));
         }
-        self.tracer.trace_all(paths(&covered), true, scratch, &mut count);
+        self.tracer.trace_all(paths(&covered), Wants::Contributions, scratch, &mut count);
         for (index, (pixel, placed)) in covered.iter().enumerate() {
             light.add(*pixel, self.balanced(index, *pixel, placed, scratch));
         }
