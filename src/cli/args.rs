@@ -593,6 +593,9 @@ pub struct ErrorArgs {
     /// What it should be
     #[arg(value_name = "REF")]
     pub reference: PathBuf,
+    /// Variance of the reference per pixel and channel, as EXR; it is subtracted from both relMSE
+    #[arg(long, value_name = "FILE")]
+    pub reference_variance: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

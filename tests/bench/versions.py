@@ -4,7 +4,7 @@
     python3 tests/bench/versions.py SCENE_FOLDER... --build before=PATH --build 'after=PATH --roulette off' \\
         [--methods none,gaussian,neural] [--spp 64 | --time 10] [--seeds 4] [--size WxH] [--json FILE] [--mitsuba llvm_ad_rgb]
 
-Each folder holds a scene.xml or scene.json and a reference.exr. The first build is the one that others are measured against. For every
+Each folder holds a scene.xml or scene.json and a reference.exr, and reference_variance.exr where the reference's own noise is known. The first build is the one that others are measured against. For every
 scene and method the table has the first build's trimmed relMSE (the mean over the seeds), and of every other build: the ratio of errors
 at equal budgets (in brackets without trimming: who finds more rare light has more bright pixels than are trimmed), of CPU seconds, and of errors times CPU seconds, which is about the ratio of errors at equal time where budgets are
 samples. Means are geometric over the seeds, which are paired, with the standard error of their logarithm. Only Python's own library is
@@ -43,9 +43,15 @@ def run(command, scene, method, budget, seed, folder):
     render = [words[0], "render", file, "-o", out, "--guide", method, "--seed", seed, "--quiet", *budget, *words[1:]]
     subprocess.run(list(map(str, render)), check=True, env={**os.environ, **settings})
     cpu = cpu_of_children() - before
-    measured = subprocess.run([words[0], "error", out, scene / "reference.exr", "--json"], check=True, capture_output=True)
-    error = json.loads(measured.stdout)
-    return {"trimmed": error["relmse_trimmed"], "all": error["relmse"], "cpu": cpu}
+    return {**error(words[0], out, scene), "cpu": cpu}
+
+
+def error(fanal, picture, scene):
+    """Trimmed relMSE and relMSE of a picture, without the reference's own noise where that is known."""
+    words, variance = [fanal, "error", picture, scene / "reference.exr", "--json"], scene / "reference_variance.exr"
+    words += ["--reference-variance", variance] if variance.exists() else []
+    found = json.loads(subprocess.run(list(map(str, words)), check=True, capture_output=True).stdout)
+    return {"trimmed": found["relmse_trimmed"], "all": found["relmse"]}
 
 
 # Renders in parts for as long as there is time, since what a part takes is only known once one was rendered.
@@ -74,12 +80,11 @@ print(part * parts)
 
 
 def mitsuba(variant, fanal, scene, seconds, seed, folder):
-    """Trimmed relMSE of a render of so many seconds, and its samples per pixel."""
+    """Errors of a render of so many seconds as `error` has them, and its samples per pixel."""
     out = folder / "peer.exr"
     words = [sys.executable, "-c", MITSUBA, variant, scene / "scene.xml", seconds, seed, out]
     spp = int(subprocess.run(list(map(str, words)), check=True, capture_output=True, text=True).stdout)
-    measured = subprocess.run([fanal, "error", out, scene / "reference.exr", "--json"], check=True, capture_output=True)
-    return json.loads(measured.stdout)["relmse_trimmed"], spp
+    return error(fanal, out, scene), spp
 
 
 def ratio(pairs):
@@ -115,7 +120,7 @@ def main():
                 fanal = shlex.split(builds[0][1])[0]
                 peer.append(mitsuba(args.mitsuba, fanal, scene, args.time, seed, pathlib.Path(folder)))
         if peer:
-            print(f"{scene.name:14} mitsuba  | {statistics.mean(p[0] for p in peer):.3g} ({peer[0][1]} spp)", flush=True)
+            print(f"{scene.name:14} mitsuba  | {statistics.mean(found['trimmed'] for found, _ in peer):.3g} ({peer[0][1]} spp)", flush=True)
         for method in args.methods.split(","):
             runs = {name: [] for name, _ in builds}
             with tempfile.TemporaryDirectory() as folder:
@@ -131,7 +136,7 @@ def main():
                 cells.append(f"{name} {error:.3f} +-{spread:.3f} ({untrimmed:.3f}), {cpu:.3f}, {error * cpu:.3f}")
                 sums.setdefault((method, name), []).append((error, cpu))
             if peer:
-                over = [ratio([(p[0], r["trimmed"]) for p, r in zip(peer, runs[name])])[0] for name, _ in builds]
+                over = [ratio([(p[0]["trimmed"], r["trimmed"]) for p, r in zip(peer, runs[name])])[0] for name, _ in builds]
                 cells.append("over mitsuba " + ", ".join(f"{x:.2f}" for x in over))
             rows.append({"scene": scene.name, "method": method, "runs": runs, "mitsuba": peer})
             print(f"{scene.name:14} {method:9}| " + " | ".join(cells), flush=True)

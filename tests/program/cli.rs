@@ -119,6 +119,13 @@ fn errors_between_pictures() {
     let result = fanal(&["error", &a, &b, "--json"]);
     let json: serde_json::Value = serde_json::from_slice(&result.stdout).unwrap();
     assert!((json["relmse"].as_f64().unwrap() - 2.0).abs() < 1e-5, "{json}");
+    // (0.3 − 0.1)² is 0.04, of which the reference's own variance is half; 0.1² + 0.01 is 0.02.
+    let variance = picture("variance.exr", 0.02);
+    let result = fanal(&["error", &a, &b, "--json", "--reference-variance", &variance]);
+    let json: serde_json::Value = serde_json::from_slice(&result.stdout).unwrap();
+    for measure in ["relmse", "relmse_trimmed"] {
+        assert!((json[measure].as_f64().unwrap() - 1.0).abs() < 1e-5, "{json}");
+    }
     let text = fanal(&["error", &a, &a]);
     assert!(String::from_utf8_lossy(&text.stdout).contains("relMSE            0.000000"));
 }
