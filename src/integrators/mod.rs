@@ -18,7 +18,7 @@ pub struct TransportSettings {
     pub light_sampling: bool,
     /// Russian roulette.
     pub roulette: Roulette,
-    /// Whether paths collide with homogeneous media where the guide expects light.
+    /// Whether paths collide with media where the guide expects light.
     pub guided_distances: bool,
 }
 

@@ -31,7 +31,7 @@ pub struct Varying {
 
 impl Varying {
     /// The value at a point of the world.
-    fn at(&self, point: Vec3) -> Vec3 {
+    pub(super) fn at(&self, point: Vec3) -> Vec3 {
         match &self.grid {
             None => self.factor,
             Some((to_grid, grid)) => self.factor * grid.at(to_grid.transform_point3(point)),
@@ -42,17 +42,17 @@ impl Varying {
 /// A medium whose density is on a grid. Beyond the grid there is nothing.
 #[derive(Debug, Clone)]
 pub struct GridMedium {
-    to_grid: Affine3A,
-    density: Arc<Grid>,
+    pub(super) to_grid: Affine3A,
+    pub(super) density: Arc<Grid>,
     /// Extinction coefficient σ_t per channel where the density is 1, 1 / scene unit.
-    extinction: Vec3,
-    albedo: Varying,
+    pub(super) extinction: Vec3,
+    pub(super) albedo: Varying,
     /// Radiance L_e; what a length emits is σ_a·L_e.
-    emission: Option<Varying>,
+    pub(super) emission: Option<Varying>,
     phase: HenyeyGreenstein,
     majorants: Majorants,
     /// Whether no channel scatters anywhere.
-    is_black: bool,
+    pub(super) is_black: bool,
 }
 
 /// The end of a flight, and what it brings of the medium's own light.
@@ -62,6 +62,22 @@ pub struct Flown {
     pub end: Flight,
     /// Estimate of ∫ T·σ_a·L_e along the way, radiance.
     pub glow: Vec3,
+    /// Density of that end, 1 / scene unit, or its probability, where it is told; otherwise 1.
+    pub density: f32,
+}
+
+impl From<Flight> for Flown {
+    /// Without light, and without a density that is told.
+    fn from(end: Flight) -> Self {
+        Self { end, glow: Vec3::ZERO, density: 1.0 }
+    }
+}
+
+impl Flown {
+    /// The same with `factor` times the weights.
+    pub(super) fn times(self, factor: f32) -> Self {
+        Self { end: self.end.times(factor), glow: self.glow * factor, ..self }
+    }
 }
 
 impl GridMedium {
@@ -89,7 +105,7 @@ impl GridMedium {
     }
 
     /// Density at a point of the world, per channel.
-    fn density(&self, point: Vec3) -> Vec3 {
+    pub(super) fn density(&self, point: Vec3) -> Vec3 {
         self.density.at(self.to_grid.transform_point3(point))
     }
 
@@ -114,18 +130,18 @@ impl GridMedium {
                 let real = if self.is_black { 0.0 } else { (shares(carried * weight) * hit).element_sum() };
                 if choice < real {
                     let end = Flight::Collision { distance, weight: weight * hit * albedo / real };
-                    return Flown { end, glow };
+                    return Flown { end, glow, density: 1.0 };
                 }
                 weight *= (Vec3::ONE - hit) / (1.0 - real);
                 if !survives(&mut weight, random) || left == 0 {
-                    return Flown { end: Flight::Through { weight: Vec3::ZERO }, glow };
+                    return Flown { end: Flight::Through { weight: Vec3::ZERO }, glow, density: 1.0 };
                 }
                 left -= 1;
                 let [next, u] = random.next_2d();
                 (choice, tentative) = (next, Tentative::new(u));
             }
         }
-        Flown { end: Flight::Through { weight }, glow }
+        Flown { end: Flight::Through { weight }, glow, density: 1.0 }
     }
 
     /// Estimate of the transmittance along the first `length` of a ray, per channel, by residual ratio tracking (Novák et al. 2014, §4):

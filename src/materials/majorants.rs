@@ -1,8 +1,9 @@
-//! Bounds of a density in coarse cells, and the cells that a ray crosses.
+//! Bounds of a density in coarse cells.
 
 use glam::{Affine3A, Vec3};
 
 use super::grid::Grid;
+use super::walk::{Crossed, Walk};
 use crate::geometry::Ray;
 use crate::math::lanes::functions::ln;
 
@@ -48,25 +49,17 @@ impl Majorants {
     }
 
     /// The cells that a ray crosses up to the distance `limit`, in their order; `to_grid` takes the world to the unit cube.
-    pub fn along(&self, ray: &Ray, to_grid: &Affine3A, limit: f32) -> Walk<'_> {
-        let sides = Vec3::from_array(self.cells.map(|side| side as f32));
+    pub fn along(&self, ray: &Ray, to_grid: &Affine3A, limit: f32) -> impl Iterator<Item = Span> {
         // In coarse cells. Distances along the ray stay those of the world.
+        let sides = Vec3::from_array(self.cells.map(|side| side as f32));
         let origin = to_grid.transform_point3(ray.origin) * sides;
         let direction = to_grid.transform_vector3(ray.direction) * sides;
-        let (mut from, mut to) = (0f32, limit);
-        for ((o, d), side) in origin.to_array().into_iter().zip(direction.to_array()).zip(sides.to_array()) {
-            if d == 0.0 {
-                // Along the sides: within them, or nowhere.
-                to = if (0.0..=side).contains(&o) { to } else { f32::NEG_INFINITY };
-                continue;
-            }
-            let (a, b) = (-o / d, (side - o) / d);
-            (from, to) = (from.max(a.min(b)), to.min(a.max(b)));
-        }
-        if !(from < to && to.is_finite()) {
-            (from, to) = (0.0, 0.0);
-        }
-        Walk::new(self, origin, direction, [from, to])
+        Walk::new(self.cells, origin, direction, [Vec3::ZERO, sides], limit).map(
+            |Crossed { from, to, cell: [x, y, z] }| {
+                let [columns, rows, _] = self.cells;
+                Span { from, to, bound: self.bounds[(z * rows + y) * columns + x] }
+            },
+        )
     }
 }
 
@@ -78,75 +71,6 @@ pub struct Span {
     pub to: f32,
     /// What holds in the cell.
     pub bound: Bound,
-}
-
-/// Goes from cell to cell along a ray (Amanatides and Woo 1987).
-#[derive(Debug, Clone)]
-pub struct Walk<'a> {
-    of: &'a Majorants,
-    origin: Vec3,
-    /// Of the direction.
-    inverse: Vec3,
-    cell: [i32; 3],
-    /// 1 or −1 along each axis.
-    step: [i32; 3],
-    /// Distances at which the ray leaves the cell across the sides of each axis.
-    leaves: [f32; 3],
-    at: f32,
-    to: f32,
-}
-
-impl<'a> Walk<'a> {
-    /// The cells between two distances on a ray, in units of cells; none where the second is not larger.
-    fn new(of: &'a Majorants, origin: Vec3, direction: Vec3, [from, to]: [f32; 2]) -> Self {
-        let place = (origin + direction * from).floor().to_array();
-        let mut walk = Self {
-            of,
-            origin,
-            inverse: direction.recip(),
-            cell: [0, 1, 2].map(|axis| (place[axis] as i32).clamp(0, of.cells[axis] as i32 - 1)),
-            step: direction.to_array().map(|d| if d > 0.0 { 1 } else { -1 }),
-            leaves: [f32::INFINITY; 3],
-            at: from,
-            to,
-        };
-        for axis in (0..3).filter(|&axis| direction[axis] != 0.0) {
-            walk.leaves[axis] = walk.leaves(axis);
-        }
-        walk
-    }
-
-    /// The distance at which the ray leaves its cell across the sides of an axis.
-    fn leaves(&self, axis: usize) -> f32 {
-        let side = self.cell[axis] + self.step[axis].max(0);
-        (side as f32 - self.origin[axis]) * self.inverse[axis]
-    }
-}
-
-impl Iterator for Walk<'_> {
-    type Item = Span;
-
-    #[inline]
-    fn next(&mut self) -> Option<Span> {
-        if self.at >= self.to {
-            return None;
-        }
-        let [x, y, z] = self.cell.map(|cell| cell as usize);
-        let [columns, rows, _] = self.of.cells;
-        let bound = self.of.bounds[(z * rows + y) * columns + x];
-        let [a, b, c] = self.leaves;
-        let axis = if a <= b && a <= c { 0 } else { 1 + usize::from(c < b) };
-        // By rounding a cell may seem to end before it began.
-        let (from, end) = (self.at, self.leaves[axis].max(self.at).min(self.to));
-        self.at = end;
-        self.cell[axis] += self.step[axis];
-        if (0..self.of.cells[axis] as i32).contains(&self.cell[axis]) {
-            self.leaves[axis] = self.leaves(axis);
-        } else {
-            self.to = end;
-        }
-        Some(Span { from, to: end, bound })
-    }
 }
 
 /// Tentative collisions of a ray with an extinction that is known cell by cell (Woodcock 1965).

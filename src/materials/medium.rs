@@ -6,7 +6,7 @@ use super::phase::HenyeyGreenstein;
 use crate::math::lanes::functions::{exp, ln};
 
 /// Parts of a ray, of each of which it is asked how much light is expected there. Eight ask longer for one or two hundredths less noise.
-const PARTS: usize = 4;
+pub(super) const PARTS: usize = 4;
 /// Part of the distances that are drawn as if nothing were known of the light.
 const PLAIN: f32 = 0.25;
 
@@ -43,7 +43,7 @@ pub enum Flight {
 
 impl Flight {
     /// The same with `factor` times the weight.
-    fn times(self, factor: f32) -> Self {
+    pub(super) fn times(self, factor: f32) -> Self {
         match self {
             Self::Collision { distance, weight } => Self::Collision { distance, weight: weight * factor },
             Self::Through { weight } => Self::Through { weight: weight * factor },
@@ -113,7 +113,7 @@ impl Medium {
         }
         let ends = self.ends(extinction, limit);
         let mut odds = [0.0; PARTS + 1];
-        let (mut worth, mut known) = ([None; PARTS + 1], [0.0; 2]);
+        let mut worth = [None; PARTS + 1];
         for part in 0..=PARTS {
             let [begin, end] = [ends[part], ends[part + 1]];
             let middle = if end.is_finite() { 0.5 * (begin + end) } else { begin + 1.0 / extinction };
@@ -123,31 +123,16 @@ impl Medium {
                 None => (share * self.transmittance(limit)).element_sum(),
             };
             worth[part] = expected(at).filter(|worth| worth.is_finite()).map(|worth| worth.max(0.0) * scattered);
-            if let Some(worth) = worth[part] {
-                known = [known[0] + odds[part] * worth, known[1] + odds[part]];
-            }
         }
-        let (total, mean) = (odds.iter().sum::<f32>(), known[0] / known[1]);
-        if !(mean > 0.0 && mean.is_finite() && total > 0.0) {
+        let Some(Part { number: part, within, rarer }) = Part::choose(&odds, &worth, u) else {
             return self.sample(carried, limit, choice, u);
-        }
-        let hoped = |part: usize| odds[part] * worth[part].unwrap_or(mean);
-        let all = (0..=PARTS).map(hoped).sum::<f32>();
-        let chance = |part: usize| (1.0 - PLAIN) * hoped(part) / all + PLAIN * odds[part] / total;
-        let (mut part, mut below) = (0, 0.0);
-        while part < PARTS && u >= below + chance(part) {
-            below += chance(part);
-            part += 1;
-        }
-        let (chance, plain) = (chance(part), odds[part] / total);
-        let rarer = if chance > 0.0 { plain / chance } else { 0.0 };
+        };
         if part == PARTS {
             return self.through(share, limit).times(rarer);
         }
         let [begin, end] = [ends[part], ends[part + 1]];
         let channels = self.collides(share, begin, end);
         let channel = channel(channels / channels.element_sum(), choice);
-        let within = ((u - below) / chance).clamp(0.0, 1.0);
         let extinction = self.extinction[channel];
         let depth = depth_of(within * lost(extinction * (end - begin)));
         let distance = (begin + depth / extinction).max(begin).min(end).min(limit.next_down());
@@ -190,18 +175,55 @@ impl Medium {
     }
 }
 
+/// A part of a ray, or its end, that was chosen by its probability times what is expected there.
+pub(super) struct Part {
+    /// Which; [`PARTS`] is the end.
+    pub number: usize,
+    /// A uniform number in [0, 1] that is left.
+    pub within: f32,
+    /// How much rarer it is drawn by its probability alone.
+    pub rarer: f32,
+}
+
+impl Part {
+    /// Chooses by `u`, of odds by transmittance, and what is expected in each part, where that is known; none where nothing is.
+    pub fn choose(odds: &[f32; PARTS + 1], worth: &[Option<f32>; PARTS + 1], u: f32) -> Option<Self> {
+        let mut known = [0.0; 2];
+        for (odds, worth) in odds.iter().zip(worth) {
+            if let Some(worth) = worth {
+                known = [known[0] + odds * worth, known[1] + odds];
+            }
+        }
+        let (total, mean) = (odds.iter().sum::<f32>(), known[0] / known[1]);
+        if !(mean > 0.0 && mean.is_finite() && total > 0.0) {
+            return None;
+        }
+        let hoped = |part: usize| odds[part] * worth[part].unwrap_or(mean);
+        let all = (0..=PARTS).map(hoped).sum::<f32>();
+        let chance = |part: usize| (1.0 - PLAIN) * hoped(part) / all + PLAIN * odds[part] / total;
+        let (mut number, mut below) = (0, 0.0);
+        while number < PARTS && u >= below + chance(number) {
+            below += chance(number);
+            number += 1;
+        }
+        let (chance, plain) = (chance(number), odds[number] / total);
+        let rarer = if chance > 0.0 { plain / chance } else { 0.0 };
+        Some(Self { number, within: ((u - below) / chance).clamp(0.0, 1.0), rarer })
+    }
+}
+
 /// The channel that a number in [0, 1) chooses.
-fn channel(share: Vec3, choice: f32) -> usize {
+pub(super) fn channel(share: Vec3, choice: f32) -> usize {
     if choice < share.x { 0 } else { 1 + usize::from(choice >= share.x + share.y) }
 }
 
 /// 1 − exp(−x) for x ≥ 0, to all digits for small x too.
-fn lost(x: f32) -> f32 {
+pub(super) fn lost(x: f32) -> f32 {
     if x < 0.02 { x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x / 24.0))) } else { 1.0 - exp(-x) }
 }
 
 /// The inverse of [`lost`], −ln(1 − y).
-fn depth_of(y: f32) -> f32 {
+pub(super) fn depth_of(y: f32) -> f32 {
     if y < 0.02 { y * (1.0 + y * (0.5 + y * (1.0 / 3.0 + y * 0.25))) } else { -ln(1.0 - y) }
 }
 
@@ -221,7 +243,7 @@ pub(super) fn shares(carried: Vec3) -> Vec3 {
     }
 }
 
-fn quotient(value: Vec3, density: f32) -> Vec3 {
+pub(super) fn quotient(value: Vec3, density: f32) -> Vec3 {
     // A channel that carries nothing may have more extinction taken off than it has; it stays at nothing.
     let finite = Vec3::select(value.is_finite_mask(), value, Vec3::ZERO);
     if density > 0.0 { finite / density } else { Vec3::ZERO }

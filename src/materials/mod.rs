@@ -16,6 +16,7 @@ pub mod dielectric;
 pub mod diffuse;
 pub mod fresnel;
 pub mod grid;
+mod grid_flight;
 pub mod grid_medium;
 mod majorants;
 pub mod medium;
@@ -31,6 +32,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 pub mod translucent;
+mod walk;
 
 use glam::{Vec2, Vec3};
 

@@ -31,7 +31,7 @@ pub struct Passage {
     /// Radiance that media on the way send back to the origin by themselves.
     pub glow: Vec3,
     /// Where it is [wanted](Segment::wants_density): probability of getting to the end unscattered, or density of being scattered there, 1 / scene
-    /// unit. Media that vary know none, and do not count.
+    /// unit; otherwise 1.
     pub density: f32,
 }
 
@@ -89,31 +89,53 @@ pub(super) enum Filling {
 
 impl Filling {
     /// Samples the flight of a ray that carries `carried` up to where it meets `end`, of which it is known how much light comes from there
-    /// where `expected` is given; a medium that varies does not ask.
+    /// where `expected` is given; otherwise its density is told if that is wanted.
     fn fly(
         &self,
         ray: &Ray,
         end: Option<&Surface>,
         carried: Vec3,
         random: &mut Random,
-        expected: Option<Expected>,
+        (expected, wants_density): (Option<Expected>, bool),
     ) -> Flown {
         let limit = limit(end);
+        let worth = |expected: Expected, distance: Option<f32>| match (distance, end) {
+            (Some(distance), _) => expected(Place::Medium(ray.at(distance))),
+            (None, Some(surface)) => expected(Place::Surface(surface)),
+            (None, None) => expected(Place::Background),
+        };
         match (self, expected) {
             (Self::Even(medium), None) => {
                 let [distance, channel] = random.next_2d();
-                Flown { end: medium.sample(carried, limit, channel, distance), glow: Vec3::ZERO }
+                let end = medium.sample(carried, limit, channel, distance);
+                let density = match end {
+                    _ if !wants_density => 1.0,
+                    Flight::Collision { distance, .. } => medium.collision_at(carried, distance).1,
+                    Flight::Through { .. } => medium.passed(carried, limit).1,
+                };
+                Flown { density, ..end.into() }
             }
             (Self::Even(medium), Some(expected)) => {
                 let [distance, channel] = random.next_2d();
-                let at = |distance: Option<f32>| match (distance, end) {
-                    (Some(distance), _) => expected(Place::Medium(ray.at(distance))),
-                    (None, Some(surface)) => expected(Place::Surface(surface)),
-                    (None, None) => expected(Place::Background),
-                };
-                Flown { end: medium.sample_expecting(carried, limit, [channel, distance], at), glow: Vec3::ZERO }
+                medium.sample_expecting(carried, limit, [channel, distance], |at| worth(expected, at)).into()
             }
-            (Self::Grid(medium), _) => medium.fly(ray, limit, carried, random),
+            (Self::Grid(medium), Some(expected)) => {
+                medium.fly_expecting(ray, limit, carried, random, |at| worth(expected, at))
+            }
+            (Self::Grid(medium), None) if wants_density => medium.fly_known(ray, limit, carried, random),
+            (Self::Grid(medium), None) => medium.fly(ray, limit, carried, random),
+        }
+    }
+
+    /// The flight of a ray that carries `carried` to a collision at a distance, or where none is given to where it meets `end`, as
+    /// [`Filling::fly`] ends so where nothing is expected.
+    fn reach(&self, ray: &Ray, distance: Option<f32>, end: Option<&Surface>, carried: Vec3) -> Flown {
+        let told = |(end, density): (Flight, f32)| Flown { density, ..end.into() };
+        match (self, distance) {
+            (Self::Even(medium), Some(distance)) => told(medium.collision_at(carried, distance)),
+            (Self::Even(medium), None) => told(medium.passed(carried, limit(end))),
+            (Self::Grid(medium), Some(distance)) => medium.collision_at(ray, carried, distance),
+            (Self::Grid(medium), None) => medium.passed(ray, carried, limit(end)),
         }
     }
 
@@ -122,15 +144,6 @@ impl Filling {
         match self {
             Self::Even(medium) => medium.transmittance(length),
             Self::Grid(medium) => medium.transmittance(ray, length, random),
-        }
-    }
-
-    /// Density with which [`Filling::fly`] ends so where nothing is expected, 1 / scene unit, or probability; 1 in a medium that varies.
-    fn density(&self, flight: &Flight, end: Option<&Surface>, carried: Vec3) -> f32 {
-        match (self, flight) {
-            (Self::Even(medium), &Flight::Collision { distance, .. }) => medium.collision_at(carried, distance).1,
-            (Self::Even(medium), Flight::Through { .. }) => medium.passed(carried, limit(end)).1,
-            (Self::Grid(_), _) => 1.0,
         }
     }
 
@@ -235,11 +248,10 @@ impl Scene {
                 *medium = self.medium_before(surface, ray.direction, *medium);
             }
             if let Some(id) = *medium {
-                let flown = self.medium(id).fly(&ray, end.as_ref(), carried * weight, random, expected);
+                let wanted = (expected, wants_density);
+                let flown = self.medium(id).fly(&ray, end.as_ref(), carried * weight, random, wanted);
                 glow += weight * flown.glow;
-                if wants_density {
-                    density *= self.medium(id).density(&flown.end, end.as_ref(), carried * weight);
-                }
+                density *= flown.density;
                 match flown.end {
                     Flight::Collision { distance, weight: factor } => {
                         *end = Some(Surface::in_medium(ray.at(distance), behind + distance, -ray.direction));
@@ -266,7 +278,7 @@ impl Scene {
 
     /// Takes a path that carries `carried` along a ray, which starts in `medium`, to the point of a medium at `distance`, or where none is
     /// given to the surface that stops it, and through all media on the way. `medium` becomes the one in which it arrives. None where it does
-    /// not get there: there is another surface before it, no medium that scatters, or one that varies.
+    /// not get there: there is another surface before it, or no medium.
     pub fn reach(
         &self,
         ray: &Ray,
@@ -285,14 +297,13 @@ impl Scene {
             // Rounding at a border may lead back before it.
             let left = distance.map(|distance| (distance - behind).max(0.0));
             let left = left.filter(|left| *left < limit(end.as_ref()));
-            let (flight, part) = match (filling, left) {
-                (Some(Filling::Even(filling)), Some(left)) => filling.collision_at(carried * weight, left),
-                (Some(Filling::Even(filling)), None) => filling.passed(carried * weight, limit(end.as_ref())),
-                (None, None) => (Flight::Through { weight: Vec3::ONE }, 1.0),
-                (Some(Filling::Grid(_)), _) | (None, Some(_)) => return None,
+            let flown = match (filling, left) {
+                (Some(filling), left) => filling.reach(&ray, left, end.as_ref(), carried * weight),
+                (None, None) => Flight::Through { weight: Vec3::ONE }.into(),
+                (None, Some(_)) => return None,
             };
-            density *= part;
-            match flight {
+            density *= flown.density;
+            match flown.end {
                 Flight::Collision { distance, weight: factor } => {
                     let point = Surface::in_medium(ray.at(distance), behind + distance, -ray.direction);
                     let (surface, phase) = (Some(point), filling.map(Filling::phase));

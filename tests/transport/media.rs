@@ -25,6 +25,24 @@ pub fn check_at(level: f64, scene: &Scene, guide: Guide, [spp, max_depth]: [u32;
     check_with(level, scene, guide, [spp, max_depth], expected, |_| ());
 }
 
+/// [`check`] of light that is scattered once, where distances are drawn by the light that a guide expects; and whether they are.
+pub fn check_with_distances(scene: &Scene, expected: [f64; 3]) {
+    let guide = GUIDES[2];
+    let on = |guided_distances: bool| {
+        move |settings: &mut RenderSettings| {
+            settings.transport.guided_distances = guided_distances;
+            settings.gives_up = false;
+        }
+    };
+    check_with(sidak(0.01, 200), scene, guide, [4096, 2], expected, on(true));
+    let pixels = [true, false].map(|guided| {
+        let mut settings = settings(guide, 256, 1);
+        on(guided)(&mut settings);
+        picture(scene, &settings).pixels
+    });
+    assert_ne!(pixels[0], pixels[1], "distances are not guided");
+}
+
 /// The same with settings that are changed.
 fn check_with(
     level: f64,
@@ -157,20 +175,7 @@ fn single_scattering_is_the_integral_along_the_ray() {
         });
         let scene = built(file);
         check(&scene, GUIDES[0], 4096, 2, expected);
-        let guide = GUIDES[2];
-        let on = |guided_distances: bool| {
-            move |settings: &mut RenderSettings| {
-                settings.transport.guided_distances = guided_distances;
-                settings.gives_up = false;
-            }
-        };
-        check_with(sidak(0.01, 200), &scene, guide, [4096, 2], expected, on(true));
-        let pixels = [true, false].map(|guided| {
-            let mut settings = settings(guide, 256, 1);
-            on(guided)(&mut settings);
-            picture(&scene, &settings).pixels
-        });
-        assert_ne!(pixels[0], pixels[1], "distances are not guided");
+        check_with_distances(&scene, expected);
     }
 }
 

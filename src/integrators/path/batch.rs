@@ -312,6 +312,20 @@ impl PathTracer<'_> {
             records.extend(record(&vertices.details[vertex], next, met, onward, pixel));
         })
     }
+
+    /// Radiance of path `index` of those traced last that is light of media themselves: the part of it that none of its
+    /// [complete paths](PathTracer::contributions) brings.
+    pub fn glow(&self, index: usize, PathScratch { paths, vertices, .. }: &PathScratch) -> Vec3 {
+        let path = &paths[index];
+        let (mut incoming, mut at) = (vertices.background(path).glow, path.last);
+        // Empty where no medium has light.
+        while let Some(glow) = vertices.glow.get(at as usize) {
+            let super::Vertex { weight, survival, previous, .. } = vertices.all[at as usize];
+            incoming = *glow + vertices.passed[at as usize] * weight * incoming / survival;
+            at = previous;
+        }
+        incoming
+    }
 }
 
 /// Sums a path from its end: radiance leaving each vertex towards the one before. `step` is told of each vertex: its index, that of the

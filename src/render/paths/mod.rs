@@ -100,11 +100,6 @@ impl Run<'_> {
         let field = field.filter(|field| !field.voxels().is_empty());
         let (values, window) = (self.pixel_values(), self.window);
         let guides = Guides { field, expected: values.as_deref().map(|values| Expected { values, window }) };
-        if self.scene.has_grids() {
-            // Delta and ratio tracking have no density that could be told of a path.
-            self.statistics.decisions.push("complete paths off: those through media that vary are not guided".into());
-            return Ok(None);
-        }
         let paths = self.learn_paths(guides);
         if paths.is_empty() {
             return Ok(None);

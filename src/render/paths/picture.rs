@@ -90,7 +90,7 @@ impl Round<'_> {
 
     /// Radiance of path `index` as far as guided ones do not bring it.
     fn balanced(&self, index: usize, pixel: u64, Placed { film, path }: &Placed, scratch: &PathScratch) -> Vec3 {
-        let (mut sum, start) = (Vec3::ZERO, (*film, path.ray.origin, &path.random));
+        let (mut sum, start) = (self.tracer.glow(index, scratch), (*film, path.ray.origin, &path.random));
         let guided_per_pixel = self.ratio * self.window.pixels() as f64 / self.filtered(pixel, *film);
         self.tracer.contributions(index, scratch, start, self.shares, |contribution| {
             let guided = contribution.path.as_ref().map_or(0.0, |path| self.guided.guide.density(path));
