@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use clap::{Parser, Subcommand};
 use fanal::base::Result;
 use fanal::base::progress::Silent;
-use fanal::film::{measure, outliers};
+use fanal::film::{mean_and_variance, measure, outliers};
 use fanal::guiding::tree::CountedTree;
 use fanal::guiding::tree::proposal::Proposal;
 use fanal::picture::Image;
@@ -222,11 +222,7 @@ fn table(
                 pictures.push(picture(&scene, *method, depth, seed));
             }
         }
-        let all: Vec<&Image> = pictures.iter().flatten().collect();
-        let mut mean = all[0].clone();
-        for (at, pixel) in mean.pixels.iter_mut().enumerate() {
-            *pixel = all.iter().map(|image| image.pixels[at]).sum::<Vec3>() / all.len() as f32;
-        }
+        let (mean, _) = mean_and_variance(&pictures.concat()).expect("pictures of one size");
         let first = noise(&pictures[0], &mean);
         for (method, pictures) in methods.iter().zip(&pictures) {
             let ([all, trimmed], name) = (noise(pictures, &mean), method.name());

@@ -7,7 +7,9 @@ use super::background::Left;
 use super::guides::Lights;
 use super::shade::Groups;
 use super::vertices::{Connection, Shadows, Tried, Vertices};
-use super::{Arrival, Background, CameraPath, Direct, NO_VERTEX, PathState, PathTracer, RayCount, ToLight, record};
+use super::{
+    Arrival, Background, CameraPath, Direct, NO_VERTEX, PathState, PathTracer, RayCount, ToLight, Vertex, record,
+};
 #[cfg(target_arch = "x86_64")]
 use crate::base::processor::Avx2;
 use crate::base::random::Random;
@@ -320,7 +322,7 @@ impl PathTracer<'_> {
         let (mut incoming, mut at) = (vertices.background(path).glow, path.last);
         // Empty where no medium has light.
         while let Some(glow) = vertices.glow.get(at as usize) {
-            let super::Vertex { weight, survival, previous, .. } = vertices.all[at as usize];
+            let Vertex { weight, survival, previous, .. } = vertices.all[at as usize];
             incoming = *glow + vertices.passed[at as usize] * weight * incoming / survival;
             at = previous;
         }
