@@ -295,6 +295,7 @@ mod tests {
     use crate::generate::{Family, scene};
     use crate::guiding::learn::fraction::FractionRule;
     use crate::guiding::tree::leaves::Layout;
+    use crate::reconstruct::buckets::Buckets;
     use crate::scene::file::FilterFile;
     use clap::Parser;
 
@@ -339,7 +340,7 @@ mod tests {
         let zhu = settings(&["--guide", "zhu"]);
         assert!(!zhu.transport.light_sampling && zhu.learner.tree.filtered && !zhu.gives_up);
         assert_eq!((zhu.learner.fraction, zhu.reconstruction), (FractionRule::Found, Reconstruction::Neural));
-        assert!(zhu.mode().light_sampling, "the network was trained beside light sampling");
+        assert_eq!(Buckets::built_in(&zhu.mode()).expect("they were trained in it").networks().count(), 5);
         assert!(settings(&["--guide", "zhu", "--light-sampling", "on"]).transport.light_sampling);
         assert!(settings(&[]).transport.light_sampling);
         let nilsson = settings(&["--guide", "nilsson"]);

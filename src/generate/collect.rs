@@ -26,8 +26,9 @@ use crate::guiding::tree::topology::Topology;
 use crate::guiding::tree::{CountedTree, Trees};
 use crate::network::config::Mode;
 use crate::picture::Window;
-use crate::reconstruct::{Neural, Reconstructor};
-use crate::render::{GuideMode, Learning, PartOf, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
+use crate::reconstruct::Reconstructor;
+use crate::reconstruct::buckets::Buckets;
+use crate::render::{Learning, PartOf, PassTracer, RenderSettings, SampleKinds, Statistics, StopRule};
 use crate::scene::{Scene, readers};
 
 /// ρ of the targets: finer than that of the inputs, since they have the samples for it.
@@ -103,11 +104,7 @@ pub fn generate_part(
     stop: &AtomicBool,
 ) -> Result<usize> {
     let (jobs, mode) = (recipe.jobs(), render_settings(recipe).mode());
-    let guide = recipe.guide.reconstructor(|| {
-        let neural = Neural::built_in()?;
-        neural.check_mode(&mode)?;
-        Ok(Box::new(neural))
-    })?;
+    let guide = recipe.guide.reconstructor(|| Ok(Box::new(Buckets::built_in(&mode)?)))?;
     let mut made = Made::read(recipe, jobs.len() as u64, part, folder)?;
     check_folder(recipe, &jobs, &mode, made.shards(), folder)?;
     if !folder.join(RECIPE_FILE).exists() {
@@ -186,7 +183,7 @@ fn check_folder(recipe: &Recipe, jobs: &[Job], mode: &Mode, shards: &[ShardEntry
 
 /// Render settings of all scenes of a recipe.
 fn render_settings(recipe: &Recipe) -> RenderSettings {
-    let mut settings = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1));
+    let mut settings = RenderSettings::new(recipe.method.into(), StopRule::Spp(1));
     settings.learner.target = recipe.target;
     settings.learner.voxel_samples = u32::MAX;
     settings.learner.memory = 1 << 30;
@@ -416,7 +413,7 @@ mod tests {
     fn data_are_collected_with_the_roulette_of_renders() {
         let loaded = load(Family::ALL[0], 3, [32, 32]).expect("a generated scene is sound");
         let scene = Scene::build(&loaded, [32, 32]).expect("a generated scene builds");
-        let settings = RenderSettings::new(GuideMode::Gaussian, StopRule::Spp(1));
+        let settings = RenderSettings::new(crate::render::GuideMode::Gaussian, StopRule::Spp(1));
         let learning = Learning::new(&settings, &scene.lights.emission);
         let guide = &Gaussian::default();
         let mut run = Run { scene: &scene, guide, learning, settings, first_sample: 0, passes: vec![] };

@@ -11,7 +11,7 @@ use crate::base::files::read_bytes;
 use crate::base::random::Random;
 use crate::base::{Error, Place, Result};
 use crate::guiding::target::Target;
-use crate::render::Reconstruction;
+use crate::render::{GuideMode, Reconstruction};
 use crate::scene::readers::documents;
 
 /// Largest accepted recipe file, bytes.
@@ -44,6 +44,9 @@ pub struct Recipe {
     /// Reconstruction that guides the renders which trees are taken from: smoothing, or the network in the program.
     #[serde(default = "default_guide", skip_serializing_if = "is_default_guide")]
     pub guide: Reconstruction,
+    /// Method whose voxels, trees and light sampling the renders have: the network's is trained for them.
+    #[serde(default, skip_serializing_if = "is_default_method")]
+    pub method: Trained,
     /// Camera paths per pixel that targets are collected from.
     pub target_spp: u32,
     /// At most so many trees are kept of a scene, drawn evenly.
@@ -57,6 +60,26 @@ pub struct Recipe {
     /// Scenes in files of any format that can be rendered, made after those of families.
     #[serde(default)]
     pub scene: Vec<SceneRecipe>,
+}
+
+/// Methods that networks are trained for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Trained {
+    /// `neural`.
+    #[default]
+    Neural,
+    /// `zhu`.
+    Zhu,
+}
+
+impl From<Trained> for GuideMode {
+    fn from(trained: Trained) -> Self {
+        match trained {
+            Trained::Neural => Self::Neural,
+            Trained::Zhu => Self::Zhu,
+        }
+    }
 }
 
 /// Number of scenes of one family.
@@ -144,7 +167,11 @@ fn default_guide() -> Reconstruction {
     Reconstruction::Gaussian
 }
 
-// Not written where it is the default: checksums and notes of recipes without it stay as they were.
+// Not written where they are the default: checksums and notes of recipes without them stay as they were.
+fn is_default_method(method: &Trained) -> bool {
+    *method == Trained::default()
+}
+
 fn is_default_guide(guide: &Reconstruction) -> bool {
     *guide == default_guide()
 }

@@ -1,5 +1,6 @@
 //! Reconstruction: from the quadtree that accumulated samples (Q_h) to the one that is sampled (Q_r).
 
+pub mod buckets;
 pub mod gaussian;
 pub mod neural;
 pub mod nilsson;

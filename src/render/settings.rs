@@ -418,12 +418,11 @@ impl RenderSettings {
         }
     }
 
-    /// The mode that trees are collected in, as models and shards record it. Where all direct light is learned, light sampling changes no value that
-    /// trees converge to: for `zhu`, a network that was trained beside it will do.
+    /// The mode that trees are collected in, as models and shards record it.
     pub fn mode(&self) -> Mode {
         Mode {
             target: self.learner.target.name().into(),
-            light_sampling: self.transport.light_sampling || self.guide == GuideMode::Zhu,
+            light_sampling: self.transport.light_sampling,
             roulette: self.transport.roulette != Roulette::Off,
             split_share: self.learner.tree.split_share as f32,
             direct: self.learner.direct.name().into(),
@@ -488,12 +487,12 @@ fn nilsson_2022() -> LearnerSettings {
     LearnerSettings { target: Target::VariancePixel, simple_iterations: 3, ..mueller_2017() }
 }
 
-/// Those of Zhu 2021 (§5, §7) as far as the network allows, which has learned what trees look like with their past and surroundings.
+/// Those of Zhu 2021 (§5, §7): a tree knows what its own voxel has seen in this iteration.
 fn zhu_2021() -> LearnerSettings {
     LearnerSettings {
         facing: false,
         fraction: FractionRule::Found,
-        tree: TreeSettings { filtered: true, ..TreeSettings::default() },
+        tree: TreeSettings { filtered: true, context: 0.0, past: 0.0, ..TreeSettings::default() },
         parallax: false,
         ..LearnerSettings::default()
     }

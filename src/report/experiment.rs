@@ -20,6 +20,7 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::integrators::TransportSettings;
 use crate::picture::{Image, read_image, write};
+use crate::reconstruct::buckets::Buckets;
 use crate::reconstruct::{AsCounted, Neural};
 use crate::render::{Control, GuideMode, Outcome, RenderSettings, StopRule, learn, render, render_with_field};
 use crate::scene::Scene;
@@ -321,7 +322,12 @@ impl Experiment<'_> {
     }
 
     fn render(&self, scene: &Scene, settings: RenderSettings, control: &Control) -> Result<Outcome> {
-        let reconstructor = settings.reconstruction.reconstructor(|| Ok(Box::new(self.neural)))?;
+        let mode = settings.mode();
+        let reconstructor = settings.reconstruction.reconstructor(|| match self.neural.check_mode(&mode) {
+            Ok(()) => Ok(Box::new(self.neural)),
+            // Zhu 2021 has networks of its own.
+            Err(_) => Ok(Box::new(Buckets::built_in(&mode)?)),
+        })?;
         render(scene, &settings, reconstructor.as_ref(), control.progress, control.stop)
     }
 

@@ -9,8 +9,9 @@ use fanal::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs}
 use fanal::network::embedded::Embedded;
 use fanal::network::program::{GEOMETRY, Op, Program, decode_program, encode_program};
 use fanal::network::weights::Model;
-use fanal::reconstruct::Reconstructed;
+use fanal::reconstruct::buckets::Buckets;
 use fanal::reconstruct::neural::reconstruct_batch;
+use fanal::reconstruct::{Neural, Reconstructed, Reconstructor};
 use support::{Tree, assert_close, config, forward, model, trees};
 
 /// Executes programs operation by operation in f64, as their documentation reads.
@@ -129,6 +130,40 @@ fn trees_of_a_batch_are_independent() {
     for (tree, expected) in trees.iter().zip(together) {
         assert_eq!(reconstruct(&model, &backend, std::slice::from_ref(tree)), [expected]);
     }
+}
+
+/// Of several networks every tree gets the one for its number of samples, paths and photons together, and what that gives alone.
+#[test]
+fn trees_get_the_network_of_their_samples() {
+    let folder = tempfile::tempdir().unwrap();
+    let list = r#"{"version": 1, "networks": [{"folder": "few", "end": 100}, {"folder": "more", "end": 500}, {"folder": "many"}]}"#;
+    std::fs::write(folder.path().join("networks.json"), list).unwrap();
+    let names = ["few", "more", "many"];
+    for (seed, name) in (1..).zip(names) {
+        model(config(8, 1, false), seed).save(&folder.path().join(name)).unwrap();
+    }
+    let all = Buckets::load(folder.path(), Neural::embedded).unwrap();
+    let alone = names.map(|name| Neural::embedded(&folder.path().join(name)).unwrap());
+    let mut trees = trees();
+    let counts = [[0, 0], [99, 0], [60, 40], [499, 0], [0, 500], [u32::MAX, 7]];
+    let of = [0, 0, 1, 1, 2, 2];
+    for (tree, samples) in trees.iter_mut().zip(counts.into_iter().cycle()) {
+        tree.voxel_features.samples = samples;
+    }
+    let inputs: Vec<_> = trees.iter().map(Tree::input).collect();
+    let made = all.reconstruct(&inputs).unwrap();
+    assert_eq!(made.len(), inputs.len());
+    let mut differ = 0;
+    for ((input, made), network) in inputs.iter().zip(&made).zip(of.into_iter().cycle()) {
+        let mut by = alone.each_ref().map(|one| one.reconstruct(std::slice::from_ref(input)).unwrap().remove(0));
+        assert_eq!(made.first, by[network].first);
+        by.rotate_left(network);
+        differ += usize::from(by[0].first != by[1].first);
+    }
+    assert!(differ > 10, "the networks do not differ");
+    // A folder of one model is one for all.
+    let one = Buckets::load(&folder.path().join("few"), Neural::embedded).unwrap();
+    assert_eq!(one.networks().count(), 1);
 }
 
 fn reconstruct(model: &Model, backend: &dyn Backend, trees: &[Tree]) -> Vec<Reconstructed> {

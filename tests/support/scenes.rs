@@ -7,7 +7,8 @@ use fanal::base::progress::Silent;
 use fanal::generate::build::{Builder, diffuse};
 use fanal::guiding::target::Target;
 use fanal::picture::Image;
-use fanal::reconstruct::{Neural, Reconstructor};
+use fanal::reconstruct::Reconstructor;
+use fanal::reconstruct::buckets::Buckets;
 use fanal::render::{GuideMode, Outcome, RenderSettings, SampleKinds, StopRule, render};
 use fanal::scene::Scene;
 use fanal::scene::file::{MaterialFile, SceneFile, TextureFile};
@@ -57,8 +58,8 @@ pub fn coarse(guide: Guide, spp: u32, seed: u64) -> RenderSettings {
 
 /// What each mode reconstructs with.
 pub fn reconstructor(guide: GuideMode) -> Box<dyn Reconstructor> {
-    let reconstruction = RenderSettings::new(guide, StopRule::Spp(1)).reconstruction;
-    let network = reconstruction.reconstructor(|| Ok(Box::new(Neural::built_in()?)));
+    let settings = RenderSettings::new(guide, StopRule::Spp(1));
+    let network = settings.reconstruction.reconstructor(|| Ok(Box::new(Buckets::built_in(&settings.mode())?)));
     network.expect("the model fits the program")
 }
 

@@ -182,6 +182,9 @@ struct ViewArgs {
     /// Only pairs with a number of path samples in this range, such as 16..64.
     #[arg(long, help_heading = "Research", default_value = "0..")]
     samples: Samples,
+    /// Only pairs with a number of path samples and photons in this range.
+    #[arg(long, help_heading = "Research", default_value = "0..")]
+    both_samples: Samples,
     /// Only pairs whose targets are converged: KL between two halves of it at most this, in nats.
     #[arg(long, help_heading = "Research", value_name = "NATS")]
     floor: Option<f64>,
@@ -189,7 +192,7 @@ struct ViewArgs {
 
 impl ViewArgs {
     fn view(&self) -> View {
-        View { inputs: self.inputs, samples: self.samples, floor: self.floor }
+        View { inputs: self.inputs, samples: self.samples, both_samples: self.both_samples, floor: self.floor }
     }
 }
 

@@ -29,13 +29,20 @@ pub enum Inputs {
     Photons,
 }
 
-/// A range of numbers of own path samples, written `16..64`; either end may be missing.
+/// A range of numbers of samples, written `16..64`; either end may be missing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Samples {
     /// The least number.
     pub least: u32,
     /// The first number that is too many; none if there is no limit.
     pub end: Option<u32>,
+}
+
+impl Samples {
+    /// Whether a number lies in the range.
+    fn hold(self, number: u32) -> bool {
+        number >= self.least && self.end.is_none_or(|end| number < end)
+    }
 }
 
 impl FromStr for Samples {
@@ -60,6 +67,9 @@ pub struct View {
     pub inputs: Inputs,
     /// Range of the own path samples of the pairs that are used.
     pub samples: Samples,
+    /// Range of these and photons together.
+    #[serde(default)]
+    pub both_samples: Samples,
     /// Largest KL between two halves of a target, in nats; none if there is no limit.
     pub floor: Option<f64>,
 }
@@ -71,11 +81,10 @@ impl View {
     /// When a pair is not valid.
     pub fn apply(&self, mut data: Dataset) -> Result<Dataset> {
         for pairs in [&mut data.train, &mut data.held_out] {
-            let Samples { least, end } = self.samples;
             pairs.retain(|pair| {
-                let paths = pair.voxel_features.samples[0];
+                let [paths, photons] = pair.voxel_features.samples;
                 let converged = self.floor.is_none_or(|most| f64::from(pair.floor_kl) <= most);
-                converged && paths >= least && end.is_none_or(|end| paths < end)
+                converged && self.samples.hold(paths) && self.both_samples.hold(paths.saturating_add(photons))
             });
             if self.inputs != Inputs::All {
                 pairs.iter_mut().try_for_each(|pair| restrict(pair, self.inputs))?;

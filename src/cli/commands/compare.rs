@@ -13,6 +13,7 @@ use crate::cli::resolve::resolve;
 use crate::cli::{interrupt, print, progress};
 use crate::film::{Denoiser, check_size};
 use crate::reconstruct::Neural;
+use crate::reconstruct::buckets::Buckets;
 use crate::render::{GuideMode, Reconstruction, RenderSettings, StopRule};
 use crate::report::experiment::{Method, Variant};
 use crate::report::results::Interval;
@@ -100,7 +101,8 @@ fn variants(given: &[VariantArgs], loaded: &LoadedScene, neural: &Neural) -> Res
         let settings = resolve(render, &loaded.file).and_then(|request| {
             let (_, settings) = settled(&request, loaded);
             if settings.reconstruction == Reconstruction::Neural {
-                neural.check_mode(&settings.mode())?;
+                let mode = settings.mode();
+                neural.check_mode(&mode).or_else(|error| Buckets::built_in(&mode).map(drop).map_err(|_| error))?;
             }
             Ok(settings)
         });

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::render::network;
+use super::render::networks;
 use super::{dataset, in_pool};
 use crate::base::streamed::Streamed;
 use crate::base::{Error, Result, named};
@@ -51,11 +51,7 @@ fn guide(output: &Path, args: &MergeArgs) -> Result<()> {
     }
     in_pool(&args.common, || {
         let (field, evidence) = merge_guides(&args.inputs, |reconstruction, mode| {
-            reconstruction.reconstructor(|| {
-                let neural = network(args.model.as_deref(), args.backend)?;
-                neural.check_mode(mode)?;
-                Ok(Box::new(neural))
-            })
+            reconstruction.reconstructor(|| Ok(Box::new(networks(args.model.as_deref(), args.backend, mode)?)))
         })?;
         file::save(output, &field, &evidence)
     })

@@ -17,10 +17,12 @@ use crate::cli::{interrupt, print, progress, views};
 use crate::film::{Denoiser, measure};
 use crate::guiding::sample::field::{GuideField, PixelValues};
 use crate::guiding::sample::file;
+use crate::network::config::Mode;
 use crate::picture::{
     Attribute, Canvas, Channel, Display, Image, Picture, Viewer, Window, check_folder, check_writable, matched,
     read_image, window_of, write_or_rescue, write_picture,
 };
+use crate::reconstruct::buckets::Buckets;
 use crate::reconstruct::{Neural, Reconstructor};
 use crate::render::guide_part::PartLearned;
 use crate::render::part_file::Totals;
@@ -457,30 +459,33 @@ fn load_guide(path: &Path, picture: &str) -> Result<(GuideField, String)> {
 fn reconstructor(request: &RenderRequest, settings: &RenderSettings) -> Result<(Box<dyn Reconstructor>, String)> {
     let mut identity = settings.reconstruction.name().to_owned();
     let reconstructor = settings.reconstruction.reconstructor(|| {
-        let neural = network(request.model.as_deref(), request.backend)?;
-        neural.check_mode(&settings.mode())?;
-        let weights = crc32([neural.model.weights.to_bytes()?.as_slice()]);
-        identity = format!("model {weights:08x} {:?}, {:?} backend", neural.model.config, request.backend);
-        Ok(Box::new(neural))
+        let networks = networks(request.model.as_deref(), request.backend, &settings.mode())?;
+        let each = networks
+            .networks()
+            .map(|neural| format!("{:08x} {:?}", neural.model.weights.checksum(), neural.model.config));
+        identity = format!("model {}, {:?} backend", each.collect::<Vec<_>>().join(", "), request.backend);
+        Ok(Box::new(networks))
     })?;
     Ok((reconstructor, identity))
 }
 
-/// The model that was asked for, with its backend.
+/// The network or networks that were asked for, with their backend; those of the program for `mode` where no folder is given.
 ///
 /// # Errors
-/// Those of reading the model and of starting the backend.
-pub fn network(model: Option<&Path>, backend: Backend) -> Result<Neural> {
-    match (model, backend) {
-        (None, Backend::Embedded) => Neural::built_in(),
-        (Some(folder), Backend::Embedded) => Neural::embedded(folder),
+/// Those of reading the models, of starting the backend, and of [`Buckets::check_mode`].
+pub fn networks(model: Option<&Path>, backend: Backend, mode: &Mode) -> Result<Buckets> {
+    let networks = match (model, backend) {
+        (None, Backend::Embedded) => Buckets::built_in(mode)?,
+        (Some(folder), Backend::Embedded) => Buckets::load(folder, Neural::embedded)?,
         #[cfg(feature = "onnx")]
-        (Some(folder), Backend::Onnx) => Neural::onnx(folder),
+        (Some(folder), Backend::Onnx) => Buckets::load(folder, Neural::onnx)?,
         #[cfg(feature = "onnx")]
-        (None, Backend::Onnx) => Neural::built_in_onnx(),
+        (None, Backend::Onnx) => Neural::built_in_onnx()?.into(),
         #[cfg(not(feature = "onnx"))]
-        (_, Backend::Onnx) => Err(Error::Options("this program was built without the onnx feature".into())),
-    }
+        (_, Backend::Onnx) => return Err(Error::Options("this program was built without the onnx feature".into())),
+    };
+    networks.check_mode(mode)?;
+    Ok(networks)
 }
 
 /// Attributes of an EXR file's header that are known before rendering. No name may be one that EXR reserves for other types,
