@@ -34,7 +34,7 @@ impl Builder {
 
     /// Sets the rendering defaults.
     pub fn render(&mut self, max_depth: u32, spp: u32) {
-        self.scene.render = RenderFile { max_depth, spp };
+        self.scene.render = RenderFile { max_depth, spp, ..RenderFile::default() };
     }
 
     /// Adds a material and gives back its name; a name that is taken gets a number.

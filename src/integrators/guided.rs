@@ -140,8 +140,7 @@ impl GuidedTracer<'_> {
         if !(film[0] >= 0.0 && film[1] >= 0.0 && film[0] < size[0] && film[1] < size[1]) {
             return None;
         }
-        let camera = &self.scene.camera;
-        let ray = camera.ray(film, camera.lens(&random));
+        let ray = self.scene.camera_ray(0, film, self.scene.camera.lens(&random));
         let distance = match chosen.first() {
             Some(kernel) => Some(kernel.distance(ray.origin, ray.direction, start.next_2d_f64())?),
             None => None,

@@ -69,8 +69,7 @@ pub(super) fn camera_ray(
     sample: CameraSample,
 ) -> (Ray, Random) {
     let (view, film, random) = camera_film(scene, settings, filter, sample);
-    let camera = scene.camera_of(view);
-    (camera.ray(film, camera.lens(&random)), random)
+    (scene.camera_ray(view, film, scene.camera_of(view).lens(&random)), random)
 }
 
 /// The view of a camera sample, its place in the picture of that, and its random numbers.
@@ -85,16 +84,21 @@ pub(super) fn camera_film(
     (view, film, random)
 }
 
-/// The first surface on the ray of a camera sample, whatever it is made of, with the ray; none where it hits nothing.
+/// The first surface on the ray of a camera sample, whatever it is made of, at its distance from the camera, with the ray; none where it hits nothing.
 pub(super) fn first_surface(
     scene: &Scene,
     settings: &RenderSettings,
     filter: &PixelFilter,
     sample: CameraSample,
 ) -> Option<(Ray, Surface)> {
-    let (ray, mut random) = camera_ray(scene, settings, filter, sample);
+    let (view, film, mut random) = camera_film(scene, settings, filter, sample);
+    let (camera, lens) = (scene.camera_of(view), scene.camera_of(view).lens(&random));
+    let ray = scene.camera_ray(view, film, lens);
     random.begin_vertex(1);
-    let surface = scene.trace(&ray, &mut random.at(Dimension::SEGMENT))?;
+    let mut surface = scene.trace(&ray, &mut random.at(Dimension::SEGMENT))?;
+    if scene.hides_emitters {
+        surface.distance += camera.ray(film, lens).origin.distance(ray.origin);
+    }
     Some((ray, surface))
 }
 
@@ -119,6 +123,7 @@ pub(super) fn camera_rays<T: Copy>(
         if let Some(Begun { origins, directions, randoms }) = together {
             for (lane, (random, of)) in randoms.into_iter().zip(said).enumerate().take(count) {
                 let ray = Ray { origin: vector(&origins, lane), direction: vector(&directions, lane) };
+                let ray = if scene.hides_emitters { scene.past_emitters(ray) } else { ray };
                 take(ray, random, of);
             }
         } else {

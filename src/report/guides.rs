@@ -39,7 +39,7 @@ pub fn sample(scene: &Scene, field: &GuideField) -> Guides {
 }
 
 fn map(scene: &Scene, field: &GuideField, [x, y]: [u32; 2]) -> Option<String> {
-    let ray = scene.camera.ray([x as f32 + 0.5, y as f32 + 0.5], [0.5; 2]);
+    let ray = scene.camera_ray(0, [x as f32 + 0.5, y as f32 + 0.5], [0.5; 2]);
     let surface = scene.intersect(&ray)?;
     if scene.material(&surface).is_delta() {
         return None;

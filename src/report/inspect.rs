@@ -61,7 +61,7 @@ pub fn at(field: &GuideField, evidence: &Evidence, point: Vec3) -> Option<Maps> 
 pub fn gains(scene: &Scene, field: &GuideField, evidence: &Evidence) -> Image {
     let [width, height] = scene.size.map(|n| n as usize);
     let pixel = |i: usize| {
-        let ray = scene.camera.ray([(i % width) as f32 + 0.5, (i / width) as f32 + 0.5], [0.5; 2]);
+        let ray = scene.camera_ray(0, [(i % width) as f32 + 0.5, (i / width) as f32 + 0.5], [0.5; 2]);
         let voxel = scene
             .intersect(&ray)
             .and_then(|surface| field.cache().find(surface.point, surface.normal_towards(-ray.direction)));

@@ -179,6 +179,7 @@ impl Scene {
             shape_stops,
             light_medium,
             camera_medium,
+            hides_emitters: file.render.hide_emitters,
             name: file.name.clone(),
             names: Names::of(file),
             size: sheet::size(size, 1 + further.len()),

@@ -271,11 +271,14 @@ pub struct RenderFile {
     pub max_depth: u32,
     /// Samples per pixel, camera and light paths together.
     pub spp: u32,
+    /// Whether the camera sees what lies behind shapes that emit light, and no light infinitely far away.
+    #[serde(skip_serializing_if = "is_default")]
+    pub hide_emitters: bool,
 }
 
 impl Default for RenderFile {
     fn default() -> Self {
-        Self { max_depth: 20, spp: 64 }
+        Self { max_depth: 20, spp: 64, hide_emitters: false }
     }
 }
 

@@ -73,6 +73,8 @@ pub struct Scene {
     shape_border: Vec<Option<Border>>,
     /// Medium into which each light emits.
     light_medium: Vec<Option<MediumId>>,
+    /// Whether lights are hidden from the camera.
+    pub hides_emitters: bool,
     /// The medium around the camera.
     pub camera_medium: Option<MediumId>,
     /// The effects that the tracers must be compiled for.
@@ -89,6 +91,24 @@ pub struct Scene {
 const MOST_HOLES: usize = 1 << 12;
 
 impl Scene {
+    /// The ray on which the camera of a view sees a place of its picture, pixels, through a place of its lens. Where [lights are
+    /// hidden](Scene::hides_emitters) it begins behind those that would be seen first, and so does the medium around the camera.
+    pub fn camera_ray(&self, view: usize, film: [f32; 2], lens: [f32; 2]) -> Ray {
+        let ray = self.camera_of(view).ray(film, lens);
+        if self.hides_emitters { self.past_emitters(ray) } else { ray }
+    }
+
+    /// A ray from behind the lights that it would hit before anything else.
+    pub fn past_emitters(&self, mut ray: Ray) -> Ray {
+        for _ in 0..MOST_HOLES {
+            match self.intersect(&ray) {
+                Some(surface) if self.light_of(&surface).is_some() => ray = surface.leave(ray.direction),
+                _ => break,
+            }
+        }
+        ray
+    }
+
     /// The nearest surface that stops a ray: a masked one does so with the probability of its opacity.
     #[inline]
     pub fn trace(&self, ray: &Ray, random: &mut Random) -> Option<Surface> {

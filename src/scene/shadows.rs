@@ -61,8 +61,8 @@ impl Scene {
             let [x, y] = random.at(Dimension::FILM).next_2d();
             let (column, row) = (x * self.size[0] as f32, y * self.size[1] as f32);
             let (view, within) = self.view_of(row as u32);
-            let camera = self.camera_of(view);
-            let ray = camera.ray([column, row - (row as u32 - within) as f32], camera.lens(&random));
+            let film = [column, row - (row as u32 - within) as f32];
+            let ray = self.camera_ray(view, film, self.camera_of(view).lens(&random));
             self.shadows_of_path(ray, max_depth, &mut random, &mut rays);
         }
         rays

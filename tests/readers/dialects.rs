@@ -224,7 +224,6 @@ fn approximations_are_named() {
             "scaled down to 1",
         ),
         ("3.0.0", "<integrator type='prb'/>".into(), "instead of the integrator \"prb\""),
-        ("3.0.0", "<integrator type='path'><boolean name='hide_emitters' value='true'/></integrator>".into(), "hide"),
         (
             "3.0.0",
             "<sensor type='perspective'><film type='hdrfilm'><rfilter type='box'/></film></sensor>".into(),

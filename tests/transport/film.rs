@@ -1,6 +1,6 @@
 //! What pixels show: the light around them by the filter, the window that is asked for, the layers beside the picture.
 
-use crate::support::scenes;
+use crate::support::{files, scenes};
 
 use std::f64::consts::PI;
 
@@ -215,4 +215,54 @@ fn windows_are_guided() {
         assert_eq!((one.statistics.width, one.statistics.height), (17, 13));
         assert!(one.statistics.guide.trees > 0, "{guide:?}");
     }
+}
+
+/// A wall that a lamp in front of it lights, and a sky on one side of it, as an orthographic camera at this height sees them from above.
+fn lamp_and_wall(height: f32, hides: bool) -> Scene {
+    let text = format!(
+        "<scene version='3.0.0'>
+            <integrator type='path'><integer name='max_depth' value='3'/><boolean name='hide_emitters' value='{hides}'/></integrator>
+            <sensor type='orthographic'>
+                <transform name='to_world'><lookat origin='0, 0, {height}' target='0, 0, 0' up='0, 1, 0'/></transform>
+                <film type='hdrfilm'><integer name='width' value='12'/><integer name='height' value='12'/><rfilter type='box'/></film>
+            </sensor>
+            <shape type='rectangle'><transform name='to_world'><translate x='-0.6666667'/></transform><bsdf type='diffuse'/></shape>
+            <shape type='sphere'><point name='center' x='-0.2' y='0' z='1'/><float name='radius' value='0.3'/>
+                <emitter type='area'><rgb name='radiance' value='7, 5, 3'/></emitter></shape>
+            <emitter type='constant'><rgb name='radiance' value='0.5'/></emitter>
+        </scene>"
+    );
+    let folder = files::folder();
+    let loaded = files::load_xml(&folder, &text).expect("it is sound");
+    assert!(!loaded.warnings.iter().any(|warning| warning.contains("hide")), "{:?}", loaded.warnings);
+    Scene::build(&loaded, [12, 12]).expect("it builds")
+}
+
+/// With hidden lights a camera sees what one in front of them sees that has no sky, and at its own distance.
+#[test]
+fn hidden_lights_are_looked_through() {
+    let settings = RenderSettings { adaptive: false, ..settings(GUIDES[0], 16, 5) };
+    let [shown, hidden, nearer] = [(4.0, false), (4.0, true), (0.6, false)].map(|of| lamp_and_wall(of.0, of.1));
+    let [shown_picture, hidden_picture, nearer_picture] =
+        [&shown, &hidden, &nearer].map(|scene| rendered(scene, &settings).image);
+    let depths = [&hidden, &nearer].map(|scene| values(&all_channels(scene, &settings), ["depth.Z"]));
+    let (mut lamps, mut skies) = (0, 0);
+    for (place, pixel) in hidden_picture.pixels.iter().enumerate() {
+        let (before, near) = (shown_picture.pixels[place], nearer_picture.pixels[place]);
+        let [[depth], [near_depth]] = [depths[0][place], depths[1][place]];
+        if near_depth == 0.0 {
+            skies += 1;
+            assert_eq!((*pixel, near, depth), (Vec3::ZERO, Vec3::splat(0.5), 0.0), "{place}");
+            continue;
+        }
+        // No radiance that the wall sends back is nearly that of the lamp.
+        if before.x > 1.1 * pixel.x {
+            lamps += 1;
+        } else {
+            assert_eq!(before, *pixel, "{place}");
+        }
+        assert!((depth - near_depth - 3.4).abs() < 1e-3, "{place}: {depth} and {near_depth}");
+        assert!((*pixel - near).abs().max_element() <= 2e-3 * near.max_element(), "{place}: {pixel} and {near}");
+    }
+    assert!(lamps > 4 && skies > 20, "{lamps} pixels of the lamp, {skies} of the sky");
 }

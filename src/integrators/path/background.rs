@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::vertices::Vertices;
-use super::{Background, Emission, PathState, PathTracer};
+use super::{Background, Emission, NO_VERTEX, PathState, PathTracer};
 use crate::lights::LightSet;
 use crate::lights::seen::LightView;
 use crate::math::lanes::{self, Kernel, LANES, Vectors, Wide, vector};
@@ -54,6 +54,8 @@ impl PathTracer<'_> {
             for (lane, Left { path, passed, glow }) in left.iter().enumerate() {
                 let path = &mut paths[*path as usize];
                 let emission = match &seen {
+                    // What the camera itself would see.
+                    _ if self.scene.hides_emitters && path.last == NO_VERTEX => Emission::default(),
                     Some((radiance, pdf)) => weighed(path, vector(radiance, lane), pdf[lane]),
                     None => self.background(path),
                 };

@@ -86,7 +86,7 @@ struct Placed {
 
 impl Placed {
     fn new(scene: &Scene, film: [f32; 2], random: Random, guides: Guides) -> Self {
-        let ray = scene.camera.ray(film, scene.camera.lens(&random));
+        let ray = scene.camera_ray(0, film, scene.camera.lens(&random));
         // Of the pixel in which it lies, whichever it is for: then its density does not depend on that.
         let pixel = guides.field.and(guides.expected).map(|expected| expected.at(film));
         Self { film, path: CameraPath { ray, random, pixel } }

@@ -213,9 +213,7 @@ impl<'a> Reader<'a> {
             self.has_integrator = false;
             return self.nested(inner, |reader| reader.integrator(inner));
         }
-        if object.boolean("hide_emitters")? == Some(true) {
-            self.warn(element, "hide_emitters is left out: lights are seen where the camera sees them");
-        }
+        self.file.render.hide_emitters = object.boolean("hide_emitters")?.unwrap_or(false);
         if !["path", "volpath", "volpathmis", "direct", "ptracer", "bdpt", "volpath_simple"].contains(&kind) {
             self.warn(element, format_args!("paths are traced instead of the integrator \"{kind}\""));
         }
