@@ -6,8 +6,8 @@
 //! there. A place where light is rarely found is not taken for dark (see
 //! [`Adjoint::add_scene`](crate::guiding::learn::adjoint::Adjoint::add_scene)).
 //!
-//! Efficiency-aware roulette (Rath et al. 2022), which goes by second moments and costs instead of means, was tried: as fast on
-//! some seeds, but the moments of few samples are so noisy that others had several times the error.
+//! Efficiency-aware roulette and splitting (Rath et al. 2022), which goes by second moments and costs instead of means, was tried twice, with
+//! and without pooled moments and splitting: see `docs/measurements.md`.
 
 /// Lowest probability: means of few samples must not shut light out.
 const LEAST: f32 = 0.1;
