@@ -3,14 +3,16 @@
 
     pip install mitsuba numpy          (for llvm_ad_rgb LLVM 19, too)
     python3 tests/bench/equal_time.py SCENE_FOLDER... --journal FILE [--fanal FANAL] [--methods none,gaussian,neural] [--time 20]
-        [--seeds 8] [--mitsuba llvm_ad_rgb --mitsuba-time 20] [--lock FILE] [--plot FILE.svg]
+        [--seeds 8] [--mitsuba llvm_ad_rgb] [--untrimmed] [--keep FOLDER] [--lock FILE] [--plot FILE.svg]
 
-Each folder holds a scene.xml and a reference.exr, and reference_variance.exr if the reference's own noise is known: it is subtracted.
+Each folder holds a scene.xml or scene.json and a reference.exr, and reference_variance.exr if the reference's own noise is known: it is subtracted.
 All methods of a seed are rendered before the next seed begins, so that what changes slowly about the machine does so for all. Every render
 is a line of the journal as soon as it ends; the same command goes on where it was interrupted. With --lock every render holds that file
-(flock), so that other work that does so too can be done in turns.
+(flock), so that other work that does so too can be done in turns. --keep keeps our pictures of the first seed as SCENE-METHOD.exr, of which
+sheet.py makes one.
 
-Tables: geometric means over the seeds of ratios of trimmed relMSE, with 95 % intervals of Student's t on their logarithms.
+Tables: geometric means over the seeds of ratios of trimmed relMSE, with 95 % intervals of Student's t on their logarithms; with --untrimmed
+of all of it, too.
 """
 
 import argparse
@@ -19,6 +21,7 @@ import fcntl
 import json
 import math
 import pathlib
+import shutil
 import statistics
 import subprocess
 import sys
@@ -36,7 +39,7 @@ class Journal:
     """What was rendered: errors, CPU seconds and samples by scene, method, seconds and seed."""
 
     def __init__(self, path):
-        self.path, self.rows = path, {}
+        self.path, self.rows, self.kind = path, {}, "trimmed"
         for line in path.read_text().splitlines() if path.exists() else ():
             row = json.loads(line)
             self.rows[self.key(row)] = row
@@ -57,9 +60,9 @@ class Journal:
         return list(dict.fromkeys(key[0] for key in self.rows))
 
     def errors(self, scene, method, seconds):
-        """Trimmed relMSE by seed."""
+        """Trimmed relMSE by seed, or all of it where `kind` is "all"."""
         wanted = (scene, method, float(seconds))
-        return {key[3]: row["trimmed"] for key, row in self.rows.items() if key[:3] == wanted}
+        return {key[3]: row[self.kind] for key, row in self.rows.items() if key[:3] == wanted}
 
     def over(self, scene, method, base, seconds):
         """Geometric mean over common seeds of a method's error over another's, and the half of its interval as a factor."""
@@ -135,6 +138,8 @@ def main():
     parser.add_argument("--time", default="20")
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--mitsuba", metavar="VARIANT")
+    parser.add_argument("--untrimmed", action="store_true")
+    parser.add_argument("--keep", type=pathlib.Path)
     parser.add_argument("--lock", type=pathlib.Path)
     parser.add_argument("--plot", type=pathlib.Path)
     args = parser.parse_args()
@@ -153,7 +158,11 @@ def main():
             if method == PEER:
                 error, spp = mitsuba(args.mitsuba, args.fanal, scene, seconds, seed, folder)
                 return {**error, "spp": spp}
-            return run(args.fanal, scene, method, ["--time", seconds], seed, folder)
+            row = run(args.fanal, scene, method, ["--time", seconds], seed, folder)
+            if args.keep and seed == 1:
+                args.keep.mkdir(parents=True, exist_ok=True)
+                shutil.move(folder / "out.exr", args.keep / f"{scene.name}-{method}.exr")
+            return row
 
     for seed in range(1, args.seeds + 1):
         for scene in args.scenes:
@@ -165,7 +174,9 @@ def main():
     for seconds in times:
         columns = [(f"`{method}` over Mitsuba, {seconds} s", method, PEER, seconds) for method in methods * bool(args.mitsuba)]
         columns += [(f"`{method}` over `none`, {seconds} s", method, "none", seconds) for method in methods if method != "none"]
-        print(table(journal, columns) + "\n", flush=True)
+        for journal.kind in ["trimmed", "all"][: 1 + args.untrimmed]:
+            print(f"{journal.kind}:\n\n{table(journal, columns)}\n", flush=True)
+        journal.kind = "trimmed"
     if args.plot:
         args.plot.write_text(plot(journal, methods[-1], "none"))
 
