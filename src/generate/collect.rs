@@ -406,6 +406,7 @@ mod tests {
     use super::super::{Family, load};
     use super::*;
     use crate::reconstruct::gaussian::Gaussian;
+    use crate::render::GuideMode;
 
     /// As in a render, a pass estimates pixel values from those before, and leaves out work that brings little: at least a
     /// twentieth of the rays, with the same guides. Data of paths that are never judged would not be what renders have.
@@ -413,7 +414,7 @@ mod tests {
     fn data_are_collected_with_the_roulette_of_renders() {
         let loaded = load(Family::ALL[0], 3, [32, 32]).expect("a generated scene is sound");
         let scene = Scene::build(&loaded, [32, 32]).expect("a generated scene builds");
-        let settings = RenderSettings::new(crate::render::GuideMode::Gaussian, StopRule::Spp(1));
+        let settings = RenderSettings::new(GuideMode::Gaussian, StopRule::Spp(1));
         let learning = Learning::new(&settings, &scene.lights.emission);
         let guide = &Gaussian::default();
         let mut run = Run { scene: &scene, guide, learning, settings, first_sample: 0, passes: vec![] };

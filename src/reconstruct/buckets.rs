@@ -108,6 +108,17 @@ impl Buckets {
         Ok(zhu)
     }
 
+    /// `given`, where it was trained in `mode`, or else the program's own for that.
+    ///
+    /// # Errors
+    /// [`Error::Model`] where neither is.
+    pub fn fitting<'n>(given: &'n Neural, mode: &Mode) -> Result<Box<dyn Reconstructor + 'n>> {
+        match given.check_mode(mode) {
+            Ok(()) => Ok(Box::new(given)),
+            Err(misfit) => Ok(Box::new(Self::built_in(mode).map_err(|_| misfit)?)),
+        }
+    }
+
     /// The networks of a list.
     ///
     /// # Errors

@@ -84,7 +84,8 @@ pub(super) fn camera_film(
     (view, film, random)
 }
 
-/// The first surface on the ray of a camera sample, whatever it is made of, at its distance from the camera, with the ray; none where it hits nothing.
+/// The first surface on the ray of a camera sample, whatever it is made of, at its distance from the camera, with the ray; none where it
+/// hits nothing.
 pub(super) fn first_surface(
     scene: &Scene,
     settings: &RenderSettings,
@@ -123,8 +124,7 @@ pub(super) fn camera_rays<T: Copy>(
         if let Some(Begun { origins, directions, randoms }) = together {
             for (lane, (random, of)) in randoms.into_iter().zip(said).enumerate().take(count) {
                 let ray = Ray { origin: vector(&origins, lane), direction: vector(&directions, lane) };
-                let ray = if scene.hides_emitters { scene.past_emitters(ray) } else { ray };
-                take(ray, random, of);
+                take(scene.past_hidden(ray), random, of);
             }
         } else {
             for (sample, of) in group.into_iter().zip(said).take(count) {

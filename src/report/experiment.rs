@@ -322,12 +322,8 @@ impl Experiment<'_> {
     }
 
     fn render(&self, scene: &Scene, settings: RenderSettings, control: &Control) -> Result<Outcome> {
-        let mode = settings.mode();
-        let reconstructor = settings.reconstruction.reconstructor(|| match self.neural.check_mode(&mode) {
-            Ok(()) => Ok(Box::new(self.neural)),
-            // Zhu 2021 has networks of its own.
-            Err(_) => Ok(Box::new(Buckets::built_in(&mode)?)),
-        })?;
+        let reconstructor =
+            settings.reconstruction.reconstructor(|| Buckets::fitting(self.neural, &settings.mode()))?;
         render(scene, &settings, reconstructor.as_ref(), control.progress, control.stop)
     }
 

@@ -94,13 +94,13 @@ impl Scene {
     /// The ray on which the camera of a view sees a place of its picture, pixels, through a place of its lens. Where [lights are
     /// hidden](Scene::hides_emitters) it begins behind those that would be seen first, and so does the medium around the camera.
     pub fn camera_ray(&self, view: usize, film: [f32; 2], lens: [f32; 2]) -> Ray {
-        let ray = self.camera_of(view).ray(film, lens);
-        if self.hides_emitters { self.past_emitters(ray) } else { ray }
+        self.past_hidden(self.camera_of(view).ray(film, lens))
     }
 
-    /// A ray from behind the lights that it would hit before anything else.
-    pub fn past_emitters(&self, mut ray: Ray) -> Ray {
-        for _ in 0..MOST_HOLES {
+    /// A camera's ray from behind the lights that it would hit before anything else, where these are hidden from it.
+    pub fn past_hidden(&self, mut ray: Ray) -> Ray {
+        let most = if self.hides_emitters { MOST_HOLES } else { 0 };
+        for _ in 0..most {
             match self.intersect(&ray) {
                 Some(surface) if self.light_of(&surface).is_some() => ray = surface.leave(ray.direction),
                 _ => break,

@@ -101,8 +101,7 @@ fn variants(given: &[VariantArgs], loaded: &LoadedScene, neural: &Neural) -> Res
         let settings = resolve(render, &loaded.file).and_then(|request| {
             let (_, settings) = settled(&request, loaded);
             if settings.reconstruction == Reconstruction::Neural {
-                let mode = settings.mode();
-                neural.check_mode(&mode).or_else(|error| Buckets::built_in(&mode).map(drop).map_err(|_| error))?;
+                Buckets::fitting(neural, &settings.mode())?;
             }
             Ok(settings)
         });
