@@ -329,36 +329,6 @@ fn headers_say_how_the_picture_was_made() {
     assert_eq!(one, two);
 }
 
-/// Wider vectors change the time that a picture takes, and nothing else. What is no instruction set is an error.
-#[test]
-fn every_processor_renders_the_same_bits() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = |name: &str| folder.path().join(name).display().to_string();
-    let museum = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/museum").display().to_string();
-    let render = |scene: &str, guide: &str, lanes: &str| {
-        let path = file(&format!("{guide}-{lanes}.exr"));
-        let options = ["render", scene, "-o", &path, "--size", "32x24", "--spp", "12", "--guide", guide, "--quiet"];
-        let result =
-            Command::new(env!("CARGO_BIN_EXE_fanal")).args(options).env("FANAL_LANES", lanes).output().unwrap();
-        (path, result)
-    };
-    for (scene, guide) in [(scene("glass-caustic"), "none"), (scene("door-ajar"), "gaussian"), (museum, "none")] {
-        let [widest, avx2, portable] = ["", "avx2", "portable"].map(|lanes| {
-            let (path, result) = render(&scene, guide, lanes);
-            assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
-            path
-        });
-        for other in [avx2, portable] {
-            let compared = fanal(&["error", &other, &widest, "--json"]);
-            let error: serde_json::Value = serde_json::from_slice(&compared.stdout).unwrap();
-            assert_eq!(error["relmse"], 0.0, "{scene}, {guide}: {other}");
-        }
-    }
-    let (_, result) = render(&scene("cornell"), "none", "sse9");
-    let told = String::from_utf8_lossy(&result.stderr);
-    assert!(result.status.code() == Some(1) && told.contains("sse9") && told.contains("avx2"), "{told}");
-}
-
 /// A window lies in its place in an EXR file and alone in a PNG file, and is compared with its part of a whole picture.
 #[test]
 fn windows_are_rendered_and_compared() {

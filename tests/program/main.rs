@@ -19,6 +19,7 @@ mod part_files;
 mod parts;
 mod report;
 mod resume;
+mod same_bits;
 mod signals;
 mod unfinished_parts;
 mod views;

@@ -15,6 +15,7 @@ use fanal::integrators::{Roulette, TransportSettings};
 use fanal::lights::learned::LightSampling;
 use fanal::render::{RenderSettings, render};
 use fanal::scene::{Scene, readers};
+use rayon::prelude::*;
 use scenes::{GUIDES, Guide, NILSSON, ZHU, committed, reconstructor, settings};
 
 /// The bits of a picture rendered by `threads` threads.
@@ -141,4 +142,29 @@ fn batches_change_nothing() {
             assert!(told(&scene, 700, size) == alone, "{}: batches of {size}", scene.name);
         }
     }
+}
+
+/// Nor do small and large batches differ on any other scene of ours.
+#[test]
+fn batches_of_sixteen_and_of_thousands_are_the_same() {
+    const LARGE: u64 = 16_384;
+    let names = [
+        "blinds",
+        "cornell",
+        "door-ajar",
+        "glass-caustic",
+        "lamp-room",
+        "pinhole",
+        "smoke",
+        "spot",
+        "starfield",
+        "white-furnace",
+    ];
+    names.into_par_iter().for_each(|name| {
+        let scene = committed(name, [32, 24]);
+        let [small, large] = [16, LARGE].map(|size| told(&scene, LARGE + 10, size));
+        assert!(small[0].len() as u64 > LARGE && small[0] == large[0], "{name}: radiance");
+        assert!(!small[1].is_empty() && small[1] == large[1], "{name}: records");
+        assert!(small[2] == large[2], "{name}: photons");
+    });
 }
