@@ -2,17 +2,18 @@
 """fanal beside Mitsuba 3 on scenes by others, in the same time on the same cores, with paired seeds: tables with intervals, and a plot of where guiding pays.
 
     pip install mitsuba numpy          (for llvm_ad_rgb LLVM 19, too)
-    python3 tests/bench/equal_time.py SCENE_FOLDER... --journal FILE [--fanal FANAL] [--methods none,gaussian,neural] [--time 20]
-        [--seeds 8] [--mitsuba llvm_ad_rgb] [--untrimmed] [--keep FOLDER] [--lock FILE] [--plot FILE.svg]
+    python3 tests/bench/equal_time.py SCENE_FOLDER... --journal FILE [--fanal FANAL] [--methods none,gaussian,neural] [--time 20 | --spp 64]
+        [--seeds 8] [--first-seed 1] [--mitsuba llvm_ad_rgb] [--untrimmed] [--keep FOLDER] [--lock FILE] [--plot FILE.svg]
 
 Each folder holds a scene.xml or scene.json and a reference.exr, and reference_variance.exr if the reference's own noise is known: it is subtracted.
 All methods of a seed are rendered before the next seed begins, so that what changes slowly about the machine does so for all. Every render
 is a line of the journal as soon as it ends; the same command goes on where it was interrupted. With --lock every render holds that file
 (flock), so that other work that does so too can be done in turns. --keep keeps our pictures of the first seed as SCENE-METHOD.exr, of which
-sheet.py makes one.
+sheet.py makes one. With --spp all methods get as many samples instead, learning included; journals of parts of the seeds (--first-seed) or
+methods, from whatever machines, may then be put one after the other.
 
-Tables: geometric means over the seeds of ratios of trimmed relMSE, with 95 % intervals of Student's t on their logarithms; with --untrimmed
-of all of it, too.
+Tables: geometric means over the seeds of ratios of trimmed relMSE, with 95 % intervals of Student's t on their logarithms where there are few
+columns; with --untrimmed of all of it, too. Without Mitsuba the first column is the error of `none` itself.
 """
 
 import argparse
@@ -36,7 +37,7 @@ PEER = "mitsuba"
 
 
 class Journal:
-    """What was rendered: errors, CPU seconds and samples by scene, method, seconds and seed."""
+    """What was rendered: errors, CPU seconds and samples by scene, method, budget (seconds, or samples as "64 spp") and seed."""
 
     def __init__(self, path):
         self.path, self.rows, self.kind = path, {}, "trimmed"
@@ -46,7 +47,7 @@ class Journal:
 
     @staticmethod
     def key(row):
-        return row["scene"], row["method"], float(row["seconds"]), row["seed"]
+        return row["scene"], row["method"], row.get("budget", row.get("seconds")), row["seed"]
 
     def add(self, row):
         self.rows[self.key(row)] = row
@@ -54,19 +55,19 @@ class Journal:
             file.write(json.dumps(row) + "\n")
 
     def seconds(self):
-        return sorted({key[2] for key in self.rows})
+        return sorted({key[2] for key in self.rows if not isinstance(key[2], str)})
 
     def scenes(self):
         return list(dict.fromkeys(key[0] for key in self.rows))
 
-    def errors(self, scene, method, seconds):
+    def errors(self, scene, method, budget):
         """Trimmed relMSE by seed, or all of it where `kind` is "all"."""
-        wanted = (scene, method, float(seconds))
-        return {key[3]: row[self.kind] for key, row in self.rows.items() if key[:3] == wanted}
+        return {key[3]: row[self.kind] for key, row in self.rows.items() if key[:3] == (scene, method, budget)}
 
-    def over(self, scene, method, base, seconds):
-        """Geometric mean over common seeds of a method's error over another's, and the half of its interval as a factor."""
-        ours, theirs = (self.errors(scene, name, seconds) for name in (method, base))
+    def over(self, scene, method, base, budget):
+        """Geometric mean over common seeds of a method's error over another's (itself without one), and the half of its interval as a factor."""
+        ours = self.errors(scene, method, budget)
+        theirs = self.errors(scene, base, budget) if base else dict.fromkeys(ours, 1.0)
         logs = [math.log(ours[seed] / theirs[seed]) for seed in ours.keys() & theirs.keys()]
         if not logs:
             return None
@@ -74,22 +75,22 @@ class Journal:
         return math.exp(statistics.mean(logs)), half
 
 
-def cell(ratio):
-    """A ratio with its interval, as text."""
+def cell(ratio, interval):
+    """A ratio, with its interval if that is wanted and known, as text."""
     if ratio is None:
         return "–"
     mean, half = ratio
-    number = lambda value: f"{value:.2f}" if value >= 0.095 else f"{value:.2g}"
-    return number(mean) if math.isnan(half) else f"{number(mean)} [{number(mean * math.exp(-half))}, {number(mean * math.exp(half))}]"
+    number = lambda value: f"{value:.2f}" if 0.095 <= value < 9.95 else f"{value:.2g}" if value < 1 else f"{value:.0f}"
+    return number(mean) if math.isnan(half) or not interval else f"{number(mean)} [{number(mean * math.exp(-half))}, {number(mean * math.exp(half))}]"
 
 
 def table(journal, columns):
-    """Markdown of ratios: a row per scene and the geometric mean of all; columns are (head, method, base, seconds)."""
+    """Markdown of ratios: a row per scene and the geometric mean of all; columns are (head, method, base, budget), as `over` has them."""
     lines = ["| | " + " | ".join(head for head, *_ in columns) + " |", "|---" * (len(columns) + 1) + "|"]
     found = {scene: [journal.over(scene, *column[1:]) for column in columns] for scene in journal.scenes()}
-    lines += [f"| `{scene}` | " + " | ".join(map(cell, row)) + " |" for scene, row in found.items()]
-    means = [[math.log(ratio[0]) for ratio in column if ratio] for column in zip(*found.values())]
-    lines.append("| geometric mean | " + " | ".join(f"{math.exp(statistics.mean(logs)):.2f}" if logs else "–" for logs in means) + " |")
+    lines += [f"| `{scene}` | " + " | ".join(cell(ratio, len(columns) <= 6) for ratio in row) + " |" for scene, row in found.items()]
+    means = [[math.log(ratio[0]) for ratio in column if ratio and head[2]] for head, column in zip(columns, zip(*found.values()))]
+    lines.append("| geometric mean | " + " | ".join(f"{math.exp(statistics.mean(logs)):.2f}" if logs else "" for logs in means) + " |")
     return "\n".join(lines)
 
 
@@ -136,14 +137,19 @@ def main():
     parser.add_argument("--fanal", default=str(ROOT / "target/release/fanal"))
     parser.add_argument("--methods", default="none,gaussian,neural")
     parser.add_argument("--time", default="20")
+    parser.add_argument("--spp", type=int)
     parser.add_argument("--seeds", type=int, default=8)
+    parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--mitsuba", metavar="VARIANT")
     parser.add_argument("--untrimmed", action="store_true")
     parser.add_argument("--keep", type=pathlib.Path)
     parser.add_argument("--lock", type=pathlib.Path)
     parser.add_argument("--plot", type=pathlib.Path)
     args = parser.parse_args()
-    journal, methods, times = Journal(args.journal), args.methods.split(","), args.time.split(",")
+    if args.spp and args.mitsuba:
+        parser.error("Mitsuba has a time, not samples: per_sample.py")
+    journal, methods = Journal(args.journal), args.methods.split(",")
+    budgets = [f"{args.spp} spp"] if args.spp else [float(seconds) for seconds in args.time.split(",")]
 
     @contextlib.contextmanager
     def alone():
@@ -152,28 +158,30 @@ def main():
                 fcntl.flock(file, fcntl.LOCK_EX)
             yield
 
-    def render(scene, method, seconds, seed):
+    def render(scene, method, budget, seed):
         with tempfile.TemporaryDirectory() as folder, alone():
             folder = pathlib.Path(folder)
             if method == PEER:
-                error, spp = mitsuba(args.mitsuba, args.fanal, scene, seconds, seed, folder)
+                error, spp = mitsuba(args.mitsuba, args.fanal, scene, budget, seed, folder)
                 return {**error, "spp": spp}
-            row = run(args.fanal, scene, method, ["--time", seconds], seed, folder)
-            if args.keep and seed == 1:
+            row = run(args.fanal, scene, method, ["--spp", args.spp] if args.spp else ["--time", budget], seed, folder)
+            if args.keep and seed == args.first_seed:
                 args.keep.mkdir(parents=True, exist_ok=True)
                 shutil.move(folder / "out.exr", args.keep / f"{scene.name}-{method}.exr")
             return row
 
-    for seed in range(1, args.seeds + 1):
+    for seed in range(args.first_seed, args.seeds + 1):
         for scene in args.scenes:
-            for seconds in times:
+            for budget in budgets:
                 for method in [PEER] * bool(args.mitsuba) + methods:
-                    row = {"scene": scene.name, "method": method, "seconds": float(seconds), "seed": seed}
+                    row = {"scene": scene.name, "method": method, "budget": budget, "seed": seed}
                     if Journal.key(row) not in journal.rows:
-                        journal.add({**row, **render(scene, method, seconds, seed)})
-    for seconds in times:
-        columns = [(f"`{method}` over Mitsuba, {seconds} s", method, PEER, seconds) for method in methods * bool(args.mitsuba)]
-        columns += [(f"`{method}` over `none`, {seconds} s", method, "none", seconds) for method in methods if method != "none"]
+                        journal.add({**row, **render(scene, method, budget, seed)})
+    for budget in budgets:
+        named = budget if args.spp else f"{budget:g} s"
+        columns = [(f"`{method}` over Mitsuba, {named}", method, PEER, budget) for method in methods * bool(args.mitsuba)]
+        columns = columns or [(f"`none`, {named}", "none", None, budget)]
+        columns += [(f"`{method}` over `none`", method, "none", budget) for method in methods if method != "none"]
         for journal.kind in ["trimmed", "all"][: 1 + args.untrimmed]:
             print(f"{journal.kind}:\n\n{table(journal, columns)}\n", flush=True)
         journal.kind = "trimmed"

@@ -4,8 +4,8 @@
     python3 tests/bench/versions.py SCENE_FOLDER... --build before=PATH --build 'after=PATH --roulette off' \\
         [--methods none,gaussian,neural] [--spp 64 | --time 10] [--seeds 4] [--size WxH] [--json FILE] [--mitsuba llvm_ad_rgb]
 
-Each folder holds a scene.xml or scene.json and a reference.exr, and reference_variance.exr where the reference's own noise is known. The first build is the one that others are measured against. For every
-scene and method the table has the first build's trimmed relMSE (the mean over the seeds), and of every other build: the ratio of errors
+Each folder holds a scene.xml or scene.json and a reference.exr, and reference_variance.exr where the reference's own noise is known. The first build is the one that others are measured against;
+the last one tells all errors, since old versions do not know of the reference's noise. For every scene and method the table has the first build's trimmed relMSE (the mean over the seeds), and of every other build: the ratio of errors
 at equal budgets (in brackets without trimming: who finds more rare light has more bright pixels than are trimmed), of CPU seconds, and of errors times CPU seconds, which is about the ratio of errors at equal time where budgets are
 samples. Means are geometric over the seeds, which are paired, with the standard error of their logarithm. Only Python's own library is
 needed, but with --mitsuba (pip install mitsuba numpy; for llvm_ad_rgb LLVM 19), which needs --time: Mitsuba 3 renders the same scenes
@@ -30,20 +30,26 @@ def cpu_of_children():
     return usage.ru_utime + usage.ru_stime
 
 
-def run(command, scene, method, budget, seed, folder):
-    """Trimmed relMSE, relMSE and CPU seconds of one render. NAME=VALUE words before the program are its environment."""
-    words = shlex.split(command)
-    settings = {}
+def divided(command):
+    """The environment that NAME=VALUE words before a program make, and the other words."""
+    words, settings = shlex.split(command), {}
     while "=" in words[0]:
         name, value = words.pop(0).split("=", 1)
         settings[name] = value
+    return settings, words
+
+
+def run(command, scene, method, budget, seed, folder, judge=None):
+    """Trimmed relMSE, relMSE and CPU seconds of one render. NAME=VALUE words before the program are its environment. Errors are told by
+    the program `judge`, the same one if none."""
+    settings, words = divided(command)
     out = folder / "out.exr"
     file = next(path for path in (scene / "scene.xml", scene / "scene.json") if path.exists())
     before = cpu_of_children()
     render = [words[0], "render", file, "-o", out, "--guide", method, "--seed", seed, "--quiet", *budget, *words[1:]]
     subprocess.run(list(map(str, render)), check=True, env={**os.environ, **settings})
     cpu = cpu_of_children() - before
-    return {**error(words[0], out, scene), "cpu": cpu}
+    return {**error(judge or words[0], out, scene), "cpu": cpu}
 
 
 def error(fanal, picture, scene):
@@ -111,14 +117,13 @@ def main():
     builds = [build.split("=", 1) for build in args.build]
     budget = ["--time", args.time] if args.time else ["--spp", args.spp or 64]
     budget += ["--size", args.size] if args.size else []
-    sums, rows = {}, []
+    sums, rows, judge = {}, [], divided(builds[-1][1])[1][0]
     print("scene method | trimmed relMSE | per build: error +- standard error of its logarithm (untrimmed), CPU, error x CPU")
     for scene in args.scenes:
         peer = []
         with tempfile.TemporaryDirectory() as folder:
             for seed in range(1, args.seeds + 1) if args.mitsuba else ():
-                fanal = shlex.split(builds[0][1])[0]
-                peer.append(mitsuba(args.mitsuba, fanal, scene, args.time, seed, pathlib.Path(folder)))
+                peer.append(mitsuba(args.mitsuba, judge, scene, args.time, seed, pathlib.Path(folder)))
         if peer:
             print(f"{scene.name:14} mitsuba  | {statistics.mean(found['trimmed'] for found, _ in peer):.3g} ({peer[0][1]} spp)", flush=True)
         for method in args.methods.split(","):
@@ -126,7 +131,7 @@ def main():
             with tempfile.TemporaryDirectory() as folder:
                 for seed in range(1, args.seeds + 1):
                     for name, command in builds if seed % 2 else reversed(builds):
-                        runs[name].append(run(command, scene, method, budget, seed, pathlib.Path(folder)))
+                        runs[name].append(run(command, scene, method, budget, seed, pathlib.Path(folder), judge))
             first = runs[builds[0][0]]
             cells = [f"{statistics.mean(r['trimmed'] for r in first):.3g} ({statistics.mean(r['cpu'] for r in first):.1f} s)"]
             for name, _ in builds[1:]:
