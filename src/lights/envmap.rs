@@ -12,18 +12,19 @@ use rayon::prelude::*;
 use super::distant::{cross_section, ray_through};
 use super::seen::LightView;
 use super::{BoundingSphere, Emission, LightSample, LightSamples};
-use crate::base::processor::prefetch;
 use crate::math::lanes::functions::{atan2, sin_cos};
 use crate::math::lanes::{Bits, Mask, Real, V3, by_lane};
 use crate::math::{Frames, channel_mean};
-use crate::picture::Image;
+use crate::picture::{Image, Texels};
 use crate::sampling::grid::Grid;
 use crate::sampling::tiles::Tiling;
 
 /// An environment map.
 #[derive(Debug, Clone)]
 pub struct Envmap {
-    image: Arc<Image>,
+    image: Texels,
+    /// Columns and rows of the picture.
+    texels: [usize; 2],
     /// Whether there is nothing below the last row.
     ends: bool,
     /// Columns and rows of the grid.
@@ -57,8 +58,8 @@ struct Position<R: Real> {
 impl Envmap {
     /// An environment of the picture times `scale`, turned by the rotation `to_world`. The picture has at least 1×1 pixels. Ten to
     /// twelve bytes per pixel are kept beside it.
-    pub fn new(image: Arc<Image>, scale: f32, to_world: Mat3) -> Self {
-        Self::spanning(1.0, image, scale, to_world)
+    pub fn new(image: impl Into<Texels>, scale: f32, to_world: Mat3) -> Self {
+        Self::spanning(1.0, image.into(), scale, to_world)
     }
 
     /// An environment of `size` (columns, rows), at least 2×2, sampled from `radiance`: from the zenith, +y of the rotation
@@ -79,12 +80,14 @@ impl Envmap {
             radiance(turn * DVec3::new(sin * sin_phi, cos, -sin * cos_phi))
         };
         let pixels = (0..width * height).into_par_iter().map(pixel).collect();
-        Self::spanning(lowest / std::f64::consts::PI, Arc::new(Image { width, height, pixels }), scale, to_world)
+        let image = Arc::new(Image { width, height, pixels });
+        Self::spanning(lowest / std::f64::consts::PI, image.into(), scale, to_world)
     }
 
     /// The picture covers a part of the polar angle from zenith to nadir; there is no light below.
-    fn spanning(span: f64, image: Arc<Image>, scale: f32, to_world: Mat3) -> Self {
-        let (width, rows) = (image.width, (image.height - 1).max(1));
+    fn spanning(span: f64, image: Texels, scale: f32, to_world: Mat3) -> Self {
+        let texels @ [width, height] = image.size();
+        let rows = (height - 1).max(1);
         // ∫ sin θ over a row of cells; the mean of the corners is zero only where the whole cell is black.
         let row_area = |y: usize| {
             let angle = |row: usize| std::f64::consts::PI * span * row as f64 / rows as f64;
@@ -105,6 +108,7 @@ impl Envmap {
         Self {
             mean: mean.as_vec3() * scale,
             image,
+            texels,
             ends: span < 1.0,
             size: [width as f32, rows as f32],
             steps: steps.map(|step| step as f32),
@@ -130,24 +134,31 @@ impl Envmap {
         // A direction that is not a number is covered: its radiance is not one either, and so is noticed.
         let covered = !y.above(if self.ends { rows } else { f32::INFINITY });
         let (x0, y0) = (x.whole().real().at_most(width - 1.0), y.whole().real().at_most(rows - 1.0));
-        let below = if self.image.height > 1 { (y - y0).at_most(1.0) } else { y.all(0.0) };
+        let below = if self.texels[1] > 1 { (y - y0).at_most(1.0) } else { y.all(0.0) };
         Position { cell: [x0, y0], inside: [x - x0, below], sin, covered }
     }
 
     #[inline(always)]
     fn prefetch_texels(&self, [x, y]: [usize; 2]) {
-        for row in [row(&self.image, y), row(&self.image, y + 1)] {
-            row.get(x).into_iter().for_each(prefetch);
-            row.get(x + 1).into_iter().for_each(prefetch);
+        for first in [y, y + 1].map(|y| self.first_of_row(y)) {
+            self.image.prefetch(first + x);
+            self.image.prefetch(first + x + 1);
         }
+    }
+
+    /// Index of the first texel of row `y`, or of the last row.
+    #[inline(always)]
+    fn first_of_row(&self, y: usize) -> usize {
+        let [width, height] = self.texels;
+        y.min(height - 1) * width
     }
 
     /// The four texels around a cell, channel by channel in the order of rows, and the density of the cell.
     #[inline(always)]
     fn read(&self, [x, y]: [usize; 2], lane: usize, sky: &LightView) -> [f32; 13] {
-        let next = if x + 1 < self.image.width { x + 1 } else { 0 };
-        let (top, bottom) = (row(&self.image, y), row(&self.image, y + 1));
-        let [a, b, c, d] = [top[x], top[next], bottom[x], bottom[next]];
+        let next = if x + 1 < self.texels[0] { x + 1 } else { 0 };
+        let (top, bottom) = (self.first_of_row(y), self.first_of_row(y + 1));
+        let [a, b, c, d] = self.image.pixels([top + x, top + next, bottom + x, bottom + next]);
         let mut density = self.grid.density([x, y]) as f32;
         if let Some(weights) = sky.weights(lane) {
             density *= weights.ratio(self.tiling.tile([x, y]));
@@ -265,17 +276,16 @@ fn mix<R: Real>(a: V3<R>, b: V3<R>, s: R) -> V3<R> {
     a * s.rest() + b * s
 }
 
-/// Texels of row `y`, or of the last row.
-#[inline(always)]
-fn row(image: &Image, y: usize) -> &[Vec3] {
-    &image.pixels[y.min(image.height - 1) * image.width..][..image.width]
-}
-
-/// Means of the corners of the grid cells of row `y`.
-fn cells(image: &Image, y: usize) -> impl Iterator<Item = Vec3> {
-    let (top, bottom) = (row(image, y), row(image, y + 1));
-    (0..image.width).map(move |x| {
-        let next = if x + 1 < image.width { x + 1 } else { 0 };
+/// Means of the corners of the grid cells of row `y`; below the last row it is again.
+fn cells(image: &Texels, y: usize) -> impl Iterator<Item = Vec3> {
+    let [width, height] = image.size();
+    let row = |y: usize| -> Vec<Vec3> {
+        let first = y.min(height - 1) * width;
+        (first..first + width).map(|index| image.pixels([index])[0]).collect()
+    };
+    let (top, bottom) = (row(y), row(y + 1));
+    (0..width).map(move |x| {
+        let next = if x + 1 < width { x + 1 } else { 0 };
         (top[x] + top[next] + bottom[x] + bottom[next]) / 4.0
     })
 }
@@ -292,6 +302,26 @@ mod tests {
         let mut pixels = vec![Vec3::ZERO; width * height];
         pixels[y * width + x] = Vec3::ONE;
         Envmap::new(Arc::new(Image { width, height, pixels }), 1.0, to_world)
+    }
+
+    /// A picture of halves lights as the same one of singles does.
+    #[test]
+    fn halves_light_as_singles_do() {
+        let mut random = Random::new(62, 0, 0);
+        let pixels = (0..12 * 7).map(|_| {
+            let mut number = || half::f16::from_f32(random.range(0.0, 9.0)).to_f32();
+            Vec3::new(number(), number(), number())
+        });
+        let singles = Texels::from(Arc::new(Image { width: 12, height: 7, pixels: pixels.collect() }));
+        let halves = singles.clone().compact();
+        assert!(matches!(halves, Texels::Half(_)));
+        let [singles, halves] = [singles, halves].map(|image| Envmap::new(image, 1.5, Mat3::IDENTITY));
+        for _ in 0..1000 {
+            let u = random.next_2d();
+            let [one, other] = [&singles, &halves].map(|map| map.sample(u).map(|s| (s.wi, s.radiance, s.pdf)));
+            assert!(one.is_some() && one == other, "{one:?} {other:?}");
+        }
+        assert_eq!(singles.mean, halves.mean);
     }
 
     /// Directions of a sun of one texel, wherever it is in a picture as large as they come, are found where they were chosen, within

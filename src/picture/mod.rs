@@ -23,7 +23,7 @@ pub use output::{check_folder, check_writable, write, write_or_rescue, write_pic
 pub use read::{read_image, read_samples, read_texels};
 pub use read_exr::{Channels, read_exr_channels};
 pub use samples::{Samples, Values};
-pub use texels::{ByteImage, Texels};
+pub use texels::{ByteImage, HalfImage, Texels, WordImage};
 pub use view::{Display, View};
 pub use window::{Placed, Window, matched, window_of};
 pub use write_exr::{Attribute, Channel, Layers, Picture, is_name};

@@ -24,15 +24,20 @@ const PNG_MAGIC: [u8; 4] = [0x89, b'P', b'N', b'G'];
 /// # Errors
 /// Those of [`read_texels`].
 pub fn read_image(path: &Path, raw: bool) -> Result<Image> {
-    Ok(Arc::unwrap_or_clone(read_texels(path, raw)?.to_image()))
+    Ok(Arc::unwrap_or_clone(decoded(path, raw)?.to_image()))
 }
 
 /// Reads a picture. Its content decides on the format; only TGA, which has no signature, goes by the name. All formats but EXR,
-/// HDR and PFM hold sRGB values, unless `raw` says that they are data. Alpha is ignored.
+/// HDR and PFM hold sRGB values, unless `raw` says that they are data. Alpha is ignored. What has sixteen bits a channel or fewer is kept so.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] (also for NaN or infinite pixels), [`Error::Unsupported`].
 pub fn read_texels(path: &Path, raw: bool) -> Result<Texels> {
+    Ok(decoded(path, raw)?.compact())
+}
+
+/// As [`read_texels`], floats as floats.
+fn decoded(path: &Path, raw: bool) -> Result<Texels> {
     let bytes = read_bytes(path, LARGEST_FILE)?;
     let texels = match bytes.first_chunk() {
         Some(&EXR_MAGIC) => Texels::Float(Arc::new(read_exr::read_color(path, &bytes)?)),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::image::Image;
-use super::texels::{ByteImage, Texels};
+use super::texels::{ByteImage, Texels, WordImage};
 use crate::math::srgb;
 
 /// The samples of a picture, pixel by pixel from the top left.
@@ -76,7 +76,7 @@ impl Samples {
     pub fn texels(&self, raw: bool) -> Texels {
         match &self.values {
             Values::Eight(values) => self.of_bytes(self.channels, values.clone(), raw),
-            Values::Sixteen(_) => self.mapped(raw, |color| color),
+            Values::Sixteen(values) => self.of_words(values.clone(), raw),
         }
     }
 
@@ -87,7 +87,10 @@ impl Samples {
                 let values = std::mem::take(values);
                 self.of_bytes(self.channels, values, raw)
             }
-            Values::Sixteen(_) => self.mapped(raw, |color| color),
+            Values::Sixteen(values) => {
+                let values = std::mem::take(values);
+                self.of_words(values, raw)
+            }
         }
     }
 
@@ -111,12 +114,20 @@ impl Samples {
 
     fn of_bytes(&self, channels: usize, bytes: Vec<u8>, raw: bool) -> Texels {
         let [width, height] = self.size;
-        match ByteImage::new(width, height, channels, bytes, raw) {
-            Some(image) => Texels::Bytes(Arc::new(image)),
-            // Cannot be: the number of samples was compared with the size.
-            None => Texels::Float(Arc::new(Image { width: 0, height: 0, pixels: Vec::new() })),
-        }
+        let image = ByteImage::new(width, height, channels, bytes, raw);
+        image.map_or_else(nothing, |image| Texels::Bytes(Arc::new(image)))
     }
+
+    fn of_words(&self, words: Vec<u16>, raw: bool) -> Texels {
+        let [width, height] = self.size;
+        let image = WordImage::new(width, height, self.channels, words, raw);
+        image.map_or_else(nothing, |image| Texels::Words(Arc::new(image)))
+    }
+}
+
+/// In the place of a picture whose number of samples is not that of its size, which cannot be: they were compared.
+fn nothing() -> Texels {
+    Texels::Float(Arc::new(Image::default()))
 }
 
 #[cfg(test)]

@@ -481,7 +481,7 @@ fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {
             let image = loaded.images.get(file).ok_or_else(|| unresolved(loaded, "picture", file))?;
             let [x, y, z] = Mat3::from(affine(to_world).matrix3).to_cols_array_2d().map(Vec3::from_array);
             let rotation = Mat3::from_cols(x.normalize_or(Vec3::X), y.normalize_or(Vec3::Y), z.normalize_or(Vec3::Z));
-            Light::Envmap(Envmap::new(image.to_image(), *scale, rotation))
+            Light::Envmap(Envmap::new(image.clone(), *scale, rotation))
         }
     })
 }

@@ -420,8 +420,10 @@ fn check_envmap(image: &Texels, file: &str, place: Place, warnings: &mut Vec<Str
         return Err(Error::malformed(place, message));
     }
     let negative = match image {
-        Texels::Float(image) => image.pixels.iter().filter(|pixel| pixel.min_element() < 0.0).count(),
-        Texels::Bytes(_) => 0,
+        Texels::Float(_) | Texels::Half(_) => {
+            image.to_image().pixels.iter().filter(|pixel| pixel.min_element() < 0.0).count()
+        }
+        Texels::Words(_) | Texels::Bytes(_) => 0,
     };
     if negative > 0 {
         warnings.push(format!("{file}: {negative} pixels are negative"));
