@@ -57,14 +57,14 @@ impl ByteImage {
     /// A picture from samples of 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4 channels (with alpha); alpha is dropped.
     /// Samples are sRGB values or, if `raw`, data. None where their number does not fit.
     pub fn new(width: usize, height: usize, channels: usize, samples: Vec<u8>, raw: bool) -> Option<Self> {
-        Self::of([width, height], channels, samples, if raw { &*DATA_BYTES } else { &*SRGB_BYTES })
+        Self::of([width, height], channels, samples, if raw { &DATA_BYTES } else { &SRGB_BYTES })
     }
 }
 
 impl WordImage {
     /// As [`ByteImage::new`].
     pub fn new(width: usize, height: usize, channels: usize, samples: Vec<u16>, raw: bool) -> Option<Self> {
-        Self::of([width, height], channels, samples, if raw { &**DATA_WORDS } else { &**SRGB_WORDS })
+        Self::of([width, height], channels, samples, if raw { &DATA_WORDS } else { &SRGB_WORDS })
     }
 }
 
