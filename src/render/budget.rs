@@ -110,8 +110,9 @@ pub const GUIDED_COST: f64 = 1.35;
 /// Largest cost of a guided sample that counts. Where guiding gains much, it gains more than the vertices of its first guides tell, as each
 /// was reached by guided ones: `lamp-room` has 0.04 times the error at equal time where they say 0.5 and samples cost twice as much. Giving
 /// up there loses all of that, keeping a guide of 0.7 that costs as much and gains no more loses 0.4. First guides have 0.3 to 0.7 on scenes
-/// whose light is hard to find, and not below 0.75 on six where light sampling finds it; so a gain of 0.71 is kept at any cost.
-const MOST_COST: f64 = 1.4;
+/// whose light is hard to find, and not below 0.75 on six where light sampling finds it, later ones 0.67 and more; so a gain of 0.66 is kept at
+/// any cost.
+const MOST_COST: f64 = 1.5;
 
 /// Exponent of the gain, since a path's vertices reduce the same variance together: at equal samples the box has 0.87 times the
 /// error where the sum over vertices says 0.80, the room with the door 0.49 where it says 0.40.

@@ -4,24 +4,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use crate::files::scene;
+use crate::support::scenes::OURS;
 
 use fanal::picture::read_image;
 use fanal::render::GuideMode;
 use rayon::prelude::*;
-
-/// Every committed scene of ours.
-const OURS: [&str; 10] = [
-    "blinds",
-    "cornell",
-    "door-ajar",
-    "glass-caustic",
-    "lamp-room",
-    "pinhole",
-    "smoke",
-    "spot",
-    "starfield",
-    "white-furnace",
-];
 
 /// Widest vector instructions that may be used, and threads. Sixteen lanes, eight twice, one.
 const WAYS: [(&str, &str); 3] = [("", "1"), ("avx2", "2"), ("portable", "7")];

@@ -15,6 +15,20 @@ use fanal::scene::file::{MaterialFile, SceneFile, TextureFile};
 use fanal::scene::readers::{LoadedScene, load, resolve};
 use glam::Vec3;
 
+/// Every committed scene of ours.
+pub const OURS: [&str; 10] = [
+    "blinds",
+    "cornell",
+    "door-ajar",
+    "glass-caustic",
+    "lamp-room",
+    "pinhole",
+    "smoke",
+    "spot",
+    "starfield",
+    "white-furnace",
+];
+
 /// A mode that directions are sampled in.
 pub type Guide = (GuideMode, SampleKinds, Target);
 

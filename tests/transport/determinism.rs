@@ -16,7 +16,7 @@ use fanal::lights::learned::LightSampling;
 use fanal::render::{RenderSettings, render};
 use fanal::scene::{Scene, readers};
 use rayon::prelude::*;
-use scenes::{GUIDES, Guide, NILSSON, ZHU, committed, reconstructor, settings};
+use scenes::{GUIDES, Guide, NILSSON, OURS, ZHU, committed, reconstructor, settings};
 
 /// The bits of a picture rendered by `threads` threads.
 fn bits(scene: &Scene, guide: Guide, seed: u64, threads: usize) -> Vec<[u32; 3]> {
@@ -148,19 +148,7 @@ fn batches_change_nothing() {
 #[test]
 fn batches_of_sixteen_and_of_thousands_are_the_same() {
     const LARGE: u64 = 16_384;
-    let names = [
-        "blinds",
-        "cornell",
-        "door-ajar",
-        "glass-caustic",
-        "lamp-room",
-        "pinhole",
-        "smoke",
-        "spot",
-        "starfield",
-        "white-furnace",
-    ];
-    names.into_par_iter().for_each(|name| {
+    OURS.into_par_iter().for_each(|name| {
         let scene = committed(name, [32, 24]);
         let [small, large] = [16, LARGE].map(|size| told(&scene, LARGE + 10, size));
         assert!(small[0].len() as u64 > LARGE && small[0] == large[0], "{name}: radiance");
