@@ -19,6 +19,8 @@ pub struct Camera {
     focus_distance: f32,
     /// Offset that is added to pixel coordinates.
     shift: [f32; 2],
+    /// Distance along the viewing axis at which rays start.
+    near: f32,
 }
 
 impl Camera {
@@ -27,7 +29,16 @@ impl Camera {
         let tan = (0.5 * fov.to_radians()).tan();
         let size = [width as f32, height as f32];
         let half = [tan, tan * size[1] / size[0]];
-        Self { to_world, half, orthographic: false, size, aperture_radius, focus_distance: focus, shift: [0.0; 2] }
+        Self {
+            to_world,
+            half,
+            orthographic: false,
+            size,
+            aperture_radius,
+            focus_distance: focus,
+            shift: [0.0; 2],
+            near: 0.0,
+        }
     }
 
     /// A camera whose rays are parallel, for a picture of `columns` × `rows` pixels that shows so much `width` of its own space.
@@ -39,6 +50,11 @@ impl Camera {
     /// The camera with the picture's middle moved off the viewing axis, by parts of its width (to the right) and height (down).
     pub fn shifted(self, [x, y]: [f32; 2]) -> Self {
         Self { shift: [x * self.size[0], y * self.size[1]], ..self }
+    }
+
+    /// The camera with rays that start at this distance along the viewing axis: nothing nearer is seen.
+    pub fn clipped(self, near: f32) -> Self {
+        Self { near, ..self }
     }
 
     /// World position of the camera.
@@ -80,6 +96,7 @@ impl Camera {
         } else {
             (V3::splat(zero), through)
         };
+        let origin = if self.near > 0.0 { origin + direction * (x.all(self.near) / direction.z) } else { origin };
         let at = through.all(self.to_world.translation.into());
         (turned(&self.to_world.matrix3, origin) + at, turned(&self.to_world.matrix3, direction).normalize())
     }
@@ -114,6 +131,21 @@ mod tests {
         assert!((left.origin - Vec3::X * 3.0).length() < 1e-5 && (right.origin + Vec3::X * 3.0).length() < 1e-5);
         assert!((camera.ray([150.0, 0.0], [0.5; 2]).origin - Vec3::Y).length() < 1e-5);
         assert_eq!([left.direction, right.direction], [Vec3::Z; 2]);
+    }
+
+    #[test]
+    fn rays_start_at_the_near_plane() {
+        for camera in [
+            Camera::new(Affine3A::IDENTITY, 60.0, [100, 100], 0.0, 1.0),
+            Camera::new(Affine3A::IDENTITY, 60.0, [100, 100], 0.3, 5.0),
+            Camera::orthographic(Affine3A::IDENTITY, 3.0, [100, 100]),
+        ] {
+            let [whole, clipped] = [camera, camera.clipped(2.0)].map(|camera| camera.ray([20.0, 70.0], [0.1, 0.7]));
+            assert_eq!(clipped.direction, whole.direction);
+            assert!((clipped.origin.z - 2.0).abs() < 1e-6);
+            let along = whole.at((clipped.origin - whole.origin).length());
+            assert!((clipped.origin - along).length() < 1e-5, "{along} {}", clipped.origin);
+        }
     }
 
     #[test]

@@ -208,7 +208,7 @@ fn camera(file: &CameraFile, size: [u32; 2]) -> Camera {
         Some(width) => Camera::orthographic(to_world, width, size),
         None => Camera::new(to_world, file.fov, size, file.aperture_radius, focus),
     };
-    camera.shifted(file.principal_point_offset)
+    camera.shifted(file.principal_point_offset).clipped(file.near_clip)
 }
 
 fn unresolved(loaded: &LoadedScene, kind: &str, name: &str) -> Error {

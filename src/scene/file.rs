@@ -152,6 +152,9 @@ pub struct CameraFile {
     /// Offset of the picture's middle from the viewing axis, in parts of its width (to the right) and height (down).
     #[serde(default, skip_serializing_if = "is_default")]
     pub principal_point_offset: [f32; 2],
+    /// Distance along the viewing axis that nothing nearer is seen than.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub near_clip: f32,
     /// Columns and rows of the picture of a further camera; none where it is as large as `film` says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<[u32; 2]>,
@@ -168,6 +171,7 @@ impl CameraFile {
             focus_distance: None,
             medium: None,
             principal_point_offset: [0.0; 2],
+            near_clip: 0.0,
             size: None,
         }
     }

@@ -63,6 +63,38 @@ fn mitsuba_sensors_are_cameras() {
     assert!(load_xml(&folder(), &damaged).unwrap_err().to_string().contains("tested.xml:3"));
 }
 
+/// Films with a crop show that part of what they show without it, and rays start at `near_clip`.
+#[test]
+fn crops_and_near_planes() {
+    let scene = |more: &str| {
+        format!(
+            "<scene version='3.0.0'><sensor type='perspective'><float name='fov' value='50'/>{more}<film type='hdrfilm'>\
+             <integer name='width' value='120'/><integer name='height' value='80'/>{{crop}}</film></sensor></scene>"
+        )
+    };
+    let crop = |x: u32, width: u32| {
+        format!(
+            "<integer name='crop_offset_x' value='{x}'/><integer name='crop_offset_y' value='5'/>\
+             <integer name='crop_width' value='{width}'/><integer name='crop_height' value='40'/>"
+        )
+    };
+    let load = |near: &str, crop: &str| load_xml(&folder(), &scene(near).replace("{crop}", crop));
+    let ray = |near: &str, crop: &str, film: [f32; 2]| {
+        let loaded = load(near, crop).unwrap();
+        assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+        let size = [loaded.file.film.width, loaded.file.film.height];
+        (size, Scene::build(&loaded, size).unwrap().camera.ray(film, [0.5; 2]))
+    };
+    let (whole, part) = (ray("", "", [73.0, 25.0]), ray("", &crop(70, 30), [3.0, 20.0]));
+    assert_eq!((whole.0, part.0), ([120, 80], [30, 40]));
+    assert!(whole.1.direction.distance(part.1.direction) < 1e-6);
+    let near = ray("<float name='near_clip' value='2'/>", "", [73.0, 25.0]).1;
+    assert!((near.origin.z - 2.0).abs() < 1e-6 && near.direction == whole.1.direction, "{near:?}");
+    let outside = load("", &crop(100, 30)).unwrap_err().to_string();
+    assert!(outside.contains("tested.xml:1") && outside.contains("not inside"), "{outside}");
+    assert!(load("<float name='near_clip' value='-1'/>", "").unwrap_err().to_string().contains("near_clip"));
+}
+
 /// Cameras by the names of their nodes, or else their own; orthographic ones too. Each keeps its picture's shape.
 #[test]
 fn gltf_cameras_are_cameras() {

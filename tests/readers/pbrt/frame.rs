@@ -45,6 +45,15 @@ fn fields_of_view() {
     let flat = frame("Scale .5 .5 .5 Camera \"orthographic\" \"float screenwindow\" [ -1 3 0 2.25 ]").camera;
     assert_eq!((flat.orthographic_width, flat.principal_point_offset), (Some(4.0), [0.25, -0.5]));
     assert_eq!(flat.to_world[5], 2.0, "the window is as large as the camera's transform makes it");
+    // Of a film with a window only that is rendered, by a camera that sees no more.
+    let film = "Film \"rgb\" \"integer xresolution\" 200 \"integer yresolution\" 100";
+    for window in ["\"float cropwindow\" [ .5 1 0 .5 ]", "\"integer pixelbounds\" [ 100 200 0 50 ]"] {
+        let part = frame(&format!("{film} {window} Camera \"perspective\" \"float fov\" 60"));
+        assert_eq!([part.film.width, part.film.height], [100, 50]);
+        assert!((half(f64::from(part.camera.fov)) - half(60.0)).abs() < 1e-5);
+        assert_eq!(part.camera.principal_point_offset, [0.5, -0.5]);
+    }
+    assert!(framed(&format!("{film} \"float cropwindow\" [ 1 2 0 1 ]")).unwrap_err().to_string().contains("inside"));
     for (camera, words) in [
         ("\"spherical\"", "supported: perspective, orthographic"),
         ("\"orthographic\" \"float screenwindow\" [ 0 0 0 1 ]", "area"),
@@ -83,7 +92,6 @@ fn films_filters_and_counts() {
         framed(text).expect_err(text);
     }
     for (text, words) in [
-        ("Film \"rgb\" \"float cropwindow\" [ 0 .5 0 1 ]", "--crop"),
         ("Film \"rgb\" \"string sensor\" \"canon_eos_5d\"", "canon_eos_5d"),
         ("Film \"rgb\" \"float whitebalance\" 5000", "white balance"),
         ("Integrator \"ambientocclusion\"", "ambientocclusion"),

@@ -1,8 +1,9 @@
 //! Sensors, films and samplers.
 
 use crate::base::Result;
+use crate::picture::Window;
 use crate::scene::file::{CameraFile, FilmFile, FilterFile};
-use crate::scene::readers::cameras::add;
+use crate::scene::readers::cameras::{add, cropped};
 
 use super::Reader;
 use super::element::{Element, number};
@@ -70,10 +71,11 @@ impl<'a> Reader<'a> {
         if let Some(sampler) = sampler {
             self.sampler(sampler)?;
         }
-        if let Some(film) = object.single("film")? {
-            self.film(film)?;
-        }
-        object.float("near_clip")?;
+        let crop = match object.single("film")? {
+            Some(film) => self.film(film)?,
+            None => None,
+        };
+        let near_clip = object.float("near_clip")?.unwrap_or(0.0) as f32;
         let far = object.float("far_clip")?.unwrap_or(FAR_CLIP);
         let focus = object.float("focus_distance")?.unwrap_or(far) as f32;
         let offset = |axis: &str| Ok(object.float(&format!("principal_point_offset_{axis}"))?.unwrap_or(0.0) as f32);
@@ -83,7 +85,7 @@ impl<'a> Reader<'a> {
             (_, radius) => radius.unwrap_or(0.0) as f32,
         };
         let [medium] = self.media(element, "camera", ["medium"])?;
-        Ok(CameraFile {
+        let camera = CameraFile {
             medium,
             to_world: object.to_world()?,
             fov: if orthographic { 0.0 } else { horizontal_fov(&object, aspect(&self.file.film))? as f32 },
@@ -92,8 +94,10 @@ impl<'a> Reader<'a> {
             aperture_radius: aperture,
             focus_distance: lens.then_some(focus),
             principal_point_offset,
+            near_clip,
             size: None,
-        })
+        };
+        Ok(crop.map_or_else(|| camera.clone(), |window| cropped(&camera, &mut self.file.film, window)))
     }
 
     /// Sets the place of what the first sensor says for all.
@@ -125,7 +129,8 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn film(&mut self, element: &'a Element) -> Result<()> {
+    /// Reads a film; the window of it that is to be rendered, if that is not all.
+    fn film(&mut self, element: &'a Element) -> Result<Option<Window>> {
         match kind(element)? {
             "hdrfilm" | "ldrfilm" | "mfilm" | "tiledhdrfilm" => {}
             other => {
@@ -134,11 +139,8 @@ impl<'a> Reader<'a> {
             }
         }
         // How the file is written is chosen when rendering.
-        let object = Object::lenient(element, &self.ids, &["width", "height"])?;
-        if ["crop_width", "crop_height", "crop_offset_x", "crop_offset_y"].iter().any(|n| object.property(n).is_some())
-        {
-            self.warn(element, "the whole picture is rendered: the film's crop is left out (see --crop)");
-        }
+        let known = ["width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"];
+        let object = Object::lenient(element, &self.ids, &known)?;
         let side = |name: &str, default: u32| match object.integer(name)? {
             Some(side) => u32::try_from(side).map_err(|_| element.malformed(format!("{name} is {side}"))),
             None => Ok(default),
@@ -148,7 +150,17 @@ impl<'a> Reader<'a> {
         self.set_place("film", element);
         let filter = object.single("rfilter")?.map_or(Ok(FilterFile::GAUSSIAN), |filter| self.filter(filter))?;
         self.file.film = FilmFile { width, height, filter };
-        Ok(())
+        let window = Window {
+            x: side("crop_offset_x", 0)?,
+            y: side("crop_offset_y", 0)?,
+            width: side("crop_width", width)?,
+            height: side("crop_height", height)?,
+        };
+        if window == Window::whole([width, height]) {
+            return Ok(None);
+        }
+        window.check_inside([width, height]).map_err(|why| element.malformed(why.to_string()))?;
+        Ok(Some(window))
     }
 
     /// A reconstruction filter. Those with negative lobes have no density to draw samples from.

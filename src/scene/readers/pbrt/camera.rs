@@ -4,6 +4,7 @@ use glam::{DMat4, DVec3};
 
 use crate::base::{Error, Result};
 use crate::scene::file::{CameraFile, Matrix};
+use crate::scene::readers::cameras::cropped;
 use crate::scene::readers::frames::rounded;
 
 use super::Reader;
@@ -71,8 +72,12 @@ impl Reader {
             focus_distance: (radius > 0.0).then_some(focus as f32),
             medium: self.medium_name(&medium),
             principal_point_offset: offset.map(|part| part as f32),
+            near_clip: 0.0,
             size: None,
         };
+        if let Some(window) = self.crop {
+            self.file.camera = cropped(&self.file.camera, &mut self.file.film, window);
+        }
         Ok(())
     }
 

@@ -1,6 +1,7 @@
 //! Film, pixel filter, sampler and integrator.
 
 use crate::base::{Error, Result};
+use crate::picture::Window;
 use crate::scene::file::FilterFile;
 
 use super::Reader;
@@ -39,9 +40,7 @@ impl Reader {
             "lambdamax",
             "coordinatesystem",
         ]);
-        if parameters.find("cropwindow").is_some() || parameters.find("pixelbounds").is_some() {
-            self.warn(&parameters.place, "the whole picture is rendered: the film's crop is left out (see --crop)");
-        }
+        self.crop = self.window_of_film(parameters)?;
         if parameters.find("maxcomponentvalue").is_some() || parameters.find("maxsampleluminance").is_some() {
             self.warn(&parameters.place, "bright samples are kept as they are: the film's limit is left out");
         }
@@ -56,6 +55,26 @@ impl Reader {
         self.expose(factors[0] * factors[1] * parameters.float_or("scale", 1.0)?, parameters)?;
         self.places.set("film", parameters.place.clone());
         Ok(())
+    }
+
+    /// The window of the film that is to be rendered, by pixels or by parts of its sides; none for all of it.
+    fn window_of_film(&mut self, parameters: &Parameters) -> Result<Option<Window>> {
+        let size = [self.file.film.width, self.file.film.height];
+        let bounds = match (parameters.numbers("pixelbounds")?, parameters.numbers("cropwindow")?) {
+            ([], []) => return Ok(None),
+            (&[left, right, top, bottom], _) => [left, right, top, bottom],
+            (_, &[left, right, top, bottom]) => {
+                let [width, height] = size.map(f64::from);
+                [left * width, right * width, top * height, bottom * height].map(f64::ceil)
+            }
+            _ => return Err(parameters.malformed("a window of the film needs four numbers")),
+        };
+        // A cast takes what is below 0 for 0, and what is beyond the film ends with it, as in pbrt.
+        let [left, right, top, bottom] = bounds.map(|bound| bound as u32);
+        let (width, height) = (right.min(size[0]).saturating_sub(left), bottom.min(size[1]).saturating_sub(top));
+        let window = Window { x: left, y: top, width, height };
+        window.check_inside(size).map_err(|why| parameters.malformed(why.to_string()))?;
+        Ok((window != Window::whole(size)).then_some(window))
     }
 
     /// Multiplies all light by a factor.

@@ -37,6 +37,7 @@ use std::path::{Path, PathBuf};
 use glam::DMat4;
 
 use crate::base::{Place, Result};
+use crate::picture::Window;
 use crate::scene::file::{CameraFile, FilmFile, IDENTITY, SceneFile, TextureFile};
 
 use super::Read;
@@ -98,6 +99,8 @@ struct Reader {
     object: Option<String>,
     /// The camera's type, parameters, world to camera and medium.
     camera: Option<(String, Parameters, DMat4, String)>,
+    /// The window of the film that is to be rendered; none for all of it.
+    crop: Option<Window>,
     /// Factor on all light: what the film's sensitivity and the shutter make of it.
     exposure: f64,
     /// Whether the document is of pbrt-v3.
@@ -136,6 +139,7 @@ impl Reader {
             objects: BTreeMap::new(),
             object: None,
             camera: None,
+            crop: None,
             exposure: 1.0,
             old: false,
             world: [false; 2],

@@ -92,6 +92,7 @@ fn camera(check: &Checker, key: &str, camera: &CameraFile, file: &SceneFile) -> 
     }
     check.at_least(&of("aperture_radius"), camera.aperture_radius, 0.0)?;
     check.finite(&of("principal_point_offset"), &camera.principal_point_offset)?;
+    check.at_least(&of("near_clip"), camera.near_clip, 0.0)?;
     if let Some([width, height]) = camera.size {
         picture(check, &of("size"), [("columns", width), ("rows", height)])?;
     }
