@@ -189,7 +189,7 @@ pub(super) fn surfaces(hits: &[Option<Hit>], shapes: &[Shape], surfaces: &mut [S
     }
     for (hit, surface) in hits.iter().zip(places) {
         if let Some(hit) = hit {
-            (surface.distance, surface.shape) = (hit.distance, hit.shape);
+            (surface.distance, surface.shape, surface.angle) = (hit.distance, hit.shape, 0.0);
         }
     }
     made

@@ -35,6 +35,8 @@ pub struct Surface {
     pub distance: f32,
     /// Index of the shape.
     pub shape: u32,
+    /// Angle from the x axis of [`Surface::frame`] to ∂p/∂u, radians, where materials ask for it; else 0.
+    pub angle: f32,
 }
 
 impl Surface {
@@ -62,7 +64,7 @@ impl Surface {
         }
     }
 
-    /// Its numbers; the last is the index of the shape, of which only the bits mean something.
+    /// Its numbers; the last but one is the index of the shape, of which only the bits mean something.
     #[inline(always)]
     fn numbers(&self) -> &[f32; NUMBERS] {
         bytemuck::cast_ref(self)
@@ -104,14 +106,15 @@ impl Surface {
         let error = gamma(6) * (sphere.center.abs() + Vec3::splat(sphere.radius));
         let normal = outward * shape.front();
         let uv = Sphere::uv(shape.turn.map_or(outward, |turn| turn * outward));
-        Self { point, error, normal, shading: normal, smooth: normal, uv, distance: hit.distance, shape: hit.shape }
+        let (distance, shape) = (hit.distance, hit.shape);
+        Self { point, error, normal, shading: normal, smooth: normal, uv, distance, shape, angle: 0.0 }
     }
 
     /// A point inside a medium that was reached after `distance` and sends light towards `out`. There is no surface: the normal
     /// is zero, so that a ray leaves from the point itself, and the shading normal is `out`.
     pub fn in_medium(point: Vec3, distance: f32, out: Vec3) -> Self {
         let (error, normal, uv) = (Vec3::ZERO, Vec3::ZERO, Vec2::ZERO);
-        Self { point, error, normal, smooth: normal, shading: out, uv, distance, shape: u32::MAX }
+        Self { point, error, normal, smooth: normal, shading: out, uv, distance, shape: u32::MAX, angle: 0.0 }
     }
 
     #[inline(always)]
@@ -127,6 +130,7 @@ impl Surface {
             uv: Vec2::from_array(at.uv),
             distance: hit.distance,
             shape: hit.shape,
+            angle: 0.0,
         }
     }
 

@@ -11,7 +11,7 @@ use crate::scene::Scene;
 pub(super) fn bsdf<'s>(scene: &'s Scene, phase: Option<HenyeyGreenstein>, surface: &Surface) -> Bsdf<'s, f32> {
     match phase {
         Some(phase) => Bsdf::phase(phase),
-        None => scene.material(surface).at(surface.uv),
+        None => scene.bsdf(surface),
     }
 }
 

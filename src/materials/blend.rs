@@ -5,7 +5,7 @@
 use glam::{Vec2, Vec3};
 
 use super::texture::Texture;
-use super::{BsdfSample, Drawn, Material, Scatter, Transport};
+use super::{BsdfSample, Coordinates, Drawn, Material, Scatter, Transport};
 use crate::math::lanes::{Real, V3, by_lane, lanes_of};
 
 /// (1 − w)·first + w·second.
@@ -31,7 +31,7 @@ lanes_of!(At<'a> { weight, points });
 #[derive(Clone, Copy)]
 struct Point<'a> {
     parts: &'a [Material; 2],
-    uv: Vec2,
+    place: Coordinates,
 }
 
 impl Blend {
@@ -41,10 +41,10 @@ impl Blend {
         self.parts.iter().for_each(|part| part.prefetch(uv));
     }
 
-    /// The blend at `uv`.
-    pub fn at(&self, uv: Vec2) -> At<'_, f32> {
-        let weight = self.weight.value(uv).clamp(0.0, 1.0);
-        At { weight, points: [Point { parts: &self.parts, uv }] }
+    /// The blend somewhere.
+    pub fn at(&self, place: Coordinates) -> At<'_, f32> {
+        let weight = self.weight.value(place.uv).clamp(0.0, 1.0);
+        At { weight, points: [Point { parts: &self.parts, place }] }
     }
 
     /// Refractive index on the other side over that on the side of `wo`. Of two parts that refract, the first decides.
@@ -62,30 +62,30 @@ impl Point<'_> {
     #[inline(never)]
     fn eval_and_pdf(&self, weight: f32, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         let [a, b] = [1.0 - weight, weight];
-        let (value_a, pdf_a) = self.parts[0].eval_and_pdf(self.uv, wo, wi);
-        let (value_b, pdf_b) = self.parts[1].eval_and_pdf(self.uv, wo, wi);
+        let (value_a, pdf_a) = self.parts[0].eval_and_pdf(self.place, wo, wi);
+        let (value_b, pdf_b) = self.parts[1].eval_and_pdf(self.place, wo, wi);
         (value_a * a + value_b * b, pdf_a * a + pdf_b * b)
     }
 
     #[inline(never)]
     fn delta_probability(&self, weight: f32, wo: Vec3) -> f32 {
         let [a, b] = [1.0 - weight, weight];
-        self.parts[0].delta_probability(self.uv, wo) * a + self.parts[1].delta_probability(self.uv, wo) * b
+        self.parts[0].delta_probability(self.place, wo) * a + self.parts[1].delta_probability(self.place, wo) * b
     }
 
     /// Samples one of the two materials, chosen by weight with `lobe`; the rest of that number then chooses the material's lobe.
     #[inline(never)]
     fn sample(&self, weight: f32, wo: Vec3, lobe: f32, u: [f32; 2], transport: Transport) -> Option<BsdfSample> {
-        let (uv, weights) = (self.uv, [1.0 - weight, weight]);
+        let (place, weights) = (self.place, [1.0 - weight, weight]);
         let (chosen, left) =
             if lobe < weights[1] { (1, lobe / weights[1]) } else { (0, (lobe - weights[1]) / weights[0]) };
         let left = left.min(1.0 - f32::EPSILON / 2.0);
-        let sample = self.parts[chosen].sample(uv, wo, left, u, transport)?;
+        let sample = self.parts[chosen].sample(place, wo, left, u, transport)?;
         if sample.delta {
             return Some(BsdfSample { pdf: sample.pdf * weights[chosen], ..sample });
         }
         let other = 1 - chosen;
-        let (value, pdf) = self.parts[other].eval_and_pdf(uv, wo, sample.wi);
+        let (value, pdf) = self.parts[other].eval_and_pdf(place, wo, sample.wi);
         let value = sample.weight * (sample.pdf * weights[chosen]) + value * weights[other];
         let pdf = sample.pdf * weights[chosen] + pdf * weights[other];
         Some(BsdfSample { weight: value / pdf, pdf, ..sample })
@@ -94,7 +94,7 @@ impl Point<'_> {
     #[inline(never)]
     fn albedo(&self, weight: f32) -> Vec3 {
         let [a, b] = [1.0 - weight, weight];
-        self.parts[0].albedo(self.uv) * a + self.parts[1].albedo(self.uv) * b
+        self.parts[0].albedo(self.place) * a + self.parts[1].albedo(self.place) * b
     }
 }
 

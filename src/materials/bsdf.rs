@@ -311,7 +311,7 @@ const OPTIONS: usize = 4;
 
 impl Variant {
     /// Number of variants.
-    pub const COUNT: usize = 2 * OPTIONS * 14;
+    pub const COUNT: usize = 2 * OPTIONS * 15;
 
     /// Of phase functions, which are in the place of BSDFs in media.
     pub const PHASE: Self = Self::new(11, 0, false);
@@ -329,7 +329,7 @@ impl Variant {
         let of = usize::from(self.0) / 2;
         match of / OPTIONS {
             0..=3 | 7 => true,
-            9 => of % OPTIONS < CLEAR,
+            9 | 14 => of % OPTIONS < CLEAR,
             _ => false,
         }
     }
@@ -382,13 +382,13 @@ impl<'a> Bsdf<'a, f32> {
             Model::Diffuse(_) => (0, 0),
             Model::RoughDiffuse(m) => (1, m.option()),
             Model::Conductor(_) => (2, 0),
-            Model::RoughConductor(m) => (3, m.facets.shape as usize),
+            Model::RoughConductor(m) => (3, m.facets.option()),
             Model::Dielectric(_) => (4, 0),
             Model::ThinDielectric(_) => (5, 0),
-            Model::RoughDielectric(m) => (6, m.facets.shape as usize),
+            Model::RoughDielectric(m) => (6, m.facets.option()),
             Model::Plastic(m) => (7, m.option()),
             Model::Null(_) => (8, 0),
-            Model::Principled(m) => (9, m.option()),
+            Model::Principled(m) => (if m.has_grain() { 14 } else { 9 }, m.option()),
             Model::Blend(_) => (10, 0),
             Model::Phase(_) => return Variant::PHASE,
             Model::PrincipledThin(_) => (12, 0),

@@ -24,7 +24,7 @@ pub(super) fn schlick<R: Real>(cos: R) -> R {
 /// Facets of a material with some roughness.
 #[inline(always)]
 pub(super) fn facets_of<R: Real>(roughness: R) -> Microfacets<R> {
-    Microfacets { shape: Shape::Ggx, alpha: roughness.squared().at_least(LEAST_ALPHA) }
+    Microfacets { shape: Shape::Ggx, alpha: roughness.squared().at_least(LEAST_ALPHA), grain: None }
 }
 
 /// Schlick's reflectance from the one at normal incidence, where [`schlick`] is `weight`.

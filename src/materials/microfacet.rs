@@ -1,4 +1,4 @@
-//! Isotropic microfacet distributions, their shadowing, and sampling of visible normals.
+//! Microfacet distributions, isotropic or with a grain, their shadowing, and sampling of visible normals.
 
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
@@ -18,18 +18,73 @@ pub enum Shape {
     Ggx,
 }
 
+/// The grain of facets that are not as rough along one direction as across it, such as those of brushed metal. Slopes along the grain are those
+/// of isotropic facets times `aspect`, across it divided by it (Heitz 2014, §5.3), so that the product of both roughnesses stays α².
+#[derive(Debug, Clone, Copy)]
+pub struct Grain<R = f32> {
+    /// Roughness along the grain over α, above 0.
+    pub aspect: R,
+    /// Cosine of the angle from the local x axis to the grain.
+    pub cos: R,
+    /// Sine of that angle.
+    pub sin: R,
+}
+
+lanes_of!(Grain { aspect, cos, sin });
+
+impl Grain {
+    /// A grain with this aspect at `angle` from the local x axis, radians.
+    pub fn new(aspect: f32, angle: f32) -> Self {
+        let (sin, cos) = sin_cos(angle);
+        Self { aspect, cos, sin }
+    }
+
+    /// The grain turned by an angle in radians.
+    #[must_use]
+    pub fn turned(self, angle: f32) -> Self {
+        let (sin, cos) = sin_cos(angle);
+        Self { cos: self.cos * cos - self.sin * sin, sin: self.sin * cos + self.cos * sin, ..self }
+    }
+}
+
+impl<R: Real> Grain<R> {
+    /// `w` with x along the grain.
+    #[inline(always)]
+    fn along(&self, w: V3<R>) -> V3<R> {
+        V3::new(w.x * self.cos + w.y * self.sin, w.y * self.cos - w.x * self.sin, w.z)
+    }
+
+    /// The inverse of [`Grain::along`].
+    #[inline(always)]
+    fn back(&self, w: V3<R>) -> V3<R> {
+        V3::new(w.x * self.cos - w.y * self.sin, w.x * self.sin + w.y * self.cos, w.z)
+    }
+}
+
 /// A microfacet distribution with roughness `alpha`.
 #[derive(Debug, Clone, Copy)]
 pub struct Microfacets<R = f32> {
     /// Slope distribution.
     pub shape: Shape,
-    /// Roughness, at least [`SMOOTH`].
+    /// Roughness, at least [`SMOOTH`]; with a grain the geometric mean of both.
     pub alpha: R,
+    /// The grain; none where facets are as rough in all directions.
+    pub grain: Option<Grain<R>>,
 }
 
-lanes_of!(Microfacets { alpha } same { shape });
+lanes_of!(Microfacets { alpha, grain } same { shape });
 
 impl Microfacets {
+    /// Facets that are as rough in all directions.
+    pub fn even(shape: Shape, alpha: f32) -> Self {
+        Self { shape, alpha, grain: None }
+    }
+
+    /// Number of the discrete options, which all lanes have in common; below 4.
+    pub(super) fn option(&self) -> usize {
+        self.shape as usize + 2 * usize::from(self.grain.is_some())
+    }
+
     /// Facets with this part of the roughness.
     pub fn scaled(self, part: f32) -> Self {
         Self { alpha: (self.alpha * part).max(SMOOTH), ..self }
@@ -40,7 +95,15 @@ impl<R: Real> Microfacets<R> {
     /// Density of facet normals D(h), sr⁻¹; ∫ D cos θ dω = 1.
     #[inline(always)]
     pub fn density(&self, h: V3<R>) -> R {
-        let (cos2, sin2, alpha2) = (h.z * h.z, h.x * h.x + h.y * h.y, self.alpha * self.alpha);
+        // With a grain sin² stands for that of the normal whose slope isotropic facets would have.
+        let even = match &self.grain {
+            None => h,
+            Some(grain) => {
+                let h = grain.along(h);
+                V3::new(h.x / grain.aspect, h.y * grain.aspect, h.z)
+            }
+        };
+        let (cos2, sin2, alpha2) = (h.z * h.z, even.x * even.x + even.y * even.y, self.alpha * self.alpha);
         let density = match self.shape {
             Shape::Beckmann => {
                 let falloff = exp(-sin2 / (cos2 * alpha2));
@@ -85,9 +148,22 @@ impl<R: Real> Microfacets<R> {
         share.only(faces(w, h))
     }
 
+    /// `w` with x along the grain, and that stretched by it: what α·tan θ is of is its roughness seen from `w`.
+    #[inline(always)]
+    fn stretched(&self, w: V3<R>) -> V3<R> {
+        match &self.grain {
+            None => w,
+            Some(grain) => {
+                let w = grain.along(w);
+                V3::new(w.x * grain.aspect, w.y / grain.aspect, w.z)
+            }
+        }
+    }
+
     /// α·sin θ.
     #[inline(always)]
     fn stretched_sine(&self, w: V3<R>) -> R {
+        let w = self.stretched(w);
         self.alpha * (w.x * w.x + w.y * w.y).sqrt()
     }
 
@@ -108,10 +184,15 @@ impl<R: Real> Microfacets<R> {
     /// Stretches `w` to unit roughness, samples slopes there, rotates and unstretches (Heitz and d'Eon 2014).
     #[inline(always)]
     pub fn sample_visible(&self, w: V3<R>, u: [R; 2]) -> V3<R> {
+        let w = self.stretched(w);
         let stretched = V3::new(self.alpha * w.x, self.alpha * w.y, w.z).normalize();
-        match self.shape {
+        let h = match self.shape {
             Shape::Beckmann => self.sample_visible_beckmann(stretched, u),
             Shape::Ggx => self.sample_visible_ggx(stretched, u),
+        };
+        match &self.grain {
+            None => h,
+            Some(grain) => grain.back(V3::new(h.x * grain.aspect, h.y / grain.aspect, h.z).normalize()),
         }
     }
 

@@ -44,6 +44,7 @@ use bump::Bump;
 use conductor::Conductor;
 use dielectric::{Dielectric, ThinDielectric, seen_from};
 use diffuse::Diffuse;
+use microfacet::{Grain, Microfacets};
 use plastic::Plastic;
 use principled::Principled;
 use principled_thin::PrincipledThin;
@@ -79,6 +80,22 @@ pub struct BsdfSample {
     pub delta: bool,
 }
 
+/// Where on a surface: its texture coordinates, and the angle from the x axis of the local frame to ∂p/∂u, radians, which only grains go by.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Coordinates {
+    /// Texture coordinates.
+    pub uv: Vec2,
+    /// Angle of ∂p/∂u.
+    pub angle: f32,
+}
+
+impl From<Vec2> for Coordinates {
+    #[inline(always)]
+    fn from(uv: Vec2) -> Self {
+        Self { uv, angle: 0.0 }
+    }
+}
+
 /// A surface material.
 #[derive(Debug, Clone)]
 pub struct Material {
@@ -92,6 +109,9 @@ pub struct Material {
     pub tint: Option<Box<Tint>>,
     /// Part of the roughness of facets that they have at a point, see [`Material::vary_roughness`]; none where it is 1 everywhere.
     pub roughness: Option<Box<Texture>>,
+    /// Grain of facets, its angle measured from ∂p/∂u; none where they are as rough in all directions. Only of rough metal, rough glass and
+    /// principled materials.
+    pub grain: Option<Grain>,
     /// The scattering model.
     pub kind: Kind,
 }
@@ -145,15 +165,16 @@ pub enum Kind {
 
 impl From<Kind> for Material {
     fn from(kind: Kind) -> Self {
-        Self { two_sided: false, opacity: None, bump: None, tint: None, roughness: None, kind }
+        Self { two_sided: false, opacity: None, bump: None, tint: None, roughness: None, grain: None, kind }
     }
 }
 
 impl Material {
-    /// The material at `uv`: all that its textures say there, read once.
+    /// The material somewhere: all that its textures say there, read once.
     #[inline(always)]
-    pub fn at(&self, uv: Vec2) -> Bsdf<'_, f32> {
-        self.plain_at(uv).map_or_else(|| self.any_at(uv), Bsdf::from)
+    pub fn at(&self, place: impl Into<Coordinates>) -> Bsdf<'_, f32> {
+        let place = place.into();
+        self.plain_at(place.uv).map_or_else(|| self.any_at(place), Bsdf::from)
     }
 
     /// The material at `uv`, if it is of the variant [`Variant::PLAIN`].
@@ -183,22 +204,26 @@ impl Material {
     }
 
     #[inline(never)]
-    fn any_at(&self, uv: Vec2) -> Bsdf<'_, f32> {
+    fn any_at(&self, place: Coordinates) -> Bsdf<'_, f32> {
+        let uv = place.uv;
+        let grain = self.grain.map(|grain| grain.turned(place.angle));
         let part = self.roughness.as_ref().map_or(1.0, |texture| texture.value(uv).clamp(0.0, 1.0));
         let model = match &self.kind {
             Kind::Diffuse(m) => Model::Diffuse(m.at(uv)),
             Kind::RoughDiffuse(m) => Model::RoughDiffuse(m.at(uv)),
             Kind::Conductor(m) => Model::Conductor(m.at(uv)),
-            Kind::RoughConductor(m) => Model::RoughConductor(m.at(uv).scaled(part)),
+            Kind::RoughConductor(m) => Model::RoughConductor(m.at(uv).with(part, grain)),
             Kind::Dielectric(m) => Model::Dielectric(*m),
             Kind::ThinDielectric(m) => Model::ThinDielectric(*m),
-            Kind::RoughDielectric(m) => Model::RoughDielectric(RoughDielectric { facets: m.facets.scaled(part), ..*m }),
+            Kind::RoughDielectric(m) => {
+                Model::RoughDielectric(RoughDielectric { facets: Microfacets { grain, ..m.facets.scaled(part) }, ..*m })
+            }
             Kind::Plastic(m) => Model::Plastic(m.at(uv, part)),
             Kind::Null => Model::Null(Null { one: 1.0 }),
-            Kind::Principled(m) => Model::Principled(m.at(uv)),
+            Kind::Principled(m) => Model::Principled(m.at(uv, grain)),
             Kind::PrincipledThin(m) => Model::PrincipledThin(m.at(uv)),
             Kind::Translucent(m) => Model::Translucent(m.at(uv)),
-            Kind::Blend(m) => Model::Blend(m.at(uv)),
+            Kind::Blend(m) => Model::Blend(m.at(place)),
         };
         Bsdf { two_sided: self.two_sided, tint: self.tint.as_ref().map(|tint| tint.at(uv)), model }
     }
@@ -226,6 +251,19 @@ impl Material {
         self.at(Vec2::ZERO).variant()
     }
 
+    /// Whether it has facets that may have a grain: what is too smooth has none.
+    pub fn can_have_grain(&self) -> bool {
+        matches!(self.kind, Kind::RoughConductor(_) | Kind::RoughDielectric(_) | Kind::Principled(_))
+    }
+
+    /// Whether it matters how ∂p/∂u lies.
+    pub fn has_grain(&self) -> bool {
+        match &self.kind {
+            Kind::Blend(blend) => blend.parts.iter().any(Self::has_grain),
+            _ => self.grain.is_some(),
+        }
+    }
+
     /// Whether every lobe is a delta lobe: such a surface is never connected to a light, guided, or stored in.
     pub fn is_delta(&self) -> bool {
         match &self.kind {
@@ -239,6 +277,8 @@ impl Material {
     pub fn roughness(&self) -> f32 {
         let squared = |root: &Texture| channel_mean(root.mean()).clamp(0.0, 1.0).powi(2);
         let part = self.roughness.as_ref().map_or(1.0, |texture| channel_mean(texture.mean()).clamp(0.0, 1.0));
+        // Across a grain, or along it, facets are smoother than in the mean.
+        let part = self.grain.map_or(part, |Grain { aspect, .. }| part * aspect.min(aspect.recip()));
         match &self.kind {
             Kind::RoughConductor(m) => (part * m.facets.alpha).min(1.0),
             Kind::RoughDielectric(m) => (part * m.facets.alpha).min(1.0),
@@ -269,34 +309,41 @@ impl Material {
         }
     }
 
-    /// [`Bsdf::eval`] at `uv`.
-    pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> Vec3 {
-        self.at(uv).eval(wo.into(), wi.into()).into()
+    /// [`Bsdf::eval`] somewhere.
+    pub fn eval(&self, place: impl Into<Coordinates>, wo: Vec3, wi: Vec3) -> Vec3 {
+        self.at(place).eval(wo.into(), wi.into()).into()
     }
 
-    /// [`Bsdf::pdf`] at `uv`.
-    pub fn pdf(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> f32 {
-        self.at(uv).pdf(wo.into(), wi.into())
+    /// [`Bsdf::pdf`] somewhere.
+    pub fn pdf(&self, place: impl Into<Coordinates>, wo: Vec3, wi: Vec3) -> f32 {
+        self.at(place).pdf(wo.into(), wi.into())
     }
 
-    /// [`Bsdf::eval_and_pdf`] at `uv`.
-    pub fn eval_and_pdf(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
-        let (value, pdf) = self.at(uv).eval_and_pdf(wo.into(), wi.into());
+    /// [`Bsdf::eval_and_pdf`] somewhere.
+    pub fn eval_and_pdf(&self, place: impl Into<Coordinates>, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        let (value, pdf) = self.at(place).eval_and_pdf(wo.into(), wi.into());
         (value.into(), pdf)
     }
 
-    /// [`Bsdf::sample`] at `uv`; none where the surface absorbs.
-    pub fn sample(&self, uv: Vec2, wo: Vec3, lobe: f32, u: [f32; 2], transport: Transport) -> Option<BsdfSample> {
-        self.at(uv).sample(wo.into(), lobe, u, transport).into()
+    /// [`Bsdf::sample`] somewhere; none where the surface absorbs.
+    pub fn sample(
+        &self,
+        place: impl Into<Coordinates>,
+        wo: Vec3,
+        lobe: f32,
+        u: [f32; 2],
+        transport: Transport,
+    ) -> Option<BsdfSample> {
+        self.at(place).sample(wo.into(), lobe, u, transport).into()
     }
 
-    /// [`Bsdf::delta_probability`] at `uv`.
-    pub fn delta_probability(&self, uv: Vec2, wo: Vec3) -> f32 {
-        self.at(uv).delta_probability(wo.into())
+    /// [`Bsdf::delta_probability`] somewhere.
+    pub fn delta_probability(&self, place: impl Into<Coordinates>, wo: Vec3) -> f32 {
+        self.at(place).delta_probability(wo.into())
     }
 
-    /// [`Bsdf::albedo`] at `uv`.
-    pub fn albedo(&self, uv: Vec2) -> Vec3 {
-        self.at(uv).albedo().into()
+    /// [`Bsdf::albedo`] somewhere.
+    pub fn albedo(&self, place: impl Into<Coordinates>) -> Vec3 {
+        self.at(place).albedo().into()
     }
 }

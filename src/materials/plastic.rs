@@ -285,7 +285,7 @@ mod tests {
         let passed = |plastic: &Plastic, cos| plastic.at(Vec2::ZERO, 1.0).transmitted(cos);
         let smooth = coat(None);
         for shape in [Shape::Beckmann, Shape::Ggx] {
-            let rough = coat(Some(Microfacets { shape, alpha: 1e-3 }));
+            let rough = coat(Some(Microfacets::even(shape, 1e-3)));
             let [rough_internal, smooth_internal] = [&rough, &smooth].map(|plastic| plastic.coat.internal);
             assert!((rough_internal - smooth_internal).abs() < 0.011, "{rough_internal} {smooth_internal}");
             for cos in [0.2, 0.5, 1.0] {

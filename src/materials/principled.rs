@@ -15,7 +15,7 @@ use super::burley::{
 };
 use super::dielectric::seen_from;
 use super::fresnel;
-use super::microfacet::{Microfacets, Shape};
+use super::microfacet::{Grain, Microfacets, Shape};
 use super::rough_dielectric::Geometry;
 use super::texture::{Texture, luminance};
 use super::{Drawn, Scatter, Transport};
@@ -76,11 +76,13 @@ pub struct At<'a, R: Real> {
     sheen_tint: R,
     flatness: R,
     coat: Option<Coat<R>>,
+    /// Grain of the facets; that of the coat has none.
+    grain: Option<Grain<R>>,
     bounds: R::Each<&'a Bounds>,
 }
 
 lanes_of!(At<'a> {
-    base, hue, roughness, metallic, opaque, clear, eta, spec_tint, sheen, sheen_tint, flatness, coat, bounds
+    base, hue, roughness, metallic, opaque, clear, eta, spec_tint, sheen, sheen_tint, flatness, coat, grain, bounds
 });
 
 /// Probabilities of sampling the lobes, as seen from one direction.
@@ -125,7 +127,7 @@ impl Principled {
     }
 
     /// The material at `uv`: all that its textures say there.
-    pub fn at(&self, uv: Vec2) -> At<'_, f32> {
+    pub fn at(&self, uv: Vec2, grain: Option<Grain>) -> At<'_, f32> {
         let given = &self.given;
         let base = given.base_color.eval(uv);
         let roughness = given.roughness.value(uv).clamp(0.0, 1.0);
@@ -144,6 +146,7 @@ impl Principled {
             sheen_tint: given.sheen_tint,
             flatness: given.flatness,
             coat: self.coat,
+            grain,
             bounds: [&self.bounds],
         }
     }
@@ -157,6 +160,11 @@ impl At<'_, f32> {
     pub(super) fn option(&self) -> usize {
         CLEAR * usize::from(self.clear.is_some()) + usize::from(self.coat.is_some())
     }
+
+    /// Whether the facets have a grain.
+    pub(super) fn has_grain(&self) -> bool {
+        self.grain.is_some()
+    }
 }
 
 impl<R: Real> At<'_, R> {
@@ -164,6 +172,12 @@ impl<R: Real> At<'_, R> {
     #[inline(always)]
     pub(super) fn transmits(&self) -> bool {
         self.clear.is_some()
+    }
+
+    /// The facets.
+    #[inline(always)]
+    fn facets(&self) -> Microfacets<R> {
+        Microfacets { grain: self.grain, ..facets_of(self.roughness) }
     }
 
     /// Where the surface scatters light towards `wo`.
@@ -190,7 +204,7 @@ impl<R: Real> At<'_, R> {
         let front = wo.z.above(0.0);
         let (wo, wi) = (self.turned(wo, front), self.turned(wi, front));
         let (h, found) = (wo + wi).try_normalize();
-        let (facets, cos) = (facets_of(self.roughness), wo.dot(h));
+        let (facets, cos) = (self.facets(), wo.dot(h));
         let density = facets.density(h);
         let parts = self.facet(cos, front);
         let sent = density * facets.shadowing(wo, h) * facets.shadowing(wi, h) / (wo.z * 4.0);
@@ -210,7 +224,7 @@ impl<R: Real> At<'_, R> {
     #[inline(always)]
     fn refracted(&self, wo: V3<R>, wi: V3<R>, lobes: &Lobes<R>) -> (V3<R>, R) {
         let (g, found) = Geometry::new(wo, wi, self.eta);
-        let facets = facets_of(self.roughness);
+        let facets = self.facets();
         let density = facets.density(g.h);
         let parts = self.facet(g.cos_o, wo.z.above(0.0));
         let shadowing = facets.shadowing(g.wo, g.h) * facets.shadowing(g.wi, g.h);
@@ -333,7 +347,7 @@ impl<R: Real> At<'_, R> {
     fn sample_facet(&self, wo: V3<R>, u: [R; 2], choice: R) -> (V3<R>, R::Mask) {
         let front = wo.z.above(0.0);
         let (wo, eta) = (self.turned(wo, front), self.eta_from(front));
-        let h = facets_of(self.roughness).sample_visible(wo, u);
+        let h = self.facets().sample_visible(wo, u);
         if self.clear.is_none() {
             let wi = mirrored_at(wo, h);
             return (wi.normalize(), wi.z.above(0.0));
@@ -441,7 +455,7 @@ impl<R: Real> Coat<R> {
     /// f of a coat of strength 1: a quarter of F·D·G with the generalised Trowbridge-Reitz distribution γ = 1.
     #[inline(always)]
     fn of_full_strength(&self, wo: V3<R>, wi: V3<R>, h: V3<R>) -> R {
-        let facets = Microfacets { shape: Shape::Ggx, alpha: wo.z.all(COAT_SHADOWING) };
+        let facets = Microfacets { shape: Shape::Ggx, alpha: wo.z.all(COAT_SHADOWING), grain: None };
         let fresnel = schlick(wo.dot(h)) * (1.0 - COAT_REFLECTION) + COAT_REFLECTION;
         fresnel * 0.25 * self.density(h) * facets.shadowing(wo, h) * facets.shadowing(wi, h)
     }

@@ -3,7 +3,7 @@
 use glam::Vec2;
 
 use super::fresnel::{Metal, MetalAt};
-use super::microfacet::Microfacets;
+use super::microfacet::{Grain, Microfacets};
 use super::{Drawn, Scatter, Transport};
 use crate::math::lanes::{Mask, Real, V3, lanes_of};
 
@@ -33,9 +33,9 @@ impl RoughConductor {
 }
 
 impl At<f32> {
-    /// The same with this part of the roughness.
-    pub(super) fn scaled(self, part: f32) -> Self {
-        Self { facets: self.facets.scaled(part), ..self }
+    /// The same with this part of the roughness, and with a grain.
+    pub(super) fn with(self, part: f32, grain: Option<Grain>) -> Self {
+        Self { facets: Microfacets { grain, ..self.facets.scaled(part) }, ..self }
     }
 }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::{Affine2, Vec2, Vec3};
 
 use super::fresnel::Metal;
-use super::microfacet::{Microfacets, Shape};
+use super::microfacet::{Grain, Microfacets, Shape};
 use super::principled::Parameters;
 use super::principled_thin::{self, PrincipledThin};
 use super::texture::Wrap;
@@ -39,7 +39,7 @@ fn alpha(random: &mut Random) -> f32 {
 }
 
 fn facets(random: &mut Random, shape: Shape) -> Microfacets {
-    Microfacets { shape, alpha: alpha(random) }
+    Microfacets::even(shape, alpha(random))
 }
 
 fn metal(random: &mut Random) -> Metal {
@@ -128,6 +128,15 @@ fn materials(random: &mut Random) -> Vec<Material> {
             let mut varying = material.clone();
             varying.vary_roughness(texture(random, 0.0, 1.0));
             materials.push(varying);
+            if material.can_have_grain() {
+                let grain = Some(Grain::new(random.range(0.1, 4.0), random.range(-3.0, 3.0)));
+                let tint = Some(Box::new(Tint {
+                    reflectance: texture(random, 0.0, 2.0),
+                    transmittance: texture(random, 0.0, 2.0),
+                }));
+                materials.push(Material { grain, tint, ..material.clone() });
+                materials.push(Material { grain, ..material.clone() });
+            }
             materials.push(material);
         }
     }
@@ -269,7 +278,7 @@ fn points_in_lanes_have_the_bits_of_points_alone() {
     }
     // All that is told apart but for bounded qualitative facets, with and without a tint.
     println!("variants {:?}", variants.keys());
-    assert!(variants.keys().all(|&index| index < Variant::COUNT) && variants.len() >= 2 * 19, "{}", variants.len());
+    assert!(variants.keys().all(|&index| index < Variant::COUNT) && variants.len() >= 2 * 25, "{}", variants.len());
     for points in variants.values() {
         for _ in 0..if cfg!(miri) { 1 } else { 400 } {
             let points = [(); LANES].map(|()| points[random.below(points.len() as u32) as usize]);

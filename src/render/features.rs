@@ -50,7 +50,7 @@ fn shown(scene: &Scene, mut ray: Ray, random: &mut Random) -> [Vec3; 2] {
     for depth in 1.. {
         random.begin_vertex(depth);
         let Some(surface) = scene.trace(&ray, &mut random.at(Dimension::SEGMENT)) else { break };
-        let (bsdf, frame) = (scene.material(&surface).at(surface.uv), surface.frame());
+        let (bsdf, frame) = (scene.bsdf(&surface), surface.frame());
         let wo = frame.to_local(-ray.direction);
         // The middle of the numbers that choose among two lobes falls to the likelier one. Importance is not scaled by refraction.
         let onward = bsdf.sample(wo.into(), 0.5, [0.5; 2], Transport::Importance);

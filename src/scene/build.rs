@@ -36,7 +36,7 @@ use crate::materials::diffuse::Diffuse;
 use crate::materials::fresnel::Metal;
 use crate::materials::grid_medium::{GridMedium, Varying};
 use crate::materials::medium::{Medium, MediumId};
-use crate::materials::microfacet::{Microfacets, SMOOTH, Shape as FacetShape};
+use crate::materials::microfacet::{Grain, Microfacets, SMOOTH, Shape as FacetShape};
 use crate::materials::phase::HenyeyGreenstein;
 use crate::materials::plastic::Plastic;
 use crate::materials::principled::{Parameters, Principled};
@@ -168,7 +168,7 @@ impl Scene {
         let media = file.media.iter().map(|(name, medium)| filling(name, medium, loaded)).collect::<Result<_>>()?;
         let mut scene = Self {
             has_masks,
-            has_bumps,
+            has_tangents: has_bumps || used().any(Material::has_grain),
             is_large: meshes > CACHED,
             has_pictures: !loaded.images.is_empty() || !loaded.attributes.is_empty(),
             needs,
@@ -277,6 +277,7 @@ fn material(file: &MaterialFile, images: &Images) -> Result<Material> {
             Distribution::Ggx => FacetShape::Ggx,
         },
         alpha,
+        grain: None,
     };
     Ok(Material::from(match file {
         MaterialFile::TwoSided { material: inner } => {
@@ -304,6 +305,11 @@ fn material(file: &MaterialFile, images: &Images) -> Result<Material> {
         MaterialFile::RoughnessMap { texture: map, material: inner } => {
             let mut inner = material(inner, images)?;
             inner.vary_roughness(texture(map, images)?);
+            return Ok(inner);
+        }
+        MaterialFile::Anisotropic { aspect, rotation, material: inner } => {
+            let mut inner = material(inner, images)?;
+            inner.grain = inner.can_have_grain().then(|| Grain::new(*aspect, rotation.to_radians()));
             return Ok(inner);
         }
         MaterialFile::Principled(file) => Kind::Principled(Box::new(Principled::new(parameters(file, images)?))),

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 pub use light::{LightFile, ProfileFile};
 pub use material::{
-    Distribution, Filter, MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile, Wrap, identity3,
+    Distribution, Filter, LEAST_ASPECT, MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile, Wrap, identity3,
 };
 pub use volume::{GridFile, GridMediumFile, MediumFile};
 

@@ -25,8 +25,9 @@ use crate::geometry::{Accel, Hit, Ray, Shape, Surface};
 use crate::lights::{BoundingSphere, Light, LightSet};
 use crate::materials::bump::Tangents;
 use crate::materials::medium::MediumId;
-use crate::materials::{Kind, Material, Plain, Variant};
+use crate::materials::{Bsdf, Coordinates, Kind, Material, Plain, Variant};
 use crate::math::lanes::LANES;
+use crate::math::lanes::functions::atan2;
 use effects::Needs;
 use media::{Border, Filling};
 pub use names::Names;
@@ -79,8 +80,8 @@ pub struct Scene {
     pub camera_medium: Option<MediumId>,
     /// The effects that the tracers must be compiled for.
     needs: Needs,
-    /// Whether any shape has a bump or normal map.
-    has_bumps: bool,
+    /// Whether any material has a bump or normal map, or a grain: whether it matters how ∂p/∂u lies.
+    has_tangents: bool,
     /// Whether meshes are too large to stay in the caches, so that their vertices have to be brought near in time.
     is_large: bool,
     /// Whether anything reads pictures.
@@ -163,7 +164,7 @@ impl Scene {
             Surface::all(rays, hits, &self.shapes, made);
             for ((ray, hit), surface) in rays.iter().zip(hits).zip(made) {
                 let Some(hit) = hit else { continue };
-                if self.has_bumps {
+                if self.has_tangents {
                     self.bend(surface, hit, -ray.direction);
                 }
                 if self.has_pictures {
@@ -191,20 +192,37 @@ impl Scene {
     #[inline]
     fn surface(&self, ray: &Ray, hit: Hit) -> Surface {
         let mut surface = Surface::new(ray, &hit, &self.shapes[hit.shape as usize]);
-        if self.has_bumps {
+        if self.has_tangents {
             self.bend(&mut surface, &hit, -ray.direction);
         }
         surface
     }
 
-    /// Perturbs the shading frame by the material's bump or normal map, as seen from the unit direction `out`.
+    /// Perturbs the shading frame by the material's bump or normal map, as seen from the unit direction `out`, and finds ∂p/∂u in it where the
+    /// material has a grain.
     fn bend(&self, surface: &mut Surface, hit: &Hit, out: Vec3) {
-        let Some(bump) = &self.material(surface).bump else { return };
+        let material = self.material(surface);
+        let (bump, has_grain) = (&material.bump, material.has_grain());
+        if bump.is_none() && !has_grain {
+            return;
+        }
         let Some(partials) = partials(surface, hit, &self.shapes[hit.shape as usize]) else { return };
         let (geometric, normal, uv) = (surface.normal, surface.smooth, surface.uv);
-        if let Some(turned) = bump.normal(&Tangents { geometric, normal, partials, uv, out }) {
+        if let Some(turned) =
+            bump.as_ref().and_then(|bump| bump.normal(&Tangents { geometric, normal, partials, uv, out }))
+        {
             surface.shading = turned;
         }
+        if has_grain {
+            let along = surface.frame().to_local(partials[0]);
+            surface.angle = atan2(along.y, along.x);
+        }
+    }
+
+    /// How a surface scatters light.
+    #[inline(always)]
+    pub fn bsdf(&self, surface: &Surface) -> Bsdf<'_, f32> {
+        self.material(surface).at(Coordinates { uv: surface.uv, angle: surface.angle })
     }
 
     /// The material at a surface.

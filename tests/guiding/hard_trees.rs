@@ -503,7 +503,7 @@ fn a14_a_guide_that_does_not_help_is_not_sampled() {
 fn wall() -> Surface {
     let n = Vec3::new(0.3, 0.5, -0.8).normalize();
     let (point, error) = (Vec3::splat(0.5), Vec3::ZERO);
-    Surface { point, error, normal: n, shading: n, smooth: n, uv: Vec2::ZERO, distance: 1.0, shape: 0 }
+    Surface { point, error, normal: n, shading: n, smooth: n, uv: Vec2::ZERO, distance: 1.0, shape: 0, angle: 0.0 }
 }
 
 /// One voxel around the wall with the given guide.

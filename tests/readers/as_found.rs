@@ -2,7 +2,9 @@
 
 use std::io::Write;
 
-use fanal::scene::file::{GeometryFile, LightFile, MaterialFile, TextureFile, identity3};
+use fanal::geometry::Ray;
+use fanal::scene::Scene;
+use fanal::scene::file::{Distribution, GeometryFile, LightFile, MaterialFile, TextureFile, identity3};
 use fanal::scene::readers::{LoadedScene, load, save};
 use glam::Vec3;
 
@@ -122,6 +124,81 @@ fn pfm_environments() {
         let image = loaded.images.values().next().expect("a picture").to_image();
         assert_eq!([image.width, image.height], [4, 3]);
         assert_eq!((image.pixels[0], image.pixels[11]), (Vec3::new(24.0, 25.0, 26.0), Vec3::new(9.0, 10.0, 11.0)));
+    }
+}
+
+/// Roughness that is not the same in all directions, in Mitsuba's words and in our own; plastic has one, and only facets may have a grain.
+#[test]
+fn roughness_with_a_grain() {
+    let folder = folder();
+    let axes = "<float name='alpha_u' value='0.4'/><float name='alpha_v' value='0.1'/>";
+    for kind in ["roughconductor", "roughdielectric", "principled"] {
+        let axes = if kind == "principled" { "<float name='anisotropic' value='0.8'/>" } else { axes };
+        let loaded = load_xml(&folder, &xml_with(&format!("<bsdf type='{kind}' id='m'>{axes}</bsdf>"))).unwrap();
+        assert!(loaded.warnings.iter().all(|warning| !warning.contains("anisotropic")), "{:?}", loaded.warnings);
+        let MaterialFile::Anisotropic { aspect, rotation, material } = &loaded.file.materials["m"] else {
+            panic!("{kind}")
+        };
+        let expected = if kind == "principled" { 0.28f32.sqrt().recip() } else { 2.0 };
+        assert!((aspect - expected).abs() < 1e-6 && *rotation == 0.0, "{aspect}");
+        if let MaterialFile::RoughConductor { alpha, .. } | MaterialFile::RoughDielectric { alpha, .. } = **material {
+            assert!((alpha - 0.2).abs() < 1e-6, "{alpha}");
+        }
+        let copy = folder.path().join("copy.json");
+        save(&loaded.file, &copy).unwrap();
+        assert_eq!(load(&copy).unwrap().file, loaded.file);
+    }
+    let loaded = load_xml(&folder, &xml_with(&format!("<bsdf type='roughplastic' id='m'>{axes}</bsdf>"))).unwrap();
+    assert!(loaded.warnings.iter().any(|warning| warning.contains("geometric mean")), "{:?}", loaded.warnings);
+    let diffuse = || Box::new(MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.5; 3]) });
+    let glass = || {
+        Box::new(MaterialFile::RoughDielectric {
+            alpha: 0.1,
+            distribution: Distribution::Ggx,
+            int_ior: 1.5,
+            ext_ior: 1.0,
+        })
+    };
+    for (aspect, material, words) in
+        [(2.0, diffuse(), "grain"), (0.0, glass(), "aspect"), (f32::NAN, glass(), "aspect")]
+    {
+        let mut file = loaded.file.clone();
+        file.materials.insert("m".to_owned(), MaterialFile::Anisotropic { aspect, rotation: 0.0, material });
+        let message = save(&file, &folder.path().join("wrong.json")).expect_err(words).to_string();
+        assert!(message.contains("materials.m") && message.contains(words), "{message}");
+    }
+}
+
+/// Grains go by ∂p/∂u, however a shape is placed and whatever its normals are: on a rectangle along its x axis, on a sphere along its parallels.
+/// Other materials do not ask.
+#[test]
+fn grains_lie_along_u() {
+    let metal = |axes: &str| format!("<bsdf type='roughconductor'>{axes}</bsdf>");
+    let place =
+        "<transform name='to_world'><rotate z='1' angle='30'/><rotate x='1' angle='20'/><translate z='5'/></transform>";
+    let shapes = |axes: &str| {
+        let metal = metal(axes);
+        format!(
+            "<shape type='rectangle'>{place}{metal}</shape>\
+             <shape type='sphere'><point name='center' x='20'/>{metal}</shape>"
+        )
+    };
+    let scene = |axes: &str| {
+        Scene::build(&load_xml(&folder(), &xml_with(&shapes(axes))).unwrap_or_else(|error| panic!("{error}")), [4, 4])
+            .unwrap()
+    };
+    let brushed = scene("<float name='alpha_u' value='0.4'/><float name='alpha_v' value='0.1'/>");
+    let even = scene("<float name='alpha' value='0.2'/>");
+    let turn = glam::Mat3::from_rotation_x(20f32.to_radians()) * glam::Mat3::from_rotation_z(30f32.to_radians());
+    let aslant = Vec3::new(0.6, 0.0, 0.8);
+    for (ray, along) in [
+        (Ray { origin: Vec3::new(0.1, 0.2, 9.0), direction: Vec3::NEG_Z }, turn * Vec3::X),
+        (Ray { origin: Vec3::X * 20.0 + 3.0 * aslant, direction: -aslant }, Vec3::Y),
+    ] {
+        let surface = brushed.intersect(&ray).expect("a shape");
+        let found = surface.frame().to_world(Vec3::new(surface.angle.cos(), surface.angle.sin(), 0.0));
+        assert!(found.distance(along) < 1e-4, "{found} {along}");
+        assert_eq!(even.intersect(&ray).expect("a shape").angle, 0.0);
     }
 }
 

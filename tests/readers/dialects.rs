@@ -201,7 +201,7 @@ fn approximations_are_named() {
         ),
         (
             "3.0.0",
-            "<bsdf type='roughconductor'><float name='alpha_u' value='0.1'/><float name='alpha_v' value='0.4'/></bsdf>"
+            "<bsdf type='roughplastic'><float name='alpha_u' value='0.1'/><float name='alpha_v' value='0.4'/></bsdf>"
                 .into(),
             "geometric mean",
         ),

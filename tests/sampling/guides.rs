@@ -342,12 +342,13 @@ fn s01_mixture_follows_its_density() {
         uv: Vec2::ZERO,
         distance: 1.0,
         shape: 0,
+        angle: 0.0,
     };
     let out = surface.frame().to_world(Vec3::new(0.6, 0.0, 0.8));
     let inside = Surface::in_medium(surface.point, 1.0, out);
     let constant = |value: f32| Texture::Constant(Vec3::splat(value));
     let metal = Metal { eta: Vec3::splat(0.2), k: Vec3::splat(3.9), reflectance: constant(1.0) };
-    let facets = Microfacets { shape: Shape::Ggx, alpha: 0.3 };
+    let facets = Microfacets::even(Shape::Ggx, 0.3);
     let chalk = Material { two_sided: true, ..Kind::Diffuse(Diffuse { reflectance: constant(1.0) }).into() };
     let [metal, glass, plastic]: [Material; 3] = [
         Kind::RoughConductor(RoughConductor { metal, facets }).into(),

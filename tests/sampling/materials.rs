@@ -11,7 +11,7 @@ use fanal::materials::dielectric::{Dielectric, ThinDielectric};
 use fanal::materials::diffuse::Diffuse;
 use fanal::materials::fresnel::Metal;
 use fanal::materials::medium::{Flight, Medium};
-use fanal::materials::microfacet::{Microfacets, Shape};
+use fanal::materials::microfacet::{Grain, Microfacets, Shape};
 use fanal::materials::phase::HenyeyGreenstein;
 use fanal::materials::plastic::Plastic;
 use fanal::materials::principled::{Parameters, Principled};
@@ -21,7 +21,7 @@ use fanal::materials::rough_dielectric::RoughDielectric;
 use fanal::materials::rough_diffuse::RoughDiffuse;
 use fanal::materials::texture::Texture;
 use fanal::materials::translucent::Translucent;
-use fanal::materials::{Kind, Material, Transport};
+use fanal::materials::{Coordinates, Kind, Material, Transport};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use statistics::assert_chi2;
@@ -40,7 +40,7 @@ fn direction(cos: f32, phi: f32) -> Vec3 {
 fn rough(shape: Shape, alpha: f32, two_sided: bool, white: bool) -> Material {
     let (eta, k) = if white { (0.0, 1.0) } else { (0.2, 3.9) };
     let metal = Metal { eta: Vec3::splat(eta), k: Vec3::splat(k), reflectance: Texture::Constant(Vec3::ONE) };
-    let kind = Kind::RoughConductor(RoughConductor { metal, facets: Microfacets { shape, alpha } });
+    let kind = Kind::RoughConductor(RoughConductor { metal, facets: Microfacets::even(shape, alpha) });
     Material { two_sided, ..kind.into() }
 }
 
@@ -62,7 +62,7 @@ fn plastic(base: f32, facets: Option<Microfacets>) -> Material {
 }
 
 fn frosted(shape: Shape, alpha: f32, eta: f32) -> Material {
-    Kind::RoughDielectric(RoughDielectric { eta, facets: Microfacets { shape, alpha } }).into()
+    Kind::RoughDielectric(RoughDielectric { eta, facets: Microfacets::even(shape, alpha) }).into()
 }
 
 /// A dielectric with a base, all else 0.
@@ -211,7 +211,7 @@ fn s01_phase_function_follows_its_density() {
 #[test]
 fn s02_microfacets_cover_the_surface() {
     for (shape, alpha) in SHAPES.into_iter().flat_map(|shape| [1e-3, 0.05, 0.3, 0.8, 1.0].map(|alpha| (shape, alpha))) {
-        let facets = Microfacets { shape, alpha };
+        let facets = Microfacets::even(shape, alpha);
         let power = if alpha < 0.01 { 12.0 } else { 4.0 };
         let chart = Chart::around(Vec3::Z, power);
         let cover = chart.mass(|h| f64::from(facets.density(h.into()) * h.z.max(0.0)));
@@ -239,6 +239,49 @@ fn s01_rough_metal_follows_its_density() {
             }
             let back = -direction(0.6, 0.7);
             check(&format!("{shape:?} {alpha} from the back"), &rough(shape, alpha, true, true), back, alpha);
+        }
+    }
+}
+
+/// Along a grain and across it, for metal, glass and the principled material.
+#[test]
+fn s01_facets_with_a_grain_follow_their_density() {
+    for shape in SHAPES {
+        for (aspect, angle) in [(0.4, 0.3), (2.5, 1.1)] {
+            let grain = Some(Grain::new(aspect, angle));
+            let [metal, glass] = [rough(shape, 0.3, true, true), frosted(shape, 0.3, 1.5)];
+            for (name, material) in [("metal", metal), ("glass", glass)] {
+                let material = Material { grain, ..material };
+                for cos in [1.0, 0.5, -0.8] {
+                    check(&format!("{shape:?} {name} {aspect} {cos}"), &material, direction(cos, 0.7), 1.0);
+                }
+            }
+        }
+    }
+    for (name, given) in principled([1.0; 3]) {
+        let material = Material { grain: Some(Grain::new(1.8, 2.0)), ..made(given) };
+        check(&format!("principled {name}"), &material, direction(0.5, 0.7), 1.0);
+    }
+}
+
+/// A grain goes with ∂p/∂u: turned by an angle, a surface scatters as it does for directions that are turned the other way.
+#[test]
+fn grains_turn_with_the_surface() {
+    let turn = |w: Vec3, angle: f32| Vec3::from(glam::Mat3::from_rotation_z(angle) * w);
+    let mut random = Random::new(62, 0, 0);
+    for shape in SHAPES {
+        for material in [rough(shape, 0.3, true, false), frosted(shape, 0.3, 1.5)] {
+            let material = Material { grain: Some(Grain::new(2.0, 0.4)), ..material };
+            let mut differs = 0;
+            for _ in 0..1000 {
+                let [wo, wi] = [0; 2].map(|_| direction(random.range(0.05, 1.0), random.range(0.0, 6.0)));
+                let angle = random.range(-3.0, 3.0);
+                let turned = material.eval(Coordinates { uv: Vec2::ZERO, angle }, wo, wi).x;
+                let expected = material.eval(Vec2::ZERO, turn(wo, -angle), turn(wi, -angle)).x;
+                assert!((turned / expected - 1.0).abs() < 1e-3 || turned.max(expected) < 1e-6, "{turned} {expected}");
+                differs += u32::from((material.eval(Vec2::ZERO, wo, wi).x / expected - 1.0).abs() > 0.01);
+            }
+            assert!(differs > 500, "{differs}");
         }
     }
 }
@@ -296,7 +339,7 @@ fn roughness_varies_from_point_to_point() {
         let made: [fn(Shape, f32) -> Material; 3] = [
             |shape, alpha| rough(shape, alpha, true, false),
             |shape, alpha| frosted(shape, alpha, 1.5),
-            |shape, alpha| plastic(0.5, Some(Microfacets { shape, alpha })),
+            |shape, alpha| plastic(0.5, Some(Microfacets::even(shape, alpha))),
         ];
         for make in made {
             let mut varying = make(shape, 0.6);
@@ -351,7 +394,7 @@ fn s01_plastic_follows_its_density() {
         let mass = check(&format!("smooth plastic {cos}"), &plastic(0.6, None), direction(cos, 0.7), 1.0);
         assert!(mass < 0.99, "{mass}");
         for shape in SHAPES {
-            let material = plastic(0.6, Some(Microfacets { shape, alpha: 0.3 }));
+            let material = plastic(0.6, Some(Microfacets::even(shape, 0.3)));
             check(&format!("{shape:?} plastic {cos}"), &material, direction(cos, 0.7), 1.0);
         }
     }
@@ -461,11 +504,13 @@ fn cases() -> Vec<(Material, Vec3)> {
             cases.push((diffuse(two_sided), wo));
             for shape in SHAPES {
                 cases.extend(ALPHAS.map(|alpha| (rough(shape, alpha, two_sided, false), wo)));
+                let grain = Some(Grain::new(random.range(0.3, 3.0), random.range(-3.0, 3.0)));
+                cases.push((Material { grain, ..rough(shape, 0.3, two_sided, false) }, wo));
             }
         }
         let wo = direction(random.range(0.02, 1.0), random.range(0.0, 6.0));
         for shape in SHAPES {
-            cases.extend(ALPHAS.map(|alpha| (plastic(0.6, Some(Microfacets { shape, alpha })), wo)));
+            cases.extend(ALPHAS.map(|alpha| (plastic(0.6, Some(Microfacets::even(shape, alpha))), wo)));
         }
         for (alpha, qualitative) in [(0.1, false), (0.7, false), (0.4, true)] {
             cases.push((Material { two_sided, ..chalk(0.9, alpha, qualitative) }, wo));
@@ -579,7 +624,7 @@ fn s06_white_plastic_keeps_energy() {
         let smooth = albedo(&plastic(1.0, None), wo, Transport::Radiance);
         assert!((smooth - 1.0).abs() < 0.01, "{cos}: {smooth}");
         for shape in SHAPES {
-            let rough = albedo(&plastic(1.0, Some(Microfacets { shape, alpha: 0.1 })), wo, Transport::Radiance);
+            let rough = albedo(&plastic(1.0, Some(Microfacets::even(shape, 0.1))), wo, Transport::Radiance);
             assert!((0.85..1.01).contains(&rough), "{shape:?} {cos}: {rough}");
         }
     }

@@ -213,18 +213,19 @@ fn mixture_densities() {
         let point = any_point(&mut random);
         let frame = Frame::new(n);
         let (error, uv) = (Vec3::ZERO, Vec2::ZERO);
-        let surface = Surface { point, error, normal: n, shading: n, smooth: n, uv, distance: 1.0, shape: 0 };
+        let surface =
+            Surface { point, error, normal: n, shading: n, smooth: n, uv, distance: 1.0, shape: 0, angle: 0.0 };
         let guided = Guided::new(seed, point, &mut random);
         let (shape, roughness) = (Shape::Ggx, random.range(0.05, 1.0));
         let metal = Metal { eta: Vec3::splat(0.2), k: Vec3::splat(3.9), reflectance: Texture::Constant(Vec3::ONE) };
-        let facets = Microfacets { shape, alpha: roughness };
+        let facets = Microfacets::even(shape, roughness);
         let material: Material = Kind::RoughConductor(RoughConductor { metal, facets }).into();
         let wo = in_front(&mut random);
         let out = frame.to_world(wo);
         let field = guided.field(surface.normal_towards(out));
         let guide = field.at(point, surface.normal_towards(out));
         let mixture = Mixture::new(&surface, material.at(surface.uv), false, out, guide);
-        let twin = Facets { shape, alpha: f64::from(roughness) };
+        let twin = Facets::even(shape, f64::from(roughness));
         let axes = [frame.s, frame.t, frame.n].map(Vec3::as_dvec3);
         let local = |w: Vec3| DVec3::from_array(axes.map(|axis| axis.dot(w.as_dvec3())));
         for _ in 0..1000 {

@@ -11,7 +11,7 @@ use fanal::materials::conductor::Conductor;
 use fanal::materials::dielectric::{Dielectric, ThinDielectric};
 use fanal::materials::diffuse::Diffuse;
 use fanal::materials::fresnel::Metal;
-use fanal::materials::microfacet::{Microfacets, SMOOTH, Shape};
+use fanal::materials::microfacet::{Grain, Microfacets, SMOOTH, Shape};
 use fanal::materials::phase::{HenyeyGreenstein, SHARPEST};
 use fanal::materials::plastic::Plastic;
 use fanal::materials::rough_conductor::RoughConductor;
@@ -61,6 +61,15 @@ pub fn pair(material: &Material, wo: Vec3, random: &mut Random, any: impl Fn(&mu
     Some(any(random))
 }
 
+/// No grain for half of the materials, else one with an aspect of up to 10, with its aspect and angle. What is rounded is no more than without it.
+fn grain(random: &mut Random) -> (Option<Grain>, f64, f64) {
+    if random.below(2) == 0 {
+        return (None, 1.0, 0.0);
+    }
+    let (aspect, angle) = (decades(random, 0.1, 10.0), random.range(-3.0, 3.0));
+    (Some(Grain::new(aspect, angle)), f64::from(aspect), f64::from(angle))
+}
+
 #[test]
 fn rough_metal() {
     both_shapes(|shape, random| {
@@ -71,20 +80,21 @@ fn rough_metal() {
             let (eta, k) = (random.range(0.1, 4.0), random.range(0.5, 8.0));
             let reflectance = Texture::Constant(Vec3::ONE);
             let metal = Metal { eta: Vec3::splat(eta), k: Vec3::splat(k), reflectance };
-            let material: Material =
-                Kind::RoughConductor(RoughConductor { metal, facets: Microfacets { shape, alpha } }).into();
+            let kind = Kind::RoughConductor(RoughConductor { metal, facets: Microfacets::even(shape, alpha) });
+            let (grain, aspect, angle) = grain(random);
+            let material = Material { grain, ..kind.into() };
             let wo = in_front(random);
             let Some(wi) = pair(&material, wo, random, in_front) else { continue };
-            let facets = Facets { shape, alpha: f64::from(alpha) };
+            let facets = Facets { aspect, angle, ..Facets::even(shape, f64::from(alpha)) };
             let (o, i) = (wo.as_dvec3(), wi.as_dvec3());
             let h = (o + i).normalize();
             let reflected = conductor(o.dot(h), f64::from(eta), f64::from(k));
             let g = facets.shadowing(o, h) * facets.shadowing(i, h);
-            let at = || format!("α {alpha:e}, {wo} {wi}, η {eta} {k}");
+            let at = || format!("α {alpha:e}, aspect {aspect}, {angle}, {wo} {wi}, η {eta} {k}");
             let value = reflected * facets.density(h) * g / (4.0 * o.z);
-            values.compare(material.eval(Vec2::ZERO, wo, wi).x, value, 0.0, at);
+            values.compare(material.eval(Vec2::ZERO, wo, wi).x, value, facets.inherent(h), at);
             let pdf = facets.visible_density(o, h) / (4.0 * o.dot(h));
-            pdfs.compare(material.pdf(Vec2::ZERO, wo, wi), pdf, 0.0, at);
+            pdfs.compare(material.pdf(Vec2::ZERO, wo, wi), pdf, facets.inherent(h), at);
         }
         values.check(INPUTS);
         pdfs.check(INPUTS);
@@ -92,8 +102,8 @@ fn rough_metal() {
 }
 
 /// Value and density of rough glass by Walter et al. 2007, eq. 20, 21 and 14, 17; and how near to total reflection it is, as the
-/// cosine of the angle behind.
-fn glass(facets: &Facets, eta: f64, o: DVec3, i: DVec3) -> (f64, f64, f64) {
+/// cosine of the angle behind; and the facet's normal.
+fn glass(facets: &Facets, eta: f64, o: DVec3, i: DVec3) -> (f64, f64, f64, DVec3) {
     // Seen from behind, the surface is turned around and the indices are exchanged.
     let (o, i, [n_o, n_i]) = if o.z > 0.0 { (o, i, [1.0, eta]) } else { (-o, -i, [eta, 1.0]) };
     let refracts = i.z < 0.0;
@@ -101,18 +111,18 @@ fn glass(facets: &Facets, eta: f64, o: DVec3, i: DVec3) -> (f64, f64, f64) {
     let h = half.normalize() * half.z.signum();
     let (cos_o, cos_i) = (o.dot(h), i.dot(h));
     if cos_o <= 0.0 || cos_i * i.z <= 0.0 {
-        return (0.0, 0.0, 1.0);
+        return (0.0, 0.0, 1.0, h);
     }
     let (reflected, behind) = dielectric(cos_o, n_i / n_o);
     let g = facets.shadowing(o, h) * facets.shadowing(i, h);
     let (d, visible) = (facets.density(h), facets.visible_density(o, h));
     if !refracts {
-        return (reflected * d * g / (4.0 * o.z), reflected * visible / (4.0 * cos_o), behind);
+        return (reflected * d * g / (4.0 * o.z), reflected * visible / (4.0 * cos_o), behind, h);
     }
     let jacobian = n_i * n_i * cos_i.abs() / (n_o * cos_o + n_i * cos_i).powi(2);
     // Eq. 21 has the squared index on the side where light leaves, the Jacobian that on the side where it comes from.
     let value = cos_o * (1.0 - reflected) * d * g / o.z * jacobian * (n_o / n_i).powi(2);
-    (value, visible * (1.0 - reflected) * jacobian, behind)
+    (value, visible * (1.0 - reflected) * jacobian, behind, h)
 }
 
 /// Inherent: what passes goes with the cosine behind, √(1 − sin²), which near total reflection has the rounding of its argument,
@@ -130,23 +140,27 @@ fn rough_glass() {
                 1 => 1.0 / (1.0 + decades(random, 1.001 * LEAST_STEP, 1.0)),
                 _ => 1.5,
             };
-            let material: Material =
-                Kind::RoughDielectric(RoughDielectric { eta, facets: Microfacets { shape, alpha } }).into();
+            let kind = Kind::RoughDielectric(RoughDielectric { eta, facets: Microfacets::even(shape, alpha) });
+            let (grain, aspect, angle) = grain(random);
+            let material = Material { grain, ..kind.into() };
             let side = |random: &mut Random| if random.below(2) == 0 { 1.0f32 } else { -1.0 };
             let wo = side(random) * in_front(random);
             let Some(wi) = pair(&material, wo, random, |random| side(random) * in_front(random)) else { continue };
-            let facets = Facets { shape, alpha: f64::from(alpha) };
-            let (value, pdf, behind) = glass(&facets, f64::from(eta), wo.as_dvec3(), wi.as_dvec3());
+            let facets = Facets { aspect, angle, ..Facets::even(shape, f64::from(alpha)) };
+            let (value, pdf, behind, h) = glass(&facets, f64::from(eta), wo.as_dvec3(), wi.as_dvec3());
             let refracts = wo.z * wi.z < 0.0;
             let facing = wo.dot((wo + wi).normalize_or(wo)).abs();
-            let inherent = if refracts {
-                2e-7 / (behind * behind)
-            } else {
-                4e-7 / f64::from((eta - 1.0).abs()) + 4e-7 / (behind * f64::from(facing)).max(1e-7)
-            };
-            let at = || format!("α {alpha:e}, η {eta}, {wo} {wi}, behind {behind}");
+            let inherent = facets.inherent(h)
+                + if refracts {
+                    2e-7 / (behind * behind)
+                } else {
+                    4e-7 / f64::from((eta - 1.0).abs()) + 4e-7 / (behind * f64::from(facing)).max(1e-7)
+                };
+            let at = || format!("α {alpha:e}, aspect {aspect}, {angle}, η {eta}, {wo} {wi}, behind {behind}");
             values.compare(material.eval(Vec2::ZERO, wo, wi).x, value, inherent, at);
-            pdfs.compare(material.pdf(Vec2::ZERO, wo, wi), pdf, inherent, at);
+            // The density has the cosine between light and facet in singles.
+            let grazing = 1.2e-7 / h.dot(wo.as_dvec3()).abs();
+            pdfs.compare(material.pdf(Vec2::ZERO, wo, wi), pdf, inherent + grazing, at);
         }
         values.check(INPUTS);
         pdfs.check(INPUTS);
@@ -430,10 +444,10 @@ fn rough_plastic() {
             let [base, reflectance] = [random.range(0.05, 1.0), random.range(0.05, 1.0)];
             let nonlinear = i % 2 == 0;
             let constant = |value: f32| Texture::Constant(Vec3::splat(value));
-            let facets = Microfacets { shape, alpha };
+            let facets = Microfacets::even(shape, alpha);
             let plastic = Plastic::new(constant(base), constant(reflectance), eta, nonlinear, Some(facets));
             let material: Material = Kind::Plastic(plastic).into();
-            let coat = Coat::new(Facets { shape, alpha: f64::from(alpha) }, f64::from(eta));
+            let coat = Coat::new(Facets::even(shape, f64::from(alpha)), f64::from(eta));
             let (base, reflectance) = (f64::from(base), f64::from(reflectance));
             let scattered = base / (1.0 - if nonlinear { base } else { 1.0 } * coat.internal);
             for _ in 0..INPUTS / 10 {

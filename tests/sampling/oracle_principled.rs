@@ -43,7 +43,7 @@ fn fifth(cos: f64) -> f64 {
 
 impl Painted {
     fn facets(&self) -> Facets {
-        Facets { shape: Shape::Ggx, alpha: (self.roughness * self.roughness).max(1e-3) }
+        Facets::even(Shape::Ggx, (self.roughness * self.roughness).max(1e-3))
     }
 
     fn hue(&self) -> DVec3 {
@@ -86,7 +86,7 @@ impl Painted {
 
     /// f of a full coat over the density of its facets: Burley 2012, §5.6.
     fn full_coat(o: DVec3, i: DVec3, h: DVec3) -> f64 {
-        let smith = Facets { shape: Shape::Ggx, alpha: 0.25 };
+        let smith = Facets::even(Shape::Ggx, 0.25);
         0.25 * (0.04 + 0.96 * fifth(i.dot(h))) * smith.visible(o, h) * smith.visible(i, h)
     }
 
@@ -175,7 +175,7 @@ impl<'a> Bound<'a> {
         };
         let blended = |f: &dyn Fn(f64, DVec3) -> f64| blended(painted.roughness, f);
         let specular = |roughness: f64, o: DVec3| {
-            let facets = Facets { shape: Shape::Ggx, alpha: (roughness * roughness).max(1e-3) };
+            let facets = Facets::even(Shape::Ggx, (roughness * roughness).max(1e-3));
             hemispheric(&facets, o.z, painted.eta, true, 24)
         };
         // Directions by their cosine, from the disk below (Shirley and Chiu 1997).
@@ -334,7 +334,7 @@ impl Sheet {
     /// Facets for light that is reflected, and for light that passes (Burley 2015, figure 15).
     fn facets(eta: f64, roughness: f64, behind: bool) -> Facets {
         let roughness = if behind { (0.65 * eta - 0.35) * roughness } else { roughness };
-        Facets { shape: Shape::Ggx, alpha: (roughness * roughness).max(1e-3) }
+        Facets::even(Shape::Ggx, (roughness * roughness).max(1e-3))
     }
 
     /// f·cos before anything is bounded, the density, and the part that facets let through.

@@ -91,20 +91,58 @@ pub fn henyey_greenstein(g: f32, wi: DVec3, wo: DVec3) -> f64 {
     (1.0 - g * g) / (4.0 * PI * ((1.0 - g).powi(2) + 4.0 * g * half).powf(1.5))
 }
 
-/// Microfacets by Walter et al. 2007 (eq. 25, 33) and Heitz 2014 (eq. 72, 83).
+/// Microfacets by Walter et al. 2007 (eq. 25, 33) and Heitz 2014 (eq. 72, 83; with two roughnesses 80, 85).
 pub struct Facets {
     pub shape: Shape,
+    /// Roughness, or its geometric mean.
     pub alpha: f64,
+    /// Roughness along the grain over that mean.
+    pub aspect: f64,
+    /// Angle of the grain.
+    pub angle: f64,
 }
 
 impl Facets {
+    pub fn even(shape: Shape, alpha: f64) -> Self {
+        Self { shape, alpha, aspect: 1.0, angle: 0.0 }
+    }
+
+    /// Cosine and sine of the angle between a direction and the grain.
+    fn beside_grain(&self, w: DVec3) -> [f64; 2] {
+        let (sin, cos) = (w.y.atan2(w.x) - self.angle).sin_cos();
+        [cos, sin]
+    }
+
+    /// α in the plane of the normal and `w`.
+    fn towards(&self, w: DVec3) -> f64 {
+        let [cos, sin] = self.beside_grain(w);
+        (self.alpha * self.aspect * cos).hypot(self.alpha / self.aspect * sin)
+    }
+
     pub fn density(&self, h: DVec3) -> f64 {
         let (cos2, tan2) = (h.z * h.z, (h.x * h.x + h.y * h.y) / (h.z * h.z));
-        let e = tan2 / (self.alpha * self.alpha);
-        let scale = 1.0 / (PI * self.alpha * self.alpha * cos2 * cos2);
+        let ([cos, sin], [u, v]) = (self.beside_grain(h), [self.alpha * self.aspect, self.alpha / self.aspect]);
+        let e = tan2 * ((cos / u).powi(2) + (sin / v).powi(2));
+        let scale = 1.0 / (PI * u * v * cos2 * cos2);
         match self.shape {
             Shape::Beckmann => scale * (-e).exp(),
             Shape::Ggx => scale / (1.0 + e).powi(2),
+        }
+    }
+
+    /// Relative error of the density of `h` that is inherent where there is a grain: turning a direction to it rounds the slopes along and across to
+    /// some 2e-7 of the slope, however small they are themselves.
+    pub fn inherent(&self, h: DVec3) -> f64 {
+        if self.aspect == 1.0 {
+            return 0.0;
+        }
+        let ([cos, sin], [u, v]) = (self.beside_grain(h), [self.alpha * self.aspect, self.alpha / self.aspect]);
+        let tan = h.truncate().length() / h.z.abs();
+        let [x, y] = [tan * cos.abs(), tan * sin.abs()];
+        let (e, error) = ((x / u).powi(2) + (y / v).powi(2), 2.0 * 2e-7 * tan * (x / (u * u) + y / (v * v)));
+        match self.shape {
+            Shape::Beckmann => error,
+            Shape::Ggx => 2.0 * error / (1.0 + e),
         }
     }
 
@@ -116,7 +154,7 @@ impl Facets {
         if tan == 0.0 {
             return 1.0;
         }
-        let a = 1.0 / (self.alpha * tan);
+        let a = 1.0 / (self.towards(w) * tan);
         let lambda = match self.shape {
             Shape::Ggx => 0.5 * ((1.0 + 1.0 / (a * a)).sqrt() - 1.0),
             Shape::Beckmann => 0.5 * ((-a * a).exp() / (a * PI.sqrt()) - 1.0 + erf64(a)).max(0.0),
@@ -129,7 +167,7 @@ impl Facets {
         if self.shape == Shape::Ggx || w.dot(h) * w.z <= 0.0 {
             return self.visible(w, h);
         }
-        let a = w.z.abs() / (self.alpha * w.truncate().length());
+        let a = w.z.abs() / (self.towards(w) * w.truncate().length());
         if a < 1.6 { (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a) } else { 1.0 }
     }
 

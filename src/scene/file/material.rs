@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{is_default, one};
+use crate::materials::microfacet::SMOOTH;
 
 /// A spatially varying or constant colour.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -99,6 +100,9 @@ pub enum Distribution {
     /// Walter et al. 2007, Trowbridge and Reitz 1975.
     Ggx,
 }
+
+/// Least roughness along a grain over the mean, see [`MaterialFile::Anisotropic`]; the largest is its inverse.
+pub const LEAST_ASPECT: f32 = 1e-3;
 
 fn white() -> TextureFile {
     TextureFile::rgb([1.0; 3])
@@ -264,6 +268,16 @@ pub enum MaterialFile {
         /// A rough metal, rough glass or plastic with an α above 0, tinted or not.
         material: Box<MaterialFile>,
     },
+    /// Another material whose facets have a grain: they are rougher along ∂p/∂u than across it, or less.
+    Anisotropic {
+        /// Roughness along the grain is α·aspect, across it α/aspect, with the material's α; in [0.001, 1000].
+        aspect: f32,
+        /// Angle of the grain from ∂p/∂u, counterclockwise as seen from the front, degrees.
+        #[serde(default, skip_serializing_if = "is_default")]
+        rotation: f32,
+        /// A rough metal, rough glass or principled material, tinted or of varying roughness or not.
+        material: Box<MaterialFile>,
+    },
     /// Another material with holes.
     Mask {
         /// Probability in [0, 1] that the surface is there; the luminance of a colour.
@@ -405,7 +419,7 @@ macro_rules! textures {
                 textures.push(("specular_transmittance", specular_transmittance));
                 textures
             }
-            Self::TwoSided { material } => material.$each(),
+            Self::TwoSided { material } | Self::Anisotropic { material, .. } => material.$each(),
             Self::Blend { weight, materials } => {
                 let mut textures: Vec<_> = materials.$iter().flat_map(Self::$each).collect();
                 textures.push(("weight", weight));
@@ -425,6 +439,7 @@ macro_rules! inside {
             | Self::BumpMap { material, .. }
             | Self::NormalMap { material, .. }
             | Self::RoughnessMap { material, .. }
+            | Self::Anisotropic { material, .. }
             | Self::TwoSided { material } => Some(material),
             _ => None,
         }
@@ -466,6 +481,26 @@ impl MaterialFile {
         match factor {
             Some(texture) if self.has_facets() => Self::RoughnessMap { texture, material: Box::new(self) },
             _ => self,
+        }
+    }
+
+    /// The material with facets of these roughnesses along ∂p/∂u and across it, of which its α is the geometric mean, if it can have a grain.
+    pub fn with_grain(self, axes: Option<[f32; 2]>) -> Self {
+        // Smoother facets than that are smooth.
+        let Some([along, across]) = axes.map(|axes| axes.map(|alpha| alpha.max(SMOOTH))) else { return self };
+        if along == across || !self.can_have_grain() {
+            return self;
+        }
+        let aspect = (along / across).sqrt().clamp(LEAST_ASPECT, LEAST_ASPECT.recip());
+        Self::Anisotropic { aspect, rotation: 0.0, material: Box::new(self) }
+    }
+
+    /// Whether its facets, if it has any, can have a grain.
+    pub fn can_have_grain(&self) -> bool {
+        match self {
+            Self::Tinted { material, .. } | Self::RoughnessMap { material, .. } => material.can_have_grain(),
+            Self::RoughConductor { .. } | Self::RoughDielectric { .. } | Self::Principled(_) => true,
+            _ => false,
         }
     }
 

@@ -102,7 +102,7 @@ fn relations() {
     };
     assert!(r > g && g > b);
     related("Material \"measured\" \"string filename\" \"a.bsdf\"", "plastic");
-    related("Material \"conductor\" \"float uroughness\" .1 \"float vroughness\" .2", "anisotropic");
+    related("Material \"coateddiffuse\" \"float uroughness\" .1 \"float vroughness\" .2", "anisotropic");
     related("Material \"dielectric\" \"float oughness\" .1", "\"roughness\" seems to be meant");
 }
 

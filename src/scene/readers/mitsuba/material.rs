@@ -1,6 +1,7 @@
 //! Materials.
 
 use crate::base::{Error, Result};
+use crate::materials::microfacet::SMOOTH;
 use crate::materials::texture::luminance;
 use crate::math::channel_mean;
 use crate::scene::file::{Distribution, Filter, MaterialFile, TextureFile};
@@ -188,18 +189,21 @@ impl<'a> Reader<'a> {
         let known = [&ROUGHNESS[..], &METAL].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;
         let (eta, k) = metal_index(&object)?;
-        let Roughness { alpha, factor, distribution } = self.roughness(&object)?;
+        let Roughness { alpha, axes, factor, distribution } = self.roughness(&object)?;
         let specular_reflectance = self.texture(&object, "specular_reflectance", 1.0)?;
         let metal = MaterialFile::RoughConductor { alpha, distribution, eta, k, specular_reflectance };
-        Ok(metal.roughened(factor))
+        Ok(metal.roughened(factor).with_grain(axes))
     }
 
     pub(super) fn plastic(&mut self, element: &'a Element, rough: bool) -> Result<MaterialFile> {
         let own = ["int_ior", "ext_ior", "diffuse_reflectance", "specular_reflectance", "nonlinear"];
         let known = [if rough { &ROUGHNESS[..] } else { &[] }, &own].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;
-        let Roughness { alpha, factor, distribution } =
+        let Roughness { alpha, axes, factor, distribution } =
             if rough { self.roughness(&object)? } else { Roughness::default() };
+        if axes.is_some() {
+            self.warn(element, "anisotropic roughness: the geometric mean of alpha_u and alpha_v is used");
+        }
         let plastic = MaterialFile::Plastic {
             alpha,
             distribution,
@@ -218,19 +222,20 @@ impl<'a> Reader<'a> {
         let known = [if kind == "roughdielectric" { &ROUGHNESS[..] } else { &[] }, &own].concat();
         let object = Object::new(element, &self.ids, &known, &[])?;
         let [int_ior, ext_ior] = [index(&object, "int_ior", "bk7")?, index(&object, "ext_ior", "air")?];
-        let mut varying = None;
+        let (mut varying, mut grain) = (None, None);
         let clear = match kind {
             "thindielectric" => MaterialFile::ThinDielectric { int_ior, ext_ior },
             "roughdielectric" => {
-                let Roughness { alpha, factor, distribution } = self.roughness(&object)?;
-                varying = factor;
+                let Roughness { alpha, axes, factor, distribution } = self.roughness(&object)?;
+                (varying, grain) = (factor, axes);
                 MaterialFile::RoughDielectric { alpha, distribution, int_ior, ext_ior }
             }
             _ => MaterialFile::Dielectric { int_ior, ext_ior },
         };
         let specular_reflectance = self.texture(&object, "specular_reflectance", 1.0)?;
         let specular_transmittance = self.texture(&object, "specular_transmittance", 1.0)?;
-        Ok(clear.tinted(specular_reflectance, specular_transmittance).roughened(varying))
+        let clear = clear.tinted(specular_reflectance, specular_transmittance).roughened(varying);
+        Ok(clear.with_grain(grain))
     }
 
     /// The roughness of facets.
@@ -252,13 +257,12 @@ impl<'a> Reader<'a> {
             }
             Ok(object.float(name)?.map(|alpha| alpha as f32))
         };
-        let alpha = match (alpha("alpha")?, alpha("alpha_u")?, alpha("alpha_v")?) {
-            (alpha, None, None) => alpha.unwrap_or(0.1),
-            (None, Some(u), Some(v)) if u == v => u,
+        let (alpha, axes) = match (alpha("alpha")?, alpha("alpha_u")?, alpha("alpha_v")?) {
+            (alpha, None, None) => (alpha.unwrap_or(0.1), None),
+            (None, Some(u), Some(v)) if u == v => (u, None),
             (None, u, v) => {
                 let (u, v) = (u.unwrap_or(0.1), v.unwrap_or(0.1));
-                self.warn(element, "anisotropic roughness: the geometric mean of alpha_u and alpha_v is used");
-                if u < 0.0 || v < 0.0 { u.min(v) } else { (u * v).sqrt() }
+                (if u < 0.0 || v < 0.0 { u.min(v) } else { (u.max(SMOOTH) * v.max(SMOOTH)).sqrt() }, Some([u, v]))
             }
             _ => return Err(element.malformed("alpha and alpha_u, alpha_v exclude each other")),
         };
@@ -272,7 +276,7 @@ impl<'a> Reader<'a> {
             }
             other => return Err(element.unsupported(format!("distribution \"{other}\""), &["beckmann", "ggx"])),
         };
-        Ok(Roughness { alpha, factor, distribution })
+        Ok(Roughness { alpha, axes, factor, distribution })
     }
 }
 
@@ -280,6 +284,8 @@ impl<'a> Reader<'a> {
 #[derive(Default)]
 pub(super) struct Roughness {
     pub alpha: f32,
+    /// α along ∂p/∂u and across it, where they differ; `alpha` is the geometric mean of both then.
+    axes: Option<[f32; 2]>,
     /// Factor on it, where it varies.
     factor: Option<TextureFile>,
     distribution: Distribution,

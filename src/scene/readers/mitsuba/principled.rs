@@ -44,9 +44,6 @@ impl<'a> Reader<'a> {
         let [spec_tint, sheen, sheen_tint] = [number("spec_tint")?, number("sheen")?, number("sheen_tint")?];
         let [clearcoat, clearcoat_gloss] = [number("clearcoat")?, number("clearcoat_gloss")?];
         let [flatness, spec_trans] = [number("flatness")?, number("spec_trans")?];
-        if anisotropic != 0.0 {
-            self.warn(element, "anisotropic is left out: the facets are as rough in all directions");
-        }
         if !self.warnings.iter().any(|warning| warning.ends_with(BOUNDED)) {
             self.warn(element, BOUNDED);
         }
@@ -56,7 +53,7 @@ impl<'a> Reader<'a> {
             // Reflection at normal incidence is 0.08·specular (Burley 2012, §5.5).
             (None, specular) => 2.0 / (1.0 - (0.08 * specular.unwrap_or(0.5).clamp(0.0, 1.0)).sqrt() as f32) - 1.0,
         };
-        Ok(MaterialFile::Principled(PrincipledFile {
+        let principled = MaterialFile::Principled(PrincipledFile {
             base_color: self.texture(&object, "base_color", 0.5)?,
             roughness: self.texture(&object, "roughness", 0.5)?,
             metallic: self.texture(&object, "metallic", 0.0)?,
@@ -68,7 +65,10 @@ impl<'a> Reader<'a> {
             clearcoat_gloss,
             flatness,
             spec_trans,
-        }))
+        });
+        // Both roughnesses are divided and multiplied by the root of 1 − 0.9·anisotropic (Burley 2012, §5.4).
+        let aspect = (1.0 - 0.9 * anisotropic.clamp(0.0, 1.0)).sqrt().recip();
+        Ok(principled.with_grain(Some([aspect, aspect.recip()])))
     }
 
     /// A number; of a texture the mean, with a warning.

@@ -6,7 +6,6 @@ use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile};
 use super::Reader;
 use super::materials::{ROUGHNESS, clear, mirror, plastic};
 use super::parameters::Parameters;
-use super::roughness::Roughness;
 use super::textures::Values;
 
 /// Largest reflectance of a coat at normal incidence: its index would grow without bound otherwise.
@@ -19,23 +18,20 @@ impl Reader {
             "matte" => self.diffuse(parameters, "Kd")?,
             "metal" => {
                 let metal = self.metal(parameters, ["eta", "k", "reflectance"])?;
-                let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.01)?;
-                metal.surface(alpha).roughened(factor)
+                self.faceted(parameters, 0.01, |alpha| metal.surface(alpha))?
             }
             "mirror" => mirror(self.albedo(parameters, "Kr", 0.9)?),
             "glass" => {
                 let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
-                let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.0)?;
-                let tinted = clear(alpha, int_ior)
-                    .tinted(self.albedo(parameters, "Kr", 1.0)?, self.albedo(parameters, "Kt", 1.0)?);
-                tinted.roughened(factor)
+                let (reflected, transmitted) =
+                    (self.albedo(parameters, "Kr", 1.0)?, self.albedo(parameters, "Kt", 1.0)?);
+                self.faceted(parameters, 0.0, |alpha| clear(alpha, int_ior).tinted(reflected, transmitted))?
             }
             "plastic" => {
                 self.relation(parameters, kind, "a coat over a diffuse base");
                 let diffuse = self.albedo(parameters, "Kd", 0.25)?;
                 let specular = self.albedo(parameters, "Ks", 0.25)?;
-                let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.1)?;
-                plastic(alpha, 1.5, diffuse, specular).roughened(factor)
+                self.faceted(parameters, 0.1, |alpha| plastic(alpha, 1.5, diffuse, specular))?
             }
             "substrate" => self.substrate(parameters)?,
             "uber" => self.uber(parameters)?,
@@ -67,9 +63,8 @@ impl Reader {
         let most = color.iter().fold(f32::MIN_POSITIVE, |most, channel| most.max(*channel));
         // Fresnel's equations at normal incidence, solved for the index.
         let root = most.clamp(0.0, MOST_SPECULAR).sqrt();
-        let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.1)?;
         let tint = TextureFile::rgb(color.map(|channel| channel / most));
-        Ok(plastic(alpha, (1.0 + root) / (1.0 - root), diffuse, tint).roughened(factor))
+        self.faceted(parameters, 0.1, |alpha| plastic(alpha, (1.0 + root) / (1.0 - root), diffuse, tint))
     }
 
     /// Whatever is strongest: clear, or a coat over a diffuse base.

@@ -6,9 +6,9 @@ use crate::scene::file::{MaterialFile, TextureFile};
 use crate::scene::readers::conductors::reflectance_of;
 
 use super::Reader;
-use super::materials::{ROUGHNESS, plastic};
+use super::materials::plastic;
 use super::parameters::Parameters;
-use super::roughness::{Metal, Roughness};
+use super::roughness::Metal;
 use super::textures::Values;
 
 impl Reader {
@@ -17,8 +17,7 @@ impl Reader {
         let diffuse = self.albedo(parameters, "reflectance", 0.5)?;
         self.coat(parameters, ["thickness", "g", "albedo"])?;
         let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
-        let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.0)?;
-        Ok(plastic(alpha, int_ior, diffuse, TextureFile::rgb([1.0; 3])).roughened(factor))
+        self.faceted(parameters, 0.0, |alpha| plastic(alpha, int_ior, diffuse, TextureFile::rgb([1.0; 3])))
     }
 
     /// What lies between the coat and the base.
@@ -64,8 +63,7 @@ impl Reader {
         };
         parameters.ignore(&["mfp", "g", "scale", "Kr", "Kt", "sigma_a", "sigma_s", "name", "preset"]);
         let int_ior = self.index(parameters, ["eta", "index"], 1.33)?;
-        let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.0)?;
-        Ok(plastic(alpha, int_ior, diffuse, TextureFile::rgb([1.0; 3])).roughened(factor))
+        self.faceted(parameters, 0.0, |alpha| plastic(alpha, int_ior, diffuse, TextureFile::rgb([1.0; 3])))
     }
 
     /// Albedo of a half space that absorbs and scatters like this, without its surface (van de Hulst 1980, §14.4).

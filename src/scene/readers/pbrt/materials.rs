@@ -5,7 +5,7 @@ use crate::scene::file::{Distribution, Filter, MaterialFile, TextureFile, Wrap};
 
 use super::finish::Mix;
 use super::parameters::Parameters;
-use super::roughness::{Metal, Roughness};
+use super::roughness::Metal;
 use super::textures::Values;
 use super::{DEFAULT_MATERIAL, Reader};
 
@@ -70,8 +70,7 @@ impl Reader {
             "coateddiffuse" => self.coated_diffuse(parameters)?,
             "conductor" => {
                 let metal = self.metal(parameters, ["eta", "k", "reflectance"])?;
-                let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.0)?;
-                metal.surface(alpha).roughened(factor)
+                self.faceted(parameters, 0.0, |alpha| metal.surface(alpha))?
             }
             "coatedconductor" => self.coated_conductor(parameters)?,
             "dielectric" => self.dielectric(parameters)?,
@@ -148,8 +147,7 @@ impl Reader {
             self.warn(&parameters.place, "the tint of a dielectric is left out");
         }
         let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
-        let Roughness { alpha, factor } = self.roughness(parameters, ROUGHNESS, 0.0)?;
-        Ok(clear(alpha, int_ior).roughened(factor))
+        self.faceted(parameters, 0.0, |alpha| clear(alpha, int_ior))
     }
 
     /// A sheet that scatters light to both sides.

@@ -9,6 +9,7 @@ use crate::scene::readers::conductors::conductor;
 use crate::scene::readers::spectrum::Use;
 
 use super::Reader;
+use super::materials::ROUGHNESS;
 use super::parameters::Parameters;
 use super::textures::Values;
 
@@ -16,6 +17,9 @@ use super::textures::Values;
 const SMOOTH: f32 = 1e-3;
 /// Largest reflectance at normal incidence that a metal may be made of: its index would grow without bound otherwise.
 const MOST_REFLECTED: f32 = 0.9999;
+
+/// Warning where facets cannot have a grain.
+const EVEN: &str = "anisotropic roughness: the geometric mean of both directions is used";
 
 /// A metal, by its index and a factor on its reflection.
 pub struct Metal {
@@ -48,6 +52,8 @@ impl Metal {
 pub struct Roughness {
     /// Root mean square slope; 0 is smooth.
     pub alpha: f32,
+    /// The same along ∂p/∂u and across it, where they differ; `alpha` is the geometric mean of both then.
+    pub axes: Option<[f32; 2]>,
     /// Factor on it, where it varies.
     pub factor: Option<TextureFile>,
 }
@@ -69,9 +75,12 @@ impl Reader {
                 let factor = self.changed(texture, "as roughness", place, |roughness| {
                     Vec3::splat(alpha(luminance(roughness).max(0.0)).clamp(0.0, 1.0))
                 })?;
-                Ok(Roughness { alpha: 1.0, factor: Some(factor) })
+                Ok(Roughness { alpha: 1.0, axes: None, factor: Some(factor) })
             }
-            _ => Ok(Roughness { alpha: self.even_roughness(parameters, names, default)?, factor: None }),
+            _ => {
+                let [u, v] = self.both_roughnesses(parameters, names, default)?;
+                Ok(Roughness { alpha: mean(u, v), axes: (u != v).then_some([u, v]), factor: None })
+            }
         }
     }
 
@@ -85,24 +94,48 @@ impl Reader {
         })
     }
 
+    /// What `make` makes of the roughness, with facets of it.
+    pub(super) fn faceted(
+        &mut self,
+        parameters: &Parameters,
+        default: f32,
+        make: impl FnOnce(f32) -> MaterialFile,
+    ) -> Result<MaterialFile> {
+        let Roughness { alpha, axes, factor } = self.roughness(parameters, ROUGHNESS, default)?;
+        let material = make(alpha).roughened(factor);
+        if axes.is_some() && !material.can_have_grain() {
+            self.warn(&parameters.place, EVEN);
+        }
+        Ok(material.with_grain(axes))
+    }
+
     /// The same as one number: of a texture the mean.
     pub(super) fn even_roughness(
         &mut self,
         parameters: &Parameters,
-        [both, u, v]: [&'static str; 3],
+        names: [&'static str; 3],
         default: f32,
     ) -> Result<f32> {
+        let [u, v] = self.both_roughnesses(parameters, names, default)?;
+        if u != v {
+            self.warn(&parameters.place, EVEN);
+        }
+        Ok(mean(u, v))
+    }
+
+    /// Roughness along u and along v; of textures the means.
+    fn both_roughnesses(
+        &mut self,
+        parameters: &Parameters,
+        [both, u, v]: [&'static str; 3],
+        default: f32,
+    ) -> Result<[f32; 2]> {
         let both = self.number(parameters, both)?.unwrap_or(default);
         let (u, v) = (self.number(parameters, u)?.unwrap_or(both), self.number(parameters, v)?.unwrap_or(both));
         if u.min(v) < 0.0 {
             return Err(parameters.malformed(format!("the roughness is {}, expected at least 0", u.min(v))));
         }
-        let [u, v] = [u, v].map(self.to_alpha(parameters)?);
-        if u != v {
-            self.warn(&parameters.place, "anisotropic roughness: the geometric mean of both directions is used");
-        }
-        let alpha = if u == v { u } else { (u * v).sqrt() };
-        Ok(if alpha < SMOOTH { 0.0 } else { alpha })
+        Ok([u, v].map(self.to_alpha(parameters)?))
     }
 
     /// A refractive index; of a spectrum the luminance.
@@ -146,6 +179,12 @@ impl Reader {
         let texture = self.texture(parameters, name, Values::Colors)?.unwrap_or(TextureFile::rgb(default));
         self.mean(&texture, &parameters.place, name)
     }
+}
+
+/// The geometric mean; 0 where facets are smooth.
+fn mean(u: f32, v: f32) -> f32 {
+    let alpha = if u == v { u } else { (u * v).sqrt() };
+    if alpha < SMOOTH { 0.0 } else { alpha }
 }
 
 /// Roughness of facets in pbrt-v3 (Pharr, Jakob, Humphreys 2016, §8.4.2).

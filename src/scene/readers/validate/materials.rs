@@ -1,7 +1,7 @@
 //! Checks of materials and textures.
 
 use crate::base::Result;
-use crate::scene::file::{MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile};
+use crate::scene::file::{LEAST_ASPECT, MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile};
 
 use super::number::Checker;
 
@@ -30,6 +30,15 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
         }
         MaterialFile::NormalMap { texture: map, material } | MaterialFile::RoughnessMap { texture: map, material } => {
             texture(check, &format!("{key}.texture"), map)?;
+            return values(check, &format!("{key}.material"), material);
+        }
+        MaterialFile::Anisotropic { aspect, rotation, material } => {
+            if !(LEAST_ASPECT..=LEAST_ASPECT.recip()).contains(aspect) {
+                let what =
+                    format!("the aspect is {aspect}, expected one from {LEAST_ASPECT} to {}", LEAST_ASPECT.recip());
+                return check.fail(&format!("{key}.aspect"), what);
+            }
+            check.finite(&format!("{key}.rotation"), &[*rotation])?;
             return values(check, &format!("{key}.material"), material);
         }
         MaterialFile::Blend { weight, materials } => {
@@ -63,6 +72,7 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
         | MaterialFile::BumpMap { .. }
         | MaterialFile::NormalMap { .. }
         | MaterialFile::RoughnessMap { .. }
+        | MaterialFile::Anisotropic { .. }
         | MaterialFile::TwoSided { .. }
         | MaterialFile::Mask { .. }
         | MaterialFile::Tinted { .. } => Ok(()),
@@ -79,6 +89,12 @@ fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]:
         }
         MaterialFile::RoughnessMap { material, .. } if material.has_facets() => {
             wrapped(check, key, material, [two_sided, masked])
+        }
+        MaterialFile::Anisotropic { material, .. } if material.can_have_grain() => {
+            wrapped(check, key, material, [two_sided, masked])
+        }
+        MaterialFile::Anisotropic { .. } => {
+            check.fail(key, "only a rough metal, rough glass or principled material has facets with a grain")
         }
         MaterialFile::RoughnessMap { .. } => {
             check.fail(key, "only a rough metal, rough glass or rough plastic has a roughness that varies")
