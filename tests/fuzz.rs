@@ -303,6 +303,6 @@ macro_rules! readers {
 }
 
 readers! {
-    scene_json scene_xml scene_pbrt scene_gltf scene_glb mesh_obj mesh_ply mesh_serialized volume image_exr image_png image_other shard index recipe
+    scene_json scene_xml scene_pbrt scene_gltf scene_glb mesh_obj mesh_ply mesh_serialized mesh_curves volume image_exr image_png image_other shard index recipe
     model_config model_weights checkpoint guide part part_index guide_part comparison_run results
 }

@@ -329,6 +329,18 @@ pub enum MeshFile {
         #[serde(default, skip_serializing_if = "is_default")]
         face_normals: bool,
     },
+    /// Curves with a thickness, such as hair, of a text file: lines of control points (x y z radius), and an empty line between curves. They are made
+    /// of tubes with texture coordinates around and along.
+    Curves {
+        /// Path relative to the scene file.
+        file: String,
+        /// Straight from point to point instead of uniform cubic B-splines.
+        #[serde(default, skip_serializing_if = "is_default")]
+        straight: bool,
+        /// Factor on the radii.
+        #[serde(default = "one", skip_serializing_if = "is_one")]
+        wider: f32,
+    },
     /// The square [-1, 1]² in z = 0, facing +z.
     Rectangle,
     /// The cube [-1, 1]³, facing outwards.

@@ -34,7 +34,7 @@ fn name_of(index: usize, shape: &ShapeFile, file: &SceneFile) -> String {
         let GeometryFile::Mesh { mesh: name } = &shape.geometry else { return String::new() };
         let stem = |file: &str| Path::new(file).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         match file.meshes.get(name) {
-            Some(MeshFile::Obj { file, .. } | MeshFile::Ply { file, .. }) => stem(file),
+            Some(MeshFile::Obj { file, .. } | MeshFile::Ply { file, .. } | MeshFile::Curves { file, .. }) => stem(file),
             Some(MeshFile::Serialized { file, index, .. }) => format!("{} {index}", stem(file)),
             Some(MeshFile::Inline { .. } | MeshFile::Held { .. }) => name.clone(),
             // Every floor and wall may be one of these.

@@ -145,6 +145,8 @@ def shapes():
     curve = '<shape type="{kind}"><string name="filename" value="curve.txt"/>{{inside}}</shape>'
     for kind in "linearcurve", "bsplinecurve":
         yield kind, scene(GREY, curve.format(kind=kind))
+        yield f"{kind} placed", scene(GREY, curve.format(kind=kind).replace("{inside}", '<transform name="to_world"><scale value="0.6"/><rotate x="1" angle="20"/></transform>{inside}'))
+    yield "bsplinecurve textured", scene(textured, curve.format(kind="bsplinecurve"))
 
 
 def lights():
@@ -214,14 +216,14 @@ def cases():
 
 # Names that differ and are meant to, and why.
 SMOOTH_BLEND = "Mitsuba's is darker than the sum of its parts, ours is that sum (without light between surfaces it can be added up)"
-CURVES = "curves are left out"
 KNOWN = {
     "blendbsdf smooth": SMOOTH_BLEND,
     "blendbsdf textured": SMOOTH_BLEND,
     "instances": "Mitsuba's LLVM mode turns the normals of instanced spheres that are scaled unevenly in another way than its scalar mode, which agrees with ours",
     "hair": "hair is read as a coat over a diffuse base",
-    "linearcurve": CURVES,
-    "bsplinecurve": CURVES,
+    "bsplinecurve textured": "around a curve Mitsuba's texture coordinates begin where it bends to, ours anywhere",
+    "linearcurve": "tubes meet in a plane, Mitsuba's straight pieces in a ball",
+    "linearcurve placed": "tubes meet in a plane, Mitsuba's straight pieces in a ball",
     "homogeneous blendphase": "other phase functions than hg are isotropic",
 }
 

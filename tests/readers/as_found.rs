@@ -202,6 +202,29 @@ fn grains_lie_along_u() {
     }
 }
 
+/// Curves of both kinds are tubes where their points say, saved and loaded again; a file that is missing is one like any other.
+#[test]
+fn curves_are_tubes() {
+    let folder = folder();
+    std::fs::write(folder.path().join("hair.txt"), "0 0 0 .1\n1 0 0 .1\n2 0 0 .1\n3 0 0 .1\n\n0 9 0 1\n").unwrap();
+    let shape = |kind: &str, file: &str| {
+        let file = format!("<string name='filename' value='{file}'/>");
+        load_xml(&folder, &xml_with(&format!("<shape type='{kind}'>{file}</shape>")))
+    };
+    for (kind, [least, most]) in [("linearcurve", [0.0, 3.0]), ("bsplinecurve", [1.0, 2.0])] {
+        let loaded = shape(kind, "hair.txt").unwrap_or_else(|error| panic!("{error}"));
+        assert!(loaded.warnings.iter().any(|warning| warning.contains("tubes")), "{:?}", loaded.warnings);
+        let [low, high] = Scene::build(&loaded, [4, 4]).unwrap().accel.bounds();
+        assert!((low.x - least).abs() < 1e-5 && (high.x - most).abs() < 1e-5, "{low} {high}");
+        assert!((0.09..0.11).contains(&high.y) && low.y < -0.09, "{low} {high}");
+        let copy = folder.path().join("copy.json");
+        save(&loaded.file, &copy).unwrap();
+        assert_eq!(load(&copy).unwrap().file, loaded.file);
+    }
+    assert!(shape("linearcurve", "none.txt").unwrap_err().to_string().contains("none.txt"));
+    assert!(shape("linearcurve", "../hair.txt").unwrap_err().to_string().contains("tested.xml:3"));
+}
+
 /// Roughness from a texture, in Mitsuba's words and in our own; only facets may have one.
 #[test]
 fn roughness_that_varies() {

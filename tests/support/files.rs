@@ -263,6 +263,7 @@ pub fn scene_using(name: &str, used: &str) -> SceneFile {
         "triangle.ply" => {
             scene_with(Some(MeshFile::Ply { file, face_normals: false, flip_v: false, as_given: false }), None)
         }
+        "hair.txt" => scene_with(Some(MeshFile::Curves { file, straight: false, wider: 1.0 }), None),
         "two.serialized" => scene_with(Some(MeshFile::Serialized { file, index: 1, face_normals: false }), None),
         _ => scene_with(None, Some(used)),
     }

@@ -178,6 +178,11 @@ pub fn reader(name: &str, folder: &Path) -> Reader {
             "char uchar short ushort int uint float double int8 uint8 int32 float64 list property element vertex face comment \
              obj_info nx ny nz u v s t red ascii binary_little_endian binary_big_endian end_header vertex_indices",
         ),
+        "mesh_curves" => {
+            let seeds = vec![b"0 0 0 .1\n1 0 .5 .1\n1 1 0 .2\n0 1 1 .1\n0 2 0 0\n\n0 0 1 1\n1 1 1 .5\n2 0 0 .5\n3 3 3 3\n".to_vec()];
+            Reader::new("mesh_curves", "mesh.txt", seeds, 10_000, mesh("hair.txt"))
+                .with(Container::Plain, "1e38 -1 nan inf 1e-38 \n\n 0 .")
+        }
         "mesh_serialized" => {
             let seeds = vec![files::serialized()];
             Reader::new("mesh_serialized", "mesh.serialized", seeds, 10_000, mesh("two.serialized"))

@@ -9,6 +9,7 @@ use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 use crate::scene::file::MeshFile;
 
+use super::curves::{self, Form};
 use super::extent::LARGEST;
 use super::{builtin, normals, obj, path, ply, serialized};
 
@@ -70,6 +71,11 @@ pub fn load(file: &MeshFile, held: Option<Mesh>, directory: &Path, place: &Place
             let path = open(file)?;
             let (mesh, wants_flat) = serialized::read(&path, *index)?;
             finish(mesh, flat_if(*face_normals || wants_flat), &Place::part(path, format!("shape {index}")))
+        }
+        MeshFile::Curves { file, straight, wider } => {
+            let path = open(file)?;
+            let form = if *straight { Form::Linear } else { Form::BSpline };
+            finish(curves::tubes(&curves::read(&path, *wider)?, form), Shading::AsGiven, &Place::file(path))
         }
         MeshFile::Rectangle => finish(builtin::rectangle(), Shading::AsGiven, place),
         MeshFile::Cube => finish(builtin::cube(), Shading::AsGiven, place),

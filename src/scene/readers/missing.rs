@@ -116,7 +116,11 @@ fn line(place: &Place) -> u32 {
 fn absent_meshes(scene: &SceneFile, folder: &Path, places: &Places, found: &mut Vec<Absent>) -> Reasons {
     let mut reasons = Reasons::new();
     for (name, mesh) in &scene.meshes {
-        let (MeshFile::Obj { file, .. } | MeshFile::Ply { file, .. } | MeshFile::Serialized { file, .. }) = mesh else {
+        let (MeshFile::Obj { file, .. }
+        | MeshFile::Ply { file, .. }
+        | MeshFile::Serialized { file, .. }
+        | MeshFile::Curves { file, .. }) = mesh
+        else {
             continue;
         };
         if is_absent(folder, file) {

@@ -7,6 +7,7 @@ mod attributes;
 mod builtin;
 mod cameras;
 mod cie;
+mod curves;
 mod conductors;
 mod definitions;
 pub(super) mod extent;

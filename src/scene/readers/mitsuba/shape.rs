@@ -14,8 +14,21 @@ use super::element::Element;
 use super::object::{Object, kind, refuse_slip_of_kind};
 use super::of_faces::Faces;
 
-const KINDS: [&str; 11] =
-    ["obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder", "shapegroup", "instance", "merge"];
+const KINDS: [&str; 13] = [
+    "obj",
+    "ply",
+    "serialized",
+    "rectangle",
+    "cube",
+    "sphere",
+    "disk",
+    "cylinder",
+    "linearcurve",
+    "bsplinecurve",
+    "shapegroup",
+    "instance",
+    "merge",
+];
 
 /// Most shapes of a scene: a short document with groups and instances must not grow without bound.
 const MOST_SHAPES: usize = 1 << 20;
@@ -44,7 +57,7 @@ impl<'a> Reader<'a> {
         let members = Object::new(element, &self.ids, &[], &["shape"])?.nested;
         for member in &members {
             if let "shapegroup" | "instance" = kind(member)? {
-                return Err(member.unsupported(format!("a {} inside a shapegroup", kind(member)?), &KINDS[..8]));
+                return Err(member.unsupported(format!("a {} inside a shapegroup", kind(member)?), &KINDS[..10]));
             }
             let emits = |child: &Element| {
                 let target = child.attribute("id").and_then(|id| self.ids.get(id)).unwrap_or(child);
@@ -72,6 +85,7 @@ impl<'a> Reader<'a> {
         known.extend(match kind(element)? {
             "obj" | "ply" => &["filename", "face_normals", "flip_tex_coords", "max_smooth_angle"][..],
             "serialized" => &["filename", "face_normals", "shape_index"],
+            "linearcurve" | "bsplinecurve" => &["filename"],
             "cube" => &["face_normals"],
             "rectangle" | "disk" => &[],
             "cylinder" => &["p0", "p1", "radius"],
@@ -156,6 +170,15 @@ impl<'a> Reader<'a> {
                 let index = object.integer("shape_index")?.unwrap_or(0);
                 let invalid = |_| object.element.malformed(format!("shape_index is {index}"));
                 MeshFile::Serialized { file: file()?, index: u32::try_from(index).map_err(invalid)?, face_normals }
+            }
+            curve @ ("linearcurve" | "bsplinecurve") => {
+                let file = file()?;
+                self.warnings.push(format!("{}: curves are tubes with flat sides", object.element.place));
+                // Placing a curve does not change how thick it is.
+                let placed = object.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
+                let scale = placed.determinant().abs().cbrt();
+                let wider = if scale > 0.0 { scale.recip() as f32 } else { 1.0 };
+                MeshFile::Curves { file, straight: curve == "linearcurve", wider }
             }
             "rectangle" => MeshFile::Rectangle,
             round @ ("disk" | "cylinder") => {
@@ -262,6 +285,10 @@ fn mesh_name(mesh: &MeshFile) -> String {
         }
         MeshFile::Ply { file, face_normals, flip_v, .. } => (flipped(file, *flip_v), *face_normals),
         MeshFile::Serialized { file, index, face_normals } => (format!("{file} {index}"), *face_normals),
+        MeshFile::Curves { file, straight, wider } => {
+            let form = if *straight { " (straight)" } else { "" };
+            (if *wider == 1.0 { format!("{file}{form}") } else { format!("{file}{form} {wider} times as wide") }, false)
+        }
         MeshFile::Rectangle => ("rectangle".to_owned(), false),
         MeshFile::Held { part } => (part.clone(), false),
         MeshFile::Disk => ("disk".to_owned(), false),

@@ -48,7 +48,7 @@ pub fn validate(file: &SceneFile, places: &Places) -> Result<()> {
         self::medium(&check, &format!("media.{name}"), medium)?;
     }
     for (name, mesh) in &file.meshes {
-        inline_mesh(&check, &format!("meshes.{name}"), mesh)?;
+        mesh_file(&check, &format!("meshes.{name}"), mesh)?;
     }
     for (index, shape_file) in file.shapes.iter().enumerate() {
         shape(&check, &format!("shapes[{index}]"), shape_file, file)?;
@@ -174,7 +174,10 @@ fn render(check: &Checker, render: &RenderFile) -> Result<()> {
     Ok(())
 }
 
-fn inline_mesh(check: &Checker, key: &str, mesh: &MeshFile) -> Result<()> {
+fn mesh_file(check: &Checker, key: &str, mesh: &MeshFile) -> Result<()> {
+    if let MeshFile::Curves { wider, .. } = mesh {
+        return check.positive(&format!("{key}.wider"), *wider);
+    }
     let MeshFile::Inline { positions, normals, uvs, .. } = mesh else { return Ok(()) };
     for (what, count) in [("normals", normals.len()), ("uvs", uvs.len())] {
         if count != 0 && count != positions.len() {
