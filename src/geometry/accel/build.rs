@@ -177,6 +177,7 @@ mod tests {
 
     /// A tree built by several threads equals that of one thread.
     #[test]
+    #[cfg_attr(miri, ignore = "only large trees are built by several threads")]
     fn parts_make_the_whole() {
         let mesh = soup(&mut Random::new(51, 0, 0), 6000, 0.03);
         let mut boxes: Vec<Aabb> =

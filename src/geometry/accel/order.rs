@@ -88,7 +88,7 @@ mod tests {
     use super::super::node::Kind;
     use super::super::portable;
     use super::super::query::Query;
-    use super::super::tests::{closed_sphere, kernels, point, random_ray, soup};
+    use super::super::tests::{closed_sphere, fewer, kernels, point, random_ray, soup};
     use super::*;
     use crate::base::random::Random;
     use crate::geometry::Shape;
@@ -101,10 +101,10 @@ mod tests {
     /// Loose triangles, spheres, and a mesh that is placed three times.
     fn shapes() -> Vec<Shape> {
         let mut random = Random::new(31, 0, 0);
-        let shared = Arc::new(soup(&mut random, 2000, 0.05));
+        let shared = Arc::new(soup(&mut random, fewer(2000), 0.05));
         let placed = |x: f32| Affine3A::from_rotation_translation(Quat::from_rotation_y(x), Vec3::splat(0.3 * x));
         let mut shapes: Vec<Shape> = (0..3).map(|i| Shape::mesh(shared.clone(), placed(i as f32), false)).collect();
-        shapes.push(in_world(soup(&mut random, 5000, 0.05)));
+        shapes.push(in_world(soup(&mut random, fewer(5000), 0.05)));
         shapes.push(in_world(closed_sphere(40, 40, 0.2, Vec3::splat(0.5))));
         shapes.extend((0..40).map(|_| Shape::sphere(point(&mut random), 0.03, false)));
         shapes
@@ -112,7 +112,7 @@ mod tests {
 
     fn samples(seed: u64, count: usize) -> Vec<(Ray, f32)> {
         let mut random = Random::new(seed, 0, 0);
-        (0..count).map(|i| (random_ray(&mut random, i), random.range(0.5, 3.0))).collect()
+        (0..fewer(count)).map(|i| (random_ray(&mut random, i), random.range(0.5, 3.0))).collect()
     }
 
     /// docs/stability.md, S7: nearest and any hits are the same to the last bit for every learned order.
@@ -123,8 +123,11 @@ mod tests {
             let before = Accel::with_kernel(&shapes, kernel);
             let mut after = Accel::with_kernel(&shapes, kernel);
             after.learn_order(&samples(1, 5000));
-            assert!(before.hierarchy.nodes != after.hierarchy.nodes);
-            assert!(before.others.meshes[0].nodes != after.others.meshes[0].nodes, "the mesh that is placed");
+            assert!(before.hierarchy.nodes != after.hierarchy.nodes || cfg!(miri));
+            assert!(
+                before.others.meshes[0].nodes != after.others.meshes[0].nodes || cfg!(miri),
+                "the mesh that is placed"
+            );
             for (ray, t_max) in samples(2, 100_000) {
                 let hit = before.intersect(&ray);
                 assert_eq!(after.intersect(&ray), hit, "{ray:?}");
@@ -176,6 +179,7 @@ mod tests {
 
     /// For rays through scattered small triangles that all hit a wall, the wall, which takes few steps, is tried first.
     #[test]
+    #[cfg_attr(miri, ignore = "of the few rays and triangles that Miri has time for nothing is learned")]
     fn what_hides_most_is_tried_first() {
         let mut random = Random::new(32, 0, 0);
         let corners = [[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]];

@@ -16,6 +16,11 @@ pub(super) fn kernels() -> Vec<Kernel> {
     }
 }
 
+/// So many of something; at most a hundred under Miri, which is a thousand times slower and looks for errors of memory alone.
+pub(super) fn fewer(count: usize) -> usize {
+    if cfg!(miri) { count.min(100) } else { count }
+}
+
 pub(super) fn point(random: &mut Random) -> Vec3 {
     Vec3::new(random.next_f32(), random.next_f32(), random.next_f32())
 }
@@ -34,6 +39,7 @@ pub(super) fn soup(random: &mut Random, triangles: usize, size: f32) -> Mesh {
 
 /// A closed sphere of `2 · turns · (rings − 1)` triangles, whose vertices are shared.
 pub(super) fn closed_sphere(rings: u32, turns: u32, radius: f32, center: Vec3) -> Mesh {
+    let [rings, turns] = if cfg!(miri) { [rings, turns].map(|sides| sides.min(8)) } else { [rings, turns] };
     let mut mesh = Mesh::default();
     let mut push = |direction: Vec3| mesh.positions.push(center + radius * direction);
     push(Vec3::Z);
@@ -137,7 +143,7 @@ fn s07_hierarchy_equals_brute_force() {
     assert_eq!(instanced.len(), 1);
     let accels: Vec<Accel> = kernels().into_iter().map(|kernel| Accel::with_kernel(&shapes, kernel)).collect();
     let mut hits = 0;
-    for i in 0..100_000 {
+    for i in 0..fewer(100_000) {
         let ray = random_ray(&mut random, i);
         let brute = brute_force(&shapes, &ray, &instanced);
         hits += usize::from(brute.is_some());
@@ -161,7 +167,7 @@ fn s07_hierarchy_equals_brute_force() {
             assert_eq!(accel.meets(&ray, 2.0, &solid), met, "{ray:?}");
         }
     }
-    assert!((10_000..100_000).contains(&hits), "{hits}");
+    assert!((10_000..100_000).contains(&hits) || cfg!(miri), "{hits}");
 }
 
 /// Both kinds of tests agree to the last bit where the hierarchy is deep and many rays pass through edges and vertices.
@@ -170,13 +176,13 @@ fn kernels_agree() {
     let mesh = closed_sphere(80, 80, 0.5, Vec3::splat(0.5));
     let corners = mesh.positions.clone();
     let mut random = Random::new(12, 0, 0);
-    let clutter = soup(&mut random, 20_000, 0.02);
+    let clutter = soup(&mut random, fewer(20_000), 0.02);
     let shapes = [
         Shape::mesh(Arc::new(mesh), Affine3A::IDENTITY, false),
         Shape::mesh(Arc::new(clutter), Affine3A::IDENTITY, false),
     ];
     let accels: Vec<Accel> = kernels().into_iter().map(|kernel| Accel::with_kernel(&shapes, kernel)).collect();
-    for i in 0..100_000 {
+    for i in 0..fewer(100_000) {
         let mut ray = random_ray(&mut random, i);
         if i.is_multiple_of(3) {
             let pick = |random: &mut Random| corners[(random.next_f32() * corners.len() as f32) as usize];
@@ -209,12 +215,15 @@ fn s07_closed_mesh_is_watertight() {
             let accel = Accel::with_kernel(&shapes, kernel);
             let mut random = Random::new(13, 0, 0);
             let (mut inner, mut outer) = (0, 0);
-            for i in 0..100_000 {
+            for i in 0..fewer(100_000) {
                 let origin = center + radius * 0.9 * random.next_f32() * warp::square_to_sphere(random.next_2d());
                 let pick = |random: &mut Random| corners[(random.next_f32() * corners.len() as f32) as usize];
                 let direction = match i % 4 {
                     0 => (pick(&mut random) - origin).normalize(),
-                    1 => (0.5 * (corners[2 + i % 4000] + corners[3 + i % 4000]) - origin).normalize(),
+                    1 => {
+                        let corner = 2 + i % (corners.len() - 3).min(4000);
+                        (0.5 * (corners[corner] + corners[corner + 1]) - origin).normalize()
+                    }
                     _ => warp::square_to_sphere(random.next_2d()),
                 };
                 inner += usize::from(accel.intersect(&Ray { origin, direction }).is_none());
@@ -225,7 +234,7 @@ fn s07_closed_mesh_is_watertight() {
                 );
             }
             assert_eq!(inner, 0, "{radius} {center} {kernel:?}");
-            assert!(outer <= 2, "{outer} of 1e5 from {distance}: {radius} {center} {kernel:?}");
+            assert!(outer <= 2 || cfg!(miri), "{outer} of 1e5 from {distance}: {radius} {center} {kernel:?}");
         }
     }
 }
@@ -273,7 +282,7 @@ fn a08_nothing_to_hit() {
 #[test]
 fn deep_hierarchies_have_room() {
     let mut mesh = Mesh::default();
-    for i in 0..2000u32 {
+    for i in 0..fewer(2000) as u32 {
         let size = 1.1f32.powi((i % 700) as i32 - 350);
         mesh.positions.extend([Vec3::ZERO, size * Vec3::X, size * Vec3::new(0.0, 1.0, 0.1)]);
         mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
@@ -282,7 +291,7 @@ fn deep_hierarchies_have_room() {
     let mut random = Random::new(14, 0, 0);
     for kernel in kernels() {
         let accel = Accel::with_kernel(&shapes, kernel);
-        for i in 0..2000 {
+        for i in 0..fewer(2000) {
             let ray = random_ray(&mut random, i);
             assert_eq!(accel.intersect(&ray), brute_force(&shapes, &ray, &HashSet::new()), "{ray:?}");
         }
@@ -292,6 +301,7 @@ fn deep_hierarchies_have_room() {
 /// A surface takes at most 120 bytes per triangle, with its positions, normals, texture coordinates and indices; loose triangles
 /// that overlap in all directions, the worst case, have a hierarchy of at most 100.
 #[test]
+#[cfg_attr(miri, ignore = "counts the bytes of large meshes, of which Miri would make one for hours")]
 fn memory_per_triangle() {
     let per_triangle = |mesh: Mesh| {
         let triangles = mesh.triangles.len() as f64;

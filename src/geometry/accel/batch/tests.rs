@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Quat, Vec3};
 
-use super::super::tests::{closed_sphere, kernels, point, random_ray, soup};
+use super::super::tests::{closed_sphere, fewer, kernels, point, random_ray, soup};
 #[cfg(target_arch = "x86_64")]
 use super::super::traverse::Kernel;
 use super::super::{Accel, Hit};
@@ -28,13 +28,13 @@ fn in_world(mesh: Mesh) -> Shape {
 /// All that `Accel` can hold: loose triangles, a closed mesh, twice the same surface, a mesh that is placed twice, and spheres.
 fn everything() -> Vec<Shape> {
     let mut random = Random::new(71, 0, 0);
-    let shared = Arc::new(soup(&mut random, 300, 0.1));
+    let shared = Arc::new(soup(&mut random, fewer(300), 0.1));
     let placed = |x: f32| Affine3A::from_rotation_translation(Quat::from_rotation_y(x), Vec3::splat(0.3 * x));
     let twice = soup(&mut random, 100, 0.2);
     let mut shapes = vec![
         in_world(twice.clone()),
         Shape::mesh(shared.clone(), placed(0.0), false),
-        in_world(soup(&mut random, 3000, 0.04)),
+        in_world(soup(&mut random, fewer(3000), 0.04)),
         in_world(closed_sphere(40, 40, 0.2, Vec3::splat(0.5))),
         Shape::mesh(shared, placed(1.0), false),
         in_world(twice),
@@ -75,7 +75,7 @@ fn rays(mesh: &Mesh, count: usize, seed: u64) -> Vec<(Ray, f32)> {
         };
         (ray, t_max)
     };
-    (0..count).map(ray).collect()
+    (0..fewer(count)).map(ray).collect()
 }
 
 /// More shapes than any scene here has.
@@ -148,7 +148,7 @@ fn s07_batches_answer_as_single_queries() {
                     *sum += count;
                 }
             }
-            assert!(found.iter().all(|found| (2000..5000).contains(found)), "{found:?} {learned}");
+            assert!(found.iter().all(|found| (2000..5000).contains(found)) || cfg!(miri), "{found:?} {learned}");
             accel.learn_order(&rays(&mesh, 2000, 99));
         }
     }
@@ -158,7 +158,7 @@ fn s07_batches_answer_as_single_queries() {
 #[test]
 fn scratch_fits_every_hierarchy() {
     let mut chain = Mesh::default();
-    for i in 0..2000u32 {
+    for i in 0..fewer(2000) as u32 {
         let size = 1.1f32.powi((i % 700) as i32 - 350);
         chain.positions.extend([Vec3::ZERO, size * Vec3::X, size * Vec3::new(0.0, 1.0, 0.1)]);
         chain.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
@@ -171,7 +171,7 @@ fn scratch_fits_every_hierarchy() {
             let accel = Accel::with_kernel(&shapes, kernel);
             hits += compare(&accel, &rays(&chain, 600, 5), &mut scratch)[0];
         }
-        assert!(hits > 300, "{hits}");
+        assert!(hits > 300 || cfg!(miri), "{hits}");
     }
 }
 
@@ -181,11 +181,12 @@ fn edges_are_decided_alike() {
     let mesh = closed_sphere(60, 60, 0.5, Vec3::splat(0.5));
     let corners = mesh.positions.clone();
     let mut random = Random::new(72, 0, 0);
-    let rays: Vec<(Ray, f32)> = (0..30_000)
+    let rays: Vec<(Ray, f32)> = (0..fewer(30_000))
         .map(|i| {
             let pick = |random: &mut Random| corners[random.below(corners.len() as u32) as usize];
             let origin = if i % 2 == 0 { Vec3::splat(0.5) } else { pick(&mut random) };
-            let between = 0.5 * (corners[2 + i % 3000] + corners[3 + i % 3000]);
+            let corner = 2 + i % (corners.len() - 3).min(3000);
+            let between = 0.5 * (corners[corner] + corners[corner + 1]);
             let target = if i % 3 == 0 { between } else { pick(&mut random) };
             (Ray { origin, direction: (target - origin).normalize_or(Vec3::X) }, random.range(0.3, 1.2))
         })
@@ -193,7 +194,7 @@ fn edges_are_decided_alike() {
     for kernel in kernels() {
         let accel = Accel::with_kernel(&[in_world(mesh.clone())], kernel);
         let [hits, occluded] = compare(&accel, &rays, &mut Scratch::default());
-        assert!(hits > 28_000 && (5000..29_000).contains(&occluded), "{hits} {occluded}");
+        assert!(hits > 28_000 && (5000..29_000).contains(&occluded) || cfg!(miri), "{hits} {occluded}");
     }
 }
 
@@ -206,7 +207,7 @@ fn rays_from_nowhere_spoil_no_others() {
         let accel = Accel::with_kernel(&[in_world(mesh.clone())], kernel);
         let mut hits = 0;
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            for place in 0..16 * 3 {
+            for place in (0..16 * 3).step_by(if cfg!(miri) { 13 } else { 1 }) {
                 let ray = |i: usize| {
                     let mut origin = Vec3::new(-1.0, 0.0, 0.0) + point(&mut random);
                     if i == place / 3 {
@@ -218,7 +219,7 @@ fn rays_from_nowhere_spoil_no_others() {
                 hits += compare(&accel, &rays, &mut Scratch::default())[0];
             }
         }
-        assert!(hits > 1000, "{hits}");
+        assert!(hits > 1000 || cfg!(miri), "{hits}");
     }
 }
 
