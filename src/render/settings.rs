@@ -99,8 +99,8 @@ impl GuideMode {
         self.words()[1]
     }
 
-    /// Whether what is around its model is as in its paper (Müller 2017, 2019; Zhu 2021; Nilsson 2022): the fraction of BSDF samples, roulette, and
-    /// that it is never given up.
+    /// Whether what is around its model is as in its paper (Müller 2017, 2019; Zhu 2021; Nilsson 2022): the fraction of BSDF samples, and that it is
+    /// never given up.
     pub fn has_own_surroundings(self) -> bool {
         self.has_one_tree() || self == Self::Zhu
     }
@@ -314,7 +314,8 @@ impl RenderSettings {
             }
             _ => SampleKinds::Path,
         };
-        let roulette = if guide.has_own_surroundings() { Roulette::Throughput } else { Roulette::Window };
+        // Müller 2017, §2, has adjoint-driven roulette; by throughput it kills what the guide has found. Zhu 2021 leaves it to later work in its conclusions.
+        let roulette = if guide == GuideMode::Zhu { Roulette::Throughput } else { Roulette::Window };
         let reconstruction = match guide {
             GuideMode::Gaussian => Reconstruction::Gaussian,
             GuideMode::Nilsson => Reconstruction::Nilsson,

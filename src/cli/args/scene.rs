@@ -24,7 +24,7 @@ pub struct SceneArgs {
     /// Ceiling of the sampling field in MB
     #[arg(long, value_name = "MB", default_value = "24", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub guide_memory: u32,
-    /// How paths end that are not worth going on with [default: window; throughput for --guide ppg, ppg2, nilsson and zhu]
+    /// How paths end that are not worth going on with [default: window; throughput for --guide zhu]
     #[arg(long, value_enum)]
     pub roulette: Option<Roulette>,
     /// Effects to switch on (+) or off (-) against `fanal plan`, whose names they have
