@@ -30,14 +30,17 @@ pub enum Form {
     Linear,
     /// A uniform cubic B-spline.
     BSpline,
+    /// Cubic Bézier curves, each of which begins at the last point of the one before.
+    Bezier,
 }
 
 impl Form {
-    /// Number of control points that make a piece.
-    fn points_of_piece(self) -> usize {
+    /// Number of pieces that so many control points make.
+    fn pieces(self, points: usize) -> usize {
         match self {
-            Self::Linear => 2,
-            Self::BSpline => 4,
+            Self::Linear => points.saturating_sub(1),
+            Self::BSpline => points.saturating_sub(3),
+            Self::Bezier => points.saturating_sub(1) / 3,
         }
     }
 }
@@ -83,14 +86,14 @@ pub fn read(path: &Path, wider: f32) -> Result<Vec<Vec<Vec4>>> {
 }
 
 /// The tubes of curves given by their control points (x, y, z, radius). Texture coordinates go around each (u), and along all of them, one after the
-/// other, by their pieces (v), as Mitsuba's do. Curves of too few points are left out.
+/// other, by their pieces (v), as Mitsuba's do; those of Bézier curves along each (u) and around it (v), as pbrt's do. Curves of too few points are left out.
 pub fn tubes(curves: &[Vec<Vec4>], form: Form) -> Mesh {
     let points: usize = curves.iter().map(Vec::len).sum();
     let most = (MANY_STEPS / points.max(1)).clamp(1, MOST_STEPS);
     let mut before = 0;
     let mut of_curve = |points: &Vec<Vec4>| {
         let knots = knots(points, form, most, before);
-        before += points.len().saturating_sub(form.points_of_piece() - 1);
+        before += form.pieces(points.len());
         knots
     };
     let knots: Vec<Vec<Knot>> = curves.iter().map(&mut of_curve).filter(|knots| knots.len() > 1).collect();
@@ -120,15 +123,16 @@ fn knots(points: &[Vec4], form: Form, many: usize, before: usize) -> Vec<Knot> {
             };
             (0..distinct.len()).map(|i| knot(distinct[i].1, along(i), distinct[i].0, 0.0)).collect()
         }
-        Form::BSpline => {
+        Form::BSpline | Form::Bezier => {
             let mut knots = Vec::new();
-            for (i, piece) in points.windows(4).enumerate() {
-                let piece = [piece[0], piece[1], piece[2], piece[3]];
+            let between = if form == Form::Bezier { 3 } else { 1 };
+            for (i, piece) in points.windows(4).step_by(between).enumerate() {
+                let piece = bezier(&[piece[0], piece[1], piece[2], piece[3]], form);
                 let steps = steps(&piece).min(many as u32);
                 let first = if i == 0 { 0 } else { 1 };
                 for step in first..=steps {
                     let part = step as f32 / steps as f32;
-                    let (point, along) = on_spline(&piece, part);
+                    let (point, along) = on_bezier(&piece, part);
                     knots.push(knot(point, along.truncate(), i, part));
                 }
             }
@@ -145,21 +149,29 @@ fn knots(points: &[Vec4], form: Form, many: usize, before: usize) -> Vec<Knot> {
     }
 }
 
-/// How many straight pieces are near enough to a piece of a spline: of a curve with the second derivative d, n pieces are off by d/8n².
-fn steps(points: &[Vec4; 4]) -> u32 {
-    let [a, b, c, d] = points.map(|point| point.truncate());
-    let bend = (a - 2.0 * b + c).length().max((b - 2.0 * c + d).length());
-    let radius = 0.25 * (points[0].w + points[1].w + points[2].w + points[3].w);
-    (bend / (8.0 * OFF * radius).max(f32::MIN_POSITIVE)).sqrt().ceil().clamp(1.0, MOST_STEPS as f32) as u32
+/// A piece's control points as those of a Bézier curve.
+fn bezier(points: &[Vec4; 4], form: Form) -> [Vec4; 4] {
+    let [a, b, c, d] = *points;
+    match form {
+        Form::BSpline => [(a + 4.0 * b + c) / 6.0, (2.0 * b + c) / 3.0, (b + 2.0 * c) / 3.0, (b + 4.0 * c + d) / 6.0],
+        Form::Linear | Form::Bezier => *points,
+    }
 }
 
-/// A point of a piece of a uniform cubic B-spline, and the derivative there.
-fn on_spline(points: &[Vec4; 4], t: f32) -> (Vec4, Vec4) {
-    let (s, t2) = (1.0 - t, t * t);
-    let at = [s * s * s, 3.0 * t2 * t - 6.0 * t2 + 4.0, -3.0 * t2 * t + 3.0 * t2 + 3.0 * t + 1.0, t2 * t];
-    let slope = [-3.0 * s * s, 9.0 * t2 - 12.0 * t, -9.0 * t2 + 6.0 * t + 3.0, 3.0 * t2];
-    let sum = |weights: [f32; 4]| points.iter().zip(weights).map(|(point, weight)| *point * (weight / 6.0)).sum();
-    (sum(at), sum(slope))
+/// How many straight pieces are near enough to a Bézier curve: of a curve with the second derivative d, n pieces are off by d/8n².
+fn steps(points: &[Vec4; 4]) -> u32 {
+    let [a, b, c, d] = points.map(|point| point.truncate());
+    let bend = 6.0 * (a - 2.0 * b + c).length().max((b - 2.0 * c + d).length());
+    let radius = 0.25 * (points[0].w + points[1].w + points[2].w + points[3].w);
+    (bend / (8.0 * OFF * radius).max(f32::MIN_POSITIVE)).sqrt().ceil().clamp(1.0, MOST_STEPS as f32).max(1.0) as u32
+}
+
+/// A point of a Bézier curve, and the derivative there, by de Casteljau's construction.
+fn on_bezier(points: &[Vec4; 4], t: f32) -> (Vec4, Vec4) {
+    let [a, b, c, d] = *points;
+    let (ab, bc, cd) = (a.lerp(b, t), b.lerp(c, t), c.lerp(d, t));
+    let (abc, bcd) = (ab.lerp(bc, t), bc.lerp(cd, t));
+    (abc.lerp(bcd, t), 3.0 * (bcd - abc))
 }
 
 /// Adds the tube around a curve. Straight pieces have normals of their own, and closed ends.
@@ -170,7 +182,7 @@ fn tube(mesh: &mut Mesh, knots: &[Knot], sides: u32, form: Form, pieces: f64) {
     let lengths: Vec<f32> = knots.windows(2).map(|pair| pair[0].center.distance(pair[1].center)).collect();
     let last = knots.len() - 1;
     let mut across = knots[0].along.any_orthonormal_vector();
-    let first = mesh.positions.len() as u32;
+    let (first, own) = (mesh.positions.len() as u32, knots[last].pieces - knots[0].pieces);
     let mut rings = 0;
     for (i, knot) in knots.iter().enumerate() {
         // Carried along the curve without a turn about it.
@@ -197,7 +209,11 @@ fn tube(mesh: &mut Mesh, knots: &[Knot], sides: u32, form: Form, pieces: f64) {
                 let normal = (out - along * out.dot(along)).normalize_or(out);
                 mesh.positions.push(knot.center + out * radius);
                 mesh.normals.push((normal - along * slope).normalize_or(normal));
-                mesh.uvs.push(Vec2::new(side as f32 / sides as f32, (knot.pieces / pieces) as f32));
+                let around = side as f32 / sides as f32;
+                mesh.uvs.push(match form {
+                    Form::Linear | Form::BSpline => Vec2::new(around, (knot.pieces / pieces) as f32),
+                    Form::Bezier => Vec2::new(((knot.pieces - knots[0].pieces) / own) as f32, around),
+                });
             }
         }
     }
@@ -258,10 +274,10 @@ mod tests {
         let expected = (points[2] + 4.0 * points[3] + points[4]).truncate() / 6.0;
         assert!(knots[knots.len() - 1].center.distance(expected) < 1e-6);
         assert!(knots.len() > 6);
-        let piece = [points[0], points[1], points[2], points[3]];
+        let piece = bezier(&[points[0], points[1], points[2], points[3]], Form::BSpline);
         for i in 0..100 {
-            let (point, along) = on_spline(&piece, i as f32 / 100.0);
-            let far = on_spline(&piece, (i as f32 + 0.01) / 100.0).0;
+            let (point, along) = on_bezier(&piece, i as f32 / 100.0);
+            let far = on_bezier(&piece, (i as f32 + 0.01) / 100.0).0;
             assert!((far - point).truncate().distance(along.truncate() * 1e-4) < 2e-6);
             let near = knots.windows(2).map(|pair| {
                 let chord = pair[1].center - pair[0].center;

@@ -162,7 +162,7 @@ fn meshes_in_the_document_and_beside_it() {
     warned(&format!("Shape \"loopsubdiv\" \"integer levels\" 3 {cage}"), "control mesh");
     let smooth = world(&format!("Shape \"loopsubdiv\" {cage}"));
     assert_eq!(mesh(&smooth, 0).normals.len(), 4);
-    for left_out in ["curve", "heightfield", "nurbs"] {
+    for left_out in ["heightfield", "nurbs"] {
         let loaded = world(&format!("Shape \"{left_out}\" \"point3 P\" [ 0 0 0 ] ").repeat(3));
         assert!(loaded.file.shapes.is_empty());
         assert!(loaded.warnings[1].ends_with("is left out, and 2 more like it"), "{:?}", loaded.warnings);
@@ -179,6 +179,59 @@ fn meshes_in_the_document_and_beside_it() {
         let loaded = load_text(folder.path(), &text).unwrap();
         assert_eq!((loaded.meshes.len(), mesh(&loaded, 1).triangles.len(), mesh(&loaded, 1).normals.len()), (1, 1, 0));
         let MeshFile::Ply { as_given: true, .. } = loaded.file.meshes[name] else { panic!("{:?}", loaded.file.meshes) };
+    }
+}
+
+/// Curves that are alike are one mesh; every basis and degree is the same curve where its points say the same.
+#[test]
+fn curves_are_tubes() {
+    let curve =
+        |points: &str, more: &str| format!("Shape \"curve\" \"point3 P\" [ {points} ] \"float width\" .2 {more} ");
+    let bounds = |loaded: &LoadedScene, shape: usize| {
+        let positions = &mesh(loaded, shape).positions;
+        [Vec3::min, Vec3::max].map(|extreme| positions.iter().copied().reduce(extreme).expect("points"))
+    };
+    let tubes = |text: &str| {
+        let loaded = world(text);
+        assert!(loaded.warnings.iter().any(|warning| warning.contains("tubes")), "{:?}", loaded.warnings);
+        loaded
+    };
+    let straight = "0 0 0 1 0 0 2 0 0 3 0 0";
+    for (points, more, [first, last]) in [
+        (straight, "", [0.0, 3.0]),
+        ("0 0 0 1 0 0 2 0 0 3 0 0 4 0 0 5 0 0 6 0 0", "\"string type\" \"cylinder\"", [0.0, 6.0]),
+        ("0 0 0 1 0 0 2 0 0", "\"integer degree\" 2", [0.0, 2.0]),
+        (straight, "\"string basis\" \"bspline\"", [1.0, 2.0]),
+        ("0 0 0 1 0 0 2 0 0", "\"string basis\" \"bspline\" \"integer degree\" 2", [0.5, 1.5]),
+    ] {
+        let loaded = tubes(&curve(points, more));
+        let [low, high] = bounds(&loaded, 0);
+        assert!((low.x - first).abs() < 1e-5 && (high.x - last).abs() < 1e-5, "{more}: {low} {high}");
+        assert!((0.09..0.11).contains(&high.y), "{high}");
+    }
+    // A cone, whose width changes along it.
+    let [low, high] = bounds(&tubes(&curve(straight, "\"float width0\" 0 \"float width1\" 1")), 0);
+    assert!(high.y > 0.45 && low.x.abs() < 0.05, "{low} {high}");
+    let one = curve(straight, "");
+    let text = format!(
+        "{one}{one} Material \"conductor\" {one} AttributeBegin Translate 0 0 5 {one}{one} AttributeEnd \
+         ObjectBegin \"hair\" {one}{one} ObjectEnd ObjectInstance \"hair\" ObjectInstance \"hair\""
+    );
+    let loaded = tubes(&text);
+    assert_eq!((loaded.file.shapes.len(), loaded.meshes.len()), (5, 4));
+    let mut sizes: Vec<usize> = loaded.meshes.values().map(|mesh| mesh.triangles.len()).collect();
+    sizes.sort_unstable();
+    assert_eq!(sizes, [1, 2, 2, 2].map(|curves| curves * sizes[0]));
+    let along = mesh(&tubes(&one), 0).uvs.iter().map(|uv| uv.x).fold(0.0, f32::max);
+    assert_eq!(along, 1.0, "u goes along each curve");
+    for (points, more) in [("0 0 0 1 0 0", ""), (straight, "\"integer degree\" 4"), (straight, "\"float width\" -1")] {
+        let text = format!(
+            "WorldBegin {}",
+            curve(points, more)
+                .replace("\"float width\" .2", if more.contains("width") { "" } else { "\"float width\" .2" })
+        );
+        let error = load_text(folder().path(), &text).expect_err(more).to_string();
+        assert!(error.contains("tested.pbrt:1") && error.contains("curve"), "{error}");
     }
 }
 

@@ -97,7 +97,10 @@ impl<'a> Reader<'a> {
             near_clip,
             size: None,
         };
-        Ok(crop.map_or_else(|| camera.clone(), |window| cropped(&camera, &mut self.file.film, window)))
+        Ok(match crop {
+            Some(window) => cropped(&camera, &mut self.file.film, window),
+            None => camera,
+        })
     }
 
     /// Sets the place of what the first sensor says for all.

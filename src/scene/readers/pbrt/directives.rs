@@ -242,6 +242,8 @@ impl Reader {
             return Err(tokens.malformed(format!("an object inside the object \"{outer}\"")));
         }
         self.begin(Block::Object, tokens)?;
+        // They may be of another object of that name.
+        self.add_strands()?;
         self.objects.insert(name.clone(), Vec::new());
         self.object = Some(name);
         Ok(())

@@ -47,6 +47,7 @@ impl Reader {
             self.warn(&Place::file(path), message);
         }
         self.finish_camera()?;
+        self.add_strands()?;
         self.resolve_mixes()?;
         self.add_default();
         self.add_masks();

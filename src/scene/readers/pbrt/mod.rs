@@ -10,6 +10,7 @@ mod camera;
 mod classic;
 mod coated;
 mod colors;
+mod curves;
 mod directives;
 mod film;
 mod finish;
@@ -46,6 +47,7 @@ use super::missing::Absent;
 use super::notes::Notes;
 use super::places::Places;
 use colors::Palette;
+use curves::Strands;
 use finish::{Masked, Mix};
 use parameters::Parameters;
 use shapes::Piece;
@@ -97,6 +99,8 @@ struct Reader {
     objects: BTreeMap<String, Vec<Piece>>,
     /// The object that is being defined.
     object: Option<String>,
+    /// Curves that are to become meshes.
+    strands: Strands,
     /// The camera's type, parameters, world to camera and medium.
     camera: Option<(String, Parameters, DMat4, String)>,
     /// The window of the film that is to be rendered; none for all of it.
@@ -138,6 +142,7 @@ impl Reader {
             masked: Vec::new(),
             objects: BTreeMap::new(),
             object: None,
+            strands: Strands::default(),
             camera: None,
             crop: None,
             exposure: 1.0,

@@ -25,7 +25,7 @@ const MOST_SHAPES: usize = 1 << 20;
 const GAP: f64 = 1e-4;
 
 /// Shapes that have no near relation.
-const LEFT_OUT: [&str; 3] = ["curve", "heightfield", "nurbs"];
+const LEFT_OUT: [&str; 2] = ["heightfield", "nurbs"];
 
 /// A shape, or a part of an object.
 #[derive(Debug, Clone)]
@@ -48,6 +48,9 @@ impl Reader {
             self.warn(&parameters.place, format!("a shape \"{kind}\" is left out"));
             parameters.ignore_all();
             return Ok(());
+        }
+        if kind == "curve" {
+            return self.curve(parameters);
         }
         let opacity = self.opacity(parameters)?;
         // Holes that leave nothing of a lamp take it out of sight, not its light: so pbrt has it.
@@ -81,16 +84,32 @@ impl Reader {
     fn add_piece(&mut self, piece: Piece, radiance: Option<[f32; 3]>, parameters: &Parameters) -> Result<()> {
         let factor = self.power_factor(&piece, parameters)?;
         let emission = radiance.map(|radiance| radiance.map(|channel| channel * factor));
-        let piece = Piece { emission, ..piece };
-        match &self.object {
-            Some(object) => {
-                let pieces = self.objects.entry(object.clone()).or_default();
-                limit(pieces.len(), &piece.place)?;
-                pieces.push(piece);
-                Ok(())
-            }
-            None => self.put(&piece, None),
-        }
+        self.keep(Piece { emission, ..piece }, self.object.clone())
+    }
+
+    /// Adds a piece to the scene or to an object.
+    fn keep(&mut self, piece: Piece, object: Option<String>) -> Result<()> {
+        let Some(object) = object else { return self.put(&piece, None) };
+        let pieces = self.objects.entry(object).or_default();
+        limit(pieces.len(), &piece.place)?;
+        pieces.push(piece);
+        Ok(())
+    }
+
+    /// Adds a surface that emits nothing and borders on no medium to the scene, or to an object.
+    pub(super) fn add_plain(
+        &mut self,
+        geometry: GeometryFile,
+        to_world: DMat4,
+        flip: bool,
+        material: String,
+        object: Option<String>,
+        place: Place,
+    ) -> Result<()> {
+        let media = [None, None];
+        let piece =
+            Piece { geometry, to_world, flip, material, media, emission: None, picture: None, unseen: false, place };
+        self.keep(piece, object)
     }
 
     /// Factor that gives a light its power, if it has one.
@@ -158,7 +177,7 @@ impl Reader {
                 return Ok(vec![(self.add_file(&file, ply, &parameters.place), now, false)]);
             }
             other => {
-                let known = "sphere, disk, cylinder, cone, paraboloid, hyperboloid, trianglemesh, plymesh, bilinearmesh, loopsubdiv";
+                let known = "sphere, disk, cylinder, cone, paraboloid, hyperboloid, trianglemesh, plymesh, bilinearmesh, loopsubdiv, curve";
                 let (place, what) = (parameters.place.clone(), format!("the shape \"{other}\""));
                 return Err(Error::Unsupported { place, what, supported: known.to_owned() });
             }
@@ -167,7 +186,7 @@ impl Reader {
     }
 
     /// Adds a mesh of the document under a new name.
-    fn hold(&mut self, kind: &str, mesh: Mesh, place: &Place) -> GeometryFile {
+    pub(super) fn hold(&mut self, kind: &str, mesh: Mesh, place: &Place) -> GeometryFile {
         let name = self.free_name(kind, |reader, name| reader.file.meshes.contains_key(name));
         self.held.meshes.insert(name.clone(), mesh);
         self.add_file(&name, MeshFile::Held { part: name.clone() }, place)
@@ -209,7 +228,7 @@ impl Reader {
     }
 
     /// The opacity of a shape that has holes.
-    fn opacity(&mut self, parameters: &Parameters) -> Result<Option<TextureFile>> {
+    pub(super) fn opacity(&mut self, parameters: &Parameters) -> Result<Option<TextureFile>> {
         if parameters.find("shadowalpha").is_some() {
             self.warn(&parameters.place, "shadowalpha is left out: shadows have the holes of what casts them");
         }
@@ -218,7 +237,7 @@ impl Reader {
     }
 
     /// The name of the current material, with holes where there is an `opacity`.
-    fn masked_material(&mut self, opacity: Option<TextureFile>, parameters: &Parameters) -> String {
+    pub(super) fn masked_material(&mut self, opacity: Option<TextureFile>, parameters: &Parameters) -> String {
         let base = self.state.material.clone();
         let Some(opacity) = opacity else { return base };
         if let Some(same) = self.masked.iter().find(|masked| masked.base == base && masked.opacity == opacity) {
@@ -238,6 +257,7 @@ impl Reader {
             let message = format!("an instance inside the object \"{object}\"");
             return Err(Error::malformed(place.clone(), message));
         }
+        self.add_strands()?;
         let missing = || Error::malformed(place.clone(), format!("there is no object \"{name}\" yet"));
         let pieces = self.objects.remove(name).ok_or_else(missing)?;
         let outer = self.state.transform;
