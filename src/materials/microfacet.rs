@@ -80,6 +80,13 @@ impl Microfacets {
         Self { shape, alpha, grain: None }
     }
 
+    /// These facets with a grain, as far as they stay rough enough in all directions.
+    #[must_use]
+    pub fn with_grain(self, grain: Option<Grain>) -> Self {
+        let least = SMOOTH / self.alpha;
+        Self { grain: grain.map(|grain| Grain { aspect: grain.aspect.clamp(least, least.recip()), ..grain }), ..self }
+    }
+
     /// Number of the discrete options, which all lanes have in common; below 4.
     pub(super) fn option(&self) -> usize {
         self.shape as usize + 2 * usize::from(self.grain.is_some())

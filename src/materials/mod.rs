@@ -44,7 +44,7 @@ use bump::Bump;
 use conductor::Conductor;
 use dielectric::{Dielectric, ThinDielectric, seen_from};
 use diffuse::Diffuse;
-use microfacet::{Grain, Microfacets};
+use microfacet::Grain;
 use plastic::Plastic;
 use principled::Principled;
 use principled_thin::PrincipledThin;
@@ -216,7 +216,7 @@ impl Material {
             Kind::Dielectric(m) => Model::Dielectric(*m),
             Kind::ThinDielectric(m) => Model::ThinDielectric(*m),
             Kind::RoughDielectric(m) => {
-                Model::RoughDielectric(RoughDielectric { facets: Microfacets { grain, ..m.facets.scaled(part) }, ..*m })
+                Model::RoughDielectric(RoughDielectric { facets: m.facets.scaled(part).with_grain(grain), ..*m })
             }
             Kind::Plastic(m) => Model::Plastic(m.at(uv, part)),
             Kind::Null => Model::Null(Null { one: 1.0 }),
@@ -278,12 +278,12 @@ impl Material {
         let squared = |root: &Texture| channel_mean(root.mean()).clamp(0.0, 1.0).powi(2);
         let part = self.roughness.as_ref().map_or(1.0, |texture| channel_mean(texture.mean()).clamp(0.0, 1.0));
         // Across a grain, or along it, facets are smoother than in the mean.
-        let part = self.grain.map_or(part, |Grain { aspect, .. }| part * aspect.min(aspect.recip()));
+        let grain = self.grain.map_or(1.0, |Grain { aspect, .. }| aspect.min(aspect.recip()));
         match &self.kind {
-            Kind::RoughConductor(m) => (part * m.facets.alpha).min(1.0),
-            Kind::RoughDielectric(m) => (part * m.facets.alpha).min(1.0),
+            Kind::RoughConductor(m) => (grain * part * m.facets.alpha).min(1.0),
+            Kind::RoughDielectric(m) => (grain * part * m.facets.alpha).min(1.0),
             Kind::Plastic(m) => part * m.roughness(),
-            Kind::Principled(m) => squared(m.root_of_roughness()),
+            Kind::Principled(m) => grain * squared(m.root_of_roughness()),
             Kind::PrincipledThin(m) => squared(m.root_of_roughness()),
             Kind::Blend(blend) => blend.parts.iter().map(Self::roughness).fold(1.0, f32::min),
             Kind::Diffuse(_) | Kind::RoughDiffuse(_) | Kind::Translucent(_) => 1.0,

@@ -146,7 +146,7 @@ impl Principled {
             sheen_tint: given.sheen_tint,
             flatness: given.flatness,
             coat: self.coat,
-            grain,
+            grain: facets_of(roughness).with_grain(grain).grain,
             bounds: [&self.bounds],
         }
     }

@@ -35,7 +35,7 @@ impl RoughConductor {
 impl At<f32> {
     /// The same with this part of the roughness, and with a grain.
     pub(super) fn with(self, part: f32, grain: Option<Grain>) -> Self {
-        Self { facets: Microfacets { grain, ..self.facets.scaled(part) }, ..self }
+        Self { facets: self.facets.scaled(part).with_grain(grain), ..self }
     }
 }
 

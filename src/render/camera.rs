@@ -84,7 +84,7 @@ pub(super) fn camera_film(
     (view, film, random)
 }
 
-/// The first surface on the ray of a camera sample, whatever it is made of, at its distance from the camera, with the ray; none where it
+/// The first surface on the ray of a camera sample, whatever it is made of, at its distance from where rays of the camera start, with the ray; none where it
 /// hits nothing.
 pub(super) fn first_surface(
     scene: &Scene,

@@ -309,7 +309,7 @@ fn material(file: &MaterialFile, images: &Images) -> Result<Material> {
         }
         MaterialFile::Anisotropic { aspect, rotation, material: inner } => {
             let mut inner = material(inner, images)?;
-            inner.grain = inner.can_have_grain().then(|| Grain::new(*aspect, rotation.to_radians()));
+            inner.grain = inner.can_have_grain().then(|| Grain::new(*aspect, (rotation % 360.0).to_radians()));
             return Ok(inner);
         }
         MaterialFile::Principled(file) => Kind::Principled(Box::new(Principled::new(parameters(file, images)?))),

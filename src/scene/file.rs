@@ -13,7 +13,8 @@ use serde::{Deserialize, Serialize};
 
 pub use light::{LightFile, ProfileFile};
 pub use material::{
-    Distribution, Filter, LEAST_ASPECT, MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile, Wrap, identity3,
+    ASPECTS, Distribution, Filter, MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile, Wrap, burley_axes,
+    identity3,
 };
 pub use volume::{GridFile, GridMediumFile, MediumFile};
 

@@ -214,7 +214,7 @@ impl Scene {
             surface.shading = turned;
         }
         if has_grain {
-            let along = surface.frame().to_local(partials[0]);
+            let along = surface.frame().to_local(partials[0].normalize_or_zero());
             surface.angle = atan2(along.y, along.x);
         }
     }

@@ -58,11 +58,12 @@ pub fn decide(plan: &mut EffectPlan, overrides: &[Override]) {
 }
 
 /// Effects of materials that the loop for plain diffuse surfaces leaves out.
-const MATERIALS: [EffectKind; 7] = [
+const MATERIALS: [EffectKind; 8] = [
     EffectKind::Mirrors,
     EffectKind::Transmission,
     EffectKind::ThinTransmission,
     EffectKind::Glossy,
+    EffectKind::Anisotropy,
     EffectKind::Coats,
     EffectKind::Masks,
     EffectKind::BumpMaps,
@@ -108,6 +109,9 @@ fn remove(scene: &mut SceneFile, kind: EffectKind) {
             make_diffuse(scene, is_pane);
         }
         K::Glossy => make_diffuse(scene, is_glossy),
+        K::Anisotropy => {
+            scene.materials.values_mut().for_each(|m| take_off(m, |m| matches!(m, MaterialFile::Anisotropic { .. })));
+        }
         K::Coats => {
             change_parts(scene, |part| {
                 if let MaterialFile::Principled(file) = part {
@@ -145,6 +149,8 @@ fn take_off(material: &mut MaterialFile, test: fn(&MaterialFile) -> bool) {
     }
     if let Some(inside) = material.inside_mut() {
         take_off(inside, test);
+    } else if let MaterialFile::Blend { materials, .. } = material {
+        materials.iter_mut().for_each(|part| take_off(part, test));
     }
 }
 
@@ -160,7 +166,13 @@ fn flatten(texture: &mut TextureFile) {
 
 /// Replaces every part for which `test` is true by a diffuse one of the same colour; two-sided, since light came from everywhere.
 fn make_diffuse(scene: &mut SceneFile, test: fn(&MaterialFile) -> bool) {
-    scene.materials.values_mut().for_each(|material| flatten_parts(material, test, false));
+    let is_bare =
+        |m: &MaterialFile| matches!(m, MaterialFile::Anisotropic { material, .. } if !material.can_have_grain());
+    for material in scene.materials.values_mut() {
+        flatten_parts(material, test, false);
+        // A diffuse surface has no grain.
+        take_off(material, is_bare);
+    }
 }
 
 /// [`make_diffuse`] for one material; `two_sided` says that it is inside a two-sided one already.
@@ -195,7 +207,7 @@ mod tests {
             "mirror": {"type": "conductor", "eta": [1,1,1], "k": [1,1,1]},
             "glass": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1},
             "pane": {"type": "thin_dielectric", "int_ior": 1.5, "ext_ior": 1},
-            "gold": {"type": "rough_conductor", "alpha": 0.1, "eta": [1,1,1], "k": [1,1,1]},
+            "gold": {"type": "anisotropic", "aspect": 2, "material": {"type": "rough_conductor", "alpha": 0.1, "eta": [1,1,1], "k": [1,1,1]}},
             "paint": {"type": "plastic", "int_ior": 1.5, "ext_ior": 1, "diffuse_reflectance": {"type": "rgb", "value": [1,0,0]}},
             "bark": {"type": "bump_map", "texture": {"type": "bitmap", "file": "bark.png"},
                      "material": {"type": "principled", "base_color": {"type": "rgb", "value": [1,1,0]}}},
@@ -227,6 +239,8 @@ mod tests {
             let of_rendering = EffectKind::ALL.iter().position(|&k| k == EffectKind::Photons).unwrap();
             for (index, other) in EffectKind::ALL.into_iter().enumerate() {
                 let stays = other != kind || index >= of_rendering || other == EffectKind::DirectLight;
+                // What is diffuse has no grain.
+                let stays = stays && !(kind == EffectKind::Glossy && other == EffectKind::Anisotropy);
                 // The leaf's only picture is in its mask, but its board of two colours is a texture as well.
                 assert_eq!(after.is_on(other), stays, "{} without {}", other.name(), kind.name());
             }

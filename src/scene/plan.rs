@@ -30,6 +30,8 @@ pub enum EffectKind {
     ThinTransmission,
     /// Rough metal, principled materials.
     Glossy,
+    /// Facets with a grain.
+    Anisotropy,
     /// Plastic, clear coats.
     Coats,
     /// Holes in surfaces, by opacity.
@@ -54,7 +56,7 @@ pub enum EffectKind {
 
 impl EffectKind {
     /// All effects, in the order of the plan.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 21] = [
         Self::DirectLight,
         Self::AreaLights,
         Self::PointLights,
@@ -65,6 +67,7 @@ impl EffectKind {
         Self::Transmission,
         Self::ThinTransmission,
         Self::Glossy,
+        Self::Anisotropy,
         Self::Coats,
         Self::Masks,
         Self::BumpMaps,
@@ -90,6 +93,7 @@ impl EffectKind {
             Self::Transmission => "transmission",
             Self::ThinTransmission => "thin-transmission",
             Self::Glossy => "glossy",
+            Self::Anisotropy => "anisotropy",
             Self::Coats => "coats",
             Self::Masks => "masks",
             Self::BumpMaps => "bump-maps",
@@ -187,6 +191,7 @@ impl<'a> Survey<'a> {
             K::Glossy => {
                 on("rough metal or principled:", &self.having(is_glossy), "no rough metal, no principled material")
             }
+            K::Anisotropy => on("the grain of", &self.having(MaterialFile::has_grain), "no facets have a grain"),
             K::Coats => on("coated material:", &self.having(is_coated), "no plastic, no clear coat"),
             K::Masks => on("holes in", &self.having(MaterialFile::is_masked), "no material has holes"),
             K::BumpMaps => on("shading normals of", &self.having(MaterialFile::is_bumped), "no bump or normal map"),

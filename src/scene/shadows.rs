@@ -7,7 +7,7 @@ use super::Scene;
 use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
 use crate::lights::seen::LightView;
-use crate::materials::Transport;
+use crate::materials::{BsdfSample, Transport};
 
 /// Seed of the random numbers, so that the learned order is the same whenever the scene is.
 const SEED: u64 = 0x05AA_D0E5;
@@ -81,7 +81,8 @@ impl Scene {
             }
             let lobe = random.at(Dimension::LOBE).next_f32();
             let u = random.at(Dimension::DIRECTION).next_2d();
-            let Some(sample) = material.sample(surface.uv, wo, lobe, u, Transport::Radiance) else { return };
+            let drawn = self.bsdf(&surface).sample(wo.into(), lobe, u, Transport::Radiance);
+            let Some(sample): Option<BsdfSample> = drawn.into() else { return };
             throughput *= sample.weight.max_element();
             if depth >= SURE_VERTICES {
                 let survival = throughput.clamp(0.05, 1.0);
@@ -98,7 +99,7 @@ impl Scene {
     fn shadow_of(&self, surface: &Surface, wo: Vec3, random: &Random) -> Option<(Ray, f32)> {
         let (choice, u) = (self.lights.choice(random), random.at(Dimension::LIGHT_POINT).next_2d());
         let light = self.lights.sample(surface.point, choice, u, &LightView::PLAIN)?;
-        let value = self.material(surface).eval(surface.uv, wo, surface.frame().to_local(light.wi));
+        let value: Vec3 = self.bsdf(surface).eval(wo.into(), surface.frame().to_local(light.wi).into()).into();
         let (ray, t_max) = surface.towards(light.wi, light.distance);
         (value != Vec3::ZERO && t_max > 0.0).then_some((ray, t_max))
     }

@@ -278,6 +278,17 @@ fn lobes_of_extensions() {
     let coated = file(coated);
     assert!((coated.clearcoat - 0.8).abs() < 1e-6 && (coated.clearcoat_gloss - 0.09 / 0.099).abs() < 1e-5);
     assert_eq!(file(json!({ "KHR_materials_sheen": { "sheenColorFactor": [0.25, 0.5, 0.75] } })).sheen, 0.5);
+    // α = 0.25 across the grain, 0.25 + 0.75 · 0.36 = 0.52 along it.
+    let grain = json!({ "KHR_materials_anisotropy": { "anisotropyStrength": 0.6, "anisotropyRotation": 0.5 } });
+    let brushed = of(&square(json!({ "pbrMetallicRoughness": { "roughnessFactor": 0.5 }, "extensions": grain })));
+    let MaterialFile::TwoSided { material: inner } = &brushed else { panic!("two sides") };
+    let MaterialFile::Anisotropic { aspect, rotation, .. } = **inner else { panic!("a grain") };
+    assert!(
+        (aspect - (0.52f32 / 0.25).sqrt()).abs() < 1e-5 && (rotation - 28.6479).abs() < 1e-3,
+        "{aspect} {rotation}"
+    );
+    let TextureFile::Rgb { value: [root, ..] } = principled(&brushed).roughness else { panic!("one roughness") };
+    assert!((root.powi(4) - 0.52 * 0.25).abs() < 1e-5, "{root}");
     let unlit = with(json!({ "KHR_materials_unlit": {} }));
     assert!(warns(&unlit, "unlit") && matches!(material(&unlit).innermost(), MaterialFile::Diffuse { .. }));
     assert_eq!(unlit.file.lights, [LightFile::Constant { radiance: [1.0; 3] }]);

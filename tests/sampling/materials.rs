@@ -267,7 +267,7 @@ fn s01_facets_with_a_grain_follow_their_density() {
 /// A grain goes with ∂p/∂u: turned by an angle, a surface scatters as it does for directions that are turned the other way.
 #[test]
 fn grains_turn_with_the_surface() {
-    let turn = |w: Vec3, angle: f32| Vec3::from(glam::Mat3::from_rotation_z(angle) * w);
+    let turn = |w: Vec3, angle: f32| glam::Mat3::from_rotation_z(angle) * w;
     let mut random = Random::new(62, 0, 0);
     for shape in SHAPES {
         for material in [rough(shape, 0.3, true, false), frosted(shape, 0.3, 1.5)] {
@@ -721,6 +721,9 @@ fn s06_no_metal_gains_energy() {
             let albedo = albedo(&rough(shape, alpha, false, true), direction(cos, 0.3), Transport::Radiance);
             let least = if alpha < 0.1 && cos > 0.5 { 0.98 } else { 0.2 };
             assert!(albedo > least && albedo < 1.01, "{shape:?} {alpha} {cos}: {albedo}");
+            let brushed = Material { grain: Some(Grain::new(2.0, 0.8)), ..rough(shape, alpha, false, true) };
+            let albedo = self::albedo(&brushed, direction(cos, 0.3), Transport::Radiance);
+            assert!(albedo > 0.2 && albedo < 1.01, "{shape:?} {alpha} {cos} with a grain: {albedo}");
         }
     }
 }

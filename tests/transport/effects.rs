@@ -269,7 +269,12 @@ fn take_out(file: &mut Value, kind: EffectKind) {
         K::Mirrors => replace(file, "conductor", &plain),
         K::Transmission => replace(file, "dielectric", &plain),
         K::ThinTransmission => replace(file, "thin_dielectric", &plain),
-        K::Glossy => ["rough_conductor", "principled"].iter().for_each(|kind| replace(file, kind, &plain)),
+        K::Glossy => {
+            // A diffuse surface has no grain.
+            take_out(file, K::Anisotropy);
+            ["rough_conductor", "principled"].iter().for_each(|kind| replace(file, kind, &plain));
+        }
+        K::Anisotropy => replace(file, "anisotropic", &|brushed| brushed["material"].clone()),
         K::Coats => {
             replace(file, "principled", &|material| {
                 let mut bare = material.clone();

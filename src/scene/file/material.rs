@@ -101,8 +101,14 @@ pub enum Distribution {
     Ggx,
 }
 
-/// Least roughness along a grain over the mean, see [`MaterialFile::Anisotropic`]; the largest is its inverse.
-pub const LEAST_ASPECT: f32 = 1e-3;
+/// Least and largest roughness along a grain over the mean, see [`MaterialFile::Anisotropic`].
+pub const ASPECTS: [f32; 2] = [1e-3, 1e3];
+
+/// Roughness along the grain and across it, over the mean, of Burley's `anisotropic` in [0, 1] (Burley 2012, §5.4).
+pub fn burley_axes(anisotropic: f32) -> [f32; 2] {
+    let aspect = (1.0 - 0.9 * anisotropic.clamp(0.0, 1.0)).sqrt();
+    [aspect.recip(), aspect]
+}
 
 fn white() -> TextureFile {
     TextureFile::rgb([1.0; 3])
@@ -491,7 +497,7 @@ impl MaterialFile {
         if along == across || !self.can_have_grain() {
             return self;
         }
-        let aspect = (along / across).sqrt().clamp(LEAST_ASPECT, LEAST_ASPECT.recip());
+        let aspect = (along / across).sqrt().clamp(ASPECTS[0], ASPECTS[1]);
         Self::Anisotropic { aspect, rotation: 0.0, material: Box::new(self) }
     }
 
@@ -523,6 +529,15 @@ impl MaterialFile {
     /// Whether it has a bump or normal map.
     pub fn is_bumped(&self) -> bool {
         matches!(self, Self::BumpMap { .. } | Self::NormalMap { .. }) || self.inside().is_some_and(Self::is_bumped)
+    }
+
+    /// Whether facets of it have a grain.
+    pub fn has_grain(&self) -> bool {
+        match self {
+            Self::Anisotropic { .. } => true,
+            Self::Blend { materials, .. } => materials.iter().any(Self::has_grain),
+            other => other.inside().is_some_and(Self::has_grain),
+        }
     }
 
     /// Whether its back scatters like its front.

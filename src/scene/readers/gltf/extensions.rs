@@ -6,10 +6,11 @@ use super::document::Document;
 use super::warnings::Warnings;
 
 /// Extensions that are read, at least in part.
-const READ: [&str; 14] = [
+const READ: [&str; 15] = [
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",

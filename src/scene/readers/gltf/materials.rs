@@ -10,6 +10,7 @@ use crate::scene::file::{MaterialFile, MediumFile, PrincipledFile, TextureFile};
 
 use super::base::{Base, Paint};
 use super::glass::glass;
+use super::grain;
 use super::lobes::lobes;
 use super::pictures::Use;
 use super::slots::Slots;
@@ -75,8 +76,14 @@ fn scattering(slots: &mut Slots, material: &Material, base: Base) -> Result<(Mat
         spec_trans: 0.0,
     };
     Ok(match glass(slots, material, &opaque)? {
-        Some(glass) => (mapped(slots, material, glass.material)?, glass.medium),
-        None => (two_sided(mapped(slots, material, MaterialFile::Principled(opaque))?), None),
+        Some(glass) => {
+            grain::leave_out(slots, material)?;
+            (mapped(slots, material, glass.material)?, glass.medium)
+        }
+        None => {
+            let brushed = grain::brushed(slots, material, opaque)?;
+            (two_sided(mapped(slots, material, brushed)?), None)
+        }
     })
 }
 

@@ -14,6 +14,7 @@ mod extensions;
 mod glass;
 mod glb;
 mod glow;
+mod grain;
 mod handedness;
 mod instances;
 mod lights;

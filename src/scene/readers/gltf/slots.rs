@@ -14,7 +14,8 @@ use super::pictures::Use;
 use super::textures::{Reference, Textures};
 
 /// Textures of extensions whose descriptions the library leaves as they are.
-const OTHERS: [(&str, &[&str]); 2] = [
+const OTHERS: [(&str, &[&str]); 3] = [
+    ("KHR_materials_anisotropy", &["anisotropyTexture"]),
     ("KHR_materials_clearcoat", &["clearcoatTexture", "clearcoatRoughnessTexture"]),
     ("KHR_materials_sheen", &["sheenColorTexture", "sheenRoughnessTexture"]),
 ];

@@ -2,7 +2,7 @@
 
 use crate::base::Result;
 use crate::materials::texture::luminance;
-use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile};
+use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile, burley_axes};
 use crate::scene::readers::mixable::mixable;
 
 use super::Reader;
@@ -66,9 +66,7 @@ impl<'a> Reader<'a> {
             flatness,
             spec_trans,
         });
-        // Both roughnesses are divided and multiplied by the root of 1 − 0.9·anisotropic (Burley 2012, §5.4).
-        let aspect = (1.0 - 0.9 * anisotropic.clamp(0.0, 1.0)).sqrt().recip();
-        Ok(principled.with_grain(Some([aspect, aspect.recip()])))
+        Ok(principled.with_grain(Some(burley_axes(anisotropic))))
     }
 
     /// A number; of a texture the mean, with a warning.

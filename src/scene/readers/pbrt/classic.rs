@@ -1,7 +1,7 @@
 //! Materials of pbrt-v3, by near relations.
 
 use crate::base::Result;
-use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile};
+use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile, burley_axes};
 
 use super::Reader;
 use super::materials::{ROUGHNESS, clear, mirror, plastic};
@@ -94,7 +94,7 @@ impl Reader {
 
     fn disney(&mut self, parameters: &Parameters) -> Result<MaterialFile> {
         self.relation(parameters, "disney", "Burley's mixture of lobes");
-        parameters.ignore(&["anisotropic", "scatterdistance", "thin", "difftrans"]);
+        parameters.ignore(&["scatterdistance", "thin", "difftrans"]);
         let mut number = |name, default: f32| -> Result<f32> {
             Ok(self.number(parameters, name)?.unwrap_or(default).clamp(0.0, 1.0))
         };
@@ -102,10 +102,11 @@ impl Reader {
             [number("speculartint", 0.0)?, number("sheen", 0.0)?, number("sheentint", 0.5)?];
         let [clearcoat, clearcoat_gloss] = [number("clearcoat", 0.0)?, number("clearcoatgloss", 1.0)?];
         let [spec_trans, flatness] = [number("spectrans", 0.0)?, number("flatness", 0.0)?];
+        let anisotropic = number("anisotropic", 0.0)?;
         let within = |texture: Option<TextureFile>, default: f32| {
             super::textures::within(texture.unwrap_or(TextureFile::rgb([default; 3])))
         };
-        Ok(MaterialFile::Principled(PrincipledFile {
+        let principled = MaterialFile::Principled(PrincipledFile {
             base_color: self.albedo(parameters, "color", 0.5)?,
             roughness: within(self.texture(parameters, "roughness", Values::Floats)?, 0.5),
             metallic: within(self.texture(parameters, "metallic", Values::Floats)?, 0.0),
@@ -117,6 +118,7 @@ impl Reader {
             clearcoat_gloss,
             flatness,
             spec_trans,
-        }))
+        });
+        Ok(principled.with_grain(Some(burley_axes(anisotropic))))
     }
 }

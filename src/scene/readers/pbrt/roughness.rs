@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use crate::base::Result;
+use crate::materials::microfacet;
 use crate::materials::texture::luminance;
 use crate::scene::file::{Distribution, MaterialFile, TextureFile};
 use crate::scene::readers::conductors::conductor;
@@ -181,10 +182,13 @@ impl Reader {
     }
 }
 
-/// The geometric mean; 0 where facets are smooth.
+/// The geometric mean; 0 where facets are smooth in both directions.
 fn mean(u: f32, v: f32) -> f32 {
-    let alpha = if u == v { u } else { (u * v).sqrt() };
-    if alpha < SMOOTH { 0.0 } else { alpha }
+    match u.max(v) {
+        alpha if alpha < SMOOTH => 0.0,
+        alpha if u == v => alpha,
+        _ => (u.max(microfacet::SMOOTH) * v.max(microfacet::SMOOTH)).sqrt(),
+    }
 }
 
 /// Roughness of facets in pbrt-v3 (Pharr, Jakob, Humphreys 2016, §8.4.2).

@@ -1,7 +1,7 @@
 //! Checks of materials and textures.
 
 use crate::base::Result;
-use crate::scene::file::{LEAST_ASPECT, MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile};
+use crate::scene::file::{ASPECTS, MaterialFile, PrincipledFile, PrincipledThinFile, TextureFile};
 
 use super::number::Checker;
 
@@ -33,9 +33,9 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
             return values(check, &format!("{key}.material"), material);
         }
         MaterialFile::Anisotropic { aspect, rotation, material } => {
-            if !(LEAST_ASPECT..=LEAST_ASPECT.recip()).contains(aspect) {
-                let what =
-                    format!("the aspect is {aspect}, expected one from {LEAST_ASPECT} to {}", LEAST_ASPECT.recip());
+            let [least, most] = ASPECTS;
+            if !(least..=most).contains(aspect) {
+                let what = format!("the aspect is {aspect}, expected one from {least} to {most}");
                 return check.fail(&format!("{key}.aspect"), what);
             }
             check.finite(&format!("{key}.rotation"), &[*rotation])?;
