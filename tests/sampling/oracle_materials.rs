@@ -61,12 +61,14 @@ pub fn pair(material: &Material, wo: Vec3, random: &mut Random, any: impl Fn(&mu
     Some(any(random))
 }
 
-/// No grain for half of the materials, else one with an aspect of up to 10, with its aspect and angle. What is rounded is no more than without it.
-fn grain(random: &mut Random) -> (Option<Grain>, f64, f64) {
+/// No grain for half of the materials, else one with an aspect of up to 10, as far as facets of the roughness `alpha` stay rough with it; with its
+/// aspect and angle.
+fn grain(random: &mut Random, alpha: f32) -> (Option<Grain>, f64, f64) {
     if random.below(2) == 0 {
         return (None, 1.0, 0.0);
     }
-    let (aspect, angle) = (decades(random, 0.1, 10.0), random.range(-3.0, 3.0));
+    let most = (alpha / SMOOTH).clamp(1.0, 10.0);
+    let (aspect, angle) = (decades(random, most.recip(), most), random.range(-3.0, 3.0));
     (Some(Grain::new(aspect, angle)), f64::from(aspect), f64::from(angle))
 }
 
@@ -81,7 +83,7 @@ fn rough_metal() {
             let reflectance = Texture::Constant(Vec3::ONE);
             let metal = Metal { eta: Vec3::splat(eta), k: Vec3::splat(k), reflectance };
             let kind = Kind::RoughConductor(RoughConductor { metal, facets: Microfacets::even(shape, alpha) });
-            let (grain, aspect, angle) = grain(random);
+            let (grain, aspect, angle) = grain(random, alpha);
             let material = Material { grain, ..kind.into() };
             let wo = in_front(random);
             let Some(wi) = pair(&material, wo, random, in_front) else { continue };
@@ -141,7 +143,7 @@ fn rough_glass() {
                 _ => 1.5,
             };
             let kind = Kind::RoughDielectric(RoughDielectric { eta, facets: Microfacets::even(shape, alpha) });
-            let (grain, aspect, angle) = grain(random);
+            let (grain, aspect, angle) = grain(random, alpha);
             let material = Material { grain, ..kind.into() };
             let side = |random: &mut Random| if random.below(2) == 0 { 1.0f32 } else { -1.0 };
             let wo = side(random) * in_front(random);
