@@ -4,8 +4,9 @@ use crate::base::Result;
 use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile, burley_axes};
 
 use super::Reader;
-use super::materials::{ROUGHNESS, clear, mirror, plastic};
+use super::materials::{clear, mirror, plastic};
 use super::parameters::Parameters;
+use super::roughness::ROUGHNESS;
 use super::textures::Values;
 
 /// Largest reflectance of a coat at normal incidence: its index would grow without bound otherwise.

@@ -14,9 +14,6 @@ const KINDS: &str = "diffuse, coateddiffuse, conductor, coatedconductor, dielect
     interface, subsurface, hair, measured; of v3 matte, plastic, metal, glass, mirror, uber, substrate, translucent, disney, \
     kdsubsurface, fourier, none";
 
-/// Names of the parameters of a plain roughness.
-pub const ROUGHNESS: [&str; 3] = ["roughness", "uroughness", "vroughness"];
-
 impl Reader {
     /// The material of the shapes that follow.
     pub(super) fn material_directive(&mut self, kind: &str, parameters: &Parameters) -> Result<()> {

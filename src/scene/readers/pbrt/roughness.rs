@@ -10,7 +10,6 @@ use crate::scene::readers::conductors::conductor;
 use crate::scene::readers::spectrum::Use;
 
 use super::Reader;
-use super::materials::ROUGHNESS;
 use super::parameters::Parameters;
 use super::textures::Values;
 
@@ -19,6 +18,8 @@ const SMOOTH: f32 = 1e-3;
 /// Largest reflectance at normal incidence that a metal may be made of: its index would grow without bound otherwise.
 const MOST_REFLECTED: f32 = 0.9999;
 
+/// Names of the parameters of a plain roughness.
+pub const ROUGHNESS: [&str; 3] = ["roughness", "uroughness", "vroughness"];
 /// Warning where facets cannot have a grain.
 const EVEN: &str = "anisotropic roughness: the geometric mean of both directions is used";
 
