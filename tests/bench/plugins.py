@@ -155,14 +155,12 @@ def lights():
     yield "area disk", bare('<shape type="disk"><transform name="to_world"><lookat origin="2,-1.5,3.5" target="0,0,0.5" up="0,1,0"/></transform><emitter type="area"><rgb name="radiance" value="9,8,7"/></emitter></shape>')
     yield "area cylinder", bare('<shape type="cylinder"><float name="radius" value="0.1"/><point name="p0" value="-1,-1,3"/><point name="p1" value="1,-1,3"/><emitter type="area"><rgb name="radiance" value="20,18,15"/></emitter></shape>')
     yield "area textured", bare('<shape type="rectangle"><transform name="to_world"><scale value="0.7"/><lookat origin="2,-1.5,3.5" target="0,0,0.5" up="0,1,0"/></transform><emitter type="area">' + picture("radiance", file="bright.exr") + "</emitter></shape>")
-    yield "area blackbody", bare('<shape type="sphere"><point name="center" value="1.5,-1,3"/><float name="radius" value="0.4"/><emitter type="area"><spectrum name="radiance" type="blackbody"><float name="temperature" value="3500"/></spectrum></emitter></shape>')
     yield "area spectrum", bare('<shape type="sphere"><point name="center" value="1.5,-1,3"/><float name="radius" value="0.4"/><emitter type="area"><spectrum name="radiance" value="400:5, 500:8, 600:15, 700:18"/></emitter></shape>')
     yield "area d65", bare('<shape type="sphere"><point name="center" value="1.5,-1,3"/><float name="radius" value="0.4"/><emitter type="area"><spectrum name="radiance" type="d65"><float name="scale" value="15"/></spectrum></emitter></shape>')
     yield "point", bare('<emitter type="point"><point name="position" value="1.5,-1.5,3"/><rgb name="intensity" value="20,18,15"/></emitter>')
     yield "spot", bare('<emitter type="spot"><transform name="to_world"><lookat origin="1.5,-1.5,3" target="0,0,0.5" up="0,0,1"/></transform><rgb name="intensity" value="30,28,25"/><float name="cutoff_angle" value="25"/><float name="beam_width" value="12"/></emitter>')
     yield "spot textured", bare('<emitter type="spot"><transform name="to_world"><lookat origin="1.5,-1.5,3" target="0,0,0.5" up="0,0,1"/></transform><rgb name="intensity" value="30,28,25"/><float name="cutoff_angle" value="30"/>' + picture("texture") + "</emitter>")
     yield "directional", bare('<emitter type="directional"><vector name="direction" value="-0.5,0.4,-0.8"/><rgb name="irradiance" value="2,1.8,1.5"/></emitter>')
-    yield "directionalarea", bare('<shape type="rectangle"><transform name="to_world"><lookat origin="0.8,-0.8,3.5" target="0,0,0.5" up="0,1,0"/></transform><emitter type="directionalarea"><rgb name="radiance" value="2,1.8,1.5"/></emitter></shape>')
     yield "constant", bare('<emitter type="constant"><rgb name="radiance" value="0.4,0.5,0.7"/></emitter>')
     yield "envmap", bare('<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>')
     yield "envmap turned", bare('<emitter type="envmap"><string name="filename" value="sky.exr"/><float name="scale" value="1.7"/><transform name="to_world"><rotate x="1" angle="90"/><rotate z="1" angle="70"/></transform></emitter>')
@@ -196,7 +194,6 @@ def media():
     volume = lambda **rest: scene(integrator="volpath", depth=40, **rest)
     for name, phase in (("isotropic", '<phase type="isotropic"/>'), ("hg", '<phase type="hg"><float name="g" value="0.7"/></phase>'), ("hg back", '<phase type="hg"><float name="g" value="-0.5"/></phase>'), ("rayleigh", '<phase type="rayleigh"/>'), ("blendphase", '<phase type="blendphase"><float name="weight" value="0.3"/><phase type="isotropic"/><phase type="hg"><float name="g" value="0.8"/></phase></phase>')):
         yield f"homogeneous {name}", volume(shape=ball(inside(rgb("albedo", "0.9,0.7,0.5"), number("sigma_t", 2.5), phase)))
-    yield "homogeneous coloured", volume(shape=ball(inside(rgb("albedo", "0.9,0.7,0.5"), rgb("sigma_t", "1,2,4"), number("scale", 1.5))))
     yield "homogeneous in glass", volume(shape=ball(inside(rgb("albedo", "0.9,0.7,0.5"), number("sigma_t", 1.5)), '<bsdf type="dielectric"/>'))
     yield "homogeneous in rough glass", volume(shape=ball(inside(rgb("albedo", "0.9,0.7,0.5"), number("sigma_t", 1.5)), '<bsdf type="roughdielectric"><float name="alpha" value="0.2"/></bsdf>'))
     cloud = lambda *words: f'<medium name="interior" type="heterogeneous"><volume name="sigma_t" type="gridvolume"><string name="filename" value="cloud.vol"/><transform name="to_world"><scale value="1.5"/><translate x="-0.75" y="-0.75" z="0.05"/></transform></volume>{"".join(words)}</medium>'
@@ -216,7 +213,10 @@ def cases():
 
 # Names that differ and are meant to, and why.
 SMOOTH_BLEND = "Mitsuba's is darker than the sum of its parts, ours is that sum (without light between surfaces it can be added up)"
+LEAKS = "rays that leave a strand of Mitsuba's from inside pass, so that its open ends let light through"
 KNOWN = {
+    "bsplinecurve": LEAKS,
+    "bsplinecurve placed": LEAKS,
     "blendbsdf smooth": SMOOTH_BLEND,
     "blendbsdf textured": SMOOTH_BLEND,
     "instances": "Mitsuba's LLVM mode turns the normals of instanced spheres that are scaled unevenly in another way than its scalar mode, which agrees with ours",
