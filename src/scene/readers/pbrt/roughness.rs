@@ -51,24 +51,19 @@ impl Metal {
 
 /// The roughness of GGX facets.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Roughness {
+struct Roughness {
     /// Root mean square slope; 0 is smooth.
-    pub alpha: f32,
+    alpha: f32,
     /// The same along ∂p/∂u and across it, where they differ; `alpha` is the geometric mean of both then.
-    pub axes: Option<[f32; 2]>,
+    axes: Option<[f32; 2]>,
     /// Factor on it, where it varies.
-    pub factor: Option<TextureFile>,
+    factor: Option<TextureFile>,
 }
 
 impl Reader {
     /// Roughness of GGX facets from the parameters for both directions at once, for u and for v. It varies where it is a texture for both.
-    pub(super) fn roughness(
-        &mut self,
-        parameters: &Parameters,
-        names: [&'static str; 3],
-        default: f32,
-    ) -> Result<Roughness> {
-        let [both, u, v] = names;
+    fn roughness(&mut self, parameters: &Parameters, default: f32) -> Result<Roughness> {
+        let [both, u, v] = ROUGHNESS;
         let is_even = !parameters.has(u) && !parameters.has(v);
         match self.texture(parameters, both, Values::Floats)? {
             Some(texture) if is_even && !matches!(texture, TextureFile::Rgb { .. }) => {
@@ -80,7 +75,7 @@ impl Reader {
                 Ok(Roughness { alpha: 1.0, axes: None, factor: Some(factor) })
             }
             _ => {
-                let [u, v] = self.both_roughnesses(parameters, names, default)?;
+                let [u, v] = self.both_roughnesses(parameters, ROUGHNESS, default)?;
                 Ok(Roughness { alpha: mean(u, v), axes: (u != v).then_some([u, v]), factor: None })
             }
         }
@@ -103,7 +98,7 @@ impl Reader {
         default: f32,
         make: impl FnOnce(f32) -> MaterialFile,
     ) -> Result<MaterialFile> {
-        let Roughness { alpha, axes, factor } = self.roughness(parameters, ROUGHNESS, default)?;
+        let Roughness { alpha, axes, factor } = self.roughness(parameters, default)?;
         let material = make(alpha).roughened(factor);
         if axes.is_some() && !material.can_have_grain() {
             self.warn(&parameters.place, EVEN);
