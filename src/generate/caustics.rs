@@ -31,7 +31,7 @@ pub fn build(draw: &mut Draw, builder: &mut Builder) {
 }
 
 /// A floor and the first `walls` of: three walls, a ceiling, the fourth wall.
-fn surroundings(draw: &mut Draw, builder: &mut Builder, walls: u32, height: f32) {
+pub fn surroundings(draw: &mut Draw, builder: &mut Builder, walls: u32, height: f32) {
     let bright = diffuse(draw.albedo().map(|c| 0.2 + 0.7 * c));
     let floor = if draw.chance(0.7) { builder.add_material("floor", bright) } else { draw.floor(builder) };
     let reach = if walls == 0 { draw.log_range(1.5, 8.0) } else { 1.0 };

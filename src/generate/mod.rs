@@ -13,6 +13,7 @@ pub mod finishes;
 pub mod foliage;
 pub mod furnishings;
 pub mod furniture;
+pub mod glazed;
 pub mod interiors;
 pub mod lamps;
 pub mod outdoors;
@@ -67,11 +68,13 @@ pub enum Family {
     Beams,
     /// Furnished rooms by daylight through windows, or by lamps in shades, with pictures as textures and surroundings.
     Interiors,
+    /// Things in cases of glass and lamps in globes.
+    Glazed,
 }
 
 impl Family {
     /// All families.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Primitives,
         Self::Rooms,
         Self::Caustics,
@@ -80,6 +83,7 @@ impl Family {
         Self::Outdoors,
         Self::Beams,
         Self::Interiors,
+        Self::Glazed,
     ];
 
     /// Its name in recipes.
@@ -93,6 +97,7 @@ impl Family {
             Self::Outdoors => "outdoors",
             Self::Beams => "beams",
             Self::Interiors => "interiors",
+            Self::Glazed => "glazed",
         }
     }
 
@@ -107,6 +112,7 @@ impl Family {
             Self::Outdoors => 6,
             Self::Beams => 7,
             Self::Interiors => 8,
+            Self::Glazed => 9,
         }
     }
 
@@ -121,6 +127,7 @@ impl Family {
             Self::Outdoors => outdoors::build,
             Self::Beams => lamps::build_beams,
             Self::Interiors => interiors::build,
+            Self::Glazed => glazed::build,
         }
     }
 }

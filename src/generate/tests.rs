@@ -160,6 +160,36 @@ fn interiors_are_as_artists_make_them() {
     assert!(share(&|s| textured(s) > 0) > 0.9);
 }
 
+/// Glazed scenes are what they are for: something in glass in each, half of them by day, lamps in globes in some; and where a case is
+/// hollow, its inner faces lead from glass into air.
+#[test]
+fn glazed_scenes_are_behind_glass() {
+    let scenes: Vec<SceneFile> = SEEDS.map(|seed| scene(Family::Glazed, seed, DEFAULT_SIZE)).collect();
+    let share = |is: &dyn Fn(&SceneFile) -> bool| scenes.iter().filter(|s| is(s)).count() as f64 / scenes.len() as f64;
+    let has_shape = |name: &'static str| share(&move |s: &SceneFile| s.shapes.iter().any(|shape| shape.name == name));
+    let kept_in = ["case", "jar", "globe"].map(has_shape);
+    assert!(kept_in.iter().all(|share| *share > 0.1), "{kept_in:?}");
+    let glass = |m: &MaterialFile| {
+        use MaterialFile::{Dielectric, RoughDielectric, ThinDielectric};
+        matches!(m, Dielectric { .. } | RoughDielectric { .. } | ThinDielectric { .. })
+    };
+    assert!(share(&|s| s.materials.values().any(glass)) > 0.95);
+    let by_day = share(&|s| !s.lights.is_empty());
+    assert!((0.35..0.65).contains(&by_day), "{by_day}");
+    let inner = scenes.iter().flat_map(|s| &s.materials).filter(|(name, _)| name.starts_with("inner glass"));
+    let mut hollows = 0;
+    for (_, material) in inner {
+        let (MaterialFile::Dielectric { int_ior, ext_ior } | MaterialFile::RoughDielectric { int_ior, ext_ior, .. }) =
+            material
+        else {
+            panic!("{material:?}");
+        };
+        assert!(*int_ior == 1.0 && *ext_ior > 1.2);
+        hollows += 1;
+    }
+    assert!(hollows > 20, "{hollows}");
+}
+
 /// What is written into a folder is the scene that is in memory, to the last bit of its pictures.
 #[test]
 fn written_scenes_are_those_in_memory() {

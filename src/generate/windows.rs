@@ -158,6 +158,12 @@ pub fn daylight(
     windows: &[(Side, Vec<Opening>)],
 ) {
     let towards = sun_through(draw, room, windows);
+    sky_and_sun(draw, builder, towards);
+    outside(draw, builder, finishes, room, windows);
+}
+
+/// A clear sky with or without its sun, a picture of a surrounding, or an even sky with a sun, which is in the direction `towards`.
+pub fn sky_and_sun(draw: &mut Draw, builder: &mut Builder, towards: Vec3) {
     let strength = draw.log_range(0.3, 30.0);
     let sun = |draw: &mut Draw, irradiance: f32| LightFile::Sun {
         direction: (-towards).to_array(),
@@ -198,7 +204,6 @@ pub fn daylight(
             builder.add_light(light);
         }
     }
-    outside(draw, builder, finishes, room, windows);
 }
 
 /// Direction to a sun that shines through a window onto the floor, at least a few degrees high.
