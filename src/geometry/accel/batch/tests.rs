@@ -19,7 +19,7 @@ use crate::geometry::mesh::Mesh;
 use crate::geometry::{Met, Ray, Shape};
 
 /// Sizes of batches, around and far from those of groups of rays.
-const SIZES: [usize; 9] = [0, 1, 15, 16, 17, 31, 33, 1000, 5000];
+const SIZES: &[usize] = if cfg!(miri) { &[0, 1, 15, 17, 33] } else { &[0, 1, 15, 16, 17, 31, 33, 1000, 5000] };
 
 fn in_world(mesh: Mesh) -> Shape {
     Shape::mesh(Arc::new(mesh), Affine3A::IDENTITY, false)
@@ -143,7 +143,7 @@ fn s07_batches_answer_as_single_queries() {
         let mut scratch = Scratch::default();
         for learned in [false, true] {
             let mut found = [0; 2];
-            for (size, seed) in SIZES.into_iter().zip(1..) {
+            for (&size, seed) in SIZES.iter().zip(1..) {
                 for (sum, count) in found.iter_mut().zip(compare(&accel, &rays(&mesh, size, seed), &mut scratch)) {
                     *sum += count;
                 }
