@@ -48,7 +48,7 @@ pub fn build(draw: &mut Draw, builder: &mut Builder) {
 /// A free place for something within `size` of an axis, from `low` up to twice its size above it; none if there is none.
 fn place(draw: &mut Draw, builder: &Builder, size: f32, low: f32) -> Option<Vec3> {
     let mut tries = (0..30).map(|_| Vec3::new(draw.range(-0.6, 0.6), low, draw.range(-0.6, 0.6)));
-    // The floor counts as a solid, so the distance is asked for where half of the thing is above it.
+    // The floor is a solid, too: asked for is the room around a point so high that it does not count.
     tries.find(|foot| builder.solids().distance(*foot + Vec3::Y * 1.6 * size) > 1.5 * size)
 }
 
