@@ -11,7 +11,7 @@ use super::caustics::surroundings;
 use super::draw::Draw;
 use super::revolve::{bowl, inline, ring};
 use super::windows;
-use crate::scene::file::{MaterialFile, MeshFile};
+use crate::scene::file::MaterialFile;
 
 /// Gap between things that stand on each other, so that no two faces lie in one plane.
 const GAP: f32 = 1e-3;
@@ -25,7 +25,7 @@ pub fn build(draw: &mut Draw, builder: &mut Builder) {
     let in_globes = !by_day && draw.chance(0.6);
     for _ in 0..draw.integer(1, 5) {
         let size = draw.log_range(0.06, 0.35).min(0.2 * height);
-        if let Some(foot) = place(draw, builder, size, 0.0) {
+        if let Some(foot) = place(draw, builder, size) {
             let in_glass = !in_globes || draw.chance(0.5);
             stand(draw, builder, foot, size, in_glass);
         }
@@ -45,9 +45,9 @@ pub fn build(draw: &mut Draw, builder: &mut Builder) {
     draw.camera(builder, [low, high], [Vec3::new(-0.4, 0.0, -0.4), Vec3::new(0.4, 0.4, 0.4)], 0.3);
 }
 
-/// A free place for something within `size` of an axis, from `low` up to twice its size above it; none if there is none.
-fn place(draw: &mut Draw, builder: &Builder, size: f32, low: f32) -> Option<Vec3> {
-    let mut tries = (0..30).map(|_| Vec3::new(draw.range(-0.6, 0.6), low, draw.range(-0.6, 0.6)));
+/// A free place on the floor for something within `size` of an axis and twice as high; none if there is none.
+fn place(draw: &mut Draw, builder: &Builder, size: f32) -> Option<Vec3> {
+    let mut tries = (0..30).map(|_| Vec3::new(draw.range(-0.6, 0.6), 0.0, draw.range(-0.6, 0.6)));
     // The floor is a solid, too: asked for is the room around a point so high that it does not count.
     tries.find(|foot| builder.solids().distance(*foot + Vec3::Y * 1.6 * size) > 1.5 * size)
 }
@@ -83,8 +83,8 @@ fn thing(draw: &mut Draw, builder: &mut Builder, foot: Vec3, size: f32) {
             builder.add_mesh("ring", inline(&ring(1.0, across, tall)), to_world, (Vec3::ZERO, size / scale), &material);
         }
         _ => {
+            let radius = 0.24 * size;
             for level in 0..draw.integer(2, 4) {
-                let radius = 0.24 * size;
                 let turn = draw.yaw();
                 let center = foot + turn * Vec3::X * 0.5 * size + Vec3::Y * radius * (1.0 + 2.02 * level as f32);
                 builder.add_sphere("ball", center, radius, &material, None);
@@ -156,19 +156,13 @@ fn jar(draw: &mut Draw, builder: &mut Builder, foot: Vec3, size: f32) {
         let tall = draw.range(0.6, 1.5);
         (ring(1.0 - thick, thick, tall), 1f32.hypot(tall))
     };
-    let mesh = inline(&mesh);
-    let low = lowest(&mesh, bell);
-    let turn = if bell { Quat::from_rotation_x(PI) } else { Quat::IDENTITY };
+    // A bell stands on its opening, upside down.
+    let (turn, down) = if bell { (Quat::from_rotation_x(PI), 1.0) } else { (Quat::IDENTITY, -1.0) };
+    let low = mesh.positions.iter().map(|p| down * p.y).fold(0.0, f32::max);
     let to_world = Mat4::from_scale_rotation_translation(Vec3::splat(size), turn, foot + Vec3::Y * (size * low + GAP));
-    builder.add_mesh("jar", mesh, to_world, (Vec3::ZERO, reach), &glass);
+    builder.add_mesh("jar", inline(&mesh), to_world, (Vec3::ZERO, reach), &glass);
     let inner = size * draw.range(0.3, 0.45);
     thing(draw, builder, foot + Vec3::Y * GAP, inner);
-}
-
-/// How far a mesh reaches below its origin, upside down if `turned`.
-fn lowest(mesh: &MeshFile, turned: bool) -> f32 {
-    let MeshFile::Inline { positions, .. } = mesh else { return 0.0 };
-    positions.iter().map(|p| if turned { p[1] } else { -p[1] }).fold(0.0, f32::max)
 }
 
 /// A bulb above the things, in a globe of glass if it is `in_globe`: solid, or hollow.
