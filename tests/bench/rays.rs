@@ -18,6 +18,11 @@ mod build;
 #[path = "rays/shadows.rs"]
 mod shadows;
 
+use fanal::base::pages::LargePages;
+
+#[global_allocator]
+static MEMORY: LargePages = LargePages;
+
 use std::f32::consts::PI;
 use std::io::Write;
 use std::path::{Path, PathBuf};

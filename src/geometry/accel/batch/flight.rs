@@ -35,36 +35,39 @@ pub struct Flight {
     stacks: Vec<u64>,
     /// Entries of one stack.
     stride: usize,
-    queues: Queues,
-    free: Vec<u8>,
+    waiting: Waiting,
+    /// Slots without a ray.
+    free: u32,
 }
 
-/// Slots by what they visit next: a node, a packet, or something else. A slot is in one queue at a time.
-#[derive(Default)]
-struct Queues {
-    slots: [[u8; SLOTS]; 3],
-    lengths: [usize; 3],
+/// Slots by what they visit next, one bit each: nodes, packets, or something else. A slot is in one set at a time.
+///
+/// Sets stay in registers. With lists of slots in memory every step would write to a place that depends on what it found, and until that is
+/// known Intel's processors hold the reads of the steps behind it back: rays would wait for one another.
+#[derive(Clone, Copy, Default)]
+struct Waiting {
+    nodes: u32,
+    packets: u32,
+    others: u32,
 }
 
-const NODE: usize = 0;
-const PACKET: usize = 1;
-const OTHER: usize = 2;
-
-impl Queues {
-    /// Queues a slot whose next child is `child`; see [`Child::kind`].
+impl Waiting {
+    /// Adds a slot whose next child is `child`; see [`Child::kind`].
     #[inline(always)]
-    fn push(&mut self, slot: u8, child: Child) {
-        let queue = ((child.0 >> 30).max(1) - 1) as usize;
-        let length = &mut self.lengths[queue];
-        self.slots[queue][*length % SLOTS] = slot;
-        *length += 1;
+    fn add(&mut self, slot: usize, child: Child) {
+        let kind = child.0 >> 30;
+        self.nodes |= u32::from(kind < 2) << slot;
+        self.packets |= u32::from(kind == 2) << slot;
+        self.others |= u32::from(kind == 3) << slot;
     }
+}
 
-    /// Empties a queue and returns its length. Its slots stay readable as long as no more are pushed than have been read.
-    #[inline(always)]
-    fn take(&mut self, queue: usize) -> usize {
-        std::mem::take(&mut self.lengths[queue])
-    }
+/// Takes the first slot out of a set that is not empty.
+#[inline(always)]
+fn take(set: &mut u32) -> usize {
+    let slot = set.trailing_zeros() as usize % SLOTS;
+    *set &= *set - 1;
+    slot
 }
 
 impl Default for Flight {
@@ -72,8 +75,13 @@ impl Default for Flight {
         let query = Query::new(Vec3::ZERO, Vec3::Z);
         let block = RayBlock::new(&query.shear, 0.0);
         let slot = Slot { block, query, best: Hit::NONE, current: Child::EMPTY, begin: 0, end: 0, ray: 0 };
-        let free = (0..SLOTS as u8).collect();
-        Self { slots: Box::new([slot; SLOTS]), stacks: Vec::new(), stride: 0, queues: Queues::default(), free }
+        Self {
+            slots: Box::new([slot; SLOTS]),
+            stacks: Vec::new(),
+            stride: 0,
+            waiting: Waiting::default(),
+            free: u32::MAX,
+        }
     }
 }
 
@@ -98,7 +106,7 @@ impl Flight {
     /// Number of rays in flight.
     #[inline(always)]
     pub fn len(&self) -> usize {
-        SLOTS - self.free.len()
+        SLOTS - self.free.count_ones() as usize
     }
 
     /// Lets a ray start at the root, with what it knows of its best hit. There is a free slot.
@@ -110,24 +118,20 @@ impl Flight {
     /// Lets a ray go on with stack entries, the last first. There is a free slot.
     #[inline(always)]
     pub fn adopt(&mut self, tree: &Hierarchy, ray: u32, query: &Query, best: Hit, entries: impl Iterator<Item = u64>) {
-        let Some(slot) = self.free.pop() else { return };
-        let at = usize::from(slot) % SLOTS;
-        let begin = self.slots[at].begin;
+        if self.free == 0 {
+            return;
+        }
+        let slot = take(&mut self.free);
+        let begin = self.slots[slot].begin;
         let mut end = begin as usize;
         for entry in entries {
             end += 1;
             self.stacks[end] = entry;
         }
         let (block, current) = (RayBlock::new(&query.shear, best.distance), Child(self.stacks[end] as u32));
-        self.slots[at] = Slot { block, query: *query, best, current, begin, end: end as u32, ray };
-        self.proceed(tree, slot, current);
-    }
-
-    /// Queues a slot for `child`, which is fetched.
-    #[inline(always)]
-    fn proceed(&mut self, tree: &Hierarchy, slot: u8, child: Child) {
-        fetch(tree, child);
-        self.queues.push(slot, child);
+        self.slots[slot] = Slot { block, query: *query, best, current, begin, end: end as u32, ray };
+        fetch(tree, current);
+        self.waiting.add(slot, current);
     }
 
     /// Takes every ray a step, and calls `answer` with the number and best hit of each that is done.
@@ -140,28 +144,38 @@ impl Flight {
         others: &impl Others,
         answer: &mut impl FnMut(u32, &Hit),
     ) {
-        for i in 0..self.queues.take(NODE) {
-            let slot = self.queues.slots[NODE][i % SLOTS];
-            self.node(tests, goal, tree, slot);
+        let Waiting { mut nodes, packets, others: mut rest } = std::mem::take(&mut self.waiting);
+        let mut next = Waiting { packets, ..Waiting::default() };
+        while nodes != 0 {
+            let slot = take(&mut nodes);
+            let child = self.node(tests, goal, tree, slot);
+            fetch(tree, child);
+            next.add(slot, child);
         }
-        self.packets(tests, goal, tree);
-        for i in 0..self.queues.take(OTHER) {
-            let slot = self.queues.slots[OTHER][i % SLOTS];
-            let Slot { current, ray, best, .. } = &self.slots[usize::from(slot) % SLOTS];
+        self.packets(tests, goal, tree, &mut next);
+        rest |= std::mem::take(&mut next.others);
+        while rest != 0 {
+            let slot = take(&mut rest);
+            let Slot { current, ray, best, .. } = &self.slots[slot];
             match current.kind() {
-                Kind::Other(index) if *current != Child::EMPTY => self.other(tests, goal, tree, others, slot, index),
+                Kind::Other(index) if *current != Child::EMPTY => {
+                    let child = self.other(tests, goal, others, slot, index);
+                    fetch(tree, child);
+                    next.add(slot, child);
+                }
                 _ => {
                     answer(*ray, best);
-                    self.free.push(slot);
+                    self.free |= 1 << slot;
                 }
             }
         }
+        self.waiting = next;
     }
 
+    /// Takes the ray of a slot to the children of a node, and returns what it visits next.
     #[inline(always)]
-    fn node<T: Wide, G: Goal>(&mut self, tests: T, goal: G, tree: &Hierarchy, slot: u8) {
-        let at = usize::from(slot) % SLOTS;
-        let state = &mut self.slots[at];
+    fn node<T: Wide, G: Goal>(&mut self, tests: T, goal: G, tree: &Hierarchy, slot: usize) -> Child {
+        let state = &mut self.slots[slot];
         let node = &tree.nodes[state.current.0 as usize];
         // The top of the stack, and the room above.
         let top = state.end as usize - 1;
@@ -173,33 +187,38 @@ impl Flight {
         let child = Child(window[count] as u32);
         state.current = child;
         state.end = (top + count) as u32;
-        self.proceed(tree, slot, child);
+        child
     }
 
-    /// Tests the packets of the queue in groups; what is left waits for the next round, unless no ray is at a node.
+    /// Tests the packets of `next` in groups; what is left waits for the next round, unless no ray is at a node.
     #[inline(always)]
-    fn packets<T: Wide, G: Goal>(&mut self, tests: T, goal: G, tree: &Hierarchy) {
-        let count = self.queues.take(PACKET);
-        let mut from = 0;
+    fn packets<T: Wide, G: Goal>(&mut self, tests: T, goal: G, tree: &Hierarchy, next: &mut Waiting) {
+        let mut waiting = std::mem::take(&mut next.packets);
         if T::GROUPS {
             let mut found = Found::NOTHING;
-            while from + GROUP <= count || from < count && self.queues.lengths[NODE] == 0 {
-                let number = GROUP.min(count - from);
-                let slots = std::array::from_fn(|i| self.queues.slots[PACKET][(from + i.min(number - 1)) % SLOTS]);
+            while waiting.count_ones() as usize >= GROUP || waiting != 0 && next.nodes == 0 {
+                let number = GROUP.min(waiting.count_ones() as usize);
+                let mut slots = [0; GROUP];
+                for i in 0..GROUP {
+                    slots[i] = if i < number { take(&mut waiting) } else { slots[i - 1] };
+                }
                 self.group(tests, goal, tree, slots, number, &mut found);
-                from += number;
+                for &slot in &slots[..number] {
+                    let child = self.pop(tests, goal, slot, false);
+                    fetch(tree, child);
+                    next.add(slot, child);
+                }
             }
-            for i in from..count {
-                let slot = self.queues.slots[PACKET][i % SLOTS];
-                self.queues.push(slot, Child::packet(0));
-            }
+            next.packets |= waiting;
         } else {
-            for i in 0..count {
-                let slot = self.queues.slots[PACKET][i % SLOTS];
-                let state = &mut self.slots[usize::from(slot) % SLOTS];
+            while waiting != 0 {
+                let slot = take(&mut waiting);
+                let state = &mut self.slots[slot];
                 let packet = &tree.packets[packet_of(state.current)];
                 let nearer = goal.packet(tests, packet, &state.query, &mut state.best);
-                self.pop(tests, goal, tree, slot, nearer);
+                let child = self.pop(tests, goal, slot, nearer);
+                fetch(tree, child);
+                next.add(slot, child);
             }
         }
     }
@@ -211,11 +230,10 @@ impl Flight {
         tests: T,
         goal: G,
         tree: &Hierarchy,
-        slots: [u8; GROUP],
+        at: [usize; GROUP],
         number: usize,
         found: &mut Found,
     ) {
-        let at = slots.map(|slot| usize::from(slot) % SLOTS);
         let packets = at.map(|at| &tree.packets[packet_of(self.slots[at].current)]);
         let rays = at.map(|at| &self.slots[at].block);
         if G::NEAREST {
@@ -235,9 +253,6 @@ impl Flight {
                     state.begin + goal.cut(tests, stack, (state.end - state.begin) as usize, &state.best) as u32;
             }
         }
-        for &slot in &slots[..number] {
-            self.pop(tests, goal, tree, slot, false);
-        }
     }
 
     #[cold]
@@ -246,22 +261,20 @@ impl Flight {
         &mut self,
         tests: T,
         goal: G,
-        tree: &Hierarchy,
         others: &impl Others,
-        slot: u8,
+        slot: usize,
         index: usize,
-    ) {
-        let state = &mut self.slots[usize::from(slot) % SLOTS];
+    ) -> Child {
+        let state = &mut self.slots[slot];
         let nearer = goal.other(others, index, &state.query, &mut state.best);
         state.block.values[RayBlock::T_MAX] = state.best.distance;
-        self.pop(tests, goal, tree, slot, nearer);
+        self.pop(tests, goal, slot, nearer)
     }
 
-    /// Goes on with the top of the stack, from which a hit that is `nearer` than before removes entries.
+    /// Goes on with the top of the stack, from which a hit that is `nearer` than before removes entries, and returns it.
     #[inline(always)]
-    fn pop<T: Wide, G: Goal>(&mut self, tests: T, goal: G, tree: &Hierarchy, slot: u8, nearer: bool) {
-        let at = usize::from(slot) % SLOTS;
-        let state = &mut self.slots[at];
+    fn pop<T: Wide, G: Goal>(&mut self, tests: T, goal: G, slot: usize, nearer: bool) -> Child {
+        let state = &mut self.slots[slot];
         if nearer {
             let stack = &mut self.stacks[state.begin as usize..];
             state.end = state.begin + goal.cut(tests, stack, (state.end - state.begin) as usize, &state.best) as u32;
@@ -269,7 +282,7 @@ impl Flight {
         state.end -= 1;
         let child = Child(self.stacks[state.end as usize] as u32);
         state.current = child;
-        self.proceed(tree, slot, child);
+        child
     }
 }
 
