@@ -49,21 +49,21 @@ same_number!(Numbers: Add add, Sub sub, Mul mul, Div div);
 impl Numbers {
     /// The columns of sixteen rows of four.
     #[inline(always)]
-    fn four_columns(self, rows: &[[f32; 4]; LANES]) -> [Self; 4] {
-        let [a, b, c, d] = self.half_columns(rows, 0);
-        let [e, f, g, h] = self.half_columns(rows, LANES / 2);
+    fn four_columns(self, of: impl Fn(usize) -> [f32; 4]) -> [Self; 4] {
+        let [a, b, c, d] = self.half_columns(&of);
+        let [e, f, g, h] = self.half_columns(|lane| of(LANES / 2 + lane));
         [Self([a, e]), Self([b, f]), Self([c, g]), Self([d, h])]
     }
 
-    /// Half of their lanes, from the `first` on. Quarters of registers are transposed by themselves, so each begins with the lane that
+    /// Half of their lanes. Quarters of registers are transposed by themselves, so each begins with the lane that
     /// its quarter of the column begins with.
     #[inline(always)]
-    fn half_columns(self, rows: &[[f32; 4]; LANES], first: usize) -> [__m256; 4] {
+    fn half_columns(self, of: impl Fn(usize) -> [f32; 4]) -> [__m256; 4] {
         let mut quarters = [self.0[0]; 4];
-        for i in 0..4 {
-            let (low, high) = (bytemuck::cast(rows[first + i]), bytemuck::cast(rows[first + i + 4]));
+        for (i, quarter) in quarters.iter_mut().enumerate() {
+            let (low, high) = (bytemuck::cast(of(i)), bytemuck::cast(of(i + 4)));
             // SAFETY: `self` proves that the processor has the instructions.
-            quarters[i] = unsafe { _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(low), high) };
+            *quarter = unsafe { _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(low), high) };
         }
         Self::four_by_four(quarters)
     }

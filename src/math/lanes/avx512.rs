@@ -40,15 +40,16 @@ same_number!(Numbers: Add add, Sub sub, Mul mul, Div div);
 
 impl Numbers {
     /// The columns of sixteen rows of four. Quarters of registers are transposed by themselves, so each begins with the lane that its
-    /// quarter of the column begins with.
+    /// quarter of the column begins with. Rows go straight into registers: from an array that was just written the compiler reads more than
+    /// one at a time, and has to wait until that much has left the processor's buffer of stores.
     #[inline(always)]
-    fn four_columns(self, rows: &[[f32; 4]; LANES]) -> [Self; 4] {
+    fn four_columns(self, of: impl Fn(usize) -> [f32; 4]) -> [Self; 4] {
         let mut quarters = [self.0; 4];
-        for i in 0..4 {
-            let (first, second) = (bytemuck::cast(rows[i]), bytemuck::cast(rows[i + 4]));
-            let (third, fourth) = (bytemuck::cast(rows[i + 8]), bytemuck::cast(rows[i + 12]));
+        for (i, quarter) in quarters.iter_mut().enumerate() {
+            let (first, second) = (bytemuck::cast(of(i)), bytemuck::cast(of(i + 4)));
+            let (third, fourth) = (bytemuck::cast(of(i + 8)), bytemuck::cast(of(i + 12)));
             // SAFETY: `self` proves that the processor has the instructions.
-            quarters[i] = unsafe {
+            *quarter = unsafe {
                 let half = _mm512_insertf32x4::<1>(_mm512_castps128_ps512(first), second);
                 _mm512_insertf32x4::<3>(_mm512_insertf32x4::<2>(half, third), fourth)
             };

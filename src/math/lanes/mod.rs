@@ -407,11 +407,7 @@ macro_rules! as_bytes {
 
         #[inline(always)]
         fn four_columns(self, of: impl Fn(usize) -> [f32; 4]) -> [Numbers; 4] {
-            let mut rows = [[0.0; 4]; LANES];
-            for lane in 0..LANES {
-                rows[lane] = of(lane);
-            }
-            self.load(&[0.0; LANES]).four_columns(&rows)
+            self.load(&[0.0; LANES]).four_columns(of)
         }
 
         #[inline(always)]
@@ -444,11 +440,8 @@ macro_rules! columns_by_four {
         fn columns<const N: usize>(self, rows: &[[f32; N]; LANES]) -> [Self; N] {
             let mut columns = [self; N];
             for first in (0..N / 4 * 4).step_by(4) {
-                let mut parts = [[0.0; 4]; LANES];
-                for lane in 0..LANES {
-                    parts[lane].copy_from_slice(&rows[lane][first..first + 4]);
-                }
-                columns[first..first + 4].copy_from_slice(&self.four_columns(&parts));
+                let part = |lane: usize| std::array::from_fn(|i| rows[lane][first + i]);
+                columns[first..first + 4].copy_from_slice(&self.four_columns(part));
             }
             for i in N / 4 * 4..N {
                 let mut column = [0.0; LANES];

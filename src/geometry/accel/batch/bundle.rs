@@ -4,7 +4,7 @@ use super::super::Hit;
 use super::super::node::{Child, Kind, LANES, WIDTH};
 use super::super::query::Query;
 use super::super::traverse::{Hierarchy, Others};
-use super::flight::{Flight, SLOTS, fetch};
+use super::flight::{Ahead, Flight, SLOTS};
 use super::lanes::{farthest, meeting, reaching};
 use super::sixteen::{Bounds, Lanes, RAYS};
 use super::triangles::{Found, GROUP};
@@ -138,7 +138,7 @@ impl Bundle {
             if entry.mask == 0 {
                 continue;
             }
-            fetch(walk.tree, entry.child);
+            Ahead::of(walk.tree).fetch(entry.child);
             let mut at = self.stack.len();
             self.stack.push(entry);
             while G::NEAREST && at > begin && self.stack[at - 1].distance < entry.distance {

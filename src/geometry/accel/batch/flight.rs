@@ -130,7 +130,7 @@ impl Flight {
         }
         let (block, current) = (RayBlock::new(&query.shear, best.distance), Child(self.stacks[end] as u32));
         self.slots[slot] = Slot { block, query: *query, best, current, begin, end: end as u32, ray };
-        fetch(tree, current);
+        Ahead::of(tree).fetch(current);
         self.waiting.add(slot, current);
     }
 
@@ -144,15 +144,16 @@ impl Flight {
         others: &impl Others,
         answer: &mut impl FnMut(u32, &Hit),
     ) {
+        let ahead = Ahead::of(tree);
         let Waiting { mut nodes, packets, others: mut rest } = std::mem::take(&mut self.waiting);
         let mut next = Waiting { packets, ..Waiting::default() };
         while nodes != 0 {
             let slot = take(&mut nodes);
             let child = self.node(tests, goal, tree, slot);
-            fetch(tree, child);
+            ahead.fetch(child);
             next.add(slot, child);
         }
-        self.packets(tests, goal, tree, &mut next);
+        self.packets(tests, goal, tree, ahead, &mut next);
         rest |= std::mem::take(&mut next.others);
         while rest != 0 {
             let slot = take(&mut rest);
@@ -160,7 +161,7 @@ impl Flight {
             match current.kind() {
                 Kind::Other(index) if *current != Child::EMPTY => {
                     let child = self.other(tests, goal, others, slot, index);
-                    fetch(tree, child);
+                    ahead.fetch(child);
                     next.add(slot, child);
                 }
                 _ => {
@@ -192,7 +193,7 @@ impl Flight {
 
     /// Tests the packets of `next` in groups; what is left waits for the next round, unless no ray is at a node.
     #[inline(always)]
-    fn packets<T: Wide, G: Goal>(&mut self, tests: T, goal: G, tree: &Hierarchy, next: &mut Waiting) {
+    fn packets<T: Wide, G: Goal>(&mut self, tests: T, goal: G, tree: &Hierarchy, ahead: Ahead, next: &mut Waiting) {
         let mut waiting = std::mem::take(&mut next.packets);
         if T::GROUPS {
             let mut found = Found::NOTHING;
@@ -205,7 +206,7 @@ impl Flight {
                 self.group(tests, goal, tree, slots, number, &mut found);
                 for &slot in &slots[..number] {
                     let child = self.pop(tests, goal, slot, false);
-                    fetch(tree, child);
+                    ahead.fetch(child);
                     next.add(slot, child);
                 }
             }
@@ -217,7 +218,7 @@ impl Flight {
                 let packet = &tree.packets[packet_of(state.current)];
                 let nearer = goal.packet(tests, packet, &state.query, &mut state.best);
                 let child = self.pop(tests, goal, slot, nearer);
-                fetch(tree, child);
+                ahead.fetch(child);
                 next.add(slot, child);
             }
         }
@@ -257,14 +258,7 @@ impl Flight {
 
     #[cold]
     #[inline(never)]
-    fn other<T: Wide, G: Goal>(
-        &mut self,
-        tests: T,
-        goal: G,
-        others: &impl Others,
-        slot: usize,
-        index: usize,
-    ) -> Child {
+    fn other<T: Wide, G: Goal>(&mut self, tests: T, goal: G, others: &impl Others, slot: usize, index: usize) -> Child {
         let state = &mut self.slots[slot];
         let nearer = goal.other(others, index, &state.query, &mut state.best);
         state.block.values[RayBlock::T_MAX] = state.best.distance;
@@ -292,16 +286,30 @@ fn packet_of(child: Child) -> usize {
     (child.0 << 2 >> 2) as usize
 }
 
-/// Fetches what `child` refers to into the cache; an address that nothing lies at does no harm.
-#[inline(always)]
-pub fn fetch(tree: &Hierarchy, child: Child) {
-    let index = (child.0 << 2 >> 2) as usize;
-    let (base, size) = match child.kind() {
-        Kind::Node(_) => (tree.nodes.as_ptr().cast::<u8>(), size_of::<Node>()),
-        _ => (tree.packets.as_ptr().cast::<u8>(), size_of::<Packet>()),
-    };
-    let start = base.wrapping_add(index * size);
-    for offset in [0, 64, 128, size - 1] {
-        prefetch_line(start.wrapping_add(offset));
+/// Where what children refer to lies, known once for many steps: read from the hierarchy it would be read again after every store.
+#[derive(Clone, Copy)]
+pub struct Ahead {
+    nodes: *const Node,
+    packets: *const Packet,
+}
+
+impl Ahead {
+    #[inline(always)]
+    pub fn of(tree: &Hierarchy) -> Self {
+        Self { nodes: tree.nodes.as_ptr(), packets: tree.packets.as_ptr() }
+    }
+
+    /// Fetches what `child` refers to into the cache; an address that nothing lies at does no harm.
+    #[inline(always)]
+    pub fn fetch(self, child: Child) {
+        let index = (child.0 << 2 >> 2) as usize;
+        let (base, size) = match child.kind() {
+            Kind::Node(_) => (self.nodes.cast::<u8>(), size_of::<Node>()),
+            _ => (self.packets.cast::<u8>(), size_of::<Packet>()),
+        };
+        let start = base.wrapping_add(index * size);
+        for offset in [0, 64, 128, size - 1] {
+            prefetch_line(start.wrapping_add(offset));
+        }
     }
 }
