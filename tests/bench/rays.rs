@@ -18,11 +18,6 @@ mod build;
 #[path = "rays/shadows.rs"]
 mod shadows;
 
-use fanal::base::pages::LargePages;
-
-#[global_allocator]
-static MEMORY: LargePages = LargePages;
-
 use std::f32::consts::PI;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -30,11 +25,16 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::{Parser, Subcommand};
+use fanal::base::pages::LargePages;
 use fanal::base::random::Random;
 use fanal::geometry::mesh::Mesh;
 use fanal::geometry::{Accel, Hit, Ray, Shape, Surface};
 use fanal::scene::readers;
 use glam::{Affine3A, Vec2, Vec3};
+
+/// As in the program: where memory lies in small pages, rays wait for their table.
+#[global_allocator]
+static MEMORY: LargePages = LargePages;
 
 /// Rays per round.
 const RAYS: usize = 1_000_000;
