@@ -22,7 +22,6 @@ use glam::Vec3;
 
 use super::mixture::cosine_normal;
 use super::{Roulette, TransportSettings};
-use crate::base::processor::prefetch;
 use crate::base::random::{Dimension, Random};
 use crate::geometry::{Ray, Surface};
 use crate::guiding::record::{PathRecord, Radiance};
@@ -112,7 +111,7 @@ impl PathState {
     }
 }
 
-/// A path at a vertex from which it may go on. What guides say of it (`worth`, `voxel`, `connects`) is filled in by [`PathTracer::judge`].
+/// A path at a vertex from which it may go on.
 struct Arrival {
     /// Place of the surface among those that were made with it.
     place: u32,
@@ -333,62 +332,35 @@ impl PathTracer<'_> {
         let material = if phase.is_none() && E::MATERIALS { Some(self.scene.material(surface)) } else { None };
         let smooth = material.is_some_and(Material::is_delta);
         let bumped = material.is_some_and(|material| material.bump.is_some() && surface.smooth != surface.shading);
-        let variant = self.variant::<E>(surface, phase);
-        let worth = Worth { light: 0.0, onward: None };
+        let field = if E::GUIDING { self.field.filter(|_| !smooth) } else { None };
+        // No closures: they would be functions for any processor.
+        let (mut found, mut guide) = (None, None);
+        if let Some(field) = field
+            && let Some(voxel) = field.find(surface.point, normal)
+        {
+            let here = &field.voxels()[voxel as usize];
+            found = Some(here);
+            if let Some(directions) = &here.directions {
+                directions.prefetch();
+                guide = Some(voxel);
+            }
+        }
+        let worth = self.worth::<E>(path, smooth, found);
+        if RECORDS {
+            vertices.details[vertex as usize].tried = worth.light;
+        }
         Some(Arrival {
             place,
             path: number,
             vertex,
             worth,
-            voxel: None,
+            voxel: guide,
             phase,
-            variant,
+            variant: self.variant::<E>(surface, phase),
             bumped,
             smooth,
-            connects: false,
+            connects: self.connects::<E>(path, worth.light),
         })
-    }
-
-    /// Finds the guides where paths arrived, and judges the paths by the light that is expected there. First all voxels, then what they hold:
-    /// they lie anywhere in memory, and so it comes while others are looked for.
-    #[inline(always)]
-    fn judge<E: Effects, const RECORDS: bool>(
-        &self,
-        arrivals: &mut [Arrival],
-        paths: &[PathState],
-        surfaces: &[Surface],
-        vertices: &mut Vertices,
-    ) {
-        let field = if E::GUIDING { self.field } else { None };
-        if let Some(field) = field {
-            for at in arrivals.iter_mut().filter(|at| !at.smooth) {
-                let (surface, towards) = (&surfaces[at.place as usize], -paths[at.path as usize].ray.direction);
-                let normal = if at.phase.is_none() { surface.normal_towards(towards) } else { Vec3::ZERO };
-                at.voxel = field.find(surface.point, normal);
-                if let Some(voxel) = at.voxel {
-                    prefetch(&field.voxels()[voxel as usize]);
-                }
-            }
-        }
-        for at in arrivals {
-            let path = &paths[at.path as usize];
-            let mut found = None;
-            if let Some(field) = field
-                && let Some(voxel) = at.voxel
-            {
-                let here = &field.voxels()[voxel as usize];
-                found = Some(here);
-                match &here.directions {
-                    Some(directions) => directions.prefetch(),
-                    None => at.voxel = None,
-                }
-            }
-            at.worth = self.worth::<E>(path, at.smooth, found);
-            at.connects = self.connects::<E>(path, at.worth.light);
-            if RECORDS {
-                vertices.details[at.vertex as usize].tried = at.worth.light;
-            }
-        }
     }
 
     /// How a surface scatters, or a medium of this phase function.

@@ -175,7 +175,6 @@ impl PathTracer<'_> {
                         arrivals.push(at);
                     }
                 }
-                self.judge::<E, RECORDS>(arrivals, paths, surfaces, vertices);
                 self.shade::<E, RECORDS>((depth, arrivals, surfaces), paths, groups, vertices, shadows, |path, ray| {
                     // In the place of a path that has been at its vertex.
                     (alive[kept], rays[kept]) = (path, *ray);
