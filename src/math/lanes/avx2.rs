@@ -55,8 +55,8 @@ impl Numbers {
         [Self([a, e]), Self([b, f]), Self([c, g]), Self([d, h])]
     }
 
-    /// Half of their lanes. Quarters of registers are transposed by themselves, so each begins with the lane that
-    /// its quarter of the column begins with.
+    /// Half of their lanes. Quarters of registers are transposed by themselves, so each begins with the lane that its quarter of the
+    /// column begins with.
     #[inline(always)]
     fn half_columns(self, of: impl Fn(usize) -> [f32; 4]) -> [__m256; 4] {
         let mut quarters = [self.0[0]; 4];

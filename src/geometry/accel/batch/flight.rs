@@ -52,9 +52,10 @@ struct Waiting {
 }
 
 impl Waiting {
-    /// Adds a slot whose next child is `child`; see [`Child::kind`].
+    /// Adds a slot whose next child is `child`, which is fetched; see [`Child::kind`].
     #[inline(always)]
-    fn add(&mut self, slot: usize, child: Child) {
+    fn add(&mut self, ahead: Ahead, slot: usize, child: Child) {
+        ahead.fetch(child);
         let kind = child.0 >> 30;
         self.nodes |= u32::from(kind < 2) << slot;
         self.packets |= u32::from(kind == 2) << slot;
@@ -130,8 +131,7 @@ impl Flight {
         }
         let (block, current) = (RayBlock::new(&query.shear, best.distance), Child(self.stacks[end] as u32));
         self.slots[slot] = Slot { block, query: *query, best, current, begin, end: end as u32, ray };
-        Ahead::of(tree).fetch(current);
-        self.waiting.add(slot, current);
+        self.waiting.add(Ahead::of(tree), slot, current);
     }
 
     /// Takes every ray a step, and calls `answer` with the number and best hit of each that is done.
@@ -150,8 +150,7 @@ impl Flight {
         while nodes != 0 {
             let slot = take(&mut nodes);
             let child = self.node(tests, goal, tree, slot);
-            ahead.fetch(child);
-            next.add(slot, child);
+            next.add(ahead, slot, child);
         }
         self.packets(tests, goal, tree, ahead, &mut next);
         rest |= std::mem::take(&mut next.others);
@@ -161,8 +160,7 @@ impl Flight {
             match current.kind() {
                 Kind::Other(index) if *current != Child::EMPTY => {
                     let child = self.other(tests, goal, others, slot, index);
-                    ahead.fetch(child);
-                    next.add(slot, child);
+                    next.add(ahead, slot, child);
                 }
                 _ => {
                     answer(*ray, best);
@@ -206,8 +204,7 @@ impl Flight {
                 self.group(tests, goal, tree, slots, number, &mut found);
                 for &slot in &slots[..number] {
                     let child = self.pop(tests, goal, slot, false);
-                    ahead.fetch(child);
-                    next.add(slot, child);
+                    next.add(ahead, slot, child);
                 }
             }
             next.packets |= waiting;
@@ -218,8 +215,7 @@ impl Flight {
                 let packet = &tree.packets[packet_of(state.current)];
                 let nearer = goal.packet(tests, packet, &state.query, &mut state.best);
                 let child = self.pop(tests, goal, slot, nearer);
-                ahead.fetch(child);
-                next.add(slot, child);
+                next.add(ahead, slot, child);
             }
         }
     }
