@@ -5,8 +5,10 @@
 //! visited so that any part of a pass covers the whole picture evenly: the first chunk shows the learner all of the scene, and a
 //! pass cut short by the clock leaves gaps that their neighbours can fill.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -193,11 +195,12 @@ impl PassTracer<'_> {
             });
         };
         let keep = records.is_some();
-        let blocks = in_blocks(range, pool, |scratch, numbers| tracer.trace_block(numbers, begin, keep, scratch));
         let mut index = start;
         // Counted from where the pass began, so that the film's halves are those of the sequences.
         let behind = u64::from(self.first_sample - self.sequences_from.unwrap_or(self.first_sample));
-        for block in &blocks {
+        let (mut records, blocks) = (records, (range.end - start).div_ceil(BLOCK) as usize);
+        let trace = |scratch: &mut PathScratch, numbers| tracer.trace_block(numbers, begin, keep, scratch);
+        in_blocks(range, pool, trace, |block| {
             let mut lost = block.lost.iter().peekable();
             statistics.rays += block.rays.rays;
             statistics.camera_rays += block.rays.rays;
@@ -215,12 +218,15 @@ impl PassTracer<'_> {
                 }
                 index += 1;
             }
-        }
+            if let Some(records) = &mut records {
+                // Blocks leave about as many: memory is asked for once.
+                if records.is_empty() {
+                    records.reserve(block.records.len() * (blocks + blocks / 8));
+                }
+                records.extend(block.records);
+            }
+        });
         statistics.samples += index - start;
-        if let Some(records) = records {
-            records.reserve(blocks.iter().map(|b| b.records.len()).sum());
-            blocks.into_iter().for_each(|b| records.extend(b.records));
-        }
         statistics.seconds.trace += begun.elapsed().as_secs_f64();
     }
 
@@ -239,13 +245,12 @@ impl PassTracer<'_> {
         let first = u64::from(self.first_sample) * self.pixels();
         let random = |index| Random::new(self.settings.seed, PHOTON_STREAM, first + index);
         let trace = |scratch: &mut PhotonScratch, numbers| tracer.trace_block(numbers, (start, total), random, scratch);
-        let blocks = in_blocks(range, pool, trace);
-        for block in blocks {
+        in_blocks(range, pool, trace, |block| {
             statistics.rays += block.rays.rays;
             statistics.dropped.photons += block.rays.dropped;
             records.photons.extend(block.photons);
             records.starts.extend(block.starts);
-        }
+        });
         statistics.seconds.photons += begun.elapsed().as_secs_f64();
     }
 
@@ -260,22 +265,69 @@ impl PassTracer<'_> {
 /// Scratch space that is not in use at the moment.
 pub(super) type Pool<S> = Mutex<Vec<S>>;
 
-/// Traces a range of numbers in parallel blocks, which come back in order. Each takes scratch space from the pool and leaves it there, so
-/// that no memory is asked for from chunk to chunk.
+/// Traces a range of numbers in parallel blocks. Each is handed to `take` in order, by a thread that has just traced one and while the
+/// others go on, so that nobody waits for what is done one by one. Each takes scratch space from the pool and leaves it there, so that no
+/// memory is asked for from chunk to chunk.
 pub(super) fn in_blocks<S: Default + Send, B: Send>(
     range: Range<u64>,
     pool: &Pool<S>,
     trace: impl Fn(&mut S, Range<u64>) -> B + Sync + Send,
-) -> Vec<B> {
+    take: impl FnMut(B) + Send,
+) {
     let count = (range.end - range.start).div_ceil(BLOCK);
-    let pool = || pool.lock().unwrap_or_else(PoisonError::into_inner);
-    let block = |b: usize| {
-        let first = range.start + b as u64 * BLOCK;
-        let mut scratch = pool().pop().unwrap_or_default();
-        let traced = trace(&mut scratch, first..(first + BLOCK).min(range.end));
-        pool().push(scratch);
-        traced
+    let (next, traced) = (AtomicU64::new(0), Mutex::new(BTreeMap::new()));
+    // The number of the next block to be taken, and what takes it.
+    let taking = Mutex::new((0, take));
+    let hand_over = || {
+        // Who finds another at it leaves: that one, or the next that is traced, takes the block with it.
+        let Ok(mut taking) = taking.try_lock() else { return };
+        let (wanted, take) = &mut *taking;
+        loop {
+            let block = lock(&traced).remove(wanted);
+            let Some(block) = block else { return };
+            take(block);
+            *wanted += 1;
+        }
+    };
+    // Numbers are drawn, since workers divide an iterator into parts that are far from one another.
+    let block = |_| {
+        let number = next.fetch_add(1, Ordering::Relaxed);
+        let first = range.start + number * BLOCK;
+        let mut scratch = lock(pool).pop().unwrap_or_default();
+        let block = trace(&mut scratch, first..(first + BLOCK).min(range.end));
+        lock(pool).push(scratch);
+        lock(&traced).insert(number, block);
+        hand_over();
     };
     // One by one: workers that took several at once would keep the others waiting at the end.
-    (0..count as usize).into_par_iter().with_max_len(1).map(block).collect()
+    (0..count as usize).into_par_iter().with_max_len(1).for_each(block);
+    hand_over();
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Blocks are handed over once and in order, whichever ends first: every third takes a hundred times as long as the others.
+    #[test]
+    fn blocks_are_taken_in_order() {
+        for threads in [1, 2, 7] {
+            let workers = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            for end in [0, 1, BLOCK, 100 * BLOCK + 5] {
+                let trace = |_: &mut u64, numbers: Range<u64>| {
+                    let work = if (numbers.start / BLOCK).is_multiple_of(3) { 100_000 } else { 1000 };
+                    std::hint::black_box((0..work).fold(0.0f64, |sum, i| sum + f64::from(i).sqrt()));
+                    numbers
+                };
+                let mut taken = Vec::new();
+                workers.install(|| in_blocks(5..5 + end, &Pool::default(), trace, |numbers| taken.push(numbers)));
+                assert_eq!(taken.len() as u64, end.div_ceil(BLOCK));
+                assert!(taken.into_iter().flatten().eq(5..5 + end), "{threads} threads, {end}");
+            }
+        }
+    }
 }

@@ -234,9 +234,10 @@ impl Run<'_> {
                 seed: settings.seed ^ LEARNING_SEED,
                 number: number.into(),
             };
-            let mut blocks = in_blocks(0..count, &pool, |scratch, numbers| batch.unguided(numbers, scratch));
+            let mut blocks = Vec::new();
+            in_blocks(0..count, &pool, |scratch, numbers| batch.unguided(numbers, scratch), |block| blocks.push(block));
             if !guide.is_empty() {
-                blocks.extend(in_blocks(0..count, &pool, |_, numbers| batch.guided(numbers)));
+                in_blocks(0..count, &pool, |_, numbers| batch.guided(numbers), |block| blocks.push(block));
             }
             self.statistics.seconds.trace += began.elapsed().as_secs_f64();
             let rays: u64 = blocks.iter().map(|block| block.rays).sum();

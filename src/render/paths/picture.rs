@@ -186,14 +186,15 @@ impl Run<'_> {
                 number: u64::from(self.state.rendered) + number,
                 first: self.state.rendered,
             };
-            let mut blocks = in_blocks(start..end, pool, |scratch, pixels| round.unguided(pixels, scratch));
-            blocks.extend(in_blocks(drawn(start)..drawn(end), pool, |_, numbers| round.guided(numbers)));
-            for Light { values, rays, dropped } in blocks {
+            let statistics = &mut self.statistics;
+            let mut add = |Light { values, rays, dropped }| {
                 values.into_iter().for_each(|(pixel, value)| sum[pixel as usize] += value);
-                self.statistics.rays += rays;
-                self.statistics.camera_rays += rays;
-                self.statistics.dropped_samples += dropped;
-            }
+                statistics.rays += rays;
+                statistics.camera_rays += rays;
+                statistics.dropped_samples += dropped;
+            };
+            in_blocks(start..end, pool, |scratch, pixels| round.unguided(pixels, scratch), &mut add);
+            in_blocks(drawn(start)..drawn(end), pool, |_, numbers| round.guided(numbers), add);
             let samples = end - start + drawn(end) - drawn(start);
             self.statistics.samples += samples;
             self.statistics.seconds.trace += began.elapsed().as_secs_f64();
