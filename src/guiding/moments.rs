@@ -191,6 +191,10 @@ impl Estimate {
     /// Estimate of the second moment under a mixture with `mixture` times the density of the sampled one. Both strategies together
     /// have the second moment ∫f²/(p + p_l), p_l being the density of light sampling, and their samples the density p + p_l.
     fn with_mixture(&self, mixture: f64) -> f64 {
+        // Most samples brought nothing by most of the ways.
+        if self.square == 0.0 {
+            return 0.0;
+        }
         let (mixture, light) = (mixture.max(1e-6), f64::from(self.light_ratio));
         if light.is_finite() { self.square * ((1.0 + light) / (mixture + light)) } else { self.square }
     }

@@ -4,6 +4,7 @@ use super::cache::parallax::Parallax;
 use super::cache::{Ancestry, SpatialCache};
 use super::record::{PathRecord, PhotonRecord};
 use super::target::Learned;
+use crate::base::processor::{prefetch, prefetch_line};
 
 /// Records of a chunk, grouped by voxel. Within a voxel they have the order in which they were traced.
 pub struct Samples<'a> {
@@ -24,8 +25,7 @@ impl<'a> Samples<'a> {
 
     /// The path samples of a voxel.
     pub fn paths(&self, voxel: usize) -> impl Iterator<Item = &'a PathRecord> + Clone {
-        let paths = self.paths;
-        self.by_voxel[0].group(voxel).iter().map(move |&i| &paths[i as usize])
+        brought_near(self.by_voxel[0].group(voxel), self.paths)
     }
 
     /// The path samples of a voxel that have a direction.
@@ -35,9 +35,21 @@ impl<'a> Samples<'a> {
 
     /// The photons of a voxel.
     pub fn photons(&self, voxel: usize) -> impl Iterator<Item = &'a PhotonRecord> + Clone {
-        let photons = self.photons;
-        self.by_voxel[1].group(voxel).iter().map(move |&i| &photons[i as usize])
+        brought_near(self.by_voxel[1].group(voxel), self.photons)
     }
+}
+
+/// The records of a group, which lie all over the memory: each is on its way before it is read.
+fn brought_near<'g, 'a: 'g, R>(group: &'g [u32], records: &'a [R]) -> impl Iterator<Item = &'a R> + Clone {
+    const AHEAD: usize = 8;
+    group.iter().enumerate().map(move |(place, &index)| {
+        if let Some(&ahead) = group.get(place + AHEAD) {
+            let ahead = &records[ahead as usize];
+            prefetch(ahead);
+            prefetch_line(std::ptr::from_ref(ahead).wrapping_add(1).cast::<u8>().wrapping_sub(1));
+        }
+        &records[index as usize]
+    })
 }
 
 /// Spheres by which the directions of a voxel are carried to its centre.

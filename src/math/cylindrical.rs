@@ -48,7 +48,13 @@ pub fn place_of(square: [f64; 2]) -> [i32; 2] {
 /// Maps a unit vector to the square [0, 1)².
 #[inline]
 pub fn to_square(direction: Vec3) -> [f64; 2] {
-    to_place::<f32>(direction.into()).map(|c| f64::from(c.cast_unsigned()) / STEPS)
+    square_of(to_place::<f32>(direction.into()))
+}
+
+/// The point of the square [0, 1)² of coordinates in steps of 2⁻³².
+#[inline]
+pub fn square_of(place: [i32; 2]) -> [f64; 2] {
+    place.map(|c| f64::from(c.cast_unsigned()) / STEPS)
 }
 
 /// Maps a point of the square to a unit vector. Inverse of [`to_square`] up to the rounding of the result. φ is the same a turn away.

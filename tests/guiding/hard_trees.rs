@@ -24,7 +24,7 @@ use fanal::guiding::target::{DirectLight, Target};
 use fanal::guiding::tree::TreeSettings;
 use fanal::guiding::tree::distribution::Distribution;
 use fanal::guiding::tree::leaves::Layout;
-use fanal::guiding::tree::quadtree::{Place, Quadtree};
+use fanal::guiding::tree::quadtree::{Place, Placed, Quadtree};
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::guiding::tree::topology::{MAX_LEVEL, MAX_NODES, Topology};
 use fanal::guiding::vmf::lobe::Lobe;
@@ -318,7 +318,7 @@ fn deposited(target: Target, layout: Layout, samples: &[(Vec3, f32)]) -> Quadtre
     let mut tree = Quadtree::new(full(3), layout, target);
     let records: Vec<PathRecord> =
         samples.iter().map(|&(direction, value)| path_at(Vec3::splat(0.5), direction, value)).collect();
-    tree.deposit_paths(&place, records.iter());
+    tree.deposit(&Placed::new(&place, target, records.iter(), std::iter::empty()));
     tree
 }
 

@@ -15,7 +15,7 @@ use fanal::guiding::target::{DirectLight, Target};
 use fanal::guiding::tree::distribution::{Distribution, kl};
 use fanal::guiding::tree::leaves::Layout;
 use fanal::guiding::tree::proposal::Proposal;
-use fanal::guiding::tree::quadtree::{Place, Quadtree};
+use fanal::guiding::tree::quadtree::{Place, Placed, Quadtree};
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::guiding::tree::topology::Topology;
 use fanal::guiding::tree::{TreeSettings, Trees};
@@ -105,8 +105,7 @@ fn mean_kl(truth: &Distribution, n: usize, kinds: [bool; 2]) -> f64 {
         let count = |kind: usize| if kinds[kind] { n } else { 0 };
         let paths: Vec<PathRecord> = (0..count(0)).map(|_| path(&mut random)).collect();
         let photons: Vec<PhotonRecord> = (0..count(1)).map(|_| photon(&mut random)).collect();
-        tree.deposit_paths(&place, paths.iter());
-        tree.deposit_photons(&place, photons.iter());
+        tree.deposit(&Placed::new(&place, tree.target(), paths.iter(), photons.iter()));
         kl(truth, &tree.leaves().hybrid(0.5), 0.0)
     };
     (0..repeats).map(one).sum::<f64>() / repeats as f64

@@ -20,7 +20,8 @@ pub(super) struct Arrival {
     direction: Vec3,
     /// Distance to where it came from, the next hit.
     distance: f32,
-    weight: f32,
+    /// Part of the light that it brought; not negative.
+    pub weight: f32,
 }
 
 impl Arrival {
@@ -32,6 +33,11 @@ impl Arrival {
     /// Of a photon.
     pub fn of_photon(record: &PhotonRecord, weight: f32) -> Self {
         Self { point: record.point, direction: record.direction, distance: record.distance, weight }
+    }
+
+    /// Whether it says where light starts.
+    pub fn brings_light(&self) -> bool {
+        self.weight > 0.0
     }
 }
 
@@ -47,20 +53,16 @@ const LEAST_GAIN: [f64; 2] = [1.0, 0.25];
 
 /// Sphere of the voxel within `bounds` for the light that arrived there; `density` is that of the last guide, by which an error of
 /// direction costs most at narrow peaks.
-pub(super) fn fitted(
-    bounds: &Bounds,
-    arrivals: impl Iterator<Item = Arrival> + Clone,
-    density: impl Fn(Vec3, Vec3) -> f32,
-) -> Parallax {
-    let start = |a: Arrival| (a.point + a.direction * a.distance, a.weight * density(a.point, a.direction));
-    let first = Parallax::fit(bounds, arrivals.clone().map(start));
+pub(super) fn fitted(bounds: &Bounds, arrivals: &[Arrival], density: impl Fn(Vec3, Vec3) -> f32) -> Parallax {
+    let start = |a: &Arrival| (a.point + a.direction * a.distance, a.weight * density(a.point, a.direction));
+    let first = Parallax::fit(bounds, arrivals.iter().map(start));
     if first.curvature > 0.0 { likeliest(first, &witnesses(arrivals)) } else { first }
 }
 
 /// Points and directions of up to [`WITNESSES`] arrivals, chosen at equal distances along the sum of their weights; none twice, so
 /// that a single bright one has no more to say than others.
-fn witnesses(arrivals: impl Iterator<Item = Arrival> + Clone) -> Vec<(Vec3, Vec3)> {
-    let usable = arrivals.filter(|a| a.weight > 0.0 && a.weight.is_finite());
+fn witnesses(arrivals: &[Arrival]) -> Vec<(Vec3, Vec3)> {
+    let usable = arrivals.iter().filter(|a| a.weight > 0.0 && a.weight.is_finite());
     let total: f64 = usable.clone().map(|a| f64::from(a.weight)).sum();
     let step = total / WITNESSES as f64;
     let (mut sum, mut next) = (0.0, 0.5 * step);
@@ -119,7 +121,7 @@ mod tests {
             let direction = towards(point, &mut random).normalize();
             arrivals.push(Arrival { point, direction, distance: HIT, weight: 1.0 });
         }
-        fitted(&BOUNDS, arrivals.into_iter(), |_, _| 1.0).curvature
+        fitted(&BOUNDS, &arrivals, |_, _| 1.0).curvature
     }
 
     fn any_direction(random: &mut Random) -> Vec3 {
@@ -171,12 +173,12 @@ mod tests {
     #[test]
     fn one_bright_path_has_one_voice() {
         let bright = |weight| Arrival { point: CENTRE, direction: Vec3::X, distance: HIT, weight };
-        let few = std::iter::repeat_n(bright(1.0), 10).chain([bright(1e9)]);
-        assert_eq!(witnesses(few.clone()).len(), 1);
-        assert!((fitted(&BOUNDS, few, |_, _| 1.0).curvature - 1.0 / HIT).abs() < 1e-6);
+        let few: Vec<Arrival> = std::iter::repeat_n(bright(1.0), 10).chain([bright(1e9)]).collect();
+        assert_eq!(witnesses(&few).len(), 1);
+        assert!((fitted(&BOUNDS, &few, |_, _| 1.0).curvature - 1.0 / HIT).abs() < 1e-6);
         for weight in [0.0, f32::NAN, f32::INFINITY] {
-            assert_eq!(fitted(&BOUNDS, std::iter::once(bright(weight)), |_, _| 1.0).curvature, 0.0);
+            assert_eq!(fitted(&BOUNDS, &[bright(weight)], |_, _| 1.0).curvature, 0.0);
         }
-        assert_eq!(fitted(&BOUNDS, std::iter::empty(), |_, _| 1.0).curvature, 0.0);
+        assert_eq!(fitted(&BOUNDS, &[], |_, _| 1.0).curvature, 0.0);
     }
 }

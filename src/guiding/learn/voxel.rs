@@ -128,15 +128,21 @@ impl Voxel {
         bounds: &Bounds,
         learned: Learned,
         path_share: f64,
-        paths: impl Iterator<Item = &'a PathRecord> + Clone,
-        photons: impl Iterator<Item = &'a PhotonRecord> + Clone,
+        paths: impl Iterator<Item = &'a PathRecord>,
+        photons: impl Iterator<Item = &'a PhotonRecord>,
     ) -> Parallax {
-        let total = [paths.clone().map(|r| learned.value(r)).sum::<f32>(), photons.clone().map(|r| r.power).sum()];
-        let share = [path_share as f32, 1.0 - path_share as f32];
-        let weight = |kind: usize, value: f32| if total[kind] > 0.0 { share[kind] * value / total[kind] } else { 0.0 };
-        let paths = paths.map(|r| Arrival::of_path(r, weight(0, learned.value(r))));
-        let photons = photons.map(|r| Arrival::of_photon(r, weight(1, r.power)));
-        sphere::fitted(bounds, paths.chain(photons), |point, direction| {
+        // Most paths find nothing, and are read once.
+        let mut arrivals: Vec<Arrival> = Vec::new();
+        let paths = paths.map(|r| Arrival::of_path(r, learned.value(r)));
+        arrivals.extend(paths.filter(Arrival::brings_light));
+        let by_paths = arrivals.len();
+        arrivals.extend(photons.map(|r| Arrival::of_photon(r, r.power)).filter(Arrival::brings_light));
+        let (paths, photons) = arrivals.split_at_mut(by_paths);
+        for (of, share) in [(paths, path_share as f32), (photons, 1.0 - path_share as f32)] {
+            let total: f32 = of.iter().map(|arrival| arrival.weight).sum();
+            of.iter_mut().for_each(|arrival| arrival.weight = share * arrival.weight / total);
+        }
+        sphere::fitted(bounds, &arrivals, |point, direction| {
             self.guide.as_ref().map_or(1.0, |guide| {
                 let seen = self.spheres.guide.to_centre(point, direction);
                 guide.pdf(seen.direction) * seen.density

@@ -25,6 +25,61 @@ pub struct Place {
     pub filtered: bool,
 }
 
+/// Samples of a voxel as trees add them, path samples and photons in the order in which they came. They are placed once, and added
+/// as often as the tree is given another shape.
+#[derive(Debug, Default)]
+pub struct Placed {
+    paths: Vec<PlacedSample>,
+    photons: Vec<PlacedSample>,
+    filtered: bool,
+    normals: Vec3,
+}
+
+/// A path sample or a photon.
+#[derive(Debug)]
+struct PlacedSample {
+    /// Place of its direction as seen from the voxel's centre, in steps of 2⁻³².
+    place: [i32; 2],
+    /// Value of the path sample, see [`Learned::value`], or power of the photon.
+    value: f32,
+    /// dω/dω' of the [`Parallax`].
+    density: f32,
+    /// See [`PathRecord::bsdf_share`].
+    bsdf_share: f32,
+}
+
+impl Placed {
+    /// Places samples for trees of this target.
+    pub fn new<'a>(
+        place: &Place,
+        target: Target,
+        paths: impl Iterator<Item = &'a PathRecord>,
+        photons: impl Iterator<Item = &'a PhotonRecord>,
+    ) -> Self {
+        let learned = Learned { target, direct: place.direct };
+        let mut normals = Vec3::ZERO;
+        let mut placed = |[point, direction, normal]: [Vec3; 3], value, bsdf_share| {
+            normals += normal;
+            let seen = place.parallax.to_centre(point, direction);
+            let place = cylindrical::to_place::<f32>(seen.direction.into());
+            PlacedSample { place, value, density: seen.density, bsdf_share }
+        };
+        let paths = paths.map(|r| placed([r.point, r.direction, r.normal], learned.value(r), r.bsdf_share)).collect();
+        let photons = photons.map(|r| placed([r.point, r.direction, r.normal], r.power, 0.0)).collect();
+        Self { paths, photons, filtered: place.filtered, normals }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.paths.is_empty() && self.photons.is_empty()
+    }
+
+    /// Sum of their normals.
+    pub fn normals(&self) -> Vec3 {
+        self.normals
+    }
+}
+
 /// A quadtree with raw feature sums at its leaves.
 ///
 /// Sample values are divided by a scale of the tree's own, the largest it has seen, so that their squares neither overflow
@@ -118,41 +173,37 @@ impl Quadtree {
         (self.scales, self.counts) = ([0.0; 2], [0; 2]);
     }
 
-    /// Adds path samples that fell into the voxel, in the order given.
-    pub fn deposit_paths<'a>(&mut self, place: &Place, records: impl Iterator<Item = &'a PathRecord> + Clone) {
-        let learned = Learned { target: self.target, direct: place.direct };
+    /// Adds samples that fell into the voxel.
+    pub fn deposit(&mut self, samples: &Placed) {
         let squares = self.target != Target::Radiance;
-        let inverse = self.grow_scale(0, records.clone().map(|r| learned.value(r)));
-        for r in records {
-            let seen = place.parallax.to_centre(r.point, r.direction);
-            let value = learned.value(r) * inverse;
+        let inverse = self.grow_scale(0, samples.paths.iter().map(|sample| sample.value));
+        for sample in &samples.paths {
+            let value = sample.value * inverse;
             // A density g over ω' is g·dω'/dω over ω: (g·dω'/dω)²·dω = g²·dω'/dω·dω'.
-            let value = if squares { value * value / seen.density } else { value };
-            let direction = if place.filtered { self.moved(seen.direction) } else { seen.direction };
-            let sums = self.add(0, value, direction);
+            let value = if squares { value * value / sample.density } else { value };
+            let sums = self.add(0, value, self.cell(sample, samples.filtered));
             if let Some(bsdf) = sums.get_mut(BSDF) {
-                *bsdf += r.bsdf_share;
+                *bsdf += sample.bsdf_share;
             }
         }
-    }
-
-    /// Adds photons that fell into the voxel, in the order given.
-    pub fn deposit_photons<'a>(&mut self, place: &Place, records: impl Iterator<Item = &'a PhotonRecord> + Clone) {
-        let inverse = self.grow_scale(1, records.clone().map(|r| r.power));
-        for r in records {
-            let seen = place.parallax.to_centre(r.point, r.direction).direction;
-            let direction = if place.filtered { self.moved(seen) } else { seen };
-            self.add(1, r.power * inverse, direction);
+        let inverse = self.grow_scale(1, samples.photons.iter().map(|photon| photon.value));
+        for photon in &samples.photons {
+            self.add(1, photon.value * inverse, self.cell(photon, samples.filtered));
         }
     }
 
-    /// The direction moved at random by up to half of its leaf's size (Müller 2019 §10.2, the stochastic filter). φ wraps; beyond
-    /// a pole lies the cell across (φ + π).
-    fn moved(&self, direction: Vec3) -> Vec3 {
-        let cell = cylindrical::to_cell(direction);
+    /// The cell of level 20 that a sample is added to.
+    fn cell(&self, sample: &PlacedSample, filtered: bool) -> [u32; 2] {
+        if filtered { cylindrical::to_cell(self.moved(sample.place)) } else { sample.place.map(cylindrical::cell_at) }
+    }
+
+    /// The direction of a place moved at random by up to half of its leaf's size (Müller 2019 §10.2, the stochastic filter). φ wraps;
+    /// beyond a pole lies the cell across (φ + π).
+    fn moved(&self, place: [i32; 2]) -> Vec3 {
+        let cell = place.map(cylindrical::cell_at);
         let side = 0.5f64.powi(self.topology.level_of(self.topology.leaf_at(cell)) as i32);
         let mut random = Random::new(u64::from(self.counts[0]), u64::from(self.counts[1]), self.topology.len() as u64);
-        let [x, y] = cylindrical::to_square(direction).map(|c| c + side * (random.next_f64() - 0.5));
+        let [x, y] = cylindrical::square_of(place).map(|c| c + side * (random.next_f64() - 0.5));
         let across = if (0.0..=1.0).contains(&x) { 0.0 } else { 0.5 };
         cylindrical::to_direction([
             if x < 0.0 {
@@ -189,9 +240,9 @@ impl Quadtree {
     }
 
     /// Adds a sample to its leaf, whose sums it returns.
-    fn add(&mut self, kind: usize, value: f32, direction: Vec3) -> &mut [f32] {
+    fn add(&mut self, kind: usize, value: f32, cell: [u32; 2]) -> &mut [f32] {
         self.counts[kind] += 1;
-        let leaf = self.topology.leaf_at(cylindrical::to_cell(direction));
+        let leaf = self.topology.leaf_at(cell);
         let channels = self.layout.channels();
         let sums = &mut self.sums[self.row[leaf] as usize * channels..][..channels];
         let value = if value.is_finite() { value } else { 0.0 };
@@ -291,7 +342,7 @@ mod tests {
             let mut moved = [0.0f64; 2];
             for count in 0..200 {
                 tree.counts[0] = count;
-                let [x, y] = cylindrical::to_square(tree.moved(direction));
+                let [x, y] = cylindrical::to_square(tree.moved(cylindrical::to_place::<f32>(direction.into())));
                 let across = (y - square[1]).rem_euclid(1.0);
                 let turn = across.min(1.0 - across);
                 // Beyond a pole: mirrored, half a turn away.

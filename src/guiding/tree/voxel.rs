@@ -8,7 +8,7 @@ use super::features::VoxelFeatures;
 use super::leaves::Layout;
 use super::past::{Past, joined};
 use super::proposal::{Judged, ShareMoments};
-use super::quadtree::{Place, Quadtree};
+use super::quadtree::{Place, Placed, Quadtree};
 use super::sampler::SamplingTree;
 use super::topology::Topology;
 use crate::guiding::cache::Bounds;
@@ -79,7 +79,9 @@ impl TreeVoxel {
 
     /// Judges the trees and proposals of the last iteration by a path sample that was drawn with their guide.
     pub fn judge(&mut self, record: &PathRecord, guide: &Parallax) {
-        if self.kind_trees.is_some() || self.last_proposals.is_some() {
+        // Most paths bring nothing that tells them apart.
+        let tells = record.brought.onward != 0.0;
+        if tells && (self.kind_trees.is_some() || self.last_proposals.is_some()) {
             let seen = guide.to_centre(record.point, record.direction);
             self.weigh_kinds(record, seen.direction, f64::from(seen.density));
             self.weigh_proposals(record, seen.direction);
@@ -89,25 +91,21 @@ impl TreeVoxel {
     /// Adds samples to the tree. The first of a pass also give the tree its shape, unless it `keeps` the one that it has.
     pub fn deposit<'a>(
         &mut self,
-        paths: impl Iterator<Item = &'a PathRecord> + Clone,
-        photons: impl Iterator<Item = &'a PhotonRecord> + Clone,
+        paths: impl Iterator<Item = &'a PathRecord>,
+        photons: impl Iterator<Item = &'a PhotonRecord>,
         (spheres, learned): (&Spheres, Learned),
         settings: &TreeSettings,
         keeps: bool,
     ) {
-        if paths.clone().next().is_none() && photons.clone().next().is_none() {
+        let place = Place { parallax: spheres.learned, direct: learned.direct, filtered: settings.filtered };
+        let samples = Placed::new(&place, self.tree.target(), paths, photons);
+        if samples.is_empty() {
             return;
         }
-        let place = Place { parallax: spheres.learned, direct: learned.direct, filtered: settings.filtered };
         if settings.layout == Layout::Network {
-            let normals = paths.clone().map(|r| r.normal).chain(photons.clone().map(|r| r.normal));
-            self.normals += normals.sum::<Vec3>();
+            self.normals += samples.normals();
         }
-        let deposit = |tree: &mut Quadtree| {
-            tree.deposit_paths(&place, paths.clone());
-            tree.deposit_photons(&place, photons.clone());
-        };
-        deposit(&mut self.tree);
+        self.tree.deposit(&samples);
         // A tree that is only a root first becomes equal leaves; the second round gives it direction.
         let first = !self.shaped && !keeps;
         let (rounds, least) = match self.tree.topology().len() {
@@ -117,7 +115,7 @@ impl TreeVoxel {
         };
         for _ in 0..rounds {
             self.tree = self.tree.refined(settings.split_share, least);
-            deposit(&mut self.tree);
+            self.tree.deposit(&samples);
         }
         self.shaped = true;
     }
