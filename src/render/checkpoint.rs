@@ -37,8 +37,8 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 12: light that paths have not found.
-pub const VERSION: u32 = 12;
+/// The version of checkpoints that this program reads and writes. 13: gains that are doubted.
+pub const VERSION: u32 = 13;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;
@@ -176,7 +176,7 @@ impl Moment<'_> {
             Blocks::Summed(_) => 0.0,
             Blocks::Kept(blocks) => blocks.len() as f64,
         });
-        let Trend { seconds, making, camera_part, verdict, relative, guided_cost, caustics, .. } = *trend;
+        let Trend { seconds, making, camera_part, verdict, doubted, relative, guided_cost, caustics, .. } = *trend;
         let flag = |flag: bool| f64::from(u8::from(flag));
         let phase = Phase::ALL.iter().position(|phase| *phase == position.phase).unwrap_or(0);
         let done = |i: usize| flag(halves.get(i).is_some_and(|half| half.done.is_some()));
@@ -212,6 +212,7 @@ impl Moment<'_> {
             division.as_ref().map_or(0.0, |division| f64::from(division.even)),
             making,
             blocks,
+            doubted.unwrap_or(f64::NAN),
         ]
     }
 }
@@ -219,7 +220,7 @@ impl Moment<'_> {
 /// Name of the samples by brightness of finished blocks.
 const CASCADE: &str = "cascade";
 /// Length of the array `state`.
-const STATE: usize = 30;
+const STATE: usize = 31;
 
 /// A number as a count. Conversion saturates, and NaN is 0.
 fn count(number: f64) -> u32 {
@@ -247,13 +248,14 @@ impl Resumed {
         let size = size.map(|n| n as usize);
         let numbers = file.read("state", Dtype::F64, Some(STATE), 1, f64::from_le_bytes)?;
         let mut state = read_state(&file, &numbers, size)?;
-        let [.., kind, spp, start, elapsed, guided_cost, caustics, even, making, blocks] = numbers[..] else {
+        let [.., kind, spp, start, elapsed, guided_cost, caustics, even, making, blocks, doubted] = numbers[..] else {
             return file.fail("state", "numbers are missing");
         };
         if !(guided_cost > 0.0 && guided_cost.is_finite()) {
             return file.fail("state", format!("a guided sample that costs {guided_cost} times another"));
         }
         (state.trend.guided_cost, state.trend.caustics, state.trend.making) = (guided_cost, caustics == 1.0, making);
+        state.trend.doubted = Some(doubted).filter(|gain| *gain >= 0.0);
         state.division = read_division(&file, [even, spp], &state.position, size)?;
         state.blocks = read_blocks(&file, blocks, settings, &state.position, size)?;
         if state.blocks.is_some() && settings.fireflies.kappa().is_some() {

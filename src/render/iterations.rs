@@ -112,7 +112,7 @@ impl Run<'_> {
 
     /// Whether the iterations before `next` have shown that guiding will not pay.
     pub(super) fn is_hopeless(&self, next: u32) -> bool {
-        let Trend { verdict, guided_cost, making, .. } = self.state.trend;
+        let Trend { verdict, doubted, guided_cost, making, .. } = self.state.trend;
         // Guides have to win back the time in which they are made.
         let making = match self.settings.stop {
             StopRule::Time(budget) => {
@@ -121,10 +121,16 @@ impl Run<'_> {
             }
             _ => 1.0,
         };
-        next >= self.patience() && !self.is_always_guided() && !verdict.may_pay(guided_cost * making)
+        let cost = guided_cost * making;
+        let waits = doubted.is_none() && (next as usize) < LATEST_VERDICT && verdict.is_doubtful(cost);
+        next >= self.patience() && !self.is_always_guided() && !waits && !verdict.may_pay(cost, doubted)
     }
 
     fn begin_iteration(&mut self, t: u32, learning: &Learning) -> Part {
+        let Trend { verdict, doubted, .. } = self.state.trend;
+        if t >= self.patience() && !self.state.trend.pays() {
+            self.state.trend.doubted = doubted.or(verdict.gain());
+        }
         self.state.position = Position {
             phase: Phase::Learning,
             iteration: t,
@@ -244,7 +250,7 @@ impl Run<'_> {
     pub(super) fn try_cost(&mut self, learning: &Learning, voxels: usize) {
         let StopRule::Time(budget) = self.settings.stop else { return };
         let verdict = self.state.trend.verdict;
-        let open = verdict.gain().is_some_and(|gain| gain >= STRONG) && verdict.may_pay(LEAST_COST);
+        let open = verdict.gain().is_some_and(|gain| gain >= STRONG) && verdict.may_pay(LEAST_COST, None);
         if self.is_always_guided() || !open {
             return;
         }

@@ -82,8 +82,10 @@ pub(super) struct Trend {
     pub seconds: f64,
     pub making: f64,
     pub camera_part: f64,
-    /// Verdict on the guide that the last iteration made.
+    /// Verdict on the guide that the last iteration was made with.
     pub verdict: Verdict,
+    /// A gain of an iteration before that was doubtful, and that this one has to confirm.
+    pub doubted: Option<f64>,
     /// Estimated relMSE of a picture with one sample per pixel, by the last iteration; only kept for a target error.
     pub relative: f64,
     /// Cost of a sample with the guide over that without.
@@ -95,7 +97,7 @@ pub(super) struct Trend {
 impl Trend {
     /// Whether the guide that the last iteration made is worth its cost.
     pub fn pays(&self) -> bool {
-        self.verdict.pays(self.guided_cost)
+        self.verdict.pays(self.guided_cost, self.doubted)
     }
 }
 
@@ -107,6 +109,7 @@ impl Default for Trend {
             making: 0.0,
             camera_part: 0.0,
             verdict: Verdict::default(),
+            doubted: None,
             relative: 0.0,
             guided_cost: GUIDED_COST,
             caustics: false,

@@ -92,7 +92,7 @@ impl Run<'_> {
         picture: Option<&[f32]>,
     ) -> bool {
         let verdict = self.judged_by_paths(judged_roughly, part, moments, learning, picture);
-        let hopeless = learning.unseen.is_some() && !verdict.may_pay(LEAST_COST);
+        let hopeless = learning.unseen.is_some() && !verdict.may_pay(LEAST_COST, None);
         if hopeless {
             self.state.trend.verdict = verdict;
         }
