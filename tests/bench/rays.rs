@@ -5,6 +5,7 @@
 //!     cargo bench --bench rays -- shadows SCENE...       shadow rays of scenes, before and after an order is learned
 //!     cargo bench --bench rays -- batches SCENE... [--raw DIR]
 //!                                                        rays of a render's paths, one at a time and in batches
+//!     cargo bench --bench rays -- raw DIR                these rays one at a time; older versions can be given `rays/raw.rs`
 //!     cargo bench --bench rays -- build SCENE...         building hierarchies: seconds that pass, and of all processors
 //!
 //! The scene is procedural: displaced ground, closed lumps and loose triangles, about 300,000 triangles in all. Rays start
@@ -15,6 +16,8 @@
 mod batches;
 #[path = "rays/build.rs"]
 mod build;
+#[path = "rays/raw.rs"]
+mod raw;
 #[path = "rays/shadows.rs"]
 mod shadows;
 
@@ -69,6 +72,11 @@ enum What {
         #[arg(long)]
         raw: Option<PathBuf>,
     },
+    /// Rays per second (millions) of what `batches --raw` has written, one at a time.
+    Raw {
+        /// Folder.
+        folder: PathBuf,
+    },
     /// Seconds to build the hierarchies of a million triangles and of scenes.
     Build {
         /// Scenes.
@@ -88,6 +96,7 @@ fn main() {
         Some(What::Shadows { scenes }) => return shadows::compare(scenes),
         Some(What::Batches { scenes, raw }) => return batches::compare(scenes, raw.as_deref()),
         Some(What::Build { scenes }) => return build::time(scenes),
+        Some(What::Raw { folder }) => return raw::time(folder),
         Some(What::Queries { .. }) | None => {}
     }
     let mesh = scene();
