@@ -7,7 +7,7 @@
 //! [`Adjoint::add_scene`](crate::guiding::learn::adjoint::Adjoint::add_scene)).
 //!
 //! Efficiency-aware roulette and splitting (Rath et al. 2022), which goes by second moments and costs instead of means, was tried twice, with
-//! and without pooled moments and splitting: see `docs/measurements.md`.
+//! and without pooled moments and splitting: see `docs/ablations.md`.
 
 /// Lowest probability: means of few samples must not shut light out.
 const LEAST: f32 = 0.1;
