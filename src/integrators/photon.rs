@@ -11,9 +11,9 @@ use crate::geometry::{Hit, Ray, RayKind, Scratch, Surface};
 use crate::guiding::learn::emission::{EmissionGuide, Start};
 use crate::guiding::record::PhotonRecord;
 use crate::lights::Emission;
+use crate::materials::Variant;
 use crate::materials::medium::MediumId;
 use crate::materials::phase::HenyeyGreenstein;
-use crate::materials::{Material, Variant};
 use crate::math::channel_mean;
 use crate::scene::Scene;
 use crate::scene::effects::{Effects, With};
@@ -221,8 +221,9 @@ impl PhotonTracer<'_> {
             End::Medium(phase) => Some(phase),
         };
         let material = if phase.is_none() { Some(self.scene.material(surface)) } else { None };
-        let smooth = material.is_some_and(Material::is_delta);
-        if !smooth && photon.is_useful(self.settings.light_sampling) {
+        // What scatters nothing brings no light to the picture, however much arrives: photons that paths need not find.
+        let learns = material.is_none_or(|material| !material.is_delta() && !material.is_black());
+        if learns && photon.is_useful(self.settings.light_sampling) {
             self.deposit(path.number, surface, phase.is_none(), -path.ray.direction, &path.photon, records);
         }
         let bumped = material.is_some_and(|material| material.bump.is_some() && surface.smooth != surface.shading);

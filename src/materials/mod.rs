@@ -273,6 +273,11 @@ impl Material {
         }
     }
 
+    /// Whether it is known to scatter nothing, as the surfaces of lamps often do.
+    pub fn is_black(&self) -> bool {
+        matches!(&self.kind, Kind::Diffuse(Diffuse { reflectance: Texture::Constant(albedo), .. }) if *albedo == Vec3::ZERO)
+    }
+
     /// About the roughness α of the narrowest lobe that is no delta lobe, in [0, 1]; 1 where all are diffuse.
     pub fn roughness(&self) -> f32 {
         let squared = |root: &Texture| channel_mean(root.mean()).clamp(0.0, 1.0).powi(2);

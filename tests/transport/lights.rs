@@ -239,6 +239,19 @@ fn s08_photons_bring_the_flux_that_paths_see() {
     }
 }
 
+/// Light that nothing scatters is in no picture: photons must not say that paths have to find it.
+#[test]
+fn photons_on_black_surfaces_teach_nothing() {
+    let [black, grey] = [0.0, 0.5].map(|albedo| {
+        let mut b = Builder::new("floor", [8, 8]);
+        let material = b.add_material("floor", scenes::one_sided(albedo));
+        b.add_quad("floor", Vec3::ZERO, [Vec3::Z, Vec3::X], &material, None);
+        b.add_light(LightFile::Constant { radiance: [2.0; 3] });
+        deposited_flux(&built(b.finish()), false, 1)
+    });
+    assert!(black == 0.0 && grey > 0.1, "{black} {grey}");
+}
+
 /// Two lamps in a closed room: all of their power arrives, whichever lamp a photon comes from. The powers differ by 12, so a
 /// wrong probability of choosing shows; exact but for 1 % noise.
 #[test]
