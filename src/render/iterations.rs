@@ -122,14 +122,15 @@ impl Run<'_> {
             _ => 1.0,
         };
         let cost = guided_cost * making;
+        // The next verdict rests on more paths, but one wait is enough.
         let waits = doubted.is_none() && (next as usize) < LATEST_VERDICT && verdict.is_doubtful(cost);
         next >= self.patience() && !self.is_always_guided() && !waits && !verdict.may_pay(cost, doubted)
     }
 
     fn begin_iteration(&mut self, t: u32, learning: &Learning) -> Part {
-        let Trend { verdict, doubted, .. } = self.state.trend;
-        if t >= self.patience() && !self.state.trend.pays() {
-            self.state.trend.doubted = doubted.or(verdict.gain());
+        let (patience, trend) = (self.patience(), &mut self.state.trend);
+        if t >= patience && !trend.pays() {
+            trend.doubted = trend.doubted.or(trend.verdict.gain());
         }
         self.state.position = Position {
             phase: Phase::Learning,

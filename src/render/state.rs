@@ -84,7 +84,7 @@ pub(super) struct Trend {
     pub camera_part: f64,
     /// Verdict on the guide that the last iteration was made with.
     pub verdict: Verdict,
-    /// A gain of an iteration before that was doubtful, and that this one has to confirm.
+    /// The first gain that was too small to pay and was waited on all the same: later ones have to be clearly better.
     pub doubted: Option<f64>,
     /// Estimated relMSE of a picture with one sample per pixel, by the last iteration; only kept for a target error.
     pub relative: f64,

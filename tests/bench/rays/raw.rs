@@ -1,5 +1,5 @@
 //! The rays that `batches` has written to a folder, one at a time: so that a version without batches, whose `rays` this file is put into, can be
-//! asked the same.
+//! asked the same. Hence it stands alone, with kinds of rays and rounds of its own.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ const SHADOWS: usize = 4;
 /// One line for each kind of rays that is there.
 pub fn time(folder: &Path) {
     let numbers = |name: String| -> Vec<[u8; 4]> {
-        let bytes = std::fs::read(folder.join(name)).unwrap_or_default();
+        let bytes = std::fs::read(folder.join(name)).expect("batches has written all of its files there");
         bytes.chunks_exact(4).map(|four| four.try_into().expect("there are four")).collect()
     };
     let floats = |name: String| -> Vec<f32> { numbers(name).into_iter().map(f32::from_le_bytes).collect() };
