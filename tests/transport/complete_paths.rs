@@ -233,9 +233,10 @@ fn learned(scene: &Scene) -> GuideField {
     field
 }
 
-/// Sums and sums of squares of independent samples, in classes.
+/// Sums over independent samples of a technique, in classes: what they bring, squares of that, and the same times what the other technique
+/// would bring by the same path, which is the second moment of that.
 #[derive(Clone)]
-struct Sums(Vec<[f64; 2]>);
+struct Sums(Vec<[f64; 3]>);
 
 /// Classes of paths: how they end, whether a delta lobe scatters, whether a medium does, and how long they are up to 5 points.
 const CLASSES: usize = 3 * 2 * 2 * 5;
@@ -253,27 +254,30 @@ fn class(path: &fanal::guiding::paths::path::CompletePath) -> usize {
 
 impl Sums {
     fn new() -> Self {
-        Self(vec![[0.0; 2]; CLASSES])
+        Self(vec![[0.0; 3]; CLASSES])
     }
 
-    fn add(&mut self, values: &[f64]) {
-        for (sum, value) in self.0.iter_mut().zip(values) {
-            *sum = [sum[0] + value, sum[1] + value * value];
+    /// Adds what a sample brings by this technique, and what it would by the other.
+    fn add(&mut self, values: &[[f64; 2]]) {
+        for (sum, [value, other]) in self.0.iter_mut().zip(values) {
+            *sum = [sum[0] + value, sum[1] + value * value, sum[2] + value * other];
         }
     }
 }
 
 /// Two estimates of the same in each class, of so many samples: none differs by more than chance allows with a false alarm of 1e-3 for all;
-/// returns the number of classes that have any.
+/// returns the number of classes that have any. A technique that finds a class once in a million samples has found none among fewer, and no
+/// variance in them; so the variance is the larger of that which its own samples have and that which the other's tell.
 fn agree(name: &str, (a, of_a): (&Sums, f64), (b, of_b): (&Sums, f64)) -> usize {
     let limit = normal_quantile(0.5 * sidak(1e-3, CLASSES));
-    let mean = |sums: [f64; 2], n: f64| {
-        let mean = sums[0] / n;
-        (mean, (sums[1] / n - mean * mean) / n)
+    let mean = |own: [f64; 3], n: f64, other: [f64; 3], of_other: f64| {
+        let mean = own[0] / n;
+        let second = (own[1] / n).max(other[2] / of_other);
+        (mean, (second - mean * mean) / n)
     };
     let mut seen = 0;
     for (class, (&a, &b)) in a.0.iter().zip(&b.0).enumerate() {
-        let ((a, va), (b, vb)) = (mean(a, of_a), mean(b, of_b));
+        let ((a, va), (b, vb)) = (mean(a, of_a, b, of_b), mean(b, of_b, a, of_a));
         if a > 0.0 || b > 0.0 {
             seen += 1;
             let z = (a - b) / (va + vb).sqrt();
@@ -335,9 +339,9 @@ fn densities_are_those_of_both_techniques() {
         };
         let n = 150_000;
         let mut sums: [Sums; 6] = std::array::from_fn(|_| Sums::new());
-        let value = |sums: &mut Sums, class: usize, value: f64| {
-            let mut values = [0.0; CLASSES];
-            values[class] = value;
+        let value = |sums: &mut Sums, class: usize, value: f64, [by_guide, by_tracer]: [f64; 2]| {
+            let mut values = [[0.0; 2]; CLASSES];
+            values[class] = [value * by_guide, value * by_tracer];
             sums.add(&values);
         };
         for index in 0..n {
@@ -345,25 +349,29 @@ fn densities_are_those_of_both_techniques() {
             let (class, pu, pg) = (class(&path.path), path.unguided, PIXELS * path.guided);
             let both = pu + pg;
             assert!(pu > 0.0, "the path tracer finds all that guided paths do");
-            value(&mut sums[0], class, pu / both);
-            value(&mut sums[1], class, pu * pu / (both * both));
-            value(&mut sums[2], class, path.value.element_sum() / 3.0 * pu / (both * both));
+            let shares = [pu / both, pg / both];
+            value(&mut sums[0], class, 1.0, shares);
+            value(&mut sums[1], class, pu / both, shares);
+            value(&mut sums[2], class, path.value.element_sum() / 3.0 / both, shares);
         }
         // A camera path has several complete ones, which depend on one another; their classes are summed first.
-        let mut of_path = [[0.0; CLASSES]; 3];
+        let mut of_path = [[[0.0; 2]; CLASSES]; 3];
         let mut last = None;
         traced(of, roulette, 2, n, |Contribution { path, value, unguided }| {
             let Some(path) = path else { return };
             if last != Some(path.film) {
                 (3..6).for_each(|i| sums[i].add(&of_path[i - 3]));
-                (of_path, last) = ([[0.0; CLASSES]; 3], Some(path.film));
+                (of_path, last) = ([[[0.0; 2]; CLASSES]; 3], Some(path.film));
             }
             let (class, pg) = (class(&path), PIXELS * guide.density(&path));
             if pg > 0.0 {
                 let both = unguided + pg;
-                of_path[0][class] += pg / both;
-                of_path[1][class] += unguided * pg / (both * both);
-                of_path[2][class] += f64::from(channel_mean(value)) * unguided * pg / (both * both);
+                let light = f64::from(channel_mean(value)) * unguided;
+                for (sums, value) in of_path.iter_mut().zip([1.0, unguided / both, light / both]) {
+                    let [by_tracer, by_guide] = &mut sums[class];
+                    *by_tracer += value * pg / both;
+                    *by_guide += value * unguided / both;
+                }
             }
         });
         (3..6).for_each(|i| sums[i].add(&of_path[i - 3]));
