@@ -279,7 +279,8 @@ impl GuidedTracer<'_> {
             return None;
         }
         let eta = self.eta(&walk.ray, surface, phase, direction);
-        walk.go_on(self.settings.roulette, &drawn.sample, eta, worth.onward);
+        let usual = self.field.and_then(GuideField::usual_radiance);
+        walk.go_on(self.settings.roulette, &drawn.sample, eta, [worth.onward, usual]);
         walk.tried = if event.delta { 0.0 } else { worth.light };
         walk.facing = if self.lights.asks_facing() { facing(normal) } else { ANYWHERE };
         let Drawn { distance, origin, .. } = drawn;
@@ -349,9 +350,9 @@ impl GuidedTracer<'_> {
 }
 
 impl Walk<'_> {
-    /// Counts a step that crosses indices of ratio `eta`; `survival` is the probability of going on by the light that is expected, if that is
-    /// known.
-    fn go_on(&mut self, roulette: Roulette, drawn: &MixtureSample, eta: f32, survival: Option<f32>) {
+    /// Counts a step that crosses indices of ratio `eta`; `survival` is the probability of going on by the light that is expected, and `usual`
+    /// the radiance that vertices usually send back, if these are known.
+    fn go_on(&mut self, roulette: Roulette, drawn: &MixtureSample, eta: f32, [survival, usual]: [Option<f32>; 2]) {
         // Of a delta lobe its factor times its probability; what is never drawn may still be seen of a light that is sampled.
         let value = if drawn.pdf > 0.0 { drawn.weight * drawn.pdf } else { drawn.value };
         self.value *= value.as_dvec3();
@@ -362,7 +363,8 @@ impl Walk<'_> {
         self.before *= self.last * self.survival * self.flight;
         self.last = f64::from(drawn.pdf);
         let judged = self.throughput.max(self.reflected);
-        let blind = || blind_survival(roulette, self.points.len() as u32 + 1, judged, self.squeezed);
+        let depth = self.points.len() as u32 + 1;
+        let blind = || blind_survival(roulette, depth, judged, self.squeezed, usual, self.pixel);
         // What a mirror shows has nothing to do with what the voxel's other directions send back.
         let survival = survival.filter(|_| !drawn.delta).unwrap_or_else(blind);
         self.throughput /= survival;

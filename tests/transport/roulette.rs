@@ -18,7 +18,7 @@ use fanal::lights::learned::LightSampling;
 use fanal::math::cylindrical;
 use fanal::sampling::warp;
 use fanal::scene::Scene;
-use fanal::scene::file::LightFile;
+use fanal::scene::file::{LightFile, MaterialFile, TextureFile};
 use glam::Vec3;
 use scenes::{box_furnace, built, floor};
 
@@ -169,4 +169,44 @@ fn a15_the_window_keeps_what_is_expected() {
     }
     // Two paths in three go on from a vertex without roulette, one in fifteen from the first with it.
     assert!(few[0] < 0.5 * all[0], "{} rays against {}", few[0], all[0]);
+}
+
+/// Between mirrors no voxel tells what is sent back. A path goes on there by what it carries times what vertices usually send back, over its
+/// pixel's value: by what it carries alone, the few paths that lead from a dark corner through a pane to the sun would return as fireflies.
+#[test]
+fn a15_mirrors_do_not_end_paths_of_dark_pixels() {
+    let mut b = Builder::new("mirrors", [4, 4]);
+    let silver =
+        MaterialFile::Conductor { eta: [1.0; 3], k: [2.0; 3], specular_reflectance: TextureFile::rgb([1.0; 3]) };
+    let mirror = b.add_material("mirror", MaterialFile::TwoSided { material: Box::new(silver) });
+    b.add_block("box", Vec3::splat(-1.0), Vec3::ONE, &mirror);
+    b.look_at(Vec3::ZERO, Vec3::X, Vec3::Y, 60.0);
+    let scene = built(b.finish());
+    let transport =
+        TransportSettings { max_depth: 12, light_sampling: false, roulette: Roulette::Window, guided_distances: false };
+    let usual = 0.5;
+    let field = peaked_field(0.3, AdjointRoulette::expecting([Some(0.0), Some(usual)]));
+    let (mut by_pixel, mut between) = (Vec::new(), 0);
+    for pixel in [Some(0.1), Some(0.5), Some(4.0), None] {
+        let tracer =
+            PathTracer { scene: &scene, settings: transport, field: Some(&field), lights: LightSampling::Plain };
+        let mut played = 0;
+        for i in 0..200 {
+            let random = Random::new(24, i, 0);
+            let ray = Ray { origin: Vec3::ZERO, direction: Vec3::new(1.0, 0.3, 0.003 * i as f32).normalize() };
+            let path = tracer.explain(CameraPath { ray, random, pixel });
+            for vertex in path.vertices.iter().skip(3) {
+                let Some(onward) = &vertex.onward else { continue };
+                let carried = (vertex.throughput * onward.weight).max_element();
+                let worth = pixel.map_or(carried, |pixel| carried * usual as f32 / pixel);
+                let expected = worth.clamp(0.05, 0.95);
+                assert!((onward.survival - expected).abs() < 1e-3, "{pixel:?}: {} {expected}", onward.survival);
+                between += u32::from((0.06..0.94).contains(&expected));
+                played += 1;
+            }
+        }
+        by_pixel.push(played);
+    }
+    assert!(between > 200, "{between}");
+    assert!(by_pixel[0] > by_pixel[1] && by_pixel[1] > by_pixel[2] && by_pixel[1] == by_pixel[3], "{by_pixel:?}");
 }

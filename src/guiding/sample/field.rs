@@ -113,13 +113,15 @@ impl PixelValues {
 pub struct GuideField {
     cache: SpatialCache,
     voxels: Vec<VoxelGuide>,
+    usual: Option<f32>,
     pixel_values: Option<PixelValues>,
 }
 
 impl GuideField {
     /// A field with one guide per voxel of `cache`.
     pub fn new(cache: SpatialCache, voxels: Vec<VoxelGuide>) -> Self {
-        Self { cache, voxels, pixel_values: None }
+        let usual = usual_radiance(&voxels);
+        Self { cache, voxels, usual, pixel_values: None }
     }
 
     /// The field with what is known of the picture that it was learned for, or without.
@@ -159,6 +161,13 @@ impl GuideField {
         &self.voxels
     }
 
+    /// Radiance that a vertex is taken to send back where no voxel tells, at glass and mirrors above all, W·m⁻²·sr⁻¹: the mean of all
+    /// voxels; none where they know nothing, or only of darkness.
+    #[inline(always)]
+    pub fn usual_radiance(&self) -> Option<f32> {
+        self.usual
+    }
+
     /// Bytes in use: cache and distributions.
     pub fn bytes(&self) -> usize {
         let distributions: usize = self.distributions().map(Directions::bytes).sum();
@@ -173,5 +182,33 @@ impl GuideField {
     /// Number of nodes, cells, lobes or Gaussians of all distributions.
     pub fn nodes(&self) -> usize {
         self.distributions().map(Directions::nodes).sum()
+    }
+}
+
+/// See [`GuideField::usual_radiance`].
+fn usual_radiance(voxels: &[VoxelGuide]) -> Option<f32> {
+    let known = || voxels.iter().filter_map(|voxel| voxel.roulette.expected());
+    let mean = known().map(f64::from).sum::<f64>() / known().count() as f64;
+    Some(mean as f32).filter(|mean| mean.is_normal())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_usual_is_the_mean_of_voxels_that_know() {
+        let usual = |means: &[Option<f64>]| {
+            let of = |&mean: &Option<f64>| VoxelGuide {
+                directions: None,
+                parallax: Parallax::NONE,
+                bsdf_fraction: 1.0,
+                roulette: AdjointRoulette::expecting([Some(0.0), mean]),
+            };
+            GuideField::new(SpatialCache::new(Vec3::ZERO, 1.0), means.iter().map(of).collect()).usual_radiance()
+        };
+        let known = usual(&[Some(1.0), None, Some(4.0)]).expect("two voxels know");
+        assert!((known - 2.5).abs() < 1e-5, "{known}");
+        assert_eq!([usual(&[]), usual(&[None]), usual(&[Some(0.0)])], [None; 3]);
     }
 }

@@ -38,6 +38,8 @@ pub(super) struct Going<'g, E> {
     pub paths: &'g [&'g PathState; LANES],
     /// Whether roulette is played by what paths carry.
     pub plays: bool,
+    /// See [`usual_radiance`](crate::guiding::sample::field::GuideField::usual_radiance).
+    pub usual: Option<f32>,
     pub gone: &'g mut Gone,
     pub effects: PhantomData<E>,
 }
@@ -67,8 +69,8 @@ impl<E: Effects> Going<'_, E> {
     /// the direction, f·cos/p is small because p is large, that is because much light is expected there: ending such paths early
     /// would undo what guiding gains. So what counts is the share that the surfaces reflect, as if their BSDFs had chosen the
     /// directions, or the throughput where that is larger. And what glass divides by η² on the way in it multiplies on the way out:
-    /// inside of it paths are worth as much as outside. Without a guide a path is worth what it carries over the value of its pixel, where
-    /// that is known: in a dark corner more than beside a lamp.
+    /// inside of it paths are worth as much as outside. And a path is worth what it carries times the radiance that vertices usually send
+    /// back, over the value of its pixel, where that is known: seen in a dark corner more than beside a lamp.
     #[inline(always)]
     fn go_on<K: Keep>(self, to: K) {
         let onward = self.shaded.onward(to);
@@ -93,7 +95,16 @@ impl<E: Effects> Going<'_, E> {
             let judged = if E::GUIDING { throughput.max(reflected) } else { throughput };
             let carried = if E::MATERIALS { judged * squeezed } else { judged };
             let most = carried.max_element();
-            survival = survival_by(if E::GUIDING { most } else { most / pixel });
+            survival = survival_by(if E::GUIDING {
+                let [usual, pixel, ..] = to.columns(|lane| {
+                    let PathState { judged, pixel, .. } = self.paths[lane];
+                    let [usual, pixel] = usual_and_pixel(self.usual, judged.then_some(*pixel));
+                    [usual, pixel, 0.0, 0.0]
+                });
+                most * usual / pixel
+            } else {
+                most / pixel
+            });
         }
         if E::GUIDING {
             let (known, expected) = self.expected(to);
@@ -135,8 +146,28 @@ fn survival_by<R: Real>(carried: R) -> R {
     carried.between(0.05, ROULETTE_MOST)
 }
 
-/// Probability with which a path goes on from its vertex number `depth`, where it carries `throughput`, or the larger of that and what it
-/// would carry if BSDFs had chosen all directions, and the product of squared indices `squeezed`, and nothing is known of its pixel.
-pub(in crate::integrators) fn blind_survival(roulette: Roulette, depth: u32, throughput: Vec3, squeezed: f32) -> f32 {
-    if roulette.plays(depth) { survival_by((throughput * squeezed).max_element()) } else { 1.0 }
+/// What vertices usually send back and what a path's pixel is worth, where both are known.
+#[inline(always)]
+fn usual_and_pixel(usual: Option<f32>, pixel: Option<f32>) -> [f32; 2] {
+    usual.zip(pixel).map_or([1.0; 2], |(usual, pixel)| [usual, pixel])
+}
+
+/// Probability with which a path goes on from its vertex number `depth` where no voxel tells, for one that carries `throughput`, or the
+/// larger of that and what it would carry if BSDFs had chosen all directions, and the product of squared indices `squeezed`, to a `pixel` of
+/// this value, of a field that knows what vertices send back as [`GuideField::usual_radiance`] says.
+///
+/// [`GuideField::usual_radiance`]: crate::guiding::sample::field::GuideField::usual_radiance
+pub(in crate::integrators) fn blind_survival(
+    roulette: Roulette,
+    depth: u32,
+    throughput: Vec3,
+    squeezed: f32,
+    usual: Option<f32>,
+    pixel: Option<f32>,
+) -> f32 {
+    if !roulette.plays(depth) {
+        return 1.0;
+    }
+    let [usual, pixel] = usual_and_pixel(usual, pixel);
+    survival_by((throughput * squeezed).max_element() * usual / pixel)
 }
