@@ -279,8 +279,8 @@ impl GuidedTracer<'_> {
             return None;
         }
         let eta = self.eta(&walk.ray, surface, phase, direction);
-        let usual = self.field.and_then(GuideField::usual_radiance);
-        walk.go_on(self.settings.roulette, &drawn.sample, eta, [worth.onward, usual]);
+        let roulette = self.settings.roulette;
+        walk.go_on(roulette, &drawn.sample, eta, [worth.onward, roulette.usual(self.field)]);
         walk.tried = if event.delta { 0.0 } else { worth.light };
         walk.facing = if self.lights.asks_facing() { facing(normal) } else { ANYWHERE };
         let Drawn { distance, origin, .. } = drawn;
@@ -364,7 +364,7 @@ impl Walk<'_> {
         self.last = f64::from(drawn.pdf);
         let judged = self.throughput.max(self.reflected);
         let depth = self.points.len() as u32 + 1;
-        let blind = || blind_survival(roulette, depth, judged, self.squeezed, usual, self.pixel);
+        let blind = || blind_survival(roulette, depth, judged * self.squeezed, [usual, self.pixel]);
         // What a mirror shows has nothing to do with what the voxel's other directions send back.
         let survival = survival.filter(|_| !drawn.delta).unwrap_or_else(blind);
         self.throughput /= survival;

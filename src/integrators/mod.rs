@@ -9,6 +9,8 @@ pub mod path;
 pub mod photon;
 pub mod site;
 
+use crate::guiding::sample::field::GuideField;
+
 /// Settings of light transport that the path tracer and the photon tracer share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TransportSettings {
@@ -29,7 +31,7 @@ pub enum Roulette {
     Off,
     /// By the path's throughput.
     Throughput,
-    /// By the expected contribution of the path, light sampling too; by throughput where that is not known.
+    /// By the expected contribution of the path, light sampling too; by throughput over the pixel's value where no voxel tells.
     Window,
 }
 
@@ -46,6 +48,11 @@ impl Roulette {
     /// Whether it is played at vertex number `depth` by what paths carry.
     fn plays(self, depth: u32) -> bool {
         self != Self::Off && depth >= ROULETTE_START
+    }
+
+    /// Radiance that vertices usually send back, if it goes by that and `field` knows it.
+    fn usual(self, field: Option<&GuideField>) -> Option<f32> {
+        field.filter(|_| self == Self::Window).and_then(GuideField::usual_radiance)
     }
 }
 

@@ -182,14 +182,14 @@ fn a15_mirrors_do_not_end_paths_of_dark_pixels() {
     b.add_block("box", Vec3::splat(-1.0), Vec3::ONE, &mirror);
     b.look_at(Vec3::ZERO, Vec3::X, Vec3::Y, 60.0);
     let scene = built(b.finish());
-    let transport =
-        TransportSettings { max_depth: 12, light_sampling: false, roulette: Roulette::Window, guided_distances: false };
     let usual = 0.5;
     let field = peaked_field(0.3, AdjointRoulette::expecting([Some(0.0), Some(usual)]));
     let (mut by_pixel, mut between) = (Vec::new(), 0);
-    for pixel in [Some(0.1), Some(0.5), Some(4.0), None] {
-        let tracer =
-            PathTracer { scene: &scene, settings: transport, field: Some(&field), lights: LightSampling::Plain };
+    let window = [Some(0.1), Some(0.5), Some(4.0), None].map(|pixel| (Roulette::Window, pixel));
+    for (roulette, pixel) in window.into_iter().chain([(Roulette::Throughput, Some(0.1))]) {
+        let settings = TransportSettings { max_depth: 12, light_sampling: false, roulette, guided_distances: false };
+        let tracer = PathTracer { scene: &scene, settings, field: Some(&field), lights: LightSampling::Plain };
+        let counts = pixel.filter(|_| roulette == Roulette::Window);
         let mut played = 0;
         for i in 0..200 {
             let random = Random::new(24, i, 0);
@@ -198,7 +198,7 @@ fn a15_mirrors_do_not_end_paths_of_dark_pixels() {
             for vertex in path.vertices.iter().skip(3) {
                 let Some(onward) = &vertex.onward else { continue };
                 let carried = (vertex.throughput * onward.weight).max_element();
-                let worth = pixel.map_or(carried, |pixel| carried * usual as f32 / pixel);
+                let worth = counts.map_or(carried, |pixel| carried * usual as f32 / pixel);
                 let expected = worth.clamp(0.05, 0.95);
                 assert!((onward.survival - expected).abs() < 1e-3, "{pixel:?}: {} {expected}", onward.survival);
                 between += u32::from((0.06..0.94).contains(&expected));
@@ -209,4 +209,5 @@ fn a15_mirrors_do_not_end_paths_of_dark_pixels() {
     }
     assert!(between > 200, "{between}");
     assert!(by_pixel[0] > by_pixel[1] && by_pixel[1] > by_pixel[2] && by_pixel[1] == by_pixel[3], "{by_pixel:?}");
+    assert_eq!(by_pixel[3], by_pixel[4]);
 }

@@ -152,22 +152,20 @@ fn usual_and_pixel(usual: Option<f32>, pixel: Option<f32>) -> [f32; 2] {
     usual.zip(pixel).map_or([1.0; 2], |(usual, pixel)| [usual, pixel])
 }
 
-/// Probability with which a path goes on from its vertex number `depth` where no voxel tells, for one that carries `throughput`, or the
-/// larger of that and what it would carry if BSDFs had chosen all directions, and the product of squared indices `squeezed`, to a `pixel` of
-/// this value, of a field that knows what vertices send back as [`GuideField::usual_radiance`] says.
+/// Probability with which a path goes on from its vertex number `depth` where no voxel tells. It has `carried` its throughput, or the larger
+/// of that and what it would be if BSDFs had chosen all directions, times the product of squared indices, to a `pixel` of this value;
+/// vertices send back what is `usual` by [`GuideField::usual_radiance`].
 ///
 /// [`GuideField::usual_radiance`]: crate::guiding::sample::field::GuideField::usual_radiance
 pub(in crate::integrators) fn blind_survival(
     roulette: Roulette,
     depth: u32,
-    throughput: Vec3,
-    squeezed: f32,
-    usual: Option<f32>,
-    pixel: Option<f32>,
+    carried: Vec3,
+    [usual, pixel]: [Option<f32>; 2],
 ) -> f32 {
     if !roulette.plays(depth) {
         return 1.0;
     }
     let [usual, pixel] = usual_and_pixel(usual, pixel);
-    survival_by((throughput * squeezed).max_element() * usual / pixel)
+    survival_by(carried.max_element() * usual / pixel)
 }

@@ -13,7 +13,6 @@ use super::vertices::{Shadows, Vertices};
 use super::{Arrival, PathState, PathTracer};
 use crate::base::random::{Dimension, Generators};
 use crate::geometry::{Ray, Surface};
-use crate::guiding::sample::field::GuideField;
 use crate::guiding::sample::lanes::GuideLanes;
 use crate::integrators::alike::{self, Alike, Points, bsdf};
 use crate::integrators::kept::{All, First};
@@ -162,7 +161,7 @@ impl PathTracer<'_> {
                     guides.ask(most > 1, shaded);
                 }
                 let (plays, effects) = (*plays, PhantomData::<E>);
-                let usual = self.field.and_then(GuideField::usual_radiance);
+                let usual = self.settings.roulette.usual(self.field);
                 let Sixteen { vertices: arrivals, surfaces, paths: before, .. } = sixteen;
                 Going { shaded, vertices: &arrivals, paths: &before, plays, usual, gone, effects }.take(most > 1);
                 for (lane, at) in together.iter().map(vertex).enumerate() {
