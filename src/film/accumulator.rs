@@ -61,6 +61,15 @@ pub fn check_sheet([width, height]: [u32; 2], views: usize) -> Result<()> {
     Ok(())
 }
 
+/// Variance of one sample over the squared value that its pixel is expected to have.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RelativeVariance {
+    /// Mean over channels and all pixels but the worst 0.1 %, which trimmed errors leave out too.
+    pub mean: f64,
+    /// Effective number of the pixels behind it (Kish): small where most comes from a few.
+    pub effective: f64,
+}
+
 /// Running mean and spread of one pixel's samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Pixel {
@@ -208,15 +217,18 @@ impl Pass {
         if measured > 0 { sum / measured as f64 } else { 0.0 }
     }
 
-    /// Variance of one sample over the squared value that the pixel is expected to have, averaged over channels and all pixels but
-    /// the worst 0.1 %, which trimmed errors leave out too; `None` where no pixel has two samples.
-    pub fn variance_relative_to(&self, values: Option<&[f32]>) -> Option<f64> {
+    /// Variance of one sample over the squared value that the pixel is expected to have; `None` where no pixel has two samples.
+    pub fn variance_relative_to(&self, values: Option<&[f32]>) -> Option<RelativeVariance> {
         let relative = |(i, pixel): (usize, Pixel)| {
             pixel.sample_variance().map(|variance| average(variance) / values.map_or(1.0, |v| f64::from(v[i]).powi(2)))
         };
         let mut variances: Vec<f64> = self.pixels().enumerate().filter_map(relative).collect();
         let worst = outliers(variances.len());
-        trimmed_mean(&mut variances, worst)
+        let mean = trimmed_mean(&mut variances, worst)?;
+        variances.truncate(variances.len() - worst);
+        let squares: f64 = variances.iter().map(|variance| variance * variance).sum();
+        let effective = if squares > 0.0 { variances.iter().sum::<f64>().powi(2) / squares } else { 0.0 };
+        Some(RelativeVariance { mean, effective })
     }
 
     /// Reduces the pass to what combining needs: the means in f32, the counts, and the variances.
@@ -524,6 +536,23 @@ mod tests {
             (0..16).for_each(|i| pass.add(i, sample, Vec3::splat(value(i))));
         }
         pass.finish()
+    }
+
+    #[test]
+    fn variances_of_few_pixels_are_weak_evidence() {
+        let of = |spread: fn(usize) -> f32| {
+            let mut pass = Pass::new(64, 64);
+            for sample in [0, 1] {
+                (0..64 * 64).for_each(|i| pass.add(i, sample, Vec3::splat(1.0 + sample as f32 * spread(i))));
+            }
+            pass.variance_relative_to(Some(&[2.0; 64 * 64])).expect("two samples of each pixel")
+        };
+        // Samples 1 and 3 have the variance 2, a half of the square of 2; four pixels are left out.
+        assert_eq!(of(|_| 2.0), RelativeVariance { mean: 0.5, effective: 4092.0 });
+        let RelativeVariance { mean, effective } = of(|i| if i % 256 == 0 { 32.0 } else { 0.0 });
+        assert!((mean / (12.0 * 128.0 / 4092.0) - 1.0).abs() < 1e-9 && (effective - 12.0).abs() < 1e-9);
+        assert_eq!(of(|i| if i < 4 { 1e9 } else { 0.0 }), RelativeVariance { mean: 0.0, effective: 0.0 });
+        assert_eq!(Pass::new(4, 4).variance_relative_to(None), None);
     }
 
     #[test]

@@ -28,6 +28,49 @@ pub fn expected_values(image: &Image) -> Option<Vec<f32>> {
     (floor.is_normal() && floor > 0.0).then(|| (0..found.len()).into_par_iter().map(value).collect())
 }
 
+/// The same for judging noise by, where few paths have found light: means over squares of 5 × 5 pixels, or the next of twice the reach, and
+/// so on, whose light is not that of a few bright pixels alone. With less a pixel in which nothing was found would count a hundred times
+/// as much as others. None while no light was found.
+pub fn steady_values(image: &Image) -> Option<Vec<f32>> {
+    let (width, height) = (image.width, image.height);
+    let found: Vec<f64> = image.pixels.iter().map(|&p| f64::from(channel_mean(p))).collect();
+    let floor = FLOOR * trimmed_mean(&mut found.clone(), found.len() / 100)?;
+    // Sums of values and of their squares over all that lies above and to the left.
+    let stride = width + 1;
+    let mut sums = vec![[0.0; 2]; stride * (height + 1)];
+    for (y, row) in found.chunks(width.max(1)).enumerate() {
+        let mut along = [0.0; 2];
+        for (x, value) in row.iter().enumerate() {
+            along = [along[0] + value, along[1] + value * value];
+            let above = sums[y * stride + x + 1];
+            sums[(y + 1) * stride + x + 1] = [above[0] + along[0], above[1] + along[1]];
+        }
+    }
+    let value = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let mut reach = 2;
+        loop {
+            let near = |at: usize, size: usize| [at.saturating_sub(reach), (at + reach + 1).min(size)];
+            let ([left, right], [top, bottom]) = (near(x, width), near(y, height));
+            let [sum, squares] = [0, 1].map(|k| {
+                let corner = |x: usize, y: usize| sums[y * stride + x][k];
+                corner(right, bottom) - corner(left, bottom) - corner(right, top) + corner(left, top)
+            });
+            let pixels = ((right - left) * (bottom - top)) as f64;
+            let told = squares > 0.0 && sum * sum >= STEADY.min(0.5 * pixels) * squares;
+            if told || reach >= width.max(height).min(WIDEST) {
+                break (sum / pixels).hypot(floor) as f32;
+            }
+            reach *= 2;
+        }
+    };
+    (floor.is_normal() && floor > 0.0).then(|| (0..found.len()).into_par_iter().map(value).collect())
+}
+
+/// Effective number (Kish) of pixels whose mean is steady, and the largest reach in which they are looked for.
+const STEADY: f64 = 8.0;
+const WIDEST: usize = 64;
+
 /// [`expected_values`] of the picture that `pass` has made so far, over its mean: the radiance that a vertex is taken to send back where
 /// nothing more is known of it. What a path carries, over its pixel's number, is about the share of the pixel that it still stands for:
 /// unguided roulette goes by that (after Vorba and Křivánek 2016 §5). None while no light was found.
@@ -40,6 +83,7 @@ pub fn roulette_values(pass: &Pass) -> Option<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::random::Random;
     use glam::Vec3;
 
     #[test]
@@ -52,6 +96,31 @@ mod tests {
         // The floor, a tenth of the mean without the brightest hundredth, adds 2 % to the darker half.
         assert!((values[28] / values[3] / (3f32.hypot(0.198) / 1f32.hypot(0.198)) - 1.0).abs() < 1e-3);
         assert_eq!(roulette_values(&Pass::new(4, 4)), None);
+    }
+
+    /// Where one path in forty finds light, 5 × 5 pixels mostly have found none. Where all do, a step stays one.
+    #[test]
+    fn rare_light_is_looked_for_farther_away() {
+        let mut random = Random::new(3, 0, 0);
+        let mut rare = || if random.below(40) == 0 { Vec3::splat(40.0) } else { Vec3::ZERO };
+        let image = Image { width: 120, height: 100, pixels: (0..12_000).map(|_| rare()).collect() };
+        let spread = |values: Vec<f32>| {
+            let off = values.iter().filter(|value| !(0.5..2.0).contains(*value)).count();
+            off as f64 / values.len() as f64
+        };
+        let (steady, plain) = (steady_values(&image).expect("there is light"), expected_values(&image));
+        // Squares with at least eight of about Poisson's law: off by more than a half with a probability of a tenth and less.
+        assert!(spread(steady) < 0.1);
+        assert!(plain.is_none_or(|plain| spread(plain) > 0.9));
+        let step = |i: usize| Vec3::splat(if i % 120 < 60 { 1.0 } else { 5.0 });
+        let values =
+            steady_values(&Image { pixels: (0..12_000).map(step).collect(), ..image }).expect("there is light");
+        // The floor is a tenth of the mean without the brightest hundredth.
+        let floor = 0.1 * (3.0 * 12_000.0 - 5.0 * 120.0) / 11_880.0;
+        for (value, lit) in [(values[57], 1f32), (values[62], 5.0)] {
+            assert!((value - lit.hypot(floor)).abs() < 1e-4, "{value} {lit}");
+        }
+        assert_eq!(steady_values(&Image { width: 20, height: 10, pixels: vec![Vec3::ZERO; 200] }), None);
     }
 
     #[test]

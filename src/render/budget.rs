@@ -1,9 +1,15 @@
 //! How much of a budget to spend on learning (Müller 2017 §3.5), for passes that are combined.
 
+use crate::film::RelativeVariance;
 use crate::guiding::moments::PictureMoments;
 
-/// Share of the budget that is spent on learning without asking: variances of so few samples decide nothing.
+/// Share of the budget that is spent on learning without asking: variances of so few samples decide nothing. And where a guide is known to
+/// gain little.
 const FREE_SHARE: f64 = 0.25;
+const FREE_IF_WEAK: f64 = 0.05;
+/// What the camera samples of iterations are worth in a picture that needs no strong guide, over those of the final pass: these follow longer
+/// sequences, and go where noise is.
+const WORTH_IF_WEAK: f64 = 0.5;
 /// Bounds of the predicted factor by which one more iteration lowers the variance of a sample. Measured factors are noisy: a
 /// single firefly must neither stop learning for good nor promise wonders.
 const FACTOR: [f64; 2] = [0.5, 0.97];
@@ -43,6 +49,15 @@ impl Verdict {
         if let Self::Gain(gain) = self { Some(gain) } else { None }
     }
 
+    /// The verdict on a guide whose gain by comparison is `tried`, if it was. Moments do not tell what roulette gains, nor what vertices gain
+    /// together; but where they tell of much, samples without the guide may have missed the light that it finds.
+    pub fn or_tried(self, tried: Option<f64>) -> Self {
+        match (self, tried) {
+            (Self::Gain(told), Some(tried)) if told * MOST_COST > 1.0 || tried < told => Self::Gain(tried),
+            _ => self,
+        }
+    }
+
     /// The verdict as one number for checkpoints: the gain, -1 for few samples, ∞ for unseen, NaN for unknown.
     pub fn number(self) -> f64 {
         match self {
@@ -66,14 +81,18 @@ impl Verdict {
     /// Whether a guide with this verdict may turn out to be worth its cost, that of a sample with it over that without: all may but those
     /// whose gain was measured and is too small. One that was `doubted` before has to be clearly better now.
     pub fn may_pay(self, cost: f64, doubted: Option<f64>) -> bool {
-        self.gain().is_none_or(|gain| {
-            gain * cost.min(MOST_COST) < 1.0 && doubted.is_none_or(|doubted| gain < CONFIRMING * doubted)
-        })
+        let confirmed = |gain: f64| doubted.is_none_or(|doubted| gain < CONFIRMING * doubted);
+        self.price(cost).is_none_or(|price| price < 1.0) && self.gain().is_none_or(confirmed)
+    }
+
+    /// What a guide costs over what it brings, where its gain was measured and a sample with it costs `cost` times one without.
+    pub fn price(self, cost: f64) -> Option<f64> {
+        self.gain().map(|gain| gain * cost.min(MOST_COST))
     }
 
     /// Whether a gain is so little too small that it may be for the few paths of an early iteration, and the next should decide.
     pub fn is_doubtful(self, cost: f64) -> bool {
-        self.gain().is_some_and(|gain| (1.0..DOUBT).contains(&(gain * cost.min(MOST_COST))))
+        self.price(cost).is_some_and(|price| (1.0..DOUBT).contains(&price))
     }
 
     /// Whether a guide with this verdict is used when nothing more is to be learned. One that no path has tried is not: in a room that
@@ -95,7 +114,9 @@ pub fn learns_on(outlook: &Outlook, variances: &[f64], verdict: Verdict) -> bool
     if spent + outlook.cost > outlook.limit * outlook.budget {
         return false;
     }
-    if spent + outlook.cost <= FREE_SHARE * outlook.budget {
+    let is_weak = verdict.gain().is_some_and(|gain| gain >= STRONG);
+    let (free, worth) = if is_weak { (FREE_IF_WEAK, WORTH_IF_WEAK) } else { (FREE_SHARE, 1.0) };
+    if spent + outlook.cost <= free * outlook.budget {
         return true;
     }
     let &[.., before, last] = variances else { return true };
@@ -106,13 +127,28 @@ pub fn learns_on(outlook: &Outlook, variances: &[f64], verdict: Verdict) -> bool
     }
     let usable = before.is_finite() && last.is_finite() && before > 0.0 && last > 0.0;
     let factor = if usable { (last / before).clamp(FACTOR[0], FACTOR[1]) } else { FACTOR[1] };
-    (outlook.left - outlook.cost) * (1.0 / factor - 1.0) > outlook.cost * (1.0 - outlook.camera_part)
+    (outlook.left - outlook.cost) * (1.0 / factor - 1.0) > outlook.cost * (1.0 - worth * outlook.camera_part)
 }
+
+/// Gain by comparing the same samples without and with a guide, which cost `cost` times as much with it, as one of samples whose cost counts
+/// as `counted`: the ratio of their variances, one standard error more and a tenth for what is still to be learned. None where few pixels tell.
+pub fn compared([unguided, guided]: [RelativeVariance; 2], cost: f64, counted: f64) -> Option<f64> {
+    let error = (1.0 / unguided.effective + 1.0 / guided.effective).sqrt();
+    let gain = TO_LEARN * guided.mean / unguided.mean * (1.0 + error) * cost / counted.min(MOST_COST);
+    (error < MOST_ERROR && gain.is_finite()).then_some(gain)
+}
+
+/// What is still to be learned costs samples too.
+const TO_LEARN: f64 = 1.1;
+/// Largest relative standard error of a comparison that tells something: that of 89 pixels each.
+const MOST_ERROR: f64 = 0.15;
 
 /// Cost of a sample with a guide over that without where it is not measured. A constant and not the clock, so that a budget in samples
 /// gives the same picture everywhere; that such a budget is to be well spent counts more than the time it takes, which is 1.3 to 2.3
 /// times that without a guide.
 pub const GUIDED_COST: f64 = 1.35;
+/// The same for rays.
+pub const GUIDED_RAY_COST: f64 = 1.4;
 
 /// Largest cost of a guided sample that counts. Where guiding gains much, it gains more than the vertices of its first guides tell, as each
 /// was reached by guided ones: `lamp-room` has 0.04 times the error at equal time where they say 0.5 and samples cost twice as much. Giving
@@ -126,6 +162,9 @@ const MOST_COST: f64 = 1.5;
 const DOUBT: f64 = 1.13;
 /// Gain over a doubted one that says that guiding pays after all: 0.53 to 0.79 where it does, 0.83 to 1.03 where it does not.
 const CONFIRMING: f64 = 0.82;
+
+/// Gain below which a guide is worth learning more of, whatever the variances of the first iterations.
+pub const STRONG: f64 = 0.5;
 
 /// Exponent of the gain, since a path's vertices reduce the same variance together: at equal samples the box has 0.87 times the
 /// error where the sum over vertices says 0.80, the room with the door 0.49 where it says 0.40.
@@ -250,8 +289,42 @@ mod tests {
     }
 
     #[test]
+    fn a_comparison_says_what_moments_do_not() {
+        let of = |mean, effective| RelativeVariance { mean, effective };
+        let gain =
+            |guided, effective, cost, counted| compared([of(10.0, effective), of(guided, effective)], cost, counted);
+        assert!((gain(5.0, 1e8, 1.35, 1.35).unwrap() - 0.55).abs() < 1e-3);
+        assert!(
+            gain(5.0, 400.0, 1.35, 1.35).is_some_and(|gain| gain > 0.58),
+            "few pixels may be wrong by a standard error"
+        );
+        assert_eq!(gain(5.0, 50.0, 1.35, 1.35), None, "too few");
+        for nothing in [of(0.0, 0.0), of(f64::NAN, 1e3)] {
+            assert_eq!(compared([nothing, of(1.0, 1e3)], 1.0, 1.1), None, "what has no variance tells nothing");
+        }
+        // Whatever cost counts beside moments, the verdict by comparison is that of the cost itself.
+        for (guided, cost) in [(4.0, 2.0), (6.0, 2.0), (9.0, 0.8), (13.0, 0.8), (9.0, 1.35)] {
+            let counted = f64::max(cost, 1.1);
+            let tried = Verdict::Gain(1.2).or_tried(gain(guided, 1e8, cost, counted));
+            assert_eq!(tried.pays(counted, None), 1.1 * guided / 10.0 * cost < 1.0, "{guided} {cost}");
+        }
+        assert_eq!(
+            Verdict::Gain(0.6).or_tried(Some(1.4)),
+            Verdict::Gain(0.6),
+            "unguided samples may have missed the light"
+        );
+        assert_eq!(Verdict::Gain(0.6).or_tried(Some(0.5)), Verdict::Gain(0.5));
+        assert_eq!(Verdict::Gain(0.9).or_tried(Some(0.7)), Verdict::Gain(0.7));
+        assert_eq!(Verdict::Gain(0.8).or_tried(Some(1.1)), Verdict::Gain(1.1), "moments count too much");
+        for verdict in [Verdict::Gain(0.9), Verdict::Few, Verdict::Unseen, Verdict::Unknown] {
+            assert_eq!(verdict.or_tried(None), verdict);
+        }
+        assert_eq!(Verdict::Unseen.or_tried(Some(0.1)), Verdict::Unseen, "there is light that neither has found");
+    }
+
+    #[test]
     fn learning_goes_on_while_it_pays() {
-        let (halving, flat, known) = ([8.0, 4.0], [8.0, 8.0], Verdict::Gain(0.5));
+        let (halving, flat, known) = ([8.0, 4.0], [8.0, 8.0], Verdict::Gain(0.4));
         assert!(learns_on(&outlook(94.0, 6.0, 0.5), &flat, known), "the first iterations are free");
         assert!(learns_on(&outlook(80.0, 20.0, 0.5), &halving, known));
         assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &flat, known), "nothing is gained by photons that teach nothing");
@@ -267,6 +340,16 @@ mod tests {
         assert!(!learns_on(&outlook(60.0, 20.0, 0.5), &[1.0, 9.0], Verdict::Unseen), "no more than the limit");
         assert!(!learns_on(&outlook(80.0, 20.0, 0.5), &halving, Verdict::Few), "fireflies");
         assert!(learns_on(&outlook(94.0, 6.0, 0.5), &flat, Verdict::Unknown), "the first iterations are free");
+        let weak = Verdict::Gain(0.8);
+        assert!(!learns_on(&outlook(94.0, 6.0, 0.5), &flat, weak), "not those of a guide that gains little");
+        assert!(
+            learns_on(&outlook(97.0, 2.0, 0.5), &flat, weak) && learns_on(&outlook(94.0, 6.0, 0.5), &halving, weak)
+        );
+        assert!(learns_on(&outlook(80.0, 20.0, 1.0), &[8.0, 7.2], known));
+        assert!(
+            !learns_on(&outlook(80.0, 20.0, 1.0), &[8.0, 7.2], weak),
+            "whose samples are worth less than those of the final pass"
+        );
     }
 
     #[test]

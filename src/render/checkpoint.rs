@@ -37,8 +37,8 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 13: gains that are doubted.
-pub const VERSION: u32 = 13;
+/// The version of checkpoints that this program reads and writes. 14: gains by comparison.
+pub const VERSION: u32 = 14;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;
@@ -65,7 +65,7 @@ pub struct Checkpointing {
 /// What is traced and learned, as a number: raised with every change by which the same settings give other samples, in other words other
 /// bits in a picture. Then checkpoints, parts and guides of before are those of another program, and do not go together with those of
 /// this one.
-pub const ALGORITHM: u32 = 6;
+pub const ALGORITHM: u32 = 7;
 
 /// Settings that a picture depends on, as text: `scene` and `guide` stand for the contents of files; the stop rule is that asked
 /// for, before the time for loading is subtracted.
@@ -176,7 +176,8 @@ impl Moment<'_> {
             Blocks::Summed(_) => 0.0,
             Blocks::Kept(blocks) => blocks.len() as f64,
         });
-        let Trend { seconds, making, camera_part, verdict, doubted, relative, guided_cost, caustics, .. } = *trend;
+        let Trend { seconds, making, camera_part, verdict, doubted, tried, relative, guided_cost, caustics, .. } =
+            *trend;
         let flag = |flag: bool| f64::from(u8::from(flag));
         let phase = Phase::ALL.iter().position(|phase| *phase == position.phase).unwrap_or(0);
         let done = |i: usize| flag(halves.get(i).is_some_and(|half| half.done.is_some()));
@@ -213,6 +214,7 @@ impl Moment<'_> {
             making,
             blocks,
             doubted.unwrap_or(f64::NAN),
+            tried.unwrap_or(f64::NAN),
         ]
     }
 }
@@ -220,7 +222,7 @@ impl Moment<'_> {
 /// Name of the samples by brightness of finished blocks.
 const CASCADE: &str = "cascade";
 /// Length of the array `state`.
-const STATE: usize = 31;
+const STATE: usize = 32;
 
 /// A number as a count. Conversion saturates, and NaN is 0.
 fn count(number: f64) -> u32 {
@@ -248,14 +250,15 @@ impl Resumed {
         let size = size.map(|n| n as usize);
         let numbers = file.read("state", Dtype::F64, Some(STATE), 1, f64::from_le_bytes)?;
         let mut state = read_state(&file, &numbers, size)?;
-        let [.., kind, spp, start, elapsed, guided_cost, caustics, even, making, blocks, doubted] = numbers[..] else {
+        let [.., kind, spp, start, elapsed, guided_cost, caustics, even, making, blocks, doubted, tried] = numbers[..]
+        else {
             return file.fail("state", "numbers are missing");
         };
         if !(guided_cost > 0.0 && guided_cost.is_finite()) {
             return file.fail("state", format!("a guided sample that costs {guided_cost} times another"));
         }
         (state.trend.guided_cost, state.trend.caustics, state.trend.making) = (guided_cost, caustics == 1.0, making);
-        state.trend.doubted = Some(doubted).filter(|gain| *gain >= 0.0);
+        [state.trend.doubted, state.trend.tried] = [doubted, tried].map(|gain| Some(gain).filter(|gain| *gain >= 0.0));
         state.division = read_division(&file, [even, spp], &state.position, size)?;
         state.blocks = read_blocks(&file, blocks, settings, &state.position, size)?;
         if state.blocks.is_some() && settings.fireflies.kappa().is_some() {

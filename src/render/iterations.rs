@@ -1,15 +1,12 @@
 //! Learning while rendering: iterations, and when they end.
 
-use std::time::Instant;
-
 use super::Learned;
-use super::budget::{Outlook, Verdict, judged, learns_on};
+use super::budget::{Outlook, STRONG, Verdict, judged, learns_on};
 use super::learning::{Learning, MUCH};
-use super::pass::{CHUNK, PassTracer};
 use super::run::Run;
 use super::settings::StopRule;
 use super::state::{Part, Phase, Position, Trend};
-use super::statistics::{GuideStatistics, Iteration, Statistics};
+use super::statistics::{GuideStatistics, Iteration};
 use crate::base::Result;
 use crate::film::{FinishedPass, outliers};
 use crate::guiding::learn::learner::Use;
@@ -19,17 +16,9 @@ use crate::reconstruct::Reconstructor;
 
 /// Iterations after which a verdict should be known even where light is hard to find.
 const LATEST_VERDICT: usize = 4;
-/// Gain below which a guide is worth learning more of, whatever the variances of the first iterations.
-const STRONG: f64 = 0.5;
 
 /// Growth of the time in which guides are made from one iteration to the next: trees grow less than the samples in them.
 const MAKING_GROWTH: f64 = 1.5;
-
-/// Part of the time for a render in which is measured what a guided sample costs, and how often in turns with others.
-const TRIAL_SHARE: f64 = 0.005;
-const TRIALS: usize = 3;
-/// Least cost of a guided sample over another; a clock that says less was disturbed.
-pub(super) const LEAST_COST: f64 = 1.1;
 
 impl Run<'_> {
     /// Iterations, each with twice the paths of the one before, while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
@@ -171,7 +160,7 @@ impl Run<'_> {
         }
         if !given_up {
             let variance = part.pass.variance_relative_to(picture.as_deref());
-            self.judge(variance, learning, finished.samples(), on_trial);
+            self.judge(variance.map(|variance| variance.mean), learning, finished.samples());
         }
         // Of a guide that does not pay no better one is made: that takes longer than all else that was learned.
         let iteration = if self.is_hopeless(t + 1) {
@@ -183,8 +172,11 @@ impl Run<'_> {
         } else {
             let rays = self.reconstruction_rays();
             let made = learning.end_iteration(part.spp, rays, reconstructor, &mut self.statistics.seconds)?;
-            // Judged were the last guides, but these are rendered with.
-            self.try_cost(learning, learning.learner.voxels());
+            // Judged were the last guides, but these are rendered with. They are better than those that clearly paid.
+            if !self.state.trend.clearly_pays() {
+                self.state.trend.tried = None;
+                self.try_guides(learning, learning.learner.voxels());
+            }
             made
         };
         let seconds = self.watcher.elapsed() - began;
@@ -210,18 +202,17 @@ impl Run<'_> {
         Ok(Some((finished, complete)))
     }
 
-    /// Judges the guides that a pass was made with by its `samples` camera paths and by its photons; those of a pass on trial have been
-    /// judged by the paths before.
-    fn judge(&mut self, variance: Option<f64>, learning: &mut Learning, samples: u64, on_trial: bool) {
-        let knows_cost = on_trial && self.state.trend.verdict.gain().is_some();
+    /// Judges the guides that a pass was made with by its `samples` camera paths and by its photons, and by the trial in which they were
+    /// compared.
+    fn judge(&mut self, variance: Option<f64>, learning: &mut Learning, samples: u64) {
         let caustics = learning.caustics();
         self.state.trend.caustics = caustics.map_or_else(|| self.has_delta_lobes(), |part| part > MUCH);
         let moments = learning.learner.picture_moments(self.outliers_of(samples));
-        self.state.trend.verdict = judged(variance, &moments, samples as f64);
+        let trend = &mut self.state.trend;
+        trend.verdict = judged(variance, &moments, samples as f64).or_tried(trend.tried);
         learning.unseen = caustics.map(|_| moments.unseen);
-        if !knows_cost {
-            // With each iteration more voxels are guided, and so samples cost more.
-            self.try_cost(learning, self.state.position.voxels);
+        if trend.tried.is_none() {
+            self.try_guides(learning, self.state.position.voxels);
         }
     }
 
@@ -244,40 +235,6 @@ impl Run<'_> {
     /// Whether guiding is never given up, whatever it costs.
     pub(super) fn is_always_guided(&self) -> bool {
         self.learn_only || !self.settings.gives_up
-    }
-
-    /// Measures the cost of a sample with the guides of the first `voxels` voxels over that without them, where the verdict on guiding
-    /// depends on it. Both trace the same samples in turns, which are in no picture, for about a two-hundredth of the time for the render.
-    pub(super) fn try_cost(&mut self, learning: &Learning, voxels: usize) {
-        let StopRule::Time(budget) = self.settings.stop else { return };
-        let verdict = self.state.trend.verdict;
-        let open = verdict.gain().is_some_and(|gain| gain >= STRONG) && verdict.may_pay(LEAST_COST, None);
-        if self.is_always_guided() || !open {
-            return;
-        }
-        let (field, picture) = (learning.learner.field_of(voxels, Use::Rendering), self.pixel_values());
-        let rate = self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-6);
-        let samples = (TRIAL_SHARE / (2 * TRIALS) as f64 * budget * rate) as u64;
-        let mut seconds = [f64::INFINITY; 2];
-        for trial in 0..2 * TRIALS {
-            let guided = trial % 2;
-            let field = (guided == 1).then_some(&field);
-            let tracer = PassTracer {
-                field,
-                lights: (&self.lights).into(),
-                // Values mean another thing to paths without a guide.
-                picture: field.and(picture.as_deref()),
-                first_sample: self.state.rendered,
-                chunk: samples.clamp(1 << 12, CHUNK),
-                ..PassTracer::new(self.scene, self.settings, self.window, &self.filter)
-            };
-            let mut pass = self.empty_pass();
-            let begun = Instant::now();
-            tracer.run(&mut pass, 0, None, &mut Statistics::default(), &mut |_| false);
-            // Other programs only make a trial slower.
-            seconds[guided] = seconds[guided].min(begun.elapsed().as_secs_f64());
-        }
-        self.state.trend.guided_cost = (seconds[1] / seconds[0].max(1e-9)).max(LEAST_COST);
     }
 
     /// Rays that reconstruction may have cost after this iteration: a share of those of the whole render as far as that can be
@@ -342,6 +299,10 @@ fn decisions(gave_up: bool, trend: &Trend, iterations: &[Iteration], photon_shar
     let count = iterations.len();
     let on = if gave_up { "off: it does not pay" } else { "on" };
     let measured = match trend.verdict {
+        Verdict::Gain(gain) if trend.tried == Some(gain) => {
+            let price = trend.verdict.price(trend.guided_cost).unwrap_or(gain);
+            format!("{on}: by samples with and without it, it costs {price:.2} times what it brings")
+        }
         Verdict::Gain(gain) => format!("{on}: the variance of a sample with it is {gain:.2} times that without"),
         Verdict::Unknown if gave_up => "off: no sample has shown that it helps".to_owned(),
         Verdict::Unseen => format!("{on}: photons know of light that paths have not found yet"),

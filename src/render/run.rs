@@ -237,10 +237,13 @@ impl<'a> Run<'a> {
     /// Value (channel mean) that each pixel is expected to have: as the guide knows it, or else by the passes so far; none while no light
     /// was found.
     pub fn pixel_values(&self) -> Option<Vec<f32>> {
+        self.known.clone().or_else(|| self.values_of(&self.picture_so_far()?))
+    }
+
+    /// The picture that passes have made so far, for what is estimated from it.
+    pub fn picture_so_far(&self) -> Option<Image> {
         let State { passes, early, .. } = &self.state;
-        let estimated =
-            || self.values_of(&combine_sheet(if passes.is_empty() { early } else { passes }, self.scene.views()).ok()?);
-        self.known.clone().or_else(estimated)
+        combine_sheet(if passes.is_empty() { early } else { passes }, self.scene.views()).ok()
     }
 
     /// Value that each pixel is expected to have by a noisy picture; none where that shows no light.

@@ -88,6 +88,9 @@ pub(super) struct Trend {
     pub doubted: Option<f64>,
     /// Estimated relMSE of a picture with one sample per pixel, by the last iteration; only kept for a target error.
     pub relative: f64,
+    /// The gain of the guides at hand by comparing samples with and without them, see [`compared`](super::budget::compared); none where they
+    /// were not.
+    pub tried: Option<f64>,
     /// Cost of a sample with the guide over that without.
     pub guided_cost: f64,
     /// Whether much of the light comes through glass or from mirrors, as far as is known.
@@ -95,11 +98,19 @@ pub(super) struct Trend {
 }
 
 impl Trend {
+    /// Whether a comparison has shown that guides pay so clearly that better ones need none.
+    pub fn clearly_pays(&self) -> bool {
+        self.tried.is_some_and(|gain| Verdict::Gain(gain).price(self.guided_cost).is_some_and(|price| price < CLEAR))
+    }
+
     /// Whether the guide that the last iteration made is worth its cost.
     pub fn pays(&self) -> bool {
         self.verdict.pays(self.guided_cost, self.doubted)
     }
 }
+
+/// Price below which there is no doubt that a guide pays.
+const CLEAR: f64 = 0.8;
 
 impl Default for Trend {
     fn default() -> Self {
@@ -110,6 +121,7 @@ impl Default for Trend {
             camera_part: 0.0,
             verdict: Verdict::default(),
             doubted: None,
+            tried: None,
             relative: 0.0,
             guided_cost: GUIDED_COST,
             caustics: false,

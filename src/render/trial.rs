@@ -1,14 +1,35 @@
-//! Passes on trial: small iterations whose guides are judged before anything is learned from them. A guide that does not pay should cost
-//! little, and most of such an iteration is what would be learned for the next one: light paths, voxels' spheres, trees.
+//! Trials of guides. Passes on trial are small iterations whose guides are judged before anything is learned from them: a guide that does
+//! not pay should cost little, and most of such an iteration is what would be learned for the next one: light paths, voxels' spheres,
+//! trees. And guides of which paths do not tell clearly whether they pay are tried: samples with and without them are compared.
 
-use super::budget::{Verdict, judged, judged_roughly};
-use super::iterations::LEAST_COST;
+use std::time::Instant;
+
+use super::budget::{GUIDED_RAY_COST, STRONG, Verdict, compared, judged, judged_roughly};
 use super::learning::Learning;
 use super::pass::{CHUNK, PassTracer};
 use super::run::Run;
+use super::settings::StopRule;
 use super::state::{Part, Position};
+use super::statistics::Statistics;
+use crate::film::steady_values;
+use crate::guiding::learn::learner::Use;
 use crate::guiding::moments::PictureMoments;
 use crate::guiding::sample::field::GuideField;
+
+/// Part of a budget for a comparison of samples with and without a guide, in seconds or in samples, and how often each is made in turns.
+const TRIAL_SHARE: [f64; 2] = [0.005, 0.01];
+const TRIALS: u32 = 3;
+/// Samples of each of their pixels, each time: variances take two.
+const PER_PIXEL: u32 = 2;
+/// Fewest samples of one, for the clock and for variances.
+const FEWEST: [u64; 2] = [1 << 12, 1 << 10];
+/// First sample of those that are compared, beyond all that pictures have: what decides on a guide must not be what it makes.
+const FIRST_TRIED: u32 = 1 << 31;
+/// Least cost of a guided sample over another that counts beside what moments tell; a clock that says less was disturbed, or roulette is
+/// harsher with the guide, which moments do not tell.
+const LEAST_COST: f64 = 1.1;
+/// Gain by moments above which nobody looks closer.
+const HOPELESS: f64 = 1.25;
 
 impl Run<'_> {
     /// Whether iteration `t` is one on trial: where its guides may be given up, it fits into one chunk, and photons of the iteration before
@@ -77,8 +98,11 @@ impl Run<'_> {
         if self.is_clearly_hopeless(part, &moments, learning, picture) {
             return true;
         }
-        self.state.trend.verdict = self.judged_by_paths(judged, part, &moments, learning, picture);
-        self.try_cost(learning, voxels);
+        let told = self.judged_by_paths(judged, part, &moments, learning, picture);
+        self.state.trend.verdict = told.or_tried(self.state.trend.tried);
+        if self.state.trend.tried.is_none() {
+            self.try_guides(learning, voxels);
+        }
         self.is_hopeless(t + 1)
     }
 
@@ -92,11 +116,77 @@ impl Run<'_> {
         picture: Option<&[f32]>,
     ) -> bool {
         let verdict = self.judged_by_paths(judged_roughly, part, moments, learning, picture);
-        let hopeless = learning.unseen.is_some() && !verdict.may_pay(LEAST_COST, None);
-        if hopeless {
-            self.state.trend.verdict = verdict;
+        if learning.unseen.is_none() || verdict.may_pay(LEAST_COST, None) {
+            return false;
         }
-        hopeless
+        self.state.trend.verdict = verdict.or_tried(self.state.trend.tried);
+        if self.state.trend.tried.is_none() {
+            self.try_guides(learning, self.state.position.voxels);
+        }
+        let trend = &self.state.trend;
+        !trend.verdict.may_pay(if trend.tried.is_some() { trend.guided_cost } else { LEAST_COST }, None)
+    }
+
+    /// Tries the guides of the first `voxels` voxels where the verdict on guiding depends on it: the same samples, which are in no picture,
+    /// are traced with and without them in turns, and tell what they cost and how their variances differ. Under a budget in samples
+    /// their rays are what they cost, so that the same picture is made everywhere.
+    pub(super) fn try_guides(&mut self, learning: &Learning, voxels: usize) {
+        let open = self.state.trend.verdict.gain().is_some_and(|gain| (STRONG..HOPELESS).contains(&gain));
+        let picture = if open && !self.is_always_guided() { self.pixel_values() } else { None };
+        let weights = picture.as_ref().and_then(|_| steady_values(&self.picture_so_far()?));
+        let (Some(picture), Some(weights), Some(samples)) = (picture, weights, self.tried_samples()) else { return };
+        let field = learning.learner.field_of(voxels, Use::Rendering);
+        // Values mean another thing to paths without a guide.
+        let mean = picture.iter().map(|&value| f64::from(value)).sum::<f64>() / picture.len() as f64;
+        let over_mean: Vec<f32> = picture.iter().map(|&value| (f64::from(value) / mean) as f32).collect();
+        let (mut passes, mut seconds) = ([self.empty_pass(), self.empty_pass()], [f64::INFINITY; 2]);
+        let mut statistics = [Statistics::default(), Statistics::default()];
+        for trial in 0..2 * TRIALS {
+            let guided = trial as usize % 2;
+            let tracer = PassTracer {
+                field: (guided == 1).then_some(&field),
+                lights: (&self.lights).into(),
+                picture: if guided == 1 { Some(&picture) } else { self.settings.adaptive.then_some(&over_mean) }
+                    .map(Vec::as_slice),
+                first_sample: FIRST_TRIED + self.state.rendered + trial / 2 * PER_PIXEL,
+                spp: PER_PIXEL,
+                places: (samples / u64::from(PER_PIXEL)).clamp(1, self.pixels()),
+                ..PassTracer::new(self.scene, self.settings, self.window, &self.filter)
+            };
+            let begun = Instant::now();
+            tracer.run(&mut passes[guided], 0, None, &mut statistics[guided], &mut |_| true);
+            // Other programs only make a trial slower.
+            seconds[guided] = seconds[guided].min(begun.elapsed().as_secs_f64());
+        }
+        let over = |[unguided, guided]: [f64; 2]| guided / unguided.max(1e-9);
+        let cost = if let StopRule::Time(_) = self.settings.stop {
+            over(seconds)
+        } else {
+            self.state.spent += statistics.iter().map(|of| of.samples as f64).sum::<f64>() / self.pixels() as f64;
+            GUIDED_RAY_COST * over(statistics.map(|of| of.rays as f64))
+        };
+        let trend = &mut self.state.trend;
+        trend.guided_cost = cost.max(LEAST_COST);
+        let [unguided, guided] = passes.map(|pass| pass.variance_relative_to(Some(&weights)));
+        trend.tried =
+            unguided.zip(guided).and_then(|(unguided, guided)| compared([unguided, guided], cost, trend.guided_cost));
+        trend.verdict = trend.verdict.or_tried(trend.tried);
+    }
+
+    /// Samples of a trial of a guide, one of [`TRIALS`] with it or without; none where the budget is too small for trials.
+    fn tried_samples(&self) -> Option<u64> {
+        let of = |share: f64, budget: f64| (share / f64::from(2 * TRIALS) * budget) as u64;
+        match self.settings.stop {
+            StopRule::Time(seconds) => {
+                let rate = self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-6);
+                Some(of(TRIAL_SHARE[0], seconds * rate).clamp(FEWEST[0], CHUNK))
+            }
+            StopRule::Spp(spp) => {
+                let samples = of(TRIAL_SHARE[1], f64::from(spp) * self.pixels() as f64).min(CHUNK);
+                Some(samples).filter(|&samples| samples >= FEWEST[1])
+            }
+            StopRule::TargetError(_) => None,
+        }
     }
 
     /// What `rule` says of guides by the paths of a pass so far, and by what the photons of the iteration before have told.
@@ -108,7 +198,7 @@ impl Run<'_> {
         learning: &Learning,
         picture: Option<&[f32]>,
     ) -> Verdict {
-        let variance = part.pass.variance_relative_to(picture);
+        let variance = part.pass.variance_relative_to(picture).map(|variance| variance.mean);
         let unseen = learning.unseen.filter(|_| learning.photon_share > 0.0).unwrap_or(0.0);
         rule(variance, &PictureMoments { unseen, ..*moments }, part.pass.samples() as f64)
     }

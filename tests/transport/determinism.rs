@@ -13,7 +13,7 @@ use fanal::integrators::path::{CameraPath, PathScratch, PathTracer};
 use fanal::integrators::photon::{PhotonScratch, PhotonTracer};
 use fanal::integrators::{Roulette, TransportSettings};
 use fanal::lights::learned::LightSampling;
-use fanal::render::{RenderSettings, render};
+use fanal::render::{Iteration, Outcome, RenderSettings, render};
 use fanal::scene::{Scene, readers};
 use rayon::prelude::*;
 use scenes::{GUIDES, Guide, NILSSON, OURS, ZHU, committed, reconstructor, settings};
@@ -68,6 +68,30 @@ fn threads_change_nothing_where_samples_follow_noise() {
         assert!(one == two, "{guide:?}");
         assert!(one != bits(&scene, guide, 1, 1), "{guide:?}: nothing was divided");
     }
+}
+
+/// Nor where guides are tried: what they cost is counted in rays then. Samples that are compared are no part of the picture, but of the budget.
+#[test]
+fn threads_change_nothing_where_guides_are_tried() {
+    let scene = committed("cornell", [64, 48]);
+    let settings = RenderSettings { gives_up: true, keeps_spread: true, ..settings(GUIDES[5], 512, 1) };
+    let of = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a few threads can be had");
+        let reconstructor = reconstructor(settings.guide);
+        let made = pool.install(|| render(&scene, &settings, reconstructor.as_ref(), &Silent, &AtomicBool::new(false)));
+        let Outcome { image, spread, statistics, .. } = made.expect("the settings are sound");
+        let costs: Vec<f64> = statistics.iterations.iter().map(|iteration| iteration.cost).collect();
+        let spent = |i: &Iteration| f64::from(i.spp) * (1.0 + i.photon_share);
+        let learned: f64 = statistics.iterations.iter().map(spent).sum();
+        let bits: Vec<_> = image.pixels.iter().map(|p| p.to_array().map(f32::to_bits)).collect();
+        (bits, costs, learned, spread.expect("it was asked for").samples)
+    };
+    let (one, two) = (of(1), of(2));
+    let (_, costs, learned, samples) = &one;
+    assert!(costs.iter().any(|cost| *cost != costs[0]), "{costs:?}: no guide was tried");
+    let learned_too = samples.iter().map(|&samples| f64::from(samples)).fold(0.0, f64::max) + learned;
+    assert!(learned_too > 500.0 && samples.iter().all(|&samples| samples < 510), "{learned} {}", samples[0]);
+    assert!(one == two);
 }
 
 /// Nor where flights and shadow rays take as many random numbers as they need.
