@@ -13,8 +13,7 @@ const FLOOR: f64 = 0.1;
 /// Estimated channel mean of every pixel of `image`: a mean over 5 × 5 pixels, with a floor. The largest values are left out of
 /// both, so that fireflies do not make everything else look worthless. None while no light was found.
 pub fn expected_values(image: &Image) -> Option<Vec<f32>> {
-    let found: Vec<f64> = image.pixels.iter().map(|&p| f64::from(channel_mean(p))).collect();
-    let floor = FLOOR * trimmed_mean(&mut found.clone(), found.len() / 100)?;
+    let (found, floor) = found_in(image)?;
     let reach = |at: usize, size: usize| at.saturating_sub(2)..(at + 3).min(size);
     let value = |i: usize| {
         let (x, y) = (i % image.width, i / image.width);
@@ -25,7 +24,7 @@ pub fn expected_values(image: &Image) -> Option<Vec<f32>> {
         let fireflies = around.len() / 9;
         trimmed_mean(&mut around, fireflies).unwrap_or(0.0).hypot(floor) as f32
     };
-    (floor.is_normal() && floor > 0.0).then(|| (0..found.len()).into_par_iter().map(value).collect())
+    Some((0..found.len()).into_par_iter().map(value).collect())
 }
 
 /// The same for judging noise by, where few paths have found light: means over squares of 5 × 5 pixels, or the next of twice the reach, and
@@ -33,8 +32,7 @@ pub fn expected_values(image: &Image) -> Option<Vec<f32>> {
 /// as much as others. None while no light was found.
 pub fn steady_values(image: &Image) -> Option<Vec<f32>> {
     let (width, height) = (image.width, image.height);
-    let found: Vec<f64> = image.pixels.iter().map(|&p| f64::from(channel_mean(p))).collect();
-    let floor = FLOOR * trimmed_mean(&mut found.clone(), found.len() / 100)?;
+    let (found, floor) = found_in(image)?;
     // Sums of values and of their squares over all that lies above and to the left.
     let stride = width + 1;
     let mut sums = vec![[0.0; 2]; stride * (height + 1)];
@@ -64,20 +62,31 @@ pub fn steady_values(image: &Image) -> Option<Vec<f32>> {
             reach *= 2;
         }
     };
-    (floor.is_normal() && floor > 0.0).then(|| (0..found.len()).into_par_iter().map(value).collect())
+    Some((0..found.len()).into_par_iter().map(value).collect())
 }
 
 /// Effective number (Kish) of pixels whose mean is steady, and the largest reach in which they are looked for.
 const STEADY: f64 = 8.0;
 const WIDEST: usize = 64;
 
+/// Channel means of the pixels of `image`, and the least value that one is expected to have; none where there is no light.
+fn found_in(image: &Image) -> Option<(Vec<f64>, f64)> {
+    let found: Vec<f64> = image.pixels.iter().map(|&p| f64::from(channel_mean(p))).collect();
+    let floor = FLOOR * trimmed_mean(&mut found.clone(), found.len() / 100)?;
+    (floor.is_normal() && floor > 0.0).then_some((found, floor))
+}
+
 /// [`expected_values`] of the picture that `pass` has made so far, over its mean: the radiance that a vertex is taken to send back where
 /// nothing more is known of it. What a path carries, over its pixel's number, is about the share of the pixel that it still stands for:
 /// unguided roulette goes by that (after Vorba and Křivánek 2016 §5). None while no light was found.
 pub fn roulette_values(pass: &Pass) -> Option<Vec<f32>> {
-    let values = expected_values(&combine(&[pass.finish()]).ok()?)?;
+    Some(over_mean(&expected_values(&combine(&[pass.finish()]).ok()?)?))
+}
+
+/// Pixel values over their mean.
+pub fn over_mean(values: &[f32]) -> Vec<f32> {
     let mean = values.iter().map(|&value| f64::from(value)).sum::<f64>() / values.len() as f64;
-    Some(values.into_iter().map(|value| (f64::from(value) / mean) as f32).collect())
+    values.iter().map(|&value| (f64::from(value) / mean) as f32).collect()
 }
 
 #[cfg(test)]

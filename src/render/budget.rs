@@ -49,10 +49,10 @@ impl Verdict {
         if let Self::Gain(gain) = self { Some(gain) } else { None }
     }
 
-    /// The verdict on a guide whose gain by comparison is `tried`, if it was. Moments do not tell what roulette gains, nor what vertices gain
-    /// together; but where they tell of much, samples without the guide may have missed the light that it finds.
-    pub fn or_tried(self, tried: Option<f64>) -> Self {
-        match (self, tried) {
+    /// The verdict on a guide that was `tried`. Moments do not tell what roulette gains, nor what vertices gain together; but where they
+    /// tell of much, samples without the guide may have missed the light that it finds.
+    pub fn or_tried(self, tried: Tried) -> Self {
+        match (self, tried.gain()) {
             (Self::Gain(told), Some(tried)) if told * MOST_COST > 1.0 || tried < told => Self::Gain(tried),
             _ => self,
         }
@@ -130,12 +130,49 @@ pub fn learns_on(outlook: &Outlook, variances: &[f64], verdict: Verdict) -> bool
     (outlook.left - outlook.cost) * (1.0 / factor - 1.0) > outlook.cost * (1.0 - worth * outlook.camera_part)
 }
 
+/// What comparing samples with and without a guide has told of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Tried {
+    /// They were not compared.
+    #[default]
+    Not,
+    /// Too few pixels told.
+    Unclear,
+    /// Variance of a sample with the guide over that without it, see [`compared`].
+    Gain(f64),
+}
+
+impl Tried {
+    /// The gain, where it was told.
+    pub fn gain(self) -> Option<f64> {
+        if let Self::Gain(gain) = self { Some(gain) } else { None }
+    }
+
+    /// What was told as one number for checkpoints: the gain, -1 where it is not clear, NaN where nothing was compared.
+    pub fn number(self) -> f64 {
+        match self {
+            Self::Not => f64::NAN,
+            Self::Unclear => -1.0,
+            Self::Gain(gain) => gain,
+        }
+    }
+
+    /// What has this [`Tried::number`].
+    pub fn from_number(number: f64) -> Self {
+        match number {
+            gain if gain >= 0.0 => Self::Gain(gain),
+            -1.0 => Self::Unclear,
+            _ => Self::Not,
+        }
+    }
+}
+
 /// Gain by comparing the same samples without and with a guide, which cost `cost` times as much with it, as one of samples whose cost counts
-/// as `counted`: the ratio of their variances, one standard error more and a tenth for what is still to be learned. None where few pixels tell.
-pub fn compared([unguided, guided]: [RelativeVariance; 2], cost: f64, counted: f64) -> Option<f64> {
+/// as `counted`: the ratio of their variances, one standard error more and a tenth for what is still to be learned.
+pub fn compared([unguided, guided]: [RelativeVariance; 2], cost: f64, counted: f64) -> Tried {
     let error = (1.0 / unguided.effective + 1.0 / guided.effective).sqrt();
     let gain = TO_LEARN * guided.mean / unguided.mean * (1.0 + error) * cost / counted.min(MOST_COST);
-    (error < MOST_ERROR && gain.is_finite()).then_some(gain)
+    if error < MOST_ERROR && gain.is_finite() { Tried::Gain(gain) } else { Tried::Unclear }
 }
 
 /// What is still to be learned costs samples too.
@@ -293,14 +330,18 @@ mod tests {
         let of = |mean, effective| RelativeVariance { mean, effective };
         let gain =
             |guided, effective, cost, counted| compared([of(10.0, effective), of(guided, effective)], cost, counted);
-        assert!((gain(5.0, 1e8, 1.35, 1.35).unwrap() - 0.55).abs() < 1e-3);
+        assert!(gain(5.0, 1e8, 1.35, 1.35).gain().is_some_and(|gain| (gain - 0.55).abs() < 1e-3));
         assert!(
-            gain(5.0, 400.0, 1.35, 1.35).is_some_and(|gain| gain > 0.58),
+            gain(5.0, 400.0, 1.35, 1.35).gain().is_some_and(|gain| gain > 0.58),
             "few pixels may be wrong by a standard error"
         );
-        assert_eq!(gain(5.0, 50.0, 1.35, 1.35), None, "too few");
+        assert_eq!(gain(5.0, 50.0, 1.35, 1.35), Tried::Unclear, "too few");
         for nothing in [of(0.0, 0.0), of(f64::NAN, 1e3)] {
-            assert_eq!(compared([nothing, of(1.0, 1e3)], 1.0, 1.1), None, "what has no variance tells nothing");
+            assert_eq!(
+                compared([nothing, of(1.0, 1e3)], 1.0, 1.1),
+                Tried::Unclear,
+                "what has no variance tells nothing"
+            );
         }
         // Whatever cost counts beside moments, the verdict by comparison is that of the cost itself.
         for (guided, cost) in [(4.0, 2.0), (6.0, 2.0), (9.0, 0.8), (13.0, 0.8), (9.0, 1.35)] {
@@ -309,17 +350,25 @@ mod tests {
             assert_eq!(tried.pays(counted, None), 1.1 * guided / 10.0 * cost < 1.0, "{guided} {cost}");
         }
         assert_eq!(
-            Verdict::Gain(0.6).or_tried(Some(1.4)),
+            Verdict::Gain(0.6).or_tried(Tried::Gain(1.4)),
             Verdict::Gain(0.6),
             "unguided samples may have missed the light"
         );
-        assert_eq!(Verdict::Gain(0.6).or_tried(Some(0.5)), Verdict::Gain(0.5));
-        assert_eq!(Verdict::Gain(0.9).or_tried(Some(0.7)), Verdict::Gain(0.7));
-        assert_eq!(Verdict::Gain(0.8).or_tried(Some(1.1)), Verdict::Gain(1.1), "moments count too much");
+        assert_eq!(Verdict::Gain(0.6).or_tried(Tried::Gain(0.5)), Verdict::Gain(0.5));
+        assert_eq!(Verdict::Gain(0.9).or_tried(Tried::Gain(0.7)), Verdict::Gain(0.7));
+        assert_eq!(Verdict::Gain(0.8).or_tried(Tried::Gain(1.1)), Verdict::Gain(1.1), "moments count too much");
         for verdict in [Verdict::Gain(0.9), Verdict::Few, Verdict::Unseen, Verdict::Unknown] {
-            assert_eq!(verdict.or_tried(None), verdict);
+            assert_eq!(verdict.or_tried(Tried::Not), verdict);
+            assert_eq!(verdict.or_tried(Tried::Unclear), verdict);
         }
-        assert_eq!(Verdict::Unseen.or_tried(Some(0.1)), Verdict::Unseen, "there is light that neither has found");
+        assert_eq!(
+            Verdict::Unseen.or_tried(Tried::Gain(0.1)),
+            Verdict::Unseen,
+            "there is light that neither has found"
+        );
+        for tried in [Tried::Not, Tried::Unclear, Tried::Gain(0.0), Tried::Gain(0.7)] {
+            assert_eq!(Tried::from_number(tried.number()), tried);
+        }
     }
 
     #[test]

@@ -23,7 +23,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use super::budget::Verdict;
+use super::budget::{Tried, Verdict};
 use super::learning::Learning;
 use super::settings::{RenderSettings, StopRule};
 use super::state::{Blocks, Division, Half, Part, Phase, Position, State, Trend};
@@ -214,7 +214,7 @@ impl Moment<'_> {
             making,
             blocks,
             doubted.unwrap_or(f64::NAN),
-            tried.unwrap_or(f64::NAN),
+            tried.number(),
         ]
     }
 }
@@ -258,7 +258,8 @@ impl Resumed {
             return file.fail("state", format!("a guided sample that costs {guided_cost} times another"));
         }
         (state.trend.guided_cost, state.trend.caustics, state.trend.making) = (guided_cost, caustics == 1.0, making);
-        [state.trend.doubted, state.trend.tried] = [doubted, tried].map(|gain| Some(gain).filter(|gain| *gain >= 0.0));
+        state.trend.doubted = Some(doubted).filter(|gain| *gain >= 0.0);
+        state.trend.tried = Tried::from_number(tried);
         state.division = read_division(&file, [even, spp], &state.position, size)?;
         state.blocks = read_blocks(&file, blocks, settings, &state.position, size)?;
         if state.blocks.is_some() && settings.fireflies.kappa().is_some() {

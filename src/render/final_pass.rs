@@ -7,7 +7,7 @@ use super::settings::{RenderSettings, StopRule};
 use super::state::{Blocks, Division, Part, Phase, Position};
 use super::statistics::GuideStatistics;
 use crate::base::{Error, Result};
-use crate::film::{Pass, combine_sheet, densities, roulette_values, without};
+use crate::film::{Pass, combine_sheet, densities, expected_values, roulette_values, without};
 use crate::guiding::sample::field::GuideField;
 use crate::picture::Image;
 
@@ -62,7 +62,7 @@ impl Run<'_> {
     /// Ends a render with its picture and the field that has guided it.
     pub(super) fn end(self, Rendered { plain, spread, fireflies }: Rendered, field: Option<GuideField>) -> Outcome {
         let keeps = self.settings.learner.keeps_evidence && self.statistics.guide.trees > 0;
-        let pixel_values = if keeps { self.values_of(&plain) } else { None };
+        let pixel_values = if keeps { self.values_of(&plain, expected_values) } else { None };
         let image = fireflies.as_ref().map(|taken| without(&plain, taken)).unwrap_or(plain);
         self.watcher.control.progress.finish();
         let pixels = self.pixels() as f64;

@@ -1,7 +1,7 @@
 //! Learning while rendering: iterations, and when they end.
 
 use super::Learned;
-use super::budget::{Outlook, STRONG, Verdict, judged, learns_on};
+use super::budget::{Outlook, STRONG, Tried, Verdict, judged, learns_on};
 use super::learning::{Learning, MUCH};
 use super::run::Run;
 use super::settings::StopRule;
@@ -174,7 +174,7 @@ impl Run<'_> {
             let made = learning.end_iteration(part.spp, rays, reconstructor, &mut self.statistics.seconds)?;
             // Judged were the last guides, but these are rendered with. They are better than those that clearly paid.
             if !self.state.trend.clearly_pays() {
-                self.state.trend.tried = None;
+                self.state.trend.tried = Tried::default();
                 self.try_guides(learning, learning.learner.voxels());
             }
             made
@@ -208,12 +208,8 @@ impl Run<'_> {
         let caustics = learning.caustics();
         self.state.trend.caustics = caustics.map_or_else(|| self.has_delta_lobes(), |part| part > MUCH);
         let moments = learning.learner.picture_moments(self.outliers_of(samples));
-        let trend = &mut self.state.trend;
-        trend.verdict = judged(variance, &moments, samples as f64).or_tried(trend.tried);
         learning.unseen = caustics.map(|_| moments.unseen);
-        if trend.tried.is_none() {
-            self.try_guides(learning, self.state.position.voxels);
-        }
+        self.decide(judged(variance, &moments, samples as f64), learning);
     }
 
     /// How many of so many samples the variances of pictures leave out.
@@ -299,7 +295,7 @@ fn decisions(gave_up: bool, trend: &Trend, iterations: &[Iteration], photon_shar
     let count = iterations.len();
     let on = if gave_up { "off: it does not pay" } else { "on" };
     let measured = match trend.verdict {
-        Verdict::Gain(gain) if trend.tried == Some(gain) => {
+        Verdict::Gain(gain) if trend.tried == Tried::Gain(gain) => {
             let price = trend.verdict.price(trend.guided_cost).unwrap_or(gain);
             format!("{on}: by samples with and without it, it costs {price:.2} times what it brings")
         }

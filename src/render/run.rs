@@ -39,6 +39,9 @@ const CHUNK_SECONDS: [f64; 2] = [0.05, 0.25];
 /// A chunk has at least a sample for one in so many pixels, so that one chunk alone leaves only narrow gaps.
 const EVERY_ROW: u64 = 12;
 
+/// Estimates pixel values from a noisy picture; none where that shows no light.
+type Estimate = fn(&Image) -> Option<Vec<f32>>;
+
 /// A running render.
 pub(super) struct Run<'a> {
     pub scene: &'a Scene,
@@ -237,23 +240,24 @@ impl<'a> Run<'a> {
     /// Value (channel mean) that each pixel is expected to have: as the guide knows it, or else by the passes so far; none while no light
     /// was found.
     pub fn pixel_values(&self) -> Option<Vec<f32>> {
-        self.known.clone().or_else(|| self.values_of(&self.picture_so_far()?))
+        self.known.clone().or_else(|| self.values_so_far(expected_values))
     }
 
-    /// The picture that passes have made so far, for what is estimated from it.
-    pub fn picture_so_far(&self) -> Option<Image> {
+    /// Value of each pixel by the passes so far.
+    pub fn values_so_far(&self, estimate: Estimate) -> Option<Vec<f32>> {
         let State { passes, early, .. } = &self.state;
-        combine_sheet(if passes.is_empty() { early } else { passes }, self.scene.views()).ok()
+        let picture = combine_sheet(if passes.is_empty() { early } else { passes }, self.scene.views()).ok()?;
+        self.values_of(&picture, estimate)
     }
 
-    /// Value that each pixel is expected to have by a noisy picture; none where that shows no light.
-    pub fn values_of(&self, image: &Image) -> Option<Vec<f32>> {
-        let mut values = expected_values(image)?;
+    /// Value of each pixel by a noisy picture; none where that shows no light.
+    pub fn values_of(&self, image: &Image, estimate: Estimate) -> Option<Vec<f32>> {
+        let mut values = estimate(image)?;
         if self.scene.views() > 1 {
             // A pixel is worth what it is in its own picture; where light was found in others only, nothing better is known.
             let pixels = values.len() / self.scene.views();
             for (own, view) in values.chunks_mut(pixels).zip(image.parts(self.scene.views())) {
-                expected_values(&view).into_iter().for_each(|found| own.copy_from_slice(&found));
+                estimate(&view).into_iter().for_each(|found| own.copy_from_slice(&found));
             }
         }
         Some(values)

@@ -1,6 +1,6 @@
 //! State of a render between two chunks, apart from what is learned: a checkpoint holds both.
 
-use super::budget::{GUIDED_COST, Verdict};
+use super::budget::{GUIDED_COST, Tried, Verdict};
 use crate::film::{Block, Cascade, FinishedPass, Pass, Sum};
 
 /// State of a render from which the rest of it follows.
@@ -88,9 +88,8 @@ pub(super) struct Trend {
     pub doubted: Option<f64>,
     /// Estimated relMSE of a picture with one sample per pixel, by the last iteration; only kept for a target error.
     pub relative: f64,
-    /// The gain of the guides at hand by comparing samples with and without them, see [`compared`](super::budget::compared); none where they
-    /// were not.
-    pub tried: Option<f64>,
+    /// What comparing samples with and without the guides at hand has told.
+    pub tried: Tried,
     /// Cost of a sample with the guide over that without.
     pub guided_cost: f64,
     /// Whether much of the light comes through glass or from mirrors, as far as is known.
@@ -100,7 +99,10 @@ pub(super) struct Trend {
 impl Trend {
     /// Whether a comparison has shown that guides pay so clearly that better ones need none.
     pub fn clearly_pays(&self) -> bool {
-        self.tried.is_some_and(|gain| Verdict::Gain(gain).price(self.guided_cost).is_some_and(|price| price < CLEAR))
+        self.tried
+            .gain()
+            .and_then(|gain| Verdict::Gain(gain).price(self.guided_cost))
+            .is_some_and(|price| price < CLEAR)
     }
 
     /// Whether the guide that the last iteration made is worth its cost.
@@ -121,7 +123,7 @@ impl Default for Trend {
             camera_part: 0.0,
             verdict: Verdict::default(),
             doubted: None,
-            tried: None,
+            tried: Tried::default(),
             relative: 0.0,
             guided_cost: GUIDED_COST,
             caustics: false,

@@ -4,14 +4,14 @@
 
 use std::time::Instant;
 
-use super::budget::{GUIDED_RAY_COST, STRONG, Verdict, compared, judged, judged_roughly};
+use super::budget::{GUIDED_RAY_COST, STRONG, Tried, Verdict, compared, judged, judged_roughly};
 use super::learning::Learning;
 use super::pass::{CHUNK, PassTracer};
 use super::run::Run;
 use super::settings::StopRule;
-use super::state::{Part, Position};
+use super::state::Part;
 use super::statistics::Statistics;
-use crate::film::steady_values;
+use crate::film::{over_mean, steady_values};
 use crate::guiding::learn::learner::Use;
 use crate::guiding::moments::PictureMoments;
 use crate::guiding::sample::field::GuideField;
@@ -93,17 +93,13 @@ impl Run<'_> {
 
     /// Whether the whole pass shows that its guides do not pay.
     fn is_given_up_on_trial(&mut self, part: &Part, learning: &mut Learning, picture: Option<&[f32]>) -> bool {
-        let Position { iteration: t, voxels, .. } = self.state.position;
         let moments = learning.learner.picture_moments(self.outliers_of(part.pass.samples()));
         if self.is_clearly_hopeless(part, &moments, learning, picture) {
             return true;
         }
         let told = self.judged_by_paths(judged, part, &moments, learning, picture);
-        self.state.trend.verdict = told.or_tried(self.state.trend.tried);
-        if self.state.trend.tried.is_none() {
-            self.try_guides(learning, voxels);
-        }
-        self.is_hopeless(t + 1)
+        self.decide(told, learning);
+        self.is_hopeless(self.state.position.iteration + 1)
     }
 
     /// Whether guides would not pay if samples with them cost as little as any, for which less evidence is enough. Photons must have told
@@ -119,12 +115,17 @@ impl Run<'_> {
         if learning.unseen.is_none() || verdict.may_pay(LEAST_COST, None) {
             return false;
         }
-        self.state.trend.verdict = verdict.or_tried(self.state.trend.tried);
-        if self.state.trend.tried.is_none() {
+        self.decide(verdict, learning);
+        let trend = &self.state.trend;
+        !trend.verdict.may_pay(if trend.tried.gain().is_some() { trend.guided_cost } else { LEAST_COST }, None)
+    }
+
+    /// Decides on the guides at hand, of which moments have `told`: by what trying them tells, where it does. The same guides are tried once.
+    pub(super) fn decide(&mut self, told: Verdict, learning: &Learning) {
+        self.state.trend.verdict = told.or_tried(self.state.trend.tried);
+        if self.state.trend.tried == Tried::Not {
             self.try_guides(learning, self.state.position.voxels);
         }
-        let trend = &self.state.trend;
-        !trend.verdict.may_pay(if trend.tried.is_some() { trend.guided_cost } else { LEAST_COST }, None)
     }
 
     /// Tries the guides of the first `voxels` voxels where the verdict on guiding depends on it: the same samples, which are in no picture,
@@ -132,13 +133,11 @@ impl Run<'_> {
     /// their rays are what they cost, so that the same picture is made everywhere.
     pub(super) fn try_guides(&mut self, learning: &Learning, voxels: usize) {
         let open = self.state.trend.verdict.gain().is_some_and(|gain| (STRONG..HOPELESS).contains(&gain));
-        let picture = if open && !self.is_always_guided() { self.pixel_values() } else { None };
-        let weights = picture.as_ref().and_then(|_| steady_values(&self.picture_so_far()?));
-        let (Some(picture), Some(weights), Some(samples)) = (picture, weights, self.tried_samples()) else { return };
+        let Some(samples) = self.tried_samples().filter(|_| open && !self.is_always_guided()) else { return };
+        let (Some(picture), Some(weights)) = (self.pixel_values(), self.values_so_far(steady_values)) else { return };
         let field = learning.learner.field_of(voxels, Use::Rendering);
         // Values mean another thing to paths without a guide.
-        let mean = picture.iter().map(|&value| f64::from(value)).sum::<f64>() / picture.len() as f64;
-        let over_mean: Vec<f32> = picture.iter().map(|&value| (f64::from(value) / mean) as f32).collect();
+        let unguided = over_mean(&picture);
         let (mut passes, mut seconds) = ([self.empty_pass(), self.empty_pass()], [f64::INFINITY; 2]);
         let mut statistics = [Statistics::default(), Statistics::default()];
         for trial in 0..2 * TRIALS {
@@ -146,7 +145,7 @@ impl Run<'_> {
             let tracer = PassTracer {
                 field: (guided == 1).then_some(&field),
                 lights: (&self.lights).into(),
-                picture: if guided == 1 { Some(&picture) } else { self.settings.adaptive.then_some(&over_mean) }
+                picture: if guided == 1 { Some(&picture) } else { self.settings.adaptive.then_some(&unguided) }
                     .map(Vec::as_slice),
                 first_sample: FIRST_TRIED + self.state.rendered + trial / 2 * PER_PIXEL,
                 spp: PER_PIXEL,
@@ -168,8 +167,9 @@ impl Run<'_> {
         let trend = &mut self.state.trend;
         trend.guided_cost = cost.max(LEAST_COST);
         let [unguided, guided] = passes.map(|pass| pass.variance_relative_to(Some(&weights)));
-        trend.tried =
-            unguided.zip(guided).and_then(|(unguided, guided)| compared([unguided, guided], cost, trend.guided_cost));
+        trend.tried = unguided
+            .zip(guided)
+            .map_or(Tried::Unclear, |(unguided, guided)| compared([unguided, guided], cost, trend.guided_cost));
         trend.verdict = trend.verdict.or_tried(trend.tried);
     }
 
