@@ -401,8 +401,8 @@ pub struct LearningArgs {
     /// Iterations in which `variance` is learned before `--target variance-pixel` [default: 3 for --guide nilsson, else 0]
     #[arg(long, value_name = "N")]
     pub simple_iterations: Option<u32>,
-    /// As what part of their number the samples of earlier iterations count in the next [default: 0.5; 0 for --guide ppg, ppg2
-    /// and nilsson]
+    /// As what part of their number the samples of earlier iterations count in the next [default: 0.5; 0 for --guide ppg, ppg2,
+    /// nilsson and zhu]
     #[arg(long, value_name = "PART", value_parser = part)]
     pub past: Option<f64>,
     /// What is made of the trees as counted [default: by --guide]

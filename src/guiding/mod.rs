@@ -14,6 +14,7 @@
 //! - [`cache`]: voxels, and the map of directions between their points; [`samples`]: records by voxel.
 //! - [`tree`], [`jensen`], [`vmf`], [`gmm`]: models of directions; [`mixtures`]: what the last two have in common; [`model`]: the common
 //!   interface of all.
+//! - [`paths`]: complete paths that are kept and followed, which need none of these.
 //! - [`sample`]: the frozen field, its files, and the roulette that goes by it.
 //! - [`learn`]: the learner, with all that it learns beside directions.
 //!

@@ -4,7 +4,7 @@
 //!     cargo bench --bench precision
 //!
 //! Errors are against double-double sums or products of logarithms, times are medians of seven runs on one core. The choices that
-//! follow from the table are stated in `film/accumulator.rs`, `guiding/quadtree.rs` and `guiding/sampler.rs`.
+//! follow from the table are stated in `film/accumulator.rs` and `guiding/tree/`.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Whether two builds render the same bits: every scene by every mode, after a change that must change nothing.
+"""Whether two builds render the same bits: scenes by modes, after a change that must change nothing.
 
     tests/bench/same.py BEFORE AFTER [SCENE...] [--spp 24] [--size 96x72] [--methods none,ppg,...]
 

@@ -40,7 +40,7 @@ fn sky_furnace(albedo: f32) -> Scene {
 }
 
 /// Student's test of the mean over 12 seeds against `expected`, at the level of 3σ, 0.27 %; a case that fails is decided by 48 other
-/// seeds, at the same level and twice the resolution. Its 73 cases (25 closed furnaces, 10 options, 20 skies, 18 white balls) together
+/// seeds, at the same level and twice the resolution. Its 75 cases (25 closed furnaces, 10 options, 22 skies, 18 white balls) together
 /// raise a false alarm in 0.05 % of new seeds. The standard error must resolve 1 %, or the test could not fail.
 fn furnace(scene: &Scene, guide: Guide, light_sampling: bool, expected: f64) {
     furnace_with(scene, guide, expected, |settings| settings.transport.light_sampling = light_sampling);
