@@ -58,6 +58,19 @@ impl Verdict {
         }
     }
 
+    /// As much of the verdict as decides on learning before iteration `t`, see [`learns_on`], of a render with this `patience` that is
+    /// guided in any case if `always`. Variances of the first iterations are no trend, and a firefly in one of them says nothing against a
+    /// guide that gains much; but what gains little, as was `tried`, is learned no longer than it takes to know that.
+    pub fn believed(self, t: u32, patience: u32, tried: Tried, always: bool) -> Self {
+        let is_early = match self {
+            Self::Gain(gain) if gain < STRONG => t <= patience || t < LATEST_VERDICT,
+            Self::Gain(_) => t < patience + u32::from(tried.gain().is_none()),
+            Self::Few | Self::Unknown => t <= LATEST_VERDICT || always,
+            Self::Unseen => true,
+        };
+        if is_early { Self::Unseen } else { self }
+    }
+
     /// The verdict as one number for checkpoints: the gain, -1 for few samples, ∞ for unseen, NaN for unknown.
     pub fn number(self) -> f64 {
         match self {
@@ -199,6 +212,9 @@ const MOST_COST: f64 = 1.5;
 const DOUBT: f64 = 1.13;
 /// Gain over a doubted one that says that guiding pays after all: 0.53 to 0.79 where it does, 0.83 to 1.03 where it does not.
 const CONFIRMING: f64 = 0.82;
+
+/// Iterations after which a verdict should be known even where light is hard to find.
+pub const LATEST_VERDICT: u32 = 4;
 
 /// Gain below which a guide is worth learning more of, whatever the variances of the first iterations.
 pub const STRONG: f64 = 0.5;
@@ -399,6 +415,26 @@ mod tests {
             !learns_on(&outlook(80.0, 20.0, 1.0), &[8.0, 7.2], weak),
             "whose samples are worth less than those of the final pass"
         );
+    }
+
+    /// Before which iterations a verdict is believed for the first time, by patience.
+    #[test]
+    fn early_verdicts_end_no_learning() {
+        for (verdict, tried, iterations) in [
+            (Verdict::Gain(0.3), Tried::Gain(0.3), [4, 5]),
+            (Verdict::Gain(0.7), Tried::Gain(0.9), [2, 4]),
+            (Verdict::Gain(0.7), Tried::Unclear, [3, 5]),
+            (Verdict::Few, Tried::Not, [5; 2]),
+            (Verdict::Unknown, Tried::Not, [5; 2]),
+            (Verdict::Unseen, Tried::Not, [0; 2]),
+        ] {
+            for (patience, iterations) in [2, 4].into_iter().zip(iterations) {
+                let first = (0..31).find(|&t| verdict.believed(t, patience, tried, false) == verdict);
+                assert_eq!(first, Some(iterations), "{verdict:?} {tried:?} {patience}");
+            }
+        }
+        let always = Verdict::Few.believed(30, 2, Tried::Not, true);
+        assert_eq!(always, Verdict::Unseen, "what is always guided is learned");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Learning while rendering: iterations, and when they end.
 
 use super::Learned;
-use super::budget::{Outlook, STRONG, Tried, Verdict, judged, learns_on};
+use super::budget::{LATEST_VERDICT, Outlook, Tried, Verdict, judged, learns_on};
 use super::learning::{Learning, MUCH};
 use super::run::Run;
 use super::settings::StopRule;
@@ -14,14 +14,11 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::materials::Material;
 use crate::reconstruct::Reconstructor;
 
-/// Iterations after which a verdict should be known even where light is hard to find.
-const LATEST_VERDICT: usize = 4;
-
 /// Growth of the time in which guides are made from one iteration to the next: trees grow less than the samples in them.
 const MAKING_GROWTH: f64 = 1.5;
 
 impl Run<'_> {
-    /// Iterations, each with twice the paths of the one before, while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
+    /// Iterations, each with more paths than the one before, while learning pays (Zhu 2021 §7; Müller 2017 §3.5).
     pub(super) fn learn(&mut self, reconstructor: &dyn Reconstructor) -> Result<GuideField> {
         let mut learning = self.begin_learning();
         if !self.iterations_of(&mut learning, reconstructor)? {
@@ -112,7 +109,7 @@ impl Run<'_> {
         };
         let cost = guided_cost * making;
         // The next verdict rests on more paths, but one wait is enough.
-        let waits = doubted.is_none() && (next as usize) < LATEST_VERDICT && verdict.is_doubtful(cost);
+        let waits = doubted.is_none() && next < LATEST_VERDICT && verdict.is_doubtful(cost);
         next >= self.patience() && !self.is_always_guided() && !waits && !verdict.may_pay(cost, doubted)
     }
 
@@ -274,17 +271,7 @@ impl Run<'_> {
             let kept = if self.settings.part.is_some() { 0.5 * outlook.budget } else { 0.0 };
             outlook.cost <= outlook.left - kept
         } else {
-            // Variances of the first iterations are no trend; what is always guided is learned whatever is known.
-            let iterations = trend.variances.len();
-            let verdict = match trend.verdict {
-                Verdict::Gain(_) if iterations < self.patience() as usize => Verdict::Unseen,
-                // One firefly in a small iteration says nothing against a guide that gains much.
-                Verdict::Gain(gain) if gain < STRONG && iterations + 1 < LATEST_VERDICT => Verdict::Unseen,
-                Verdict::Few | Verdict::Unknown if iterations < LATEST_VERDICT || self.is_always_guided() => {
-                    Verdict::Unseen
-                }
-                verdict => verdict,
-            };
+            let verdict = trend.verdict.believed(t, self.patience(), trend.tried, self.is_always_guided());
             learns_on(&outlook, &trend.variances, verdict)
         }
     }
