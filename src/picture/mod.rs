@@ -29,6 +29,6 @@ pub use window::{Placed, Window, matched, window_of};
 pub use write_exr::{Attribute, Channel, Layers, Picture, is_name};
 
 /// Largest picture file in bytes.
-const LARGEST_FILE: u64 = 2 << 30;
+pub const LARGEST_FILE: u64 = 2 << 30;
 /// Most pixels of a picture.
 const MOST_PIXELS: u64 = 1 << 27;

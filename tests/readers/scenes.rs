@@ -161,6 +161,7 @@ fn materials_of_other_names() {
         <float name='subsurface' value='0.25'/><float name='specularTint' value='0.75'/><float name='clearcoatGloss' value='0.5'/></bsdf>
         <bsdf type='mixturebsdf' id='three'><string name='weights' value='0.5, 0.25, 0.25'/><bsdf type='diffuse'/><bsdf type='plastic'/>
         <bsdf type='conductor'/></bsdf>
+        <bsdf type='mixturebsdf' id='half'><string name='weights' value='0.5'/><bsdf type='diffuse'><rgb name='reflectance' value='1 1 1' intent='reflectance'/></bsdf></bsdf>
         <texture type='gridtexture' id='grid'><rgb name='color0' value='0.2'/><rgb name='color1' value='0.4'/><float name='lineWidth' value='.01'/></texture>
         <bsdf type='diffuse' id='lined'><ref name='reflectance' id='grid'/></bsdf>
         <bsdf type='principledthin' id='leaf'><rgb name='base_color' value='0.7 0.1 0.1'/><float name='eta' value='1.33'/>
@@ -174,6 +175,12 @@ fn materials_of_other_names() {
     };
     assert_eq!((disney.spec_trans, disney.flatness, disney.spec_tint, disney.clearcoat_gloss), (0.5, 0.25, 0.75, 0.5));
     assert_eq!(loaded.file.materials["three"].parts().len(), 3);
+    // What is missing to a sum of 1 is absorbed.
+    let MaterialFile::Blend { weight, materials } = &loaded.file.materials["half"] else { panic!() };
+    assert_eq!(*weight, TextureFile::rgb([0.5; 3]));
+    assert!(
+        matches!(materials[0].innermost(), MaterialFile::Diffuse { reflectance } if *reflectance == TextureFile::rgb([0.0; 3]))
+    );
     let MaterialFile::Blend { weight: TextureFile::Rgb { value: outer }, materials } = &loaded.file.materials["three"]
     else {
         panic!()

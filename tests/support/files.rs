@@ -168,7 +168,7 @@ pub const JSON: &str = r#"{
     "version": 1,
     "camera": {
         "to_world": [-1, 0, 0, 0,  0, 1, 0, 0,  0, 0, -1, 5,  0, 0, 0, 1],
-        "fov": 40, "aperture_radius": 0.1, "focus_distance": 5
+        "fov": 40, "aperture_radius": 0.1, "focus_distance": 5, "near_clip": 0.01
     },
     "film": { "width": 32, "height": 32 },
     "render": { "max_depth": 7, "spp": 16 },

@@ -53,6 +53,10 @@ fn fields_of_view() {
         assert!((half(f64::from(part.camera.fov)) - half(60.0)).abs() < 1e-5);
         assert_eq!(part.camera.principal_point_offset, [0.5, -0.5]);
     }
+    // The ends in any order; parts of the sides come before pixels.
+    let turned = "\"float cropwindow\" [ 1 .5 .5 0 ] \"integer pixelbounds\" [ 0 10 0 10 ]";
+    let part = frame(&format!("{film} {turned} Camera \"perspective\""));
+    assert_eq!([part.film.width, part.film.height], [100, 50]);
     assert!(framed(&format!("{film} \"float cropwindow\" [ 1 2 0 1 ]")).unwrap_err().to_string().contains("inside"));
     for (camera, words) in [
         ("\"spherical\"", "supported: perspective, orthographic"),

@@ -149,6 +149,27 @@ fn surfaces_of_v3() {
     assert!((alpha - 0.46176).abs() < 1e-3, "{alpha}");
 }
 
+/// What was set between TransformBegin and TransformEnd ends with them in v4; in v3 only transforms do.
+#[test]
+fn blocks_of_transforms() {
+    let text = "WorldBegin TransformBegin Material \"mirror\" TransformEnd Shape \"sphere\" WorldEnd";
+    let folder = folder();
+    let of = |film: &str| {
+        let file = load_text(folder.path(), &format!("{film} {text}")).unwrap().file;
+        only(&file).innermost().clone()
+    };
+    assert!(matches!(of("Film \"rgb\""), MaterialFile::Diffuse { .. }));
+    assert!(matches!(of("Film \"image\""), MaterialFile::Conductor { .. }));
+}
+
+/// A relief is the same from both sides: its map is outside of what makes the material two-sided.
+#[test]
+fn reliefs_have_two_sides() {
+    let file = quiet("Material \"diffuse\" \"string normalmap\" \"grey.png\" Shape \"sphere\"");
+    let MaterialFile::NormalMap { material, .. } = only(&file) else { panic!("{:?}", only(&file)) };
+    assert!(matches!(**material, MaterialFile::TwoSided { .. }), "{material:?}");
+}
+
 #[test]
 fn names() {
     // A name may be used before it is made; one that is made again is another material.

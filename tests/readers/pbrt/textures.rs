@@ -157,6 +157,39 @@ fn means_of_what_is_not_known() {
     assert!(loaded.warnings.iter().any(|warning| warning.contains("roughness cannot vary")), "{:?}", loaded.warnings);
 }
 
+/// Numbers of a PNG file with alpha are its alpha in v4, decoded as colours are; in v3, and where all of it is 1, they are its colours.
+#[test]
+fn numbers_are_alpha() {
+    let folder = folder();
+    let write = |name: &str, alpha: u8| {
+        let mut encoder = png::Encoder::new(std::fs::File::create(folder.path().join(name)).unwrap(), 2, 1);
+        encoder.set_color(png::ColorType::Rgba);
+        encoder.write_header().unwrap().write_image_data(&[255, 255, 255, alpha, 255, 255, 255, 255]).unwrap();
+    };
+    write("leaf.png", 51);
+    write("opaque.png", 255);
+    let opacity = |film: &str, name: &str, encoding: &str| {
+        let loaded = load_text(
+            folder.path(),
+            &format!(
+                "Film \"{film}\" WorldBegin Texture \"a\" \"float\" \"imagemap\" \"string filename\" \"{name}\" {encoding}\n\
+                 Shape \"sphere\" \"texture alpha\" \"a\""
+            ),
+        );
+        let loaded = loaded.unwrap();
+        let material = &loaded.file.materials[&loaded.file.shapes[0].material];
+        let MaterialFile::Mask { opacity: TextureFile::Bitmap { file, .. }, .. } = material else {
+            panic!("{material:?}")
+        };
+        loaded.images.get(file.as_str()).map(|texels| texels.to_image().pixels[0].x)
+    };
+    let near = |value: Option<f32>, expected: f32| value.is_some_and(|value| (value - expected).abs() < 1e-3);
+    assert!(near(opacity("rgb", "leaf.png", "\"string encoding\" \"linear\""), 0.2));
+    assert!(near(opacity("rgb", "leaf.png", ""), 0.0331));
+    assert!(near(opacity("image", "leaf.png", ""), 1.0));
+    assert!(near(opacity("rgb", "opaque.png", ""), 1.0));
+}
+
 /// Roughness that is a texture varies; what pbrt makes of it is made of every pixel.
 #[test]
 fn textures_of_roughness() {

@@ -82,7 +82,8 @@ fn scattering(slots: &mut Slots, material: &Material, base: Base) -> Result<(Mat
         }
         None => {
             let brushed = grain::brushed(slots, material, opaque)?;
-            (two_sided(mapped(slots, material, brushed)?), None)
+            // The same relief from either side.
+            (mapped(slots, material, two_sided(brushed))?, None)
         }
     })
 }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::base::files::read_bytes;
 use crate::base::{Error, Result};
-use crate::picture::{Samples, Texels, read_samples};
+use crate::picture::{LARGEST_FILE, Samples, Texels, read_samples};
 use crate::scene::readers::image_key;
 use crate::scene::readers::missing::{self, Absent};
 use crate::scene::readers::path;
@@ -16,9 +16,6 @@ use crate::scene::readers::path;
 use super::buffers::Buffers;
 use super::document::Document;
 use super::uri::{self, Target};
-
-/// Largest picture file, bytes.
-const LARGEST_FILE: u64 = 2 << 30;
 
 /// What a texture makes of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]

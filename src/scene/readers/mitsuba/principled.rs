@@ -113,10 +113,15 @@ impl<'a> Reader<'a> {
             let found = weights.len();
             return Err(element.malformed(format!("expected {count} weights, one for each bsdf, found {found}")));
         }
-        if (sum - 1.0).abs() > 1e-6 {
+        if sum > 1.0 + 1e-6 {
             self.warn(element, "the weights are scaled to a sum of 1");
         }
-        let (mut mixed, mut above) = (None, 0.0);
+        // What is missing to 1 is absorbed.
+        let black = 1.0 - sum;
+        let (mut mixed, mut above) = match black > 1e-6 {
+            true => (Some(MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.0; 3]) }), black),
+            false => (None, 0.0),
+        };
         for (inner, weight) in object.nested.iter().zip(weights) {
             let material = self.part(inner)?;
             above += weight;

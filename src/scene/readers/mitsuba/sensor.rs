@@ -11,6 +11,8 @@ use super::object::{Object, kind, refuse_slip_of_kind};
 
 /// Mitsuba's `far_clip`, which is also where a lens without `focus_distance` is focused.
 const FAR_CLIP: f64 = 1e4;
+/// Its default of `near_clip`: what is nearer to the camera's plane is not seen, also in scenes in other units than metres.
+const NEAR_CLIP: f64 = 1e-2;
 
 /// The sensors that are read.
 const KINDS: [&str; 4] = ["perspective", "thinlens", "orthographic", "batch"];
@@ -75,7 +77,7 @@ impl<'a> Reader<'a> {
             Some(film) => self.film(film)?,
             None => None,
         };
-        let near_clip = object.float("near_clip")?.unwrap_or(0.0) as f32;
+        let near_clip = object.float("near_clip")?.unwrap_or(NEAR_CLIP) as f32;
         let far = object.float("far_clip")?.unwrap_or(FAR_CLIP);
         let focus = object.float("focus_distance")?.unwrap_or(far) as f32;
         let offset = |axis: &str| Ok(object.float(&format!("principal_point_offset_{axis}"))?.unwrap_or(0.0) as f32);

@@ -112,6 +112,7 @@ fn upgrade(element: &mut Element, warnings: &mut Vec<String>) {
         ("emitter", "sunsky") => element.set("type", OLD_SUNSKY.to_owned()),
         ("volume", "gridvolume") => element.set("type", OLD_GRID.to_owned()),
         ("spectrum", "") => plain_numbers(element),
+        ("rgb" | "srgb", _) => leave_out_intent(element),
         _ => {}
     }
 }
@@ -246,10 +247,15 @@ fn skin(element: &mut Element) {
 
 /// Turns a spectrum of one or three numbers into a colour, which it was.
 fn plain_numbers(element: &mut Element) {
-    element.attributes.retain(|(name, _)| name != "intent");
+    leave_out_intent(element);
     if element.attribute("value").is_some_and(|text| !text.contains(':')) {
         element.tag = "rgb".to_owned();
     }
+}
+
+/// What a colour is for is known by where it stands.
+fn leave_out_intent(element: &mut Element) {
+    element.attributes.retain(|(name, _)| name != "intent");
 }
 
 #[cfg(test)]

@@ -5,9 +5,10 @@ use std::sync::Arc;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::base::files::read_bytes;
 use crate::base::{Place, Result};
 use crate::materials::texture::luminance;
-use crate::picture::{Image, read_texels};
+use crate::picture::{Image, LARGEST_FILE, read_samples, read_texels};
 use crate::scene::file::TextureFile;
 use crate::scene::readers::missing::is_absent;
 use crate::scene::readers::{image_key, path};
@@ -124,6 +125,52 @@ impl Reader {
         }
     }
 
+    /// The key of a picture made of another one's alpha, which pbrt-v4 takes for the numbers of a PNG file that has any
+    /// (`MIPMap::Bilerp<Float>` in its mipmap.cpp), decoded by `linear` as its colours are; none where the file is opaque.
+    pub(super) fn alpha(
+        &mut self,
+        file: &str,
+        mark: &str,
+        place: &Place,
+        linear: impl Fn(Vec3) -> Vec3 + Sync,
+    ) -> Result<Option<String>> {
+        let name = format!("{file} (alpha, {mark})");
+        if self.held.pictures.contains_key(&name) {
+            return Ok(Some(name));
+        }
+        if is_absent(&self.folder, file) {
+            return Ok(None);
+        }
+        let path = path::resolve(&self.folder, file, place)?;
+        let bytes = read_bytes(&path, LARGEST_FILE)?;
+        if !bytes.starts_with(b"\x89PNG") {
+            return Ok(None);
+        }
+        let samples = read_samples(&Place::file(&path), &bytes)?;
+        if !samples.has_alpha() {
+            return Ok(None);
+        }
+        let alpha = samples.channel(3, |value| value).to_image();
+        if alpha.pixels.iter().all(|alpha| *alpha == Vec3::ONE) || !self.has_room([alpha.width, alpha.height], place) {
+            return Ok(None);
+        }
+        let pixels = alpha.pixels.par_iter().map(|alpha| linear(*alpha)).collect();
+        let image = Image { width: alpha.width, height: alpha.height, pixels };
+        self.held.pictures.insert(name.clone(), Arc::new(image).into());
+        Ok(Some(name))
+    }
+
+    /// Whether another picture of this size may be made; it counts then.
+    fn has_room(&mut self, [width, height]: [usize; 2], place: &Place) -> bool {
+        let fits = self.baked + width * height <= MOST_PIXELS;
+        if fits {
+            self.baked += width * height;
+        } else {
+            self.warn(place, "there is no room for another picture made of one: that one is used");
+        }
+        fits
+    }
+
     /// The picture with every pixel changed. One that is not there stays as it is, to be told of with the others.
     pub(super) fn baked(
         &mut self,
@@ -146,11 +193,9 @@ impl Reader {
             None => read_texels(&path::resolve(&self.folder, &file, place)?, raw)?,
         };
         let [width, height] = texels.size();
-        if self.baked + width * height > MOST_PIXELS {
-            self.warn(place, "there is no room for another picture made of one: that one is used");
+        if !self.has_room([width, height], place) {
             return Ok(unchanged(file));
         }
-        self.baked += width * height;
         let image = texels.to_image();
         let pixels = image.pixels.par_iter().map(|pixel| change(*pixel * scale)).collect();
         self.held.pictures.insert(name.clone(), Arc::new(Image { width, height, pixels }).into());

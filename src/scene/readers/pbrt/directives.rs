@@ -224,7 +224,8 @@ impl Reader {
             Some((begun, before)) if begun == block => {
                 let transform = (before.transform, before.moves_start);
                 match block {
-                    Block::Transform => (self.state.transform, self.state.moves_start) = transform,
+                    // In v4 it is another name of AttributeEnd.
+                    Block::Transform if self.old => (self.state.transform, self.state.moves_start) = transform,
                     _ => self.state = before,
                 }
                 Ok(())

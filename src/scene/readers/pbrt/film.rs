@@ -16,7 +16,7 @@ impl Reader {
         match kind {
             "image" => {
                 self.old = true;
-                (self.file.film.width, self.file.film.height) = (640, 480);
+                (self.file.film.width, self.file.film.height) = (1280, 720);
                 if self.file.film.filter == DEFAULT_FILTER {
                     self.file.film.filter = FilterFile::default();
                 }
@@ -62,11 +62,14 @@ impl Reader {
         let size = [self.file.film.width, self.file.film.height];
         let bounds = match (parameters.numbers("pixelbounds")?, parameters.numbers("cropwindow")?) {
             ([], []) => return Ok(None),
-            (&[left, right, top, bottom], _) => [left, right, top, bottom],
+            // The ends may come in any order.
             (_, &[left, right, top, bottom]) => {
                 let [width, height] = size.map(f64::from);
+                let [left, right] = [left.min(right), left.max(right)];
+                let [top, bottom] = [top.min(bottom), top.max(bottom)];
                 [left * width, right * width, top * height, bottom * height].map(f64::ceil)
             }
+            (&[left, right, top, bottom], _) => [left, right, top, bottom],
             _ => return Err(parameters.malformed("a window of the film needs four numbers")),
         };
         // A cast takes what is below 0 for 0, and what is beyond the film ends with it, as in pbrt.

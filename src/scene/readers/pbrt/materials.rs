@@ -94,14 +94,14 @@ impl Reader {
         self.finished(material, parameters)
     }
 
-    /// The material with its bumps, on both sides unless light passes it.
+    /// The material on both sides unless light passes it, with its bumps, which are the same relief from either side.
     fn finished(&mut self, material: MaterialFile, parameters: &Parameters) -> Result<MaterialFile> {
-        let material = self.bumped(material, parameters)?;
-        Ok(if material.is_masked() || material.is_two_sided() || lets_light_through(&material) {
+        let material = if material.is_masked() || material.is_two_sided() || lets_light_through(&material) {
             material
         } else {
             MaterialFile::TwoSided { material: Box::new(material) }
-        })
+        };
+        self.bumped(material, parameters)
     }
 
     fn bumped(&mut self, material: MaterialFile, parameters: &Parameters) -> Result<MaterialFile> {

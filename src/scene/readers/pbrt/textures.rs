@@ -6,6 +6,7 @@ use glam::Vec3;
 
 use crate::base::{Error, Place, Result};
 use crate::materials::texture::luminance;
+use crate::math::srgb;
 use crate::scene::file::{Filter, TextureFile, Wrap};
 use crate::scene::readers::mean;
 use crate::scene::readers::slips::meant;
@@ -57,7 +58,7 @@ impl Reader {
         let place = &parameters.place;
         match class {
             "constant" => self.part(parameters, "value", values, 1.0),
-            "imagemap" => self.picture(parameters),
+            "imagemap" => self.picture(parameters, values),
             "scale" => {
                 let first = if parameters.has("tex1") { "tex1" } else { "tex" };
                 let second = if parameters.has("tex2") { "tex2" } else { "scale" };
@@ -194,7 +195,7 @@ impl Reader {
         mean::mean(texture, &self.folder, place, &self.held.pictures, &mut self.absent)
     }
 
-    fn picture(&mut self, parameters: &Parameters) -> Result<TextureFile> {
+    fn picture(&mut self, parameters: &Parameters, values: Values) -> Result<TextureFile> {
         let place = &parameters.place;
         let name =
             parameters.string("filename")?.ok_or_else(|| parameters.malformed("an imagemap needs a filename"))?;
@@ -213,7 +214,9 @@ impl Reader {
                 Wrap::Clamp
             }
         };
-        let encoding = parameters.string("encoding")?.unwrap_or("sRGB");
+        // v4 decodes by it what is no PNG file neither; v3 has none.
+        let encoding =
+            parameters.string("encoding")?.filter(|_| self.old || has_extension(name, &["png"])).unwrap_or("sRGB");
         let gamma = encoding.strip_prefix("gamma").and_then(|number| number.trim().parse::<f32>().ok());
         let gamma = gamma.filter(|gamma| gamma.is_finite() && *gamma > 0.0);
         let raw = match encoding {
@@ -227,9 +230,26 @@ impl Reader {
         };
         let scale = parameters.float_or("scale", 1.0)? as f32;
         let to_uv = self.mapping(parameters, 1.0, true)?;
-        let mut picture = TextureFile::Bitmap { file, to_uv, raw, scale: 1.0, wrap, filter };
+        let alpha = match values {
+            Values::Floats if !self.old => {
+                let linear = |alpha: Vec3| match gamma {
+                    Some(gamma) => alpha.powf(gamma),
+                    None if raw => alpha,
+                    None => alpha.map(srgb::linear),
+                };
+                self.alpha(&file, encoding, place, linear)?
+            }
+            _ => None,
+        };
+        let is_alpha = alpha.is_some();
+        let mut picture = match alpha {
+            Some(file) => TextureFile::Bitmap { file, to_uv, raw: false, scale: 1.0, wrap, filter },
+            None => TextureFile::Bitmap { file, to_uv, raw, scale: 1.0, wrap, filter },
+        };
         // Float formats hold light as it is, whatever the encoding.
-        if let Some(gamma) = gamma.filter(|gamma| *gamma != 1.0 && !is_float_format(name)) {
+        if let Some(gamma) =
+            gamma.filter(|gamma| *gamma != 1.0 && !is_alpha && !has_extension(name, &["exr", "hdr", "pfm"]))
+        {
             let power = |color: Vec3| color.max(Vec3::ZERO).powf(gamma);
             picture = self.baked(picture, &format!("to the power of {gamma}"), place, power)?;
         }
@@ -260,9 +280,9 @@ impl Reader {
 }
 
 /// Whether a picture's name is that of a format of linear floats.
-fn is_float_format(name: &str) -> bool {
+fn has_extension(name: &str, known: &[&str]) -> bool {
     let extension = Path::new(name).extension().unwrap_or_default();
-    ["exr", "hdr", "pfm"].iter().any(|float| extension.eq_ignore_ascii_case(float))
+    known.iter().any(|known| extension.eq_ignore_ascii_case(known))
 }
 
 /// The texture with its own colours within [0, 1], as pbrt has reflectances.
