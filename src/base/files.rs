@@ -1,5 +1,6 @@
 //! The one place that writes files: to a temporary file in the same folder, then a rename, so that a reader never sees half
-//! a file and an older version survives every failure.
+//! a file and an older version survives every failure. A link is followed, and stays; what is no regular file, such as `/dev/null` or a
+//! pipe, is written to and never replaced.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -27,11 +28,33 @@ pub fn write_atomically(path: &Path, content: impl FnOnce(&mut dyn Write) -> std
 /// [`Error::Io`] naming `path`, those of `content`; the previous file, if any, is untouched then.
 pub fn write_file(path: &Path, content: impl FnOnce(&mut File) -> Result<()>) -> Result<()> {
     let fail = |source| Error::io(path, source);
+    if is_device(path) {
+        return content(&mut File::options().write(true).open(path).map_err(fail)?);
+    }
+    let path = &followed(path);
     let mut part = Part::new(path).map_err(fail)?;
     content(&mut part.file)?;
     part.file.sync_all().map_err(fail)?;
-    allow_reading(&part.file).map_err(fail)?;
     part.persist(path).map_err(fail)
+}
+
+/// Whether `path` names, perhaps by a link, what is there and neither a regular file nor a folder: a device or a pipe.
+pub fn is_device(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
+}
+
+/// The file that writing to `path` makes or replaces: that which a link leads to, also where there is none yet, else `path`.
+pub fn followed(path: &Path) -> PathBuf {
+    match (std::fs::canonicalize(path), std::fs::read_link(path)) {
+        (_, Err(_)) => path.to_owned(),
+        (Ok(file), Ok(_)) => file,
+        (Err(_), Ok(missing)) => folder_of(path).join(missing),
+    }
+}
+
+/// The folder that a file lies in.
+pub fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// A temporary file, deleted on drop unless it was renamed to its final name.
@@ -47,16 +70,17 @@ struct Part {
 
 impl Part {
     fn new(path: &Path) -> std::io::Result<Self> {
-        let folder = match path.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
+        let folder = folder_of(path);
         // Only Unix can tell whether an open file is still the one under its name.
         #[cfg(unix)]
         if let Some(part) = path.file_name().and_then(|name| Self::usual(&folder.join(part_of(name)))) {
             return Ok(part);
         }
-        let (file, name) = tempfile::Builder::new().prefix(".fanal-").suffix(".part").tempfile_in(folder)?.keep()?;
+        let mut builder = tempfile::Builder::new();
+        // Temporary files are private otherwise; an output has what the user's mask leaves, as any new file.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let (file, name) = builder.prefix(".fanal-").suffix(".part").tempfile_in(folder)?.keep()?;
         Ok(Self { file, name, renamed: false })
     }
 
@@ -150,18 +174,6 @@ pub fn crc32<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> u32 {
     crc.sum()
 }
 
-/// Temporary files are private by default; a finished output gets the usual permissions.
-#[cfg(unix)]
-fn allow_reading(file: &File) -> std::io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    file.set_permissions(std::fs::Permissions::from_mode(0o644))
-}
-
-#[cfg(not(unix))]
-fn allow_reading(_: &File) -> std::io::Result<()> {
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -208,6 +220,60 @@ mod tests {
             );
             std::fs::remove_file(&part).unwrap();
         }
+    }
+
+    /// A link to an output stays one, whether its target is there or not.
+    #[cfg(unix)]
+    #[test]
+    fn links_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let elsewhere = folder.path().join("elsewhere");
+        std::fs::create_dir(&elsewhere).unwrap();
+        let link = folder.path().join("picture");
+        std::os::unix::fs::symlink("elsewhere/picture", &link).unwrap();
+        for content in [b"first", b"later"] {
+            write_bytes(&link, content).unwrap();
+            assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+            assert_eq!(std::fs::read(elsewhere.join("picture")).unwrap(), content);
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+        assert_eq!(std::fs::read_dir(&elsewhere).unwrap().count(), 1);
+    }
+
+    /// A pipe is written to, not replaced. (Nor is `/dev/null`, for which a test would need the rights to destroy it.)
+    #[cfg(unix)]
+    #[test]
+    fn pipes_are_not_replaced() {
+        use std::os::unix::fs::FileTypeExt;
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let read = {
+            let pipe = pipe.clone();
+            std::thread::spawn(move || std::fs::read(pipe).unwrap())
+        };
+        write_bytes(&pipe, b"statistics").unwrap();
+        assert_eq!(read.join().unwrap(), b"statistics");
+        assert!(std::fs::symlink_metadata(&pipe).unwrap().file_type().is_fifo());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    /// Outputs have the permissions of any new file, by whichever temporary file they were written.
+    #[cfg(unix)]
+    #[test]
+    fn permissions_are_those_of_new_files() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let [path, other, part] = ["picture", "other", ".fanal-picture.part"].map(|name| folder.path().join(name));
+        std::fs::write(&other, "any file").unwrap();
+        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode();
+        write_bytes(&path, b"by the usual file").unwrap();
+        assert_eq!(mode(&path), mode(&other));
+        // Another process holds the usual one.
+        let held = File::create(&part).unwrap();
+        held.lock().unwrap();
+        write_bytes(&path, b"by a file of a random name").unwrap();
+        assert_eq!(mode(&path), mode(&other));
     }
 
     /// When several threads write the same file at once, it always holds the whole content of one of them.

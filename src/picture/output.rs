@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::write_exr::{Attribute, Picture};
 use super::{Display, write_exr, write_png};
+use crate::base::files::{folder_of, followed, is_device};
 use crate::base::{Error, Result};
 use crate::picture::Image;
 
@@ -38,10 +39,11 @@ pub fn check_folder(path: &Path) -> Result<()> {
     if path.is_dir() {
         return Err(Error::io(path, std::io::Error::other("this is a folder, a file is to be written here")));
     }
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
+    if is_device(path) {
+        return Ok(());
+    }
+    let file = followed(path);
+    let folder = folder_of(&file);
     tempfile::tempfile_in(folder).map(drop).map_err(|e| Error::io(folder, e))
 }
 
