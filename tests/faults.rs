@@ -533,6 +533,25 @@ fn f02_full_disks() {
     assert!(read_image(&out, false).is_ok() && !checkpoint.exists());
 }
 
+/// What a checkpoint holds is not lost by giving the command that began it once more.
+#[test]
+fn f02_checkpoints_are_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let [out, checkpoint] = ["out.exr", "a.part"].map(|name| folder.path().join(name).display().to_string());
+    let cornell = format!("{}/scenes/cornell", env!("CARGO_MANIFEST_DIR"));
+    let plain = [
+        "render", &cornell, "-o", &out, "--spp", "2", "--size", "8x6", "--guide", "none", "--quiet", "--every", "1e-9",
+    ];
+    let run = |more: &[&str]| fanal(&[&plain[..], more].concat());
+    assert!(run(&["--checkpoint", &checkpoint]).status.success());
+    let held = std::fs::read(&checkpoint).unwrap();
+    let again = run(&["--checkpoint", &checkpoint]);
+    assert!(!again.status.success() && told(&again).contains("--resume"), "{}", told(&again));
+    assert_eq!(std::fs::read(&checkpoint).unwrap(), held);
+    assert!(run(&["--resume", &checkpoint]).status.success());
+    assert!(run(&["--resume", &checkpoint, "--checkpoint", &checkpoint]).status.success());
+}
+
 /// A folder that disappears while the picture is rendered: the picture is kept, and the message says where.
 #[cfg(unix)]
 #[test]

@@ -109,12 +109,16 @@ impl Log {
     }
 }
 
+/// A part of the work as text, rounded down: all is not done before it is.
+pub fn percent(part: f64) -> String {
+    format!("{:.0} %", (100.0 * part.clamp(0.0, 1.0)).floor())
+}
+
 impl State {
     /// One line: message, percentage done, status or count of units, seconds since the work began.
     fn line(&self, now: Duration) -> String {
         let counted = (self.total > 0).then(|| self.done as f64 / self.total as f64);
-        // Rounded down: all is not done before it is.
-        let part = self.part.or(counted).map(|part| format!("{:.0} %", (100.0 * part.clamp(0.0, 1.0)).floor()));
+        let part = self.part.or(counted).map(percent);
         let count = || match self.total {
             0 => format!("{} {}", self.done, self.unit),
             total => format!("{} of {total} {}", self.done, self.unit),

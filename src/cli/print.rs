@@ -1,6 +1,6 @@
 //! Results on stdout and warnings on stderr.
 
-use std::io::{ErrorKind, Write};
+use std::io::{ErrorKind, IsTerminal, Write};
 
 use crate::base::{Error, Result};
 
@@ -23,6 +23,15 @@ pub fn json(value: &impl serde::Serialize) -> Result<()> {
     let text =
         serde_json::to_string_pretty(value).map_err(|e| Error::Options(format!("the result is no JSON: {e}")))?;
     line(&text)
+}
+
+/// Says on a terminal what was done, unless `quiet`; logs are not told.
+pub fn to_who_watches(text: &str, quiet: bool) {
+    let mut terminal = std::io::stderr();
+    if !quiet && terminal.is_terminal() {
+        // A terminal that has gone away is not watched.
+        let _ = writeln!(terminal, "{text}");
+    }
 }
 
 /// Prints warnings, unless `quiet`.

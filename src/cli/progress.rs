@@ -1,10 +1,11 @@
 //! Progress of this process.
 
 use std::io::IsTerminal;
+use std::sync::{Mutex, PoisonError};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::lines::Lines;
+use super::lines::{Lines, percent};
 use crate::base::{Progress, Silent};
 
 /// Progress display that fits this process: a bar on a terminal, lines elsewhere, nothing when `quiet`.
@@ -18,11 +19,31 @@ pub fn progress(quiet: bool) -> Box<dyn Progress> {
 
 /// A bar with rate and remaining time on stderr.
 #[derive(Debug)]
-pub struct Bar(ProgressBar);
+pub struct Bar {
+    bar: ProgressBar,
+    said: Mutex<Said>,
+}
+
+/// What stands beside the bar.
+#[derive(Debug, Default)]
+struct Said {
+    message: String,
+    reached: String,
+}
 
 impl Default for Bar {
     fn default() -> Self {
-        Self(ProgressBar::new(0))
+        Self { bar: ProgressBar::new(0), said: Mutex::default() }
+    }
+}
+
+impl Bar {
+    fn say(&self, change: impl FnOnce(&mut Said)) {
+        // Whatever a thread left there when it panicked can be shown.
+        let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+        change(&mut said);
+        let parts = [&said.message, &said.reached].into_iter().filter(|part| !part.is_empty());
+        self.bar.set_message(parts.map(String::as_str).collect::<Vec<_>>().join(": "));
     }
 }
 
@@ -39,21 +60,27 @@ impl Progress for Bar {
         };
         // The templates above are fixed, so only a unit with braces in it could break one; then the default style stays.
         if let Ok(style) = ProgressStyle::with_template(&template) {
-            self.0.set_style(style.with_key("rate", rate));
+            self.bar.set_style(style.with_key("rate", rate));
         }
-        self.0.reset();
-        self.0.set_length(total);
+        self.bar.reset();
+        self.bar.set_length(total);
+        self.say(|said| *said = Said::default());
     }
 
     fn advance(&self, n: u64) {
-        self.0.inc(n);
+        self.bar.inc(n);
     }
 
     fn message(&self, text: &str) {
-        self.0.set_message(text.to_owned());
+        self.say(|said| text.clone_into(&mut said.message));
+    }
+
+    fn reached(&self, part: Option<f64>, what: &str) {
+        let parts: Vec<String> = part.map(percent).into_iter().chain([what.to_owned()]).collect();
+        self.say(|said| said.reached = parts.join(", "));
     }
 
     fn finish(&self) {
-        self.0.finish_and_clear();
+        self.bar.finish_and_clear();
     }
 }

@@ -12,7 +12,7 @@ use crate::guiding::model::ModelKind;
 use crate::guiding::target::Target;
 use crate::guiding::tree::TreeSettings;
 use crate::integrators::TransportSettings;
-use crate::picture::{Display, Placed};
+use crate::picture::{self, Display, Placed};
 use crate::render::{Aov, Fireflies, GuideMode, Reconstruction, RenderSettings, SampleKinds, StopRule};
 use crate::scene::file::SceneFile;
 use crate::scene::overrides::Override;
@@ -57,6 +57,15 @@ pub struct RenderRequest {
 }
 
 impl RenderRequest {
+    /// Says which option about the network has no effect, if one is given that has none.
+    pub fn unused(&self) -> Option<String> {
+        let given = [("--model", self.model.is_some()), ("--backend", self.backend != Backend::Embedded)];
+        let learns = self.settings.guide != GuideMode::None && self.load_guide.is_none();
+        let used = learns && self.settings.reconstruction == Reconstruction::Neural;
+        let name = given.into_iter().find(|(_, given)| *given && !used)?.0;
+        Some(format!("{name} has no effect: no network reconstructs trees here"))
+    }
+
     /// Place of the rendered window in the whole picture; none where all of it is rendered.
     pub fn placed(&self) -> Placed {
         self.settings.crop.map(|window| (window, self.size))
@@ -87,7 +96,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         effects: args.of.effects.clone(),
         aovs,
         denoise: args.denoise,
-        display: display(args)?,
+        display: display(args.exposure, args.view, is_png(args))?,
         save_guide: args.save_guide.clone(),
         load_guide: args.load_guide.clone(),
         model: args.of.model.clone(),
@@ -205,6 +214,7 @@ fn check_guide(args: &RenderArgs) -> Result<()> {
         ("--reconstruct", reconstruct.is_some()),
         ("--save-guide", args.save_guide.is_some()),
         ("--load-guide", args.load_guide.is_some()),
+        ("--guided-distances", args.of.guided_distances.is_on()),
     ];
     let refused = |why: &str, options: &[&str]| {
         let found: Vec<&str> =
@@ -276,14 +286,17 @@ fn aovs(args: &RenderArgs) -> Result<Vec<Aov>> {
     Ok(Layer::aovs(&args.aov))
 }
 
-/// How a PNG file shows the picture; refused where that would do nothing.
-fn display(args: &RenderArgs) -> Result<Display> {
+/// How a PNG file shows the picture, with the options that were given; refused where that would do nothing.
+///
+/// # Errors
+/// [`Error::Options`] where the picture is no PNG file.
+pub fn display(exposure: Option<f32>, view: Option<picture::View>, png: bool) -> Result<Display> {
     let refused = |option: &str, instead: &str| {
         Error::Options(format!("{option} is for PNG files; an EXR file holds linear radiance, {instead} in the viewer"))
     };
-    match (args.exposure, args.view) {
-        (Some(_), _) if !is_png(args) => Err(refused("--exposure", "brighten it")),
-        (_, Some(_)) if !is_png(args) => Err(refused("--view", "choose how it is shown")),
+    match (exposure, view) {
+        (Some(_), _) if !png => Err(refused("--exposure", "brighten it")),
+        (_, Some(_)) if !png => Err(refused("--view", "choose how it is shown")),
         (exposure, view) => Ok(Display { exposure: exposure.unwrap_or(0.0), view: view.unwrap_or_default() }),
     }
 }

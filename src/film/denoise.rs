@@ -49,6 +49,13 @@ fn fail(message: String) -> Error {
 }
 
 fn missing(problem: &str) -> Error {
+    if cfg!(target_env = "musl") {
+        return fail(
+            "this build of the program runs on every Linux, but can load no libraries: denoise with that of the Python package or of \
+             `cargo install`, or leave --denoise out"
+                .into(),
+        );
+    }
     fail(format!(
         "{problem}. Install the shared libraries of Open Image Denoise 2 (they are also in the Python package `pyoidn`, folder oidn/lib) \
          and set {LIBRARY_VARIABLE} to the path of {}, or leave --denoise out",

@@ -13,8 +13,8 @@ use crate::picture::Image;
 
 use super::{LARGEST_FILE, MOST_PIXELS};
 
-/// Most samples of all channels and layers together.
-const MOST_SAMPLES: u64 = 1 << 28;
+/// Most samples of all channels and layers together: enough for a picture of 3840 × 2160 with every layer that a render writes.
+const MOST_SAMPLES: u64 = 1 << 29;
 
 /// Most pixels of a tile, where the picture has fewer.
 const LARGEST_TILE: u64 = 1 << 22;

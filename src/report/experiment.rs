@@ -183,8 +183,7 @@ impl Experiment<'_> {
         let identity = self.identity();
         let total = self.budgets.len() as u64 * self.seeds * self.methods.len() as u64;
         progress.start(total, "runs");
-        progress.message("reference");
-        let (entry, reference, variance) = self.reference(&scene, &identity, &control)?;
+        let (entry, reference, variance) = self.reference(&scene, &identity, progress, &control)?;
         let denoising = self.denoiser.map(|d| Denoising::new(d, &scene, &self.settings)).transpose()?;
         let mut oracle: Option<GuideField> = None;
         let mut runs = Vec::new();
@@ -424,6 +423,7 @@ impl Experiment<'_> {
         &self,
         scene: &Scene,
         identity: &Identity,
+        progress: &dyn Progress,
         control: &Control,
     ) -> Result<(ReferenceEntry, Image, Option<Image>)> {
         if let Some((path, variance)) = &self.reference {
@@ -449,10 +449,14 @@ impl Experiment<'_> {
             _ => {
                 // An older note must not be taken for that of new pictures, should only one of them get written.
                 remove(&note)?;
-                let (mean, variance) = self.render_reference(scene, control)?;
+                // The names of parts tell what they were made for.
+                let made_for = crc32([expected.as_bytes()]);
+                let part = |part| self.folder.join("runs").join(format!("reference-{made_for:08x}-{part}.exr"));
+                let (mean, variance) = self.render_reference(scene, &part, progress, control)?;
                 write(&file, &mean, &[])?;
                 write(&variance_file, &variance, &[])?;
                 write_json(&note, &expected)?;
+                (0..REFERENCE_PARTS).try_for_each(|number| remove(&part(number)))?;
                 both()?
             }
         };
@@ -465,16 +469,31 @@ impl Experiment<'_> {
         Ok((entry, image, Some(noise)))
     }
 
-    /// Mean and variance of the mean of independent parts.
-    fn render_reference(&self, scene: &Scene, control: &Control) -> Result<(Image, Image)> {
+    /// Mean and variance of the mean of independent parts, each of which is kept in its `file` until the reference is there.
+    fn render_reference(
+        &self,
+        scene: &Scene,
+        file: &dyn Fn(u64) -> PathBuf,
+        progress: &dyn Progress,
+        control: &Control,
+    ) -> Result<(Image, Image)> {
         let mut parts = Vec::new();
         for part in 0..REFERENCE_PARTS {
+            progress.message(&format!("reference, part {} of {REFERENCE_PARTS}", part + 1));
+            let path = file(part);
+            let kept = read_image(&path, false).and_then(|image| self.sized(image, &path));
+            if let Ok(image) = kept {
+                parts.push(image);
+                continue;
+            }
             let stop = StopRule::Spp(self.reference_spp);
             let settings = self.settings_of(Method::Guide(GuideMode::Neural), stop, REFERENCE_SEED + part);
-            parts.push(self.render(scene, settings, control)?.image);
+            let image = self.render(scene, settings, control)?.image;
             if control.stop.load(Ordering::Relaxed) {
                 return Err(Error::Interrupted("the comparison was stopped while its reference was made".into()));
             }
+            write(&path, &image, &[])?;
+            parts.push(image);
         }
         mean_and_variance(&parts)
     }

@@ -89,6 +89,7 @@ fn bad_input_is_one_readable_paragraph() {
         (&["render", &cornell, "-o", &name, "--size", "0x5"], &["0x5"]),
         (&["render", &cornell, "-o", &name, "--guide", "none", "--samples", "both"], &["--samples"]),
         (&["render", &cornell, "-o", &name, "--guide", "vmf", "--samples", "both"], &["--samples"]),
+        (&["render", &cornell, "-o", &name, "--guide", "none", "--guided-distances", "on"], &["--guided-distances"]),
         (&["render", &cornell, "-o", &name, "--reference", "no-such.exr"], &["no-such.exr"]),
         (&["render", &cornell, "-o", &name, "--stats", &missing], &["missing"]),
         (&["render", &cornell, "-o", "out.jpg"], &["out.jpg", ".exr"]),
@@ -103,6 +104,14 @@ fn bad_input_is_one_readable_paragraph() {
     ] {
         fails(1, arguments, Some(&out), words);
     }
+    for unused in [["--model", "models/default"], ["--backend", "onnx"]] {
+        let plain = ["render", &cornell, "-o", &name, "--size", "8x6", "--spp", "1", "--guide", "gaussian"];
+        let told = fanal(&[&plain[..], &unused].concat());
+        assert!(told.status.success() && String::from_utf8_lossy(&told.stderr).contains(unused[0]), "{told:?}");
+    }
+    let other = folder.path().join("comparison").display().to_string();
+    let taken = ["compare", &cornell, "-o", &other, "--spp", "1", "--variant", "Reference: --guide none"];
+    fails(1, &taken, None, &["--variant", "Reference"]);
 }
 
 #[test]

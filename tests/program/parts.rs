@@ -97,6 +97,16 @@ fn parts_are_the_picture_of_one_process() {
     let parts = files.parts(&bare, 2);
     let merged = files.merge(&[parts[1].clone(), parts[0].clone()], "merged.exr");
     assert_same(&files.render(&bare, "bare.exr", &[]), &merged, "without layers");
+    // As a screen shows it, too.
+    let shown = ["--view", "agx", "--exposure", "-1", "--quiet"];
+    let (one, of_parts) = (files.text("single.png"), files.text("merged.png"));
+    works(&[&["render"][..], &bare, &["-o", &one], &shown].concat());
+    let names: Vec<String> = parts.iter().map(|part| part.display().to_string()).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    works(&[&["merge"][..], &names, &["-o", &of_parts], &shown].concat());
+    assert!(std::fs::read(&one).unwrap() == std::fs::read(&of_parts).unwrap());
+    let told = fanal(&[&["merge"][..], &names, &["-o", &files.text("merged.exr"), "--view", "agx"]].concat());
+    assert!(!told.status.success() && String::from_utf8_lossy(&told.stderr).contains("--view"));
     let colours = |path: &Path| {
         let (mut bits, _) = all_of(path);
         bits.retain(|name, _| ["R", "G", "B"].contains(&name.as_str()));

@@ -144,6 +144,32 @@ fn f08_comparisons() {
     assert!(!files.path("none/index.html").exists());
 }
 
+/// Parts of the reference that were whole when a comparison was stopped are not rendered again, and go once the reference is there.
+#[test]
+fn f08_comparisons_keep_parts_of_the_reference() {
+    let files = Files::new();
+    let (cornell, output, runs) = (scene("cornell"), files.text("out"), files.path("out/runs"));
+    let words =
+        ["compare", &cornell, "-o", &output, "--size", "16x12", "--methods", "none", "--seeds", "1", "--spp", "1"];
+    let words = [&words[..], &["--reference-spp", "16384"]].concat();
+    let part = |number: u32| {
+        let ending = format!("-{number}.exr");
+        let entries = std::fs::read_dir(&runs).into_iter().flatten().map(|entry| entry.unwrap().path());
+        let mut entries = entries.filter(|path| path.file_name().unwrap().to_str().unwrap().starts_with("reference-"));
+        entries.find(|path| path.to_str().unwrap().ends_with(&ending))
+    };
+    let written = |number: u32| std::fs::metadata(part(number).unwrap()).unwrap().modified().unwrap();
+    let mut child = fanal(&words);
+    until(&mut child, || part(0).is_some());
+    let first = written(0);
+    ended_early(child, "TERM");
+    let mut child = fanal(&words);
+    until(&mut child, || part(2).is_some());
+    assert_eq!(written(0), first);
+    assert!(child.wait().unwrap().success());
+    assert!((0..4).all(|number| part(number).is_none()) && files.path("out/reference.exr").exists());
+}
+
 /// A recipe of `scenes` rooms.
 fn recipe(files: &Files, scenes: u32, spp: u32) -> String {
     let text = format!(

@@ -99,6 +99,12 @@ impl<'a> Run<'a> {
             ensure!(progress == state, "{}: the checkpoint was made with other settings or data", path.display());
             (state, net, optimiser)
         } else {
+            let path = settings.output.join(CHECKPOINT_FILE);
+            ensure!(
+                !path.exists(),
+                "{}: a run was begun here: go on with --resume, or remove its folder",
+                path.display()
+            );
             let begun = settings.from.as_deref().map(|folder| weights_of(folder, &fresh.config)).transpose()?;
             let from = begun.as_ref().map(Weights::checksum);
             let weights = begun.unwrap_or_else(|| initial_weights(&fresh.config, settings.seed));

@@ -250,6 +250,9 @@ fn a_resumed_run_equals_an_uninterrupted_one() {
     };
     let ((a, whole), (b, parts)) = (weights("whole"), weights("parts"));
     assert_eq!(a, b);
+    // The same command once more does not replace what there is.
+    let again = train(&base("parts"), &never).unwrap_err().to_string();
+    assert!(again.contains("--resume") && weights("parts").0 == b, "{again}");
     for (name, layer) in &whole.layers {
         for (x, y) in
             layer.weight.iter().chain(&layer.bias).zip(parts.layers[name].weight.iter().chain(&parts.layers[name].bias))

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Backend, Common, LearningArgs, SceneArgs, seconds};
+use super::{Backend, Common, LearningArgs, SceneArgs, seconds, stops};
+use crate::picture::View;
 use crate::render::PartOf;
 
 const LEARN_EXAMPLES: &str = concat!(
@@ -56,7 +57,7 @@ pub struct LearnArgs {
 
 const MERGE_EXAMPLES: &str = "Examples:
   fanal merge parts/*.part -o out.exr
-  fanal merge parts/*.part -o so-far.exr --allow-missing
+  fanal merge parts/*.part -o so-far.png --allow-missing --view agx
   fanal merge parts/{1..500}.part -o parts/500.sum
   fanal merge guides/*.guide -o door.guide
   fanal merge data/small --check";
@@ -75,6 +76,12 @@ pub struct MergeArgs {
     /// Make a picture of the parts that are there; its header says which are missing
     #[arg(long, requires = "output")]
     pub allow_missing: bool,
+    /// Stops by which a PNG file is brightened [default: 0]
+    #[arg(long, value_name = "STOPS", requires = "output", allow_negative_numbers = true, value_parser = stops)]
+    pub exposure: Option<f32>,
+    /// How a PNG file shows what is brighter than a screen, after --exposure [default: srgb]
+    #[arg(long, requires = "output", value_enum)]
+    pub view: Option<View>,
     /// Folder of the network's model that the guide was learned for [default: the model inside this program]
     #[arg(long, value_name = "DIR")]
     pub model: Option<PathBuf>,

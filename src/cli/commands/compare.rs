@@ -92,7 +92,10 @@ pub fn run(args: &CompareArgs) -> Result<Ended> {
 fn variants(given: &[VariantArgs], loaded: &LoadedScene, neural: &Neural) -> Result<Vec<Variant>> {
     let mut variants: Vec<Variant> = Vec::new();
     for VariantArgs { name, render } in given {
-        let taken = Method::from_str(name, true).is_ok() || variants.iter().any(|v| v.name.eq_ignore_ascii_case(name));
+        // Files of the page are called by methods, and one by the reference.
+        let taken = Method::from_str(name, true).is_ok()
+            || name.eq_ignore_ascii_case("reference")
+            || variants.iter().any(|v| v.name.eq_ignore_ascii_case(name));
         if taken {
             return Err(Error::Options(format!(
                 "--variant: there is another method called {name}; give it another name"

@@ -35,6 +35,7 @@ pub fn run(args: &LearnArgs) -> Result<Ended> {
         let load = begun.elapsed().as_secs_f64();
         views::select(&args.of, &mut loaded)?;
         let mut request = resolve(&args, &loaded.file)?;
+        print::warnings(request.unused().as_slice(), args.common.quiet);
         request.settings.part = part;
         loaded.file.render.max_depth = request.settings.transport.max_depth;
         let mut prepared = Prepared::new(&request, &loaded)?;

@@ -7,11 +7,12 @@ use super::{dataset, in_pool};
 use crate::base::streamed::Streamed;
 use crate::base::{Error, Result, named};
 use crate::cli::args::MergeArgs;
+use crate::cli::resolve::display;
 use crate::cli::{print, progress};
 use crate::generate::dataset::check;
 use crate::generate::parts::{self, Merging};
 use crate::guiding::sample::file;
-use crate::picture::{Display, Picture, check_folder, check_writable, write_or_rescue};
+use crate::picture::{Picture, check_folder, check_writable, write_or_rescue};
 use crate::render::guide_part::merge_guides;
 use crate::render::merge::{Merged, merge, merge_first};
 
@@ -38,17 +39,23 @@ pub fn run(args: &MergeArgs) -> Result<()> {
 /// Merges the first parts to a part in their place.
 fn first(output: &Path, args: &MergeArgs) -> Result<()> {
     check_folder(output)?;
-    if args.allow_missing {
-        return Err(Error::Options("--allow-missing is for pictures: a part is merged of all first ones".into()));
-    }
+    check_no_picture(args, "a part is merged of all first ones")?;
     in_pool(&args.common, || merge_first(&args.inputs, output, &*progress::progress(args.common.quiet)))
+}
+
+/// Refuses what is for pictures alone; `why` all parts must be there.
+fn check_no_picture(args: &MergeArgs, why: &str) -> Result<()> {
+    let given = [("--exposure", args.exposure.is_some()), ("--view", args.view.is_some())];
+    match given.into_iter().find(|(_, given)| *given) {
+        Some((name, _)) => Err(Error::Options(format!("{name} is for pictures; leave it out"))),
+        None if args.allow_missing => Err(Error::Options(format!("--allow-missing is for pictures: {why}"))),
+        None => Ok(()),
+    }
 }
 
 fn guide(output: &Path, args: &MergeArgs) -> Result<()> {
     check_folder(output)?;
-    if args.allow_missing {
-        return Err(Error::Options("--allow-missing is for pictures: a guide of some parts is another guide".into()));
-    }
+    check_no_picture(args, "a guide of some parts is another guide")?;
     in_pool(&args.common, || {
         let (field, evidence) = merge_guides(&args.inputs, |reconstruction, mode| {
             reconstruction.reconstructor(|| Ok(Box::new(networks(args.model.as_deref(), args.backend, mode)?)))
@@ -59,13 +66,15 @@ fn guide(output: &Path, args: &MergeArgs) -> Result<()> {
 
 fn picture(output: &Path, args: &MergeArgs) -> Result<()> {
     check_writable(output)?;
+    let png = output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    let display = display(args.exposure, args.view, png)?;
     in_pool(&args.common, || {
         let Merged { image, layers, attributes, placed, missing } =
             merge(&args.inputs, args.allow_missing, &*progress::progress(args.common.quiet))?;
         let told = (!missing.is_empty()).then(|| format!("parts are missing: {}", named(&missing)));
         print::warnings(&told.into_iter().collect::<Vec<_>>(), args.common.quiet);
         let picture = Picture { image: &image, channels: &layers, window: placed, attributes: &attributes };
-        write_or_rescue(output, &picture, Display::default())
+        write_or_rescue(output, &picture, display)
     })
 }
 

@@ -53,6 +53,7 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
     for other in [args.stats.as_ref(), args.save_guide.as_ref(), checkpoint].into_iter().flatten() {
         check_folder(other)?;
     }
+    check_not_there(args)?;
     let viewer = args.display.as_ref().map(Viewer::connect).transpose()?;
     in_pool(&args.common, || {
         let begun = Instant::now();
@@ -62,6 +63,7 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
         let load = begun.elapsed().as_secs_f64();
         views::select(&args.of, &mut loaded)?;
         let request = resolve(args, &loaded.file)?;
+        print::warnings(request.unused().as_slice(), args.common.quiet);
         request.views.iter().try_for_each(|view| check_writable(&view.output))?;
         loaded.file.render.max_depth = request.settings.transport.max_depth;
         let reference = reference(&request)?;
@@ -72,13 +74,38 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
         let Made { mut statistics, written, unkept, unshown, interrupted } = made;
         let unkept = unkept.map(|why| format!("no checkpoint could be written: {why}"));
         let early = interrupted.then(|| format!("interrupted after {} samples per pixel", statistics.spp));
-        print::warnings(&unkept.into_iter().chain(unshown).chain(early).collect::<Vec<_>>(), args.common.quiet);
+        let empty = request.save_guide.as_ref().filter(|_| statistics.guide.voxels == 0);
+        let empty = empty.map(|path| format!("{}: the guide is empty: guiding was given up or off", path.display()));
+        let warnings: Vec<String> = unkept.into_iter().chain(unshown).chain(early).chain(empty).collect();
+        print::warnings(&warnings, args.common.quiet);
         statistics.seconds.load = load;
         // A picture that had to be saved elsewhere has statistics all the same.
         let reported = report(&request, &statistics);
         // Where both fail, the message that says where the picture is matters more.
         written.and(reported)?;
+        tell(&request, &statistics, begun.elapsed(), args.common.quiet)?;
         Ok(if interrupted { Ended::Early } else { Ended::Whole })
+    })
+}
+
+/// Says what was made: to who watches, and the error against a reference where no statistics hold it.
+fn tell(request: &RenderRequest, statistics: &Statistics, took: Duration, quiet: bool) -> Result<()> {
+    let [first, more @ ..] = &request.views[..] else { return Ok(()) };
+    let more = if more.is_empty() { String::new() } else { format!(" and {} more", more.len()) };
+    let (picture, spp, seconds) = (first.output.display(), statistics.spp, took.as_secs_f64());
+    print::to_who_watches(&format!("{picture}{more}: {spp} samples per pixel in {seconds:.1} s"), quiet);
+    let error = statistics.errors.last().filter(|_| request.reference.is_some() && request.stats.is_none());
+    error.map_or(Ok(()), |e| print::line(&format!("relMSE {:.3e}, trimmed {:.3e}", e.relmse, e.relmse_trimmed)))
+}
+
+/// Refuses to begin a render whose checkpoints would replace what there is of an earlier one.
+fn check_not_there(args: &RenderArgs) -> Result<()> {
+    let replaced = args.checkpoint.as_ref().filter(|path| args.resume.as_ref() != Some(path) && path.is_file());
+    replaced.map_or(Ok(()), |path| {
+        let path = path.display();
+        Err(Error::Options(format!(
+            "{path}: there is a checkpoint already: go on from it with --resume {path}, or remove it"
+        )))
     })
 }
 
