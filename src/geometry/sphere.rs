@@ -37,13 +37,7 @@ impl Sphere {
         Vec2::new(if turn < 0.0 { turn + 1.0 } else { turn }, n.z.clamp(-1.0, 1.0).acos() / PI)
     }
 
-    /// A direction from `point` to the sphere and its density, see [`Spheres::sample_direction`].
-    pub fn sample_direction(&self, point: Vec3, u: [f32; 2]) -> (Vec3, f32) {
-        let (direction, pdf) = Spheres::from(*self).sample_direction(point.into(), u);
-        (direction.into(), pdf)
-    }
-
-    /// Density of [`Sphere::sample_direction`] for a direction that hits the sphere, w.r.t. solid angle.
+    /// Density of [`Spheres::sample_direction`] for a direction that hits the sphere, w.r.t. solid angle.
     pub fn direction_pdf(&self, point: Vec3) -> f32 {
         Spheres::from(*self).direction_pdf(point.into())
     }

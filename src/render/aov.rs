@@ -1,7 +1,7 @@
 //! Layers beside the picture: features, sample counts and variances of each pixel for denoising, compositing and finding noise.
 //!
 //! Features are those of the first surface on a camera ray, whatever it is made of: mirrors and glass are not looked through. They
-//! are averaged over the pixel's first [`MOST_SAMPLES`] camera samples, whose rays are those of the picture. All this is done after
+//! are averaged over the pixel's first [`MOST_SAMPLES`] camera samples, whose rays are those of an unguided picture. All this is done after
 //! the picture, which does not change by it, and not at all where no layer is wanted.
 
 use glam::Vec3;

@@ -25,7 +25,7 @@ use std::time::Duration;
 
 use super::budget::{Tried, Verdict};
 use super::learning::Learning;
-use super::settings::{RenderSettings, StopRule};
+use super::settings::RenderSettings;
 use super::state::{Blocks, Division, Half, Part, Phase, Position, State, Trend};
 use super::statistics::{Dropped, ErrorPoint, Iteration, Statistics};
 use crate::base::files::read_bytes;
@@ -38,7 +38,7 @@ use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
 /// The version of checkpoints that this program reads and writes. 14: gains by comparison.
-pub const VERSION: u32 = 14;
+pub const VERSION: u32 = 15;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.
 const LIMIT: u64 = 1 << 32;
@@ -65,7 +65,7 @@ pub struct Checkpointing {
 /// What is traced and learned, as a number: raised with every change by which the same settings give other samples, in other words other
 /// bits in a picture. Then checkpoints, parts and guides of before are those of another program, and do not go together with those of
 /// this one.
-pub const ALGORITHM: u32 = 8;
+pub const ALGORITHM: u32 = 9;
 
 /// Settings that a picture depends on, as text: `scene` and `guide` stand for the contents of files; the stop rule is that asked
 /// for, before the time for loading is subtracted.
@@ -161,7 +161,6 @@ impl Moment<'_> {
         let State {
             passes,
             early,
-            gave_up,
             spent,
             rendered,
             sequences_from,
@@ -185,7 +184,6 @@ impl Moment<'_> {
         [
             passes.len() as f64,
             early.len() as f64,
-            flag(*gave_up),
             *spent,
             f64::from(*rendered),
             sequences_from.map_or(-1.0, f64::from),
@@ -222,7 +220,7 @@ impl Moment<'_> {
 /// Name of the samples by brightness of finished blocks.
 const CASCADE: &str = "cascade";
 /// Length of the array `state`.
-const STATE: usize = 32;
+const STATE: usize = 31;
 
 /// A number as a count. Conversion saturates, and NaN is 0.
 fn count(number: f64) -> u32 {
@@ -266,14 +264,8 @@ impl Resumed {
             state.cascade = Some(Cascade::read(&file, CASCADE, size[0] * size[1])?);
         }
         let part = Part { pass: Pass::from_arrays(size, &file, "now")?, spp: count(spp), start: start as u64 };
-        let most = match settings.stop {
-            // Shares of learning are samples beyond those of one process.
-            StopRule::Spp(spp) => {
-                spp.saturating_mul(settings.part.map_or(1, |part| part.count() + 1)).min(MOST_SAMPLES)
-            }
-            StopRule::Time(_) | StopRule::TargetError(_) => MOST_SAMPLES,
-        };
-        let before = state.rendered.checked_sub(part.spp).filter(|_| state.rendered <= most);
+        // Iterations that visit some of the pixels, and shares of learning, are samples beyond those of the budget.
+        let before = state.rendered.checked_sub(part.spp).filter(|_| state.rendered <= MOST_SAMPLES);
         let follows = before.is_some_and(|before| state.sequences_from.is_none_or(|from| from <= before));
         // Uneven samples are as many on the whole.
         let at_most = u64::from(part.spp) + u64::from(state.division.is_some());
@@ -329,15 +321,15 @@ fn rows<const N: usize>(file: &Tensors, name: &str) -> Result<Vec<[f64; N]>> {
 }
 
 fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State> {
-    let &[passes, early, gave_up, spent, rendered, sequences, seconds, camera_part, verdict, relative, ..] = numbers
+    let &[passes, early, spent, rendered, sequences, seconds, camera_part, verdict, relative, ref position @ ..] =
+        numbers
     else {
         return file.fail("state", "numbers are missing");
     };
-    let &[_, _, _, _, _, _, _, _, _, _, phase, iteration, voxels, began, traced, batches, each, half, ..] = numbers
-    else {
+    let &[phase, iteration, voxels, began, traced, batches, each, half, halves, first, second, ..] = position else {
         return file.fail("state", "numbers are missing");
     };
-    let (halves, done) = (numbers[18], [numbers[19], numbers[20]]);
+    let done = [first, second];
     let Some(&phase) = Phase::ALL.get(phase as usize) else { return file.fail("state", "an unknown part of a render") };
     let position = Position {
         phase,
@@ -378,7 +370,6 @@ fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State
     Ok(State {
         passes: finished("pass", passes)?,
         early: finished("early", early)?,
-        gave_up: gave_up == 1.0,
         spent,
         rendered,
         sequences_from: (sequences >= 0.0).then(|| count(sequences).min(rendered)),

@@ -200,7 +200,11 @@ impl Run<'_> {
     fn divide(&self, pass: &Pass, guided: bool) -> Option<Division> {
         let even = self.state.position.batches;
         let taken = match self.settings.stop {
-            StopRule::Spp(spp) => f64::from(even) / (f64::from(even) + f64::from(spp) - self.state.spent).max(1.0),
+            // Of whole samples, as `rest` has them.
+            StopRule::Spp(spp) => {
+                let left = (f64::from(spp) - self.state.spent).max(0.0).floor();
+                f64::from(even) / (f64::from(even) + left).max(1.0)
+            }
             StopRule::Time(seconds) => {
                 let began = self.state.position.began;
                 (self.watcher.elapsed() - began) / (seconds - began).max(1e-9)
@@ -226,12 +230,11 @@ impl Run<'_> {
     fn batch(&self, rendered: u32) -> u32 {
         let StopRule::Time(seconds) = self.settings.stop else { return 0 };
         let left = seconds - self.watcher.elapsed();
-        let traced = self.statistics.seconds.trace;
         if rendered == 0 && (self.state.passes.is_empty() || left > 0.0) {
             return 1;
         }
-        let per_sample = traced * self.pixels() as f64 / self.statistics.samples.max(1) as f64;
-        let batch = if left <= 0.0 { 0 } else { ((left / per_sample.max(1e-9) * 0.1) as u32).clamp(1, 1 << 16) };
+        let per_second = self.statistics.rate() / self.pixels() as f64;
+        let batch = if left <= 0.0 { 0 } else { ((left * per_second * 0.1) as u32).clamp(1, 1 << 16) };
         // No more samples than a checkpoint can hold: pictures of a few pixels get there within an hour.
         batch.min(MOST_SAMPLES.saturating_sub(self.state.rendered))
     }

@@ -24,13 +24,13 @@ impl Run<'_> {
         if !self.iterations_of(&mut learning, reconstructor)? {
             return Ok(GuideField::empty());
         }
-        self.state.gave_up = !self.is_always_guided() && !self.state.trend.pays();
+        let gave_up = !self.is_always_guided() && !self.state.trend.pays();
         let (trend, iterations) = (&self.state.trend, &self.statistics.iterations);
-        self.statistics.decisions = decisions(self.state.gave_up, trend, iterations, learning.photon_share);
+        self.statistics.decisions = decisions(gave_up, trend, iterations, learning.photon_share);
         // Of a guide that was given up there is nothing to look at.
-        self.evidence = if self.state.gave_up { Evidence::default() } else { learning.learner.evidence() };
+        self.evidence = if gave_up { Evidence::default() } else { learning.learner.evidence() };
         Ok(match self.state.trend.verdict {
-            _ if self.state.gave_up => GuideField::empty(),
+            _ if gave_up => GuideField::empty(),
             Verdict::Few if !self.is_always_guided() => learning.learner.field(Use::WhereTold),
             _ => learning.learner.field(Use::Rendering),
         })
@@ -102,8 +102,8 @@ impl Run<'_> {
         // Guides have to win back the time in which they are made.
         let making = match self.settings.stop {
             StopRule::Time(budget) => {
-                let left = budget - self.watcher.elapsed();
-                left / (left - MAKING_GROWTH * making).max(1e-9)
+                let left = (budget - self.watcher.elapsed()).max(0.0);
+                if left > MAKING_GROWTH * making { left / (left - MAKING_GROWTH * making) } else { f64::INFINITY }
             }
             _ => 1.0,
         };
@@ -142,7 +142,8 @@ impl Run<'_> {
         let field = learning.field_of(voxels);
         let picture = self.pixel_values();
         if let StopRule::Time(seconds) = self.settings.stop {
-            self.watcher.deadline = Some(self.settings.learning_share * seconds);
+            self.watcher.deadline =
+                Some(if self.learn_only { seconds } else { self.settings.learning_share * seconds });
         }
         let on_trial = self.is_tried(t, learning);
         let (given_up, complete) = if on_trial {
@@ -160,7 +161,8 @@ impl Run<'_> {
             self.judge(variance.map(|variance| variance.mean), learning, finished.samples());
         }
         // Of a guide that does not pay no better one is made: that takes longer than all else that was learned.
-        let iteration = if self.is_hopeless(t + 1) {
+        let hopeless = self.is_hopeless(t + 1);
+        let iteration = if hopeless {
             Iteration {
                 voxels: learning.learner.voxels(),
                 nodes: learning.learner.model().nodes(),
@@ -181,7 +183,8 @@ impl Run<'_> {
         trend.variances.extend(finished.sample_variance());
         trend.camera_part = ((self.statistics.seconds.trace - traced) / seconds.max(1e-9)).clamp(0.0, 1.0);
         trend.seconds = seconds;
-        trend.making = iteration.reconstruct_seconds;
+        // What is hopeless stays so when it is asked again.
+        trend.making = if hopeless { trend.making } else { iteration.reconstruct_seconds };
         if let StopRule::TargetError(_) = self.settings.stop {
             trend.relative = part.pass.relative_variance(self.scene.views());
         }
@@ -203,7 +206,12 @@ impl Run<'_> {
     /// compared.
     fn judge(&mut self, variance: Option<f64>, learning: &mut Learning, samples: u64) {
         let caustics = learning.caustics();
-        self.state.trend.caustics = caustics.map_or_else(|| self.has_delta_lobes(), |part| part > MUCH);
+        match caustics {
+            Some(part) => self.state.trend.caustics = part > MUCH,
+            None if !self.settings.samples.photons() => self.state.trend.caustics = self.has_delta_lobes(),
+            // Photons are not traced any more; what they have told holds.
+            None => {}
+        }
         let moments = learning.learner.picture_moments(self.outliers_of(samples));
         learning.unseen = caustics.map(|_| moments.unseen);
         self.decide(judged(variance, &moments, samples as f64), learning);
@@ -270,6 +278,9 @@ impl Run<'_> {
             // Parts learn in common with half of the budget, and share what the other half learns.
             let kept = if self.settings.part.is_some() { 0.5 * outlook.budget } else { 0.0 };
             outlook.cost <= outlook.left - kept
+        } else if matches!(self.settings.stop, StopRule::Spp(_)) && outlook.left - outlook.cost < 1.0 {
+            // A picture of no whole sample per pixel would have gaps.
+            false
         } else {
             let verdict = trend.verdict.believed(t, self.patience(), trend.tried, self.is_always_guided());
             learns_on(&outlook, &trend.variances, verdict)

@@ -19,8 +19,7 @@ use crate::scene::Scene;
 
 /// Paths, unless the picture has fewer pixels or there is less time.
 const PATHS: u64 = 1 << 16;
-/// Paths for each second of a budget in seconds, about a hundredth of it. A number and not the clock: who replays a sample, or goes on from
-/// a checkpoint, has to find the same.
+/// Paths for each second of a budget in seconds, about a hundredth of it.
 const EACH_SECOND: f64 = 2048.0;
 /// Samples of the picture for each path, where there is no sky: of lights with a place alone less is known soon enough.
 const EACH_SAMPLE: u64 = 128;

@@ -157,7 +157,7 @@ impl<'a> Run<'a> {
             (None, Some(deadline)) => {
                 let left = deadline - self.watcher.elapsed();
                 let seconds = (CHUNK_SHARE * left).clamp(CHUNK_SECONDS[0], CHUNK_SECONDS[1]);
-                (seconds * self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-3)) as u64
+                (seconds * self.statistics.rate()) as u64
             }
             _ => CHUNK,
         };

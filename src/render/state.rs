@@ -9,8 +9,6 @@ pub(super) struct State {
     pub passes: Vec<FinishedPass>,
     /// Finished passes left out of the picture, such as the first iterations; pixel values are estimated from them too.
     pub early: Vec<FinishedPass>,
-    /// Whether guiding was given up because it does not pay.
-    pub gave_up: bool,
     /// Samples per pixel so far, camera and light paths together.
     pub spent: f64,
     /// Camera samples per pixel so far.

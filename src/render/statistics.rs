@@ -57,8 +57,8 @@ pub struct Iteration {
     pub mean_variance: f64,
     /// Estimated variance of a sample with the iteration's guide over that without a guide; none where it is not known.
     pub gain: Option<f64>,
-    /// Time of a sample with the iteration's guides over that without: measured where the verdict on guiding depends on it and the
-    /// budget is a time, otherwise assumed.
+    /// Time of a sample with the iteration's guides over that without: where the verdict on guiding depends on it measured, by rays if
+    /// the budget is not a time; otherwise assumed.
     pub cost: f64,
 }
 
@@ -308,6 +308,11 @@ impl Statistics {
         let mut statistics = Self::default();
         statistics.describe(scene, settings, 0);
         statistics
+    }
+
+    /// Camera and light paths traced in each second that was spent on them.
+    pub(super) fn rate(&self) -> f64 {
+        self.samples as f64 / (self.seconds.trace + self.seconds.photons).max(1e-3)
     }
 
     pub(super) fn describe(&mut self, scene: &Scene, settings: &RenderSettings, spp: u32) {

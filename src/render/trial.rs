@@ -11,7 +11,7 @@ use super::run::Run;
 use super::settings::StopRule;
 use super::state::Part;
 use super::statistics::Statistics;
-use crate::film::{over_mean, steady_values};
+use crate::film::{Pass, over_mean, steady_values};
 use crate::guiding::learn::learner::Use;
 use crate::guiding::moments::PictureMoments;
 use crate::guiding::sample::field::GuideField;
@@ -19,6 +19,8 @@ use crate::guiding::sample::field::GuideField;
 /// Part of a budget for a comparison of samples with and without a guide, in seconds or in samples, and how often each is made in turns.
 const TRIAL_SHARE: [f64; 2] = [0.005, 0.01];
 const TRIALS: u32 = 3;
+/// Most of a budget in seconds that a comparison of the fewest samples may take.
+const MOST_SHARE: f64 = 0.02;
 /// Samples of each of their pixels, each time: variances take two.
 const PER_PIXEL: u32 = 2;
 /// Fewest samples of one, for the clock and for variances.
@@ -89,17 +91,19 @@ impl Run<'_> {
         }
         let moments = learning.learner.moments_so_far(self.outliers_of(part.pass.samples()));
         self.is_clearly_hopeless(part, &moments, learning, picture)
+            && self.is_hopeless(self.state.position.iteration + 1)
     }
 
     /// Whether the whole pass shows that its guides do not pay.
     fn is_given_up_on_trial(&mut self, part: &Part, learning: &mut Learning, picture: Option<&[f32]>) -> bool {
         let moments = learning.learner.picture_moments(self.outliers_of(part.pass.samples()));
-        if self.is_clearly_hopeless(part, &moments, learning, picture) {
+        let next = self.state.position.iteration + 1;
+        if self.is_clearly_hopeless(part, &moments, learning, picture) && self.is_hopeless(next) {
             return true;
         }
         let told = self.judged_by_paths(judged, part, &moments, learning, picture);
         self.decide(told, learning);
-        self.is_hopeless(self.state.position.iteration + 1)
+        self.is_hopeless(next)
     }
 
     /// Whether guides would not pay if samples with them cost as little as any, for which less evidence is enough. Photons must have told
@@ -137,15 +141,16 @@ impl Run<'_> {
         let (Some(picture), Some(weights)) = (self.pixel_values(), self.values_so_far(steady_values)) else { return };
         let field = learning.learner.field_of(voxels, Use::Rendering);
         // Values mean another thing to paths without a guide.
-        let unguided = over_mean(&picture);
-        let (mut passes, mut seconds) = ([self.empty_pass(), self.empty_pass()], [f64::INFINITY; 2]);
+        let plain = over_mean(&picture);
+        let [width, height] = [self.window.width, self.window.height].map(|side| side as usize);
+        let (mut passes, mut seconds) = ([Pass::new(width, height), Pass::new(width, height)], [f64::INFINITY; 2]);
         let mut statistics = [Statistics::default(), Statistics::default()];
         for trial in 0..2 * TRIALS {
             let guided = trial as usize % 2;
             let tracer = PassTracer {
                 field: (guided == 1).then_some(&field),
                 lights: (&self.lights).into(),
-                picture: if guided == 1 { Some(&picture) } else { self.settings.adaptive.then_some(&unguided) }
+                picture: if guided == 1 { Some(&picture) } else { self.settings.adaptive.then_some(&plain) }
                     .map(Vec::as_slice),
                 first_sample: FIRST_TRIED + self.state.rendered + trial / 2 * PER_PIXEL,
                 spp: PER_PIXEL,
@@ -178,8 +183,9 @@ impl Run<'_> {
         let of = |share: f64, budget: f64| (share / f64::from(2 * TRIALS) * budget) as u64;
         match self.settings.stop {
             StopRule::Time(seconds) => {
-                let rate = self.statistics.samples as f64 / self.statistics.seconds.trace.max(1e-6);
-                Some(of(TRIAL_SHARE[0], seconds * rate).clamp(FEWEST[0], CHUNK))
+                let budget = seconds * self.statistics.rate();
+                let samples = of(TRIAL_SHARE[0], budget).clamp(FEWEST[0], CHUNK);
+                Some(samples).filter(|&samples| samples <= of(MOST_SHARE, budget))
             }
             StopRule::Spp(spp) => {
                 let samples = of(TRIAL_SHARE[1], f64::from(spp) * self.pixels() as f64).min(CHUNK);

@@ -261,6 +261,16 @@ fn f01_other_renders_are_refused() {
     assert!(refused(&checkpoint).contains("another scene"));
 }
 
+/// In a large picture the first iterations visit some of the pixels, so that more samples per pixel are begun than are spent.
+#[test]
+fn f01_large_pictures() {
+    let scene = committed("cornell", [512, 384]);
+    for guide in [GUIDES[3], GUIDES[5]] {
+        let made = RenderSettings { gives_up: false, ..short(guide, 5, 1) };
+        assert!(interrupted(&scene, &made, None, 3) > 0, "{guide:?}");
+    }
+}
+
 /// The time that an earlier process spent counts against the budget.
 #[test]
 fn f01_time_goes_on() {

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use fanal::base::progress::Silent;
 use fanal::film::measure;
 use fanal::reconstruct::AsCounted;
-use fanal::render::{Control, Outcome, RenderSettings, StopRule, learn, render, render_with_field};
+use fanal::render::{Control, Outcome, RenderSettings, StopRule, learn, learn_whole, render, render_with_field};
 use fanal::scene::Scene;
 use scenes::{GUIDES, Guide, committed, mean, picture, settings};
 use statistics::Summary;
@@ -71,6 +71,32 @@ fn no_time_at_all_still_gives_a_picture() {
         let image = picture(&scene, &settings);
         assert!(mean(&image) > 0.0 && image.pixels.iter().all(|p| p.is_finite()), "{guide:?}");
     }
+}
+
+/// One sample per pixel has no room for learning in a large picture: iterations visit some of the pixels, and none must be left out.
+#[test]
+fn one_sample_is_one_in_every_pixel() {
+    let scene = committed("cornell", [512, 384]);
+    for guide in GUIDES {
+        let settings = settings(guide, 1, 5);
+        let image = picture(&scene, &settings);
+        let rows = image.pixels.chunks(image.width).collect::<Vec<_>>();
+        let copies = rows.windows(2).filter(|pair| pair[0] == pair[1]).count();
+        assert_eq!(copies, 0, "{guide:?}: rows that are copies of others");
+    }
+}
+
+/// Who only learns does so until the time is up: every iteration but the last has all of its paths.
+#[test]
+fn learning_alone_takes_all_of_its_time() {
+    let scene = committed("cornell", [64, 48]);
+    let stop = AtomicBool::new(false);
+    let control = Control::new(&Silent, &stop);
+    let settings = RenderSettings { stop: StopRule::Time(2.0), ..settings(GUIDES[1], 1, 3) };
+    let learned = learn_whole(&scene, &settings, &AsCounted::default(), &control).unwrap();
+    let [before @ .., _] = &learned.statistics.iterations[..] else { panic!("nothing was learned") };
+    let paths: u64 = before.iter().map(|iteration| u64::from(iteration.spp) * 64 * 48).sum();
+    assert!(learned.statistics.samples >= paths, "{} of {paths}", learned.statistics.samples);
 }
 
 /// A field learned once guides other renders: the whole budget goes into the picture, which stays what it is.

@@ -148,7 +148,7 @@ impl Run<'_> {
                 break;
             }
         }
-        if pass.finish().samples() > 0 {
+        if pass.samples() > 0 {
             let finished = self.finished(&pass);
             self.state.passes.push(finished);
         }
