@@ -18,7 +18,7 @@ from jobs import Job  # noqa: E402
 PROGRAM = """#!/usr/bin/env python3
 import json, sys
 if "--help" in sys.argv:
-    print("--size --seed --crop --guide-memory")
+    print("--size --seed --crop --guide-memory -D, --define")
 else:
     seconds = {"load": 1.0, "build": 2.0, "write": 3.0, "trace": 10.0}
     side = 10 if "--crop" in sys.argv else 1
@@ -88,6 +88,13 @@ class Submitted(unittest.TestCase):
             whole, _ = self.submit("room", "--spp", 64, "--parts", 1, "--learn-parts", learners, "-o", "out.exr")
             self.assertEqual(self.asked(calls[0]), self.asked(whole[0]))
             self.assertLess(self.asked(calls[-2]), self.asked(whole[-2]))
+
+    def test_learning_knows_what_the_scene_asks_for(self):
+        options = ["-D", "depth=8", "--aov", "all", "-Dwidth=10", "-D", "shift=-1", "--seed", 3]
+        calls, _ = self.submit("room", "--spp", 64, "--parts", 1, "-o", "out.exr", "--", *options)
+        learn, render, _ = calls
+        self.assertEqual(learn[-7:], ["-D", "depth=8", "-Dwidth=10", "-D", "shift=-1", "--seed", "3"])
+        self.assertEqual(render[-9:], [str(word) for word in options])
 
     def test_parts_have_the_mode_of_their_guide(self):
         calls, _ = self.submit("room", "--spp", 64, "--parts", 1, "--guide", "ppg", "-o", "out.exr")

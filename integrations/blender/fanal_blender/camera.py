@@ -70,6 +70,20 @@ def size_of(scene):
     return width, height
 
 
+def window_of(scene):
+    """The render region as fanal's --crop has it: columns to the left of it, rows above it, its columns and rows; none without one."""
+    render = scene.render
+    if not render.use_border:
+        return None
+    width, height = size_of(scene)
+    # Blender rounds the borders down, and counts rows from below.
+    left, right = int(render.border_min_x * width), int(render.border_max_x * width)
+    bottom, top = int(render.border_min_y * height), int(render.border_max_y * height)
+    if right <= left or top <= bottom:
+        return None
+    return left, height - top, right - left, top - bottom
+
+
 def film(scene, size, warn):
     """fanal's film: size and pixel filter, which is Cycles' if the scene has its settings."""
     out = {"width": size[0], "height": size[1]}
@@ -82,7 +96,7 @@ def film(scene, size, warn):
         elif cycles.pixel_filter_type == "GAUSSIAN":
             out["filter"] = {"type": "gaussian", "stddev": width / 4.0, "radius": 1.5 * width}
     if scene.render.use_border:
-        warn("the render region is not exported: give it to fanal as --crop")
+        warn("the render region is not exported: an F12 render keeps to it, elsewhere give it to fanal as --crop")
     if scene.render.film_transparent:
         warn("the background stays in the picture")
     return out

@@ -74,15 +74,20 @@ class FanalEngine(bpy.types.RenderEngine):
             arguments = ["--guide", settings.guide]
             if settings.seconds > 0.0:
                 arguments += ["--time", str(settings.seconds)]
+            window = cameras.window_of(scene)
+            if window is not None:
+                arguments += ["--crop", ",".join(map(str, window))]
+            size = cameras.size_of(scene) if window is None else window[2:]
             run = program.Run(path, report.scene, picture, arguments)
+            layer = depsgraph.view_layer_eval.name
             try:
-                self._follow(run, picture, cameras.size_of(scene))
+                self._follow(run, layer, size)
             finally:
                 run.stop()
             run.finish()
-            self._show(picture, cameras.size_of(scene))
+            self._show(picture, layer, size)
 
-    def _follow(self, run, picture, size):
+    def _follow(self, run, layer, size):
         """Shows the picture as it comes, until the run ends or Blender asks for its end."""
         shown = time.monotonic()
         while run.is_running():
@@ -90,16 +95,16 @@ class FanalEngine(bpy.types.RenderEngine):
                 run.stop()
             self.update_progress(run.progress)
             self.update_stats("", f"fanal: {run.message}")
-            if time.monotonic() - shown > _REFRESH and os.path.exists(picture):
-                self._show(picture, size)
+            if time.monotonic() - shown > _REFRESH:
+                self._show(run.picture, layer, size)
                 shown = time.monotonic()
             time.sleep(0.05)
 
-    def _show(self, picture, size):
+    def _show(self, picture, layer, size):
         if not os.path.exists(picture):
             return
         values = pixels(picture, size)
-        result = self.begin_result(0, 0, *size)
+        result = self.begin_result(0, 0, *size, layer=layer)
         result.layers[0].passes["Combined"].rect.foreach_set(values.ravel())
         self.end_result(result)
 

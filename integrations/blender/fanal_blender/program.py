@@ -29,6 +29,7 @@ class Run:
         # A line of progress comes every ten seconds where there is no terminal.
         command = [program, "render", scene, "-o", picture, *arguments]
         self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace")
+        self.picture, self.stopped = picture, False
         self.lines, self.progress = [], 0.0
         self.reader = threading.Thread(target=self._read, daemon=True)
         self.reader.start()
@@ -50,14 +51,17 @@ class Run:
         return self.process.poll() is None
 
     def stop(self):
-        """Ends it early; what there is of the picture is written."""
-        if self.is_running():
+        """Ends it early, however often it is called: a second signal would end it before what there is of the picture is written."""
+        if self.is_running() and not self.stopped:
+            self.stopped = True
             self.process.send_signal(signal.SIGINT if os.name != "nt" else signal.SIGTERM)
 
     def finish(self):
-        """Waits for its end; raises `RuntimeError` with its last words where it failed. 75 is the exit code of one that was stopped."""
+        """Waits for its end; raises `RuntimeError` with its last words where it failed. 75 is the exit code of one that was stopped.
+        On Windows that ends it at once, and the picture is the last one that it wrote on the way."""
         code = self.process.wait()
         self.reader.join()
         self.process.stderr.close()
-        if code not in (0, 75):
+        ended = self.stopped and os.name == "nt" and os.path.exists(self.picture)
+        if code not in (0, 75) and not ended:
             raise RuntimeError("\n".join(self.lines[-_LAST:]) or f"fanal ended with code {code}")

@@ -74,6 +74,45 @@ class Engine(unittest.TestCase):
         # A plane that fills the picture under a uniform sky has the radiance of its albedo.
         np.testing.assert_allclose(values.mean(axis=0), [0.5, 0.25, 1.0, 1.0], rtol=2e-3)
 
+    def test_region(self):
+        # The left half of the picture is a darker plane.
+        scene = lit_plane()
+        bpy.ops.mesh.primitive_plane_add(size=10, location=(-5, 0, 0.01))
+        dark = bpy.data.materials.new("dark")
+        dark.use_nodes = False
+        dark.diffuse_color = (0.1, 0.1, 0.1, 1.0)
+        bpy.context.object.data.materials.append(dark)
+        scene.render.engine = "FANAL"
+        scene.fanal.samples, scene.fanal.guide = 16, "none"
+        scene.render.image_settings.file_format = "OPEN_EXR"
+        render = scene.render
+        render.use_border, render.use_crop_to_border = True, True
+        render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.25, 0.75, 0.5, 1.0
+        render.filepath = os.path.join(self.folder.name, "out.exr")
+        with program_on_path():
+            bpy.ops.render.render(write_still=True)
+        values = engine.pixels(render.filepath, (12, 8)).reshape(8, 12, 4)
+        np.testing.assert_allclose(values[:, 1:5, 1].mean(), 0.1, rtol=0.1)
+        np.testing.assert_allclose(values[:, 7:11, 1].mean(), 0.25, rtol=0.1)
+
+    def test_layers(self):
+        # The plane is not in the second layer, which shows the world alone; the file is of the first.
+        scene = lit_plane()
+        plane = next(thing for thing in scene.objects if thing.type == "MESH")
+        planes = bpy.data.collections.new("planes")
+        scene.collection.children.link(planes)
+        planes.objects.link(plane)
+        scene.collection.objects.unlink(plane)
+        scene.view_layers.new("world").layer_collection.children["planes"].exclude = True
+        scene.render.engine = "FANAL"
+        scene.fanal.samples, scene.fanal.guide = 16, "none"
+        scene.render.image_settings.file_format = "OPEN_EXR"
+        scene.render.filepath = os.path.join(self.folder.name, "out.exr")
+        with program_on_path():
+            bpy.ops.render.render(write_still=True)
+        values = engine.pixels(scene.render.filepath, (24, 16))
+        np.testing.assert_allclose(values.mean(axis=0), [0.5, 0.25, 1.0, 1.0], rtol=2e-3)
+
     def test_missing_program(self):
         with self.assertRaisesRegex(FileNotFoundError, "preferences"):
             program.find("/nowhere/fanal")
@@ -92,7 +131,9 @@ class Engine(unittest.TestCase):
         # A run that has not begun to render has nothing to write.
         while run.is_running() and not os.path.exists(picture):
             pass
-        run.stop()
+        # As Blender asks: again and again, until it has ended.
+        while run.is_running():
+            run.stop()
         run.finish()
         self.assertEqual(run.process.returncode, 75)
         self.assertTrue(np.isfinite(engine.pixels(picture, (24, 16))).all())
