@@ -12,8 +12,8 @@ is a line of the journal as soon as it ends; the same command goes on where it w
 sheet.py makes one. With --spp all methods get as many samples instead, learning included; journals of parts of the seeds (--first-seed) or
 methods, from whatever machines, may then be put one after the other.
 
-Tables: geometric means over the seeds of ratios of trimmed relMSE, with 95 % intervals of Student's t on their logarithms where there are few
-columns; with --untrimmed of all of it, too. Without Mitsuba the first column is the error of `none` itself.
+Tables: geometric means over the seeds of ratios of trimmed relMSE, with 95 % intervals of Student's t on their logarithms from three seeds on,
+where there are few columns; with --untrimmed of all of it, too. Without Mitsuba the first column is the error of `none` itself.
 """
 
 import argparse
@@ -71,7 +71,8 @@ class Journal:
         logs = [math.log(ours[seed] / theirs[seed]) for seed in ours.keys() & theirs.keys()]
         if not logs:
             return None
-        half = statistics.stdev(logs) / math.sqrt(len(logs)) * STUDENT[min(len(logs), len(STUDENT)) - 1] if len(logs) > 1 else math.nan
+        # Of two seeds it would be a factor of tens.
+        half = statistics.stdev(logs) / math.sqrt(len(logs)) * STUDENT[min(len(logs), len(STUDENT)) - 1] if len(logs) > 2 else math.nan
         return math.exp(statistics.mean(logs)), half
 
 
