@@ -272,8 +272,7 @@ fn check_part(args: &RenderArgs) -> Result<()> {
 }
 
 fn is_png(args: &RenderArgs) -> bool {
-    let picture = args.output.as_ref().filter(|_| args.part.is_none());
-    picture.and_then(|output| output.extension()).is_some_and(|e| e.eq_ignore_ascii_case("png"))
+    args.output.as_ref().is_some_and(|output| args.part.is_none() && picture::is_png(output))
 }
 
 /// The layers, refused where they could not be written.

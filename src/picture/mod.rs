@@ -19,7 +19,7 @@ pub mod write_png;
 pub use address::Address;
 pub use image::Image;
 pub use live::{Canvas, LiveView, Viewer};
-pub use output::{check_folder, check_writable, write, write_or_rescue, write_picture};
+pub use output::{check_folder, check_writable, is_png, write, write_or_rescue, write_picture};
 pub use read::{read_image, read_samples, read_texels};
 pub use read_exr::{Channels, read_exr_channels};
 pub use samples::{Samples, Values};

@@ -22,6 +22,11 @@ fn format(path: &Path) -> Result<Format> {
     }
 }
 
+/// Whether a picture of this name is written as PNG.
+pub fn is_png(path: &Path) -> bool {
+    matches!(format(path), Ok(Format::Png))
+}
+
 /// Checks, before any work, that a picture could be written to `path`: its format is known, its folder exists and takes files.
 ///
 /// # Errors

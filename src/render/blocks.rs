@@ -70,8 +70,8 @@ impl Run<'_> {
         }
     }
 
-    /// Samples per pixel that are left of a budget of `spp`.
-    fn left(&self, spp: u32) -> u32 {
+    /// Whole samples per pixel that are left of a budget of `spp`.
+    pub(super) fn left(&self, spp: u32) -> u32 {
         (f64::from(spp) - self.state.spent).max(0.0) as u32
     }
 

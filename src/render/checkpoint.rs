@@ -37,7 +37,7 @@ use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::guiding::sample::file;
 use crate::sampling::discrete::Discrete;
 
-/// The version of checkpoints that this program reads and writes. 14: gains by comparison.
+/// The version of checkpoints that this program reads and writes. 15: without whether guiding was given up.
 pub const VERSION: u32 = 15;
 
 /// Largest accepted checkpoint in bytes, apart from pixels, and bytes that each pixel adds to that limit.

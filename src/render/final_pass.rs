@@ -200,11 +200,7 @@ impl Run<'_> {
     fn divide(&self, pass: &Pass, guided: bool) -> Option<Division> {
         let even = self.state.position.batches;
         let taken = match self.settings.stop {
-            // Of whole samples, as `rest` has them.
-            StopRule::Spp(spp) => {
-                let left = (f64::from(spp) - self.state.spent).max(0.0).floor();
-                f64::from(even) / (f64::from(even) + left).max(1.0)
-            }
+            StopRule::Spp(spp) => f64::from(even) / (f64::from(even) + f64::from(self.left(spp))).max(1.0),
             StopRule::Time(seconds) => {
                 let began = self.state.position.began;
                 (self.watcher.elapsed() - began) / (seconds - began).max(1e-9)
@@ -220,7 +216,7 @@ impl Run<'_> {
 
     /// Samples per pixel of the next batch under a budget of `spp`: all that are left, or what has to be sampled evenly.
     fn rest(&self, spp: u32) -> u32 {
-        let left = (f64::from(spp) - self.state.spent).max(0.0) as u32;
+        let left = self.left(spp);
         let even = ((f64::from(left) * EVEN).ceil() as u32).max(TELLING);
         let begins = self.settings.adaptive && self.state.position.batches == 0;
         if begins && even <= left / 2 { even } else { left }

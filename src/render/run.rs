@@ -136,9 +136,13 @@ impl<'a> Run<'a> {
     }
 
     pub fn empty_pass(&self) -> Pass {
-        let [width, height] = [self.window.width, self.window.height].map(|side| side as usize);
         // Who only learns makes no picture.
-        let by_brightness = self.settings.fireflies.kappa().is_some() && !self.learn_only;
+        self.pass(self.settings.fireflies.kappa().is_some() && !self.learn_only)
+    }
+
+    /// A pass without samples, which are kept by their brightness too where that is wanted.
+    pub fn pass(&self, by_brightness: bool) -> Pass {
+        let [width, height] = [self.window.width, self.window.height].map(|side| side as usize);
         if by_brightness { Pass::with_cascades(width, height) } else { Pass::new(width, height) }
     }
 

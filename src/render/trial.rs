@@ -11,7 +11,7 @@ use super::run::Run;
 use super::settings::StopRule;
 use super::state::Part;
 use super::statistics::Statistics;
-use crate::film::{Pass, over_mean, steady_values};
+use crate::film::{over_mean, steady_values};
 use crate::guiding::learn::learner::Use;
 use crate::guiding::moments::PictureMoments;
 use crate::guiding::sample::field::GuideField;
@@ -142,8 +142,7 @@ impl Run<'_> {
         let field = learning.learner.field_of(voxels, Use::Rendering);
         // Values mean another thing to paths without a guide.
         let plain = over_mean(&picture);
-        let [width, height] = [self.window.width, self.window.height].map(|side| side as usize);
-        let (mut passes, mut seconds) = ([Pass::new(width, height), Pass::new(width, height)], [f64::INFINITY; 2]);
+        let (mut passes, mut seconds) = ([self.pass(false), self.pass(false)], [f64::INFINITY; 2]);
         let mut statistics = [Statistics::default(), Statistics::default()];
         for trial in 0..2 * TRIALS {
             let guided = trial as usize % 2;

@@ -23,7 +23,7 @@ import sys
 import numpy as np
 
 import as_mitsuba
-from noise import TRIMMED, read
+from noise import noise, read
 from versions import MITSUBA
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -61,10 +61,9 @@ def render(args, scene, method, seed, out):
 
 
 def variances(pictures, square):
-    """Trimmed and whole relative variance of one picture."""
-    pairs = [np.mean((a - b) ** 2, -1) / 2 / square for a, b in itertools.combinations(pictures, 2)]
-    sorted_ = np.sort(np.mean(pairs, 0).ravel())
-    return sorted_[: int(len(sorted_) * TRIMMED)].mean(), sorted_.mean()
+    """Trimmed (geometric mean over pairs of seeds) and whole relative variance of one picture."""
+    whole, logs = noise(pictures, square)
+    return np.exp(logs[np.triu_indices(len(pictures), 1)].mean()), whole
 
 
 def main():

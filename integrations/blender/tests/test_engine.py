@@ -62,15 +62,19 @@ class Engine(unittest.TestCase):
         with self.assertRaisesRegex(RuntimeError, "no camera"):
             bpy.ops.export_scene.fanal(directory=self.folder.name)
 
-    def test_render(self):
-        scene = lit_plane()
+    def rendered(self, scene, size):
+        """RGBA of the scene's picture as Blender writes it, which has this size."""
         scene.render.engine = "FANAL"
         scene.fanal.samples, scene.fanal.guide = 16, "none"
         scene.render.image_settings.file_format = "OPEN_EXR"
         scene.render.filepath = os.path.join(self.folder.name, "out.exr")
         with program_on_path():
             bpy.ops.render.render(write_still=True)
-        values = engine.pixels(scene.render.filepath, (24, 16))
+        return engine.pixels(scene.render.filepath, size)
+
+    def test_render(self):
+        scene = lit_plane()
+        values = self.rendered(scene, (24, 16))
         # A plane that fills the picture under a uniform sky has the radiance of its albedo.
         np.testing.assert_allclose(values.mean(axis=0), [0.5, 0.25, 1.0, 1.0], rtol=2e-3)
 
@@ -82,16 +86,10 @@ class Engine(unittest.TestCase):
         dark.use_nodes = False
         dark.diffuse_color = (0.1, 0.1, 0.1, 1.0)
         bpy.context.object.data.materials.append(dark)
-        scene.render.engine = "FANAL"
-        scene.fanal.samples, scene.fanal.guide = 16, "none"
-        scene.render.image_settings.file_format = "OPEN_EXR"
         render = scene.render
         render.use_border, render.use_crop_to_border = True, True
         render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.25, 0.75, 0.5, 1.0
-        render.filepath = os.path.join(self.folder.name, "out.exr")
-        with program_on_path():
-            bpy.ops.render.render(write_still=True)
-        values = engine.pixels(render.filepath, (12, 8)).reshape(8, 12, 4)
+        values = self.rendered(scene, (12, 8)).reshape(8, 12, 4)
         np.testing.assert_allclose(values[:, 1:5, 1].mean(), 0.1, rtol=0.1)
         np.testing.assert_allclose(values[:, 7:11, 1].mean(), 0.25, rtol=0.1)
 
@@ -104,13 +102,7 @@ class Engine(unittest.TestCase):
         planes.objects.link(plane)
         scene.collection.objects.unlink(plane)
         scene.view_layers.new("world").layer_collection.children["planes"].exclude = True
-        scene.render.engine = "FANAL"
-        scene.fanal.samples, scene.fanal.guide = 16, "none"
-        scene.render.image_settings.file_format = "OPEN_EXR"
-        scene.render.filepath = os.path.join(self.folder.name, "out.exr")
-        with program_on_path():
-            bpy.ops.render.render(write_still=True)
-        values = engine.pixels(scene.render.filepath, (24, 16))
+        values = self.rendered(scene, (24, 16))
         np.testing.assert_allclose(values.mean(axis=0), [0.5, 0.25, 1.0, 1.0], rtol=2e-3)
 
     def test_missing_program(self):

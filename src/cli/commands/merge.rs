@@ -12,7 +12,7 @@ use crate::cli::{print, progress};
 use crate::generate::dataset::check;
 use crate::generate::parts::{self, Merging};
 use crate::guiding::sample::file;
-use crate::picture::{Picture, check_folder, check_writable, write_or_rescue};
+use crate::picture::{Picture, check_folder, check_writable, is_png, write_or_rescue};
 use crate::render::guide_part::merge_guides;
 use crate::render::merge::{Merged, merge, merge_first};
 
@@ -66,8 +66,7 @@ fn guide(output: &Path, args: &MergeArgs) -> Result<()> {
 
 fn picture(output: &Path, args: &MergeArgs) -> Result<()> {
     check_writable(output)?;
-    let png = output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
-    let display = display(args.exposure, args.view, png)?;
+    let display = display(args.exposure, args.view, is_png(output))?;
     in_pool(&args.common, || {
         let Merged { image, layers, attributes, placed, missing } =
             merge(&args.inputs, args.allow_missing, &*progress::progress(args.common.quiet))?;

@@ -214,7 +214,7 @@ impl Reader {
                 Wrap::Clamp
             }
         };
-        // v4 decodes by it what is no PNG file neither; v3 has none.
+        // v4 takes the bytes of other files than PNG for sRGB, whatever is said.
         let encoding =
             parameters.string("encoding")?.filter(|_| self.old || has_extension(name, &["png"])).unwrap_or("sRGB");
         let gamma = encoding.strip_prefix("gamma").and_then(|number| number.trim().parse::<f32>().ok());
