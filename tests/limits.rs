@@ -16,6 +16,8 @@ use fanal::base::random::Random;
 use fanal::film::{Block, Pass};
 use fanal::generate::build::{Builder, diffuse};
 use fanal::guiding::learn::fraction::FractionRule;
+use fanal::guiding::sample::field::Evidence;
+use fanal::guiding::sample::file::{load, save};
 use fanal::lights::envmap::Envmap;
 use fanal::picture::read_texels;
 use fanal::render::merge::merge;
@@ -217,6 +219,9 @@ fn limit_of_a_full_field() {
     println!("{bytes} bytes, {guide:?}; {most} bytes at most in all");
     assert!(bytes <= 24 * MB, "{bytes} bytes");
     assert!(bytes > 22 * MB && guide.trees > 10_000, "{bytes} bytes do not reach the ceiling: {guide:?}");
+    let file = tempfile::NamedTempFile::new().unwrap();
+    save(file.path(), &outcome.field, &Evidence::default()).unwrap();
+    assert_eq!(load(file.path()).unwrap().0.bytes(), bytes, "what was cut can be read");
 }
 
 /// Of parts only stripes are held beside the sum, however many they are and however large: eight take no more than two.

@@ -88,6 +88,16 @@ impl<const N: usize> Moments<N> {
         }
     }
 
+    /// What is left of sums over several voxels without those of one of them.
+    pub fn without(&self, part: &Self) -> Self {
+        let rest = |all: f64, part: f64| (all - part).max(0.0);
+        Self {
+            sums: std::array::from_fn(|i| rest(self.sums[i], part.sums[i])),
+            squares: rest(self.squares, part.squares),
+            samples: rest(self.samples, part.samples),
+        }
+    }
+
     /// Adds the sums of another.
     pub fn merge(&mut self, other: &Self) {
         self.add_all(other, 1.0);
@@ -138,14 +148,19 @@ impl<const N: usize> Moments<N> {
 }
 
 impl Moments<{ FRACTIONS.len() }> {
-    /// Second moments under a fraction `used`, under `chosen` and under BSDF samples alone, relative to that under `used`.
-    pub fn relative(&self, used: f64, chosen: f64) -> [f64; 3] {
-        let at = |fraction: f64| FRACTIONS.iter().position(|&f| (f - fraction).abs() < 1e-3).map(|i| self.sums[i]);
-        let under = at(used).unwrap_or(0.0);
-        if under <= 0.0 || self.samples < LEAST_SAMPLES {
-            return [1.0; 3];
-        }
-        [used, chosen, 1.0].map(|fraction| at(fraction).unwrap_or(under) / under)
+    /// Second moments under a fraction `used`, under `chosen` and under BSDF samples alone, relative to that under `used`; none where
+    /// too little is known. Between the [`FRACTIONS`] they are interpolated.
+    pub fn relative(&self, used: f64, chosen: f64) -> Option<[f64; 3]> {
+        let under = self.at(used);
+        (under > 0.0 && self.samples >= LEAST_SAMPLES).then(|| [used, chosen, 1.0].map(|of| self.at(of) / under))
+    }
+
+    /// Sum under any fraction.
+    fn at(&self, fraction: f64) -> f64 {
+        let above = FRACTIONS.partition_point(|&of| of < fraction).clamp(1, FRACTIONS.len() - 1);
+        let [low, high] = [FRACTIONS[above - 1], FRACTIONS[above]];
+        let part = ((fraction - low) / (high - low)).clamp(0.0, 1.0);
+        (1.0 - part) * self.sums[above - 1] + part * self.sums[above]
     }
 
     /// Adds a vertex whose direction was drawn with a fraction `alpha` in (0, 1) of BSDF samples.
@@ -279,6 +294,21 @@ mod tests {
         assert_eq!(moments.samples, before.samples);
     }
 
+    /// Fractions that a descent has learned lie between those that are tried.
+    #[test]
+    fn any_fraction_has_a_moment() {
+        for drawn in [0.1, 0.37, 0.5, 0.9] {
+            let moments = measured(9.0, drawn);
+            let [used, chosen, bsdf] = moments.relative(drawn, 0.2).expect("enough samples");
+            let [_, at_chosen, ..] = moments.sums;
+            assert!((used - 1.0).abs() < 1e-9 && (bsdf / chosen - moments.sums[7] / at_chosen).abs() < 1e-9);
+            let between = moments.relative(0.725, 0.725).map(|[_, _, bsdf]| moments.sums[7] / bsdf);
+            let middle = 0.5 * (moments.sums[5] + moments.sums[6]);
+            assert!(between.is_some_and(|found| (found / middle - 1.0).abs() < 1e-9), "{drawn}: {between:?} {middle}");
+        }
+        assert_eq!(Moments::<8>::default().relative(0.5, 0.5), None);
+    }
+
     /// Estimates of nothing, of next to nothing, as large as numbers are and none at all, 100,000 of them: what
     /// overflows is left out, and what is decided keeps a tenth of BSDF samples. (What a fraction of 1 means is tested
     /// in hard_trees.rs.)
@@ -299,7 +329,7 @@ mod tests {
             assert!(sums.iter().all(|sum| *sum >= 0.0 && sum.is_finite()), "{square} {bsdf_share} {light_ratio}");
             let fraction = moments.best().map_or(0.5, |best| FRACTIONS[best]);
             assert!((0.1..=1.0).contains(&fraction) && moments.gain() > 0.0 && moments.gain() <= 1.0, "{moments:?}");
-            assert!(moments.relative(0.5, fraction).iter().all(|m| *m > 0.0 && m.is_finite()), "{moments:?}");
+            assert!(moments.relative(0.5, fraction).iter().flatten().all(|m| *m > 0.0 && m.is_finite()), "{moments:?}");
             decided += usize::from(moments.best().is_some());
         }
         assert!(decided > 50_000, "{decided} decisions");

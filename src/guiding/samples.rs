@@ -69,7 +69,9 @@ impl Default for Spheres {
 
 /// Samples of a chunk for a model of directions, with the rules for learning from them.
 pub struct Told<'a> {
-    /// The samples.
+    /// The samples, in the voxels whose guides drew them.
+    pub drawn: &'a Samples<'a>,
+    /// The same where they are learned from: filters move them.
     pub samples: &'a Samples<'a>,
     /// The voxels.
     pub cache: &'a SpatialCache,

@@ -202,26 +202,30 @@ impl Learner {
     /// Returns the voxel that each photon fell into, [`VoxelId::MAX`] for none.
     pub fn absorb(&mut self, paths: &[PathRecord], photons: &[PhotonRecord], deposit_paths: bool) -> Vec<VoxelId> {
         let mut path_voxels = self.make_voxels(paths);
-        let mut photon_voxels = self.find_voxels(photons, |photon| (photon.point, photon.normal));
-        let Some(cache) = &self.cache else { return photon_voxels };
-        let reached = photon_voxels.clone();
+        let reached = self.find_voxels(photons, |photon| (photon.point, photon.normal));
+        let Some(cache) = &self.cache else { return reached };
+        let samples = Samples::new((paths, &path_voxels), (photons, &reached), self.voxels.len());
+        self.outliers.absorb(paths, &path_voxels);
         if self.settings.tree.filtered {
             self.chunks += 1;
+            let mut photon_voxels = reached.clone();
             let moved = |kind, points: Vec<(Vec3, Vec3)>, voxels: &mut [VoxelId]| {
                 move_voxels(cache, (self.chunks, kind), &points, voxels)
             };
             moved(0, paths.iter().map(|r| (r.point, r.normal)).collect(), &mut path_voxels);
             moved(1, photons.iter().map(|r| (r.point, r.normal)).collect(), &mut photon_voxels);
+            let moved = Samples::new((paths, &path_voxels), (photons, &photon_voxels), self.voxels.len());
+            self.judge_samples(&samples);
+            self.deposit_samples(&samples, &moved, deposit_paths);
+        } else {
+            self.judge_samples(&samples);
+            self.deposit_samples(&samples, &samples, deposit_paths);
         }
-        let samples = Samples::new((paths, &path_voxels), (photons, &photon_voxels), self.voxels.len());
-        self.outliers.absorb(paths, &path_voxels);
-        self.judge_samples(&samples);
-        self.deposit_samples(&samples, deposit_paths);
         reached
     }
 
     /// Judges guides by one chunk of path samples, which make voxels where there are none. What is to be learned from them is told to
-    /// [`Learner::deposit`] later, in one chunk of the whole pass. Samples must not be [moved](TreeSettings::filtered).
+    /// [`Learner::deposit`] later, in one chunk of the whole pass, which must not [move](TreeSettings::filtered) them.
     pub fn judge(&mut self, paths: &[PathRecord]) {
         let voxels = self.make_voxels(paths);
         self.outliers.absorb(paths, &voxels);
@@ -234,7 +238,7 @@ impl Learner {
         let path_voxels = self.find_voxels(paths, |path| (path.point, path.normal));
         let reached = self.find_voxels(photons, |photon| (photon.point, photon.normal));
         let samples = Samples::new((paths, &path_voxels), (photons, &reached), self.voxels.len());
-        self.deposit_samples(&samples, deposit_paths);
+        self.deposit_samples(&samples, &samples, deposit_paths);
         reached
     }
 
@@ -270,7 +274,8 @@ impl Learner {
         self.voxels.par_iter_mut().enumerate().for_each(judge);
     }
 
-    fn deposit_samples(&mut self, samples: &Samples, deposit_paths: bool) {
+    /// Learns from `samples`; `drawn` are the same in the voxels whose guides drew them.
+    fn deposit_samples(&mut self, drawn: &Samples, samples: &Samples, deposit_paths: bool) {
         let Some(cache) = &self.cache else { return };
         let learned = Learned { target: self.target(), direct: self.settings.direct };
         let model = &self.model;
@@ -287,7 +292,7 @@ impl Learner {
             voxel.count(&bounds, samples.directed(v), samples.photons(v));
         });
         let spheres = self.spheres();
-        self.model.observe(&Told { samples, cache, paths: deposit_paths, spheres: &spheres, learned });
+        self.model.observe(&Told { drawn, samples, cache, paths: deposit_paths, spheres: &spheres, learned });
     }
 
     fn spheres(&self) -> Vec<Spheres> {
@@ -345,7 +350,7 @@ impl Learner {
                 all = (all - outlier.squares[1]).max(0.0);
                 fractions.remove_estimates(&outlier.estimates, drawn);
             }
-            let relative = fractions.relative(drawn, f64::from(voxel.bsdf_fraction));
+            let relative = fractions.relative(drawn, f64::from(voxel.bsdf_fraction)).unwrap_or([1.0; 3]);
             let [learning, guided, unguided] = relative.map(|moment| all * moment);
             sum.learning += learning;
             sum.guided += guided;
@@ -403,13 +408,13 @@ impl Learner {
         let LearnerSettings { fraction: rule, keeps_evidence, .. } = self.settings;
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
             let mut measured = voxel.fractions;
-            measured.add_prior(&fractions[ancestry.block(v)], PRIOR_SAMPLES);
+            measured.add_prior(&fractions[ancestry.block(v)].without(&voxel.fractions), PRIOR_SAMPLES);
             voxel.best = measured.best();
             let chosen = voxel.chosen_fraction(rule);
             voxel.bsdf_fraction = chosen.unwrap_or(voxel.bsdf_fraction);
             if keeps_evidence {
-                let [_, chosen, bsdf] = measured.relative(voxel.drawn_fraction.into(), voxel.bsdf_fraction.into());
-                voxel.gain = (chosen / bsdf) as f32;
+                let relative = measured.relative(voxel.drawn_fraction.into(), voxel.bsdf_fraction.into());
+                voxel.gain = relative.map_or(f32::NAN, |[_, chosen, bsdf]| (chosen / bsdf) as f32);
             }
         });
     }

@@ -143,9 +143,8 @@ impl Trees {
         let (settings, keeps) = (&self.settings, self.keeps_shapes);
         self.voxels.par_iter_mut().enumerate().for_each(|(v, voxel)| {
             let spheres = &told.spheres[v];
-            let paths = told.samples.directed(v);
-            paths.clone().for_each(|record| voxel.judge(record, &spheres.guide));
-            let deposited = paths.filter(|_| told.paths);
+            told.drawn.directed(v).for_each(|record| voxel.judge(record, &spheres.guide));
+            let deposited = told.samples.directed(v).filter(|_| told.paths);
             voxel.deposit(deposited, told.samples.photons(v), (spheres, told.learned), settings, keeps);
         });
     }

@@ -34,8 +34,11 @@ impl Proposal {
         match &self.plain {
             Some(plain) if share <= 0.0 => plain.clone(),
             Some(plain) if share < 1.0 => {
-                let uniform = share * f64::from(self.first.1) + (1.0 - share) * f64::from(plain.1);
-                (Distribution::blend(&self.first.0, &plain.0, share), uniform as f32)
+                let [first, other] = [self.first.1, plain.1].map(f64::from);
+                let uniform = share * first + (1.0 - share) * other;
+                // Of what is not uniform.
+                let blended = if uniform < 1.0 { share * (1.0 - first) / (1.0 - uniform) } else { share };
+                (Distribution::blend(&self.first.0, &plain.0, blended), uniform as f32)
             }
             _ => self.first.clone(),
         }
@@ -97,8 +100,13 @@ mod tests {
         assert_eq!(proposal.mixed(1.0), proposal.first);
         assert_eq!(Some(proposal.mixed(0.0)), proposal.plain);
         let (half, uniform) = proposal.mixed(0.5);
-        assert_eq!(half.leaf_mass(), [0.5, 0.125, 0.125, 0.25]);
         assert!((uniform - 0.2).abs() < 1e-6);
+        // Uniform parts and all, half of each.
+        let all = half.leaf_mass().into_iter().map(|mass| 0.8 * mass + 0.2 * 0.25);
+        let expected = [0.0, 0.25, 0.25, 0.5].map(|plain| 0.7 * plain + 0.3 * 0.25);
+        for ((mass, plain), first) in all.zip(expected).zip([0.9 + 0.1 * 0.25, 0.025, 0.025, 0.025]) {
+            assert!((mass - 0.5 * (plain + first)).abs() < 1e-6, "{mass} {plain} {first}");
+        }
         let alone = Proposal::from(proposal.first.clone());
         assert_eq!(alone.mixed(0.0), proposal.first, "there is nothing else");
         assert_eq!(Judged::new(&alone, 1.0, 100), None);

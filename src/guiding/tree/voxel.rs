@@ -121,10 +121,10 @@ impl TreeVoxel {
     }
 
     /// Distribution of this iteration's samples and of the past, whose samples count as `part` of their number. Path samples and
-    /// photons are mixed in the share that measured best, here and in the surroundings (`around`).
+    /// photons are mixed in the share that measured best, here and in the surroundings (`around`, which includes the voxel).
     pub fn count(&mut self, around: &Moments<{ PATH_SHARES.len() }>, part: f64) -> Counted {
         let mut shares = self.kind_moments;
-        shares.add_prior(around, PRIOR_SAMPLES);
+        shares.add_prior(&around.without(&self.kind_moments), PRIOR_SAMPLES);
         self.path_share = shares.best().map_or(0.5, |best| PATH_SHARES[best].min(MOST_PATH_SHARE));
         let samples: u32 = self.tree.counts().iter().sum();
         let own = self.tree.has_energy().then(|| (self.tree.leaves().hybrid(self.path_share), f64::from(samples)));
@@ -133,10 +133,10 @@ impl TreeVoxel {
         own
     }
 
-    /// Second moments under mixtures of proposals, with those of the surroundings (`around`) as a prior.
+    /// Second moments under mixtures of proposals, with those of the surroundings (`around`, which includes the voxel) as a prior.
     pub fn proposal_moments_with(&self, around: &ShareMoments) -> ShareMoments {
         let mut own = self.proposal_moments;
-        own.add_prior(around, PRIOR_SAMPLES);
+        own.add_prior(&around.without(&self.proposal_moments), PRIOR_SAMPLES);
         own
     }
 

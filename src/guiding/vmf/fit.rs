@@ -102,12 +102,14 @@ impl LearnedMixture {
             true => ROUNDS,
             false => usize::from(self.since[0] >= SETTLED),
         };
+        if rounds > 0 {
+            self.since[0] = 0.0;
+        }
         while rounds > 0 {
             let changed = split(all, mean);
             if changed == 0 {
                 break;
             }
-            self.since[0] = 0.0;
             current = refine(all, samples, count, changed);
             rounds -= 1;
             if first {

@@ -167,9 +167,11 @@ impl Run<'_> {
     ) -> Option<(Vec<Vec3>, bool)> {
         let (scene, settings, pixels) = (self.scene, self.settings, self.pixels());
         let mut sum = vec![Vec3::ZERO; pixels as usize];
-        let (Guides { field, expected }, ratio) = (guides, settings.complete_paths);
+        let Guides { field, expected } = guides;
         let (mut start, mut goes_on) = (0, true);
-        let drawn = |pixels: u64| (pixels as f64 * ratio) as u64;
+        let drawn = |pixels: u64| (pixels as f64 * settings.complete_paths) as u64;
+        // Weights go by the whole paths that are drawn.
+        let ratio = drawn(pixels) as f64 / pixels as f64;
         while start < pixels {
             let (began, end) = (Instant::now(), (start + PIECE).min(pixels));
             let lights = (&self.lights).into();
