@@ -85,7 +85,11 @@ impl Point<'_> {
             return Some(BsdfSample { pdf: sample.pdf * weights[chosen], ..sample });
         }
         let other = 1 - chosen;
-        let (value, pdf) = self.parts[other].eval_and_pdf(place, wo, sample.wi);
+        let (mut value, pdf) = self.parts[other].eval_and_pdf(place, wo, sample.wi);
+        if transport == Transport::Importance {
+            // What is sampled has it already: power is not squeezed where it is refracted.
+            value *= self.parts[other].eta(wo, sample.wi).powi(2);
+        }
         let value = sample.weight * (sample.pdf * weights[chosen]) + value * weights[other];
         let pdf = sample.pdf * weights[chosen] + pdf * weights[other];
         Some(BsdfSample { weight: value / pdf, pdf, ..sample })

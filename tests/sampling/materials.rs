@@ -658,6 +658,8 @@ fn s06_radiance_is_squeezed_by_the_square_of_eta() {
     let clear = principled([1.0; 3]).into_iter().filter(|(_, p)| p.spec_trans > 0.0).map(|(_, p)| made(p));
     let smooth: Material = Kind::Dielectric(Dielectric { eta: 1.5 }).into();
     let mut materials = vec![smooth, frosted(SHAPES[0], 0.3, 1.33)];
+    let mixed = [frosted(SHAPES[0], 0.3, 1.5), frosted(SHAPES[0], 0.6, 1.5)];
+    materials.push(Kind::Blend(Box::new(Blend { weight: Texture::Constant(Vec3::splat(0.4)), parts: mixed })).into());
     materials.extend(clear);
     for (i, material) in materials.iter().enumerate() {
         let mut refracted = 0;
