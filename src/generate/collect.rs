@@ -5,6 +5,7 @@
 //! each iteration: inputs are cheap to make, targets are not. Directions of both refer to the same spheres (see
 //! [`Parallax`](crate::guiding::cache::parallax::Parallax)).
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -171,6 +172,10 @@ fn check_folder(recipe: &Recipe, jobs: &[Job], mode: &Mode, shards: &[ShardEntry
     if shards.first().is_some_and(|first| first.mode != *mode) {
         return refuse(format!("was made in another mode than {mode:?}; choose another folder"));
     }
+    let names: BTreeSet<String> = (0..).zip(jobs).map(|(number, job)| shard_name(number, job)).collect();
+    if let Some(other) = shards.iter().find(|shard| !names.contains(&shard.file)) {
+        return refuse(format!("{} is of no scene of this recipe: more families change what is which", other.file));
+    }
     for (number, job) in (0..).zip(jobs) {
         let file = shard_name(number, job);
         let mut known = shards.iter().filter(|shard| shard.file == file);
@@ -268,7 +273,7 @@ impl Run<'_> {
         self.learning.end_iteration(1, f64::INFINITY, self.guide, &mut Default::default()).map(drop)
     }
 
-    /// Refines the trees with a quarter of `spp` samples per pixel, freezes their shapes, and fills them with two independent
+    /// Refines the trees with some of `spp` samples per pixel, at most a quarter, freezes their shapes, and fills them with two independent
     /// halves of the rest, from camera paths alone. One target per voxel; none where it has not converged.
     fn targets(&mut self, spp: u32) -> Result<Vec<Option<Target>>> {
         if let Some(trees) = self.learning.learner.model_mut().trees_mut() {
@@ -337,7 +342,9 @@ impl Run<'_> {
                     }
                 }
             }
-            self.end_iteration()?;
+            if t < last {
+                self.end_iteration()?;
+            }
         }
         Ok(pairs)
     }
@@ -388,7 +395,9 @@ impl Target {
         let floor_kl = kl(&distribution(&a), &distribution(&b), FLOOR_UNIFORM) as f32;
         let samples = u64::from(first.counts()[0]) + u64::from(second.counts()[0]);
         let both = sum(a, b);
-        let usable = both.iter().any(|&v| v > 0.0) && samples >= LEAST_TARGET_SAMPLES && floor_kl < WORST_FLOOR;
+        // A root alone was refined without light, and says nothing of where the light is that was found later.
+        let lit = topology.len() > 1 && both.iter().any(|&v| v > 0.0);
+        let usable = lit && samples >= LEAST_TARGET_SAMPLES && floor_kl < WORST_FLOOR;
         let bsdf = Distribution::from_leaf_weights(topology.clone(), &sum(first.bsdf_values(), second.bsdf_values()));
         // Without any BSDF sample (everything was drawn by guides) the uniform sphere stands for it.
         let bsdf = mass_on(topology, &bsdf);

@@ -49,7 +49,7 @@ pub struct Recipe {
     pub method: Trained,
     /// Camera paths per pixel that targets are collected from.
     pub target_spp: u32,
-    /// At most so many trees are kept of a scene, drawn evenly.
+    /// At most so many trees are kept of a scene, drawn evenly, but one of each run and iteration.
     pub max_trees_per_scene: u32,
     /// Short runs that inputs are taken from; of each four two see path samples and photons, one path samples, one photons.
     #[serde(default = "default_runs")]

@@ -93,7 +93,8 @@ fn reconstruct(
             config.splits(level.level, output.leaf[row], mass)
         });
         parents = output.decoded;
-        leaf = output.leaf;
+        // Cells of an image above its last level are no leaves, whatever an untrained part of the network says.
+        leaf = if config.image.is_some() { vec![0.0; output.leaf.len()] } else { output.leaf };
         std::mem::swap(&mut above, &mut level);
     }
 }

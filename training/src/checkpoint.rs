@@ -22,7 +22,7 @@ pub const CHECKPOINT_FILE: &str = "checkpoint.safetensors";
 const LIMIT: u64 = 256 << 20;
 
 /// The version of checkpoints that this program reads. 2: with a checksum. 3: detects other data of the same size.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// The pairs of a run: the order in which they are shown is a permutation of their numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -52,6 +52,8 @@ pub struct State {
     pub from: Option<u32>,
     /// Pairs per step.
     pub batch: usize,
+    /// Peak learning rate.
+    pub rate: f64,
     /// Parts that a step is divided into; sums of gradients depend on it in their last bits.
     pub parts: usize,
     /// The training data.

@@ -35,7 +35,7 @@ pub struct Row {
     pub kl: f64,
     /// Median KL.
     pub median_kl: f64,
-    /// Mean KL above the convergence floor.
+    /// Mean KL less that between two halves of the target, which the truth itself would have below 0.
     pub kl_above_floor: f64,
     /// Median of V, the relative variance of the one-sample estimator (see [`relative_moment`]).
     pub median_variance: f64,
@@ -70,7 +70,7 @@ pub struct Evaluation {
     pub input_nodes: f64,
     /// Mean number of nodes of Q_gt.
     pub target_nodes: f64,
-    /// Mean KL between two halves of the target: no method can be measured to be nearer.
+    /// Mean KL between two halves of the target: about four times that of the target beside the truth.
     pub floor: f64,
     /// The Gaussian's tuned parameters: σ in cells, samples that near, far and equal shares count as.
     pub gaussian: [f64; 4],

@@ -76,6 +76,7 @@ impl<'a> Run<'a> {
             seed: settings.seed,
             from: None,
             batch: settings.batch,
+            rate: settings.rate,
             parts: settings.parts.max(1),
             data,
             step: 0,
@@ -156,7 +157,7 @@ impl<'a> Run<'a> {
     pub fn step(&mut self, batch: &[HostBatch], plan: &Plan) -> Result<()> {
         let start = Instant::now();
         let progress = self.schedule(plan);
-        let (rate, beta) = (rate(self.settings.rate, progress, self.state.step), beta(progress));
+        let (rate, beta) = (rate(self.state.rate, progress, self.state.step), beta(progress));
         let trees: usize = batch.iter().map(HostBatch::trees).sum();
         let (parts, value, class) = self.backward(batch, beta, trees)?;
         let norm = self.optimiser.step(&mut self.net, sum(parts), rate);

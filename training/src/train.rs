@@ -1,5 +1,6 @@
 //! The training loop.
 
+use std::collections::BTreeSet;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -94,6 +95,8 @@ pub struct Outcome {
 pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     ensure!(settings.batch > 0, "a batch needs at least one tree");
     ensure!(settings.minutes.is_some() || settings.epochs.is_some(), "give --minutes or --epochs");
+    let minutes = settings.minutes.unwrap_or(1.0);
+    ensure!(minutes.is_finite() && minutes > 0.0, "{minutes} minutes of training: expected more than none");
     let data = settings.view.apply(read_datasets(&settings.data)?)?;
     let mode = data.mode.clone();
     let (training, validation) = divide(data)?;
@@ -148,19 +151,21 @@ fn indices(folders: &[PathBuf]) -> Result<u32> {
     Ok(crc32(all.iter().map(Vec::as_slice)))
 }
 
-/// Trees to train on, and trees to choose the best weights by: every tenth scene of the training data if there are enough,
-/// else the held-out trees, which are otherwise left to `eval`. Scenes of several folders that have the same number go together.
+/// Trees to train on, and trees to choose the best weights by: every tenth scene of the training data, family by family, if there are
+/// enough, else the held-out trees, which are otherwise left to `eval`, and where there are none the training trees. Scenes of several
+/// folders that have the same family and number go together.
 fn divide(data: Dataset) -> Result<(Vec<TreeSample>, Vec<TreeSample>)> {
     if data.train.is_empty() {
         bail!("the data folder has no trees to train on");
     }
-    let scenes: std::collections::BTreeSet<u32> = data.train.iter().map(|t| t.scene).collect();
+    // Recipes deal scenes to families in turn: by number alone whole families would never be validated on.
+    let scenes: BTreeSet<(u32, u32)> = data.train.iter().map(|t| (t.family, t.scene)).collect();
     if scenes.len() < 10 {
         let validation = if data.held_out.is_empty() { data.train.clone() } else { data.held_out };
         return Ok((data.train, validation));
     }
-    let chosen: std::collections::BTreeSet<u32> = scenes.into_iter().skip(4).step_by(10).collect();
-    let (validation, training) = data.train.into_iter().partition(|t| chosen.contains(&t.scene));
+    let chosen: BTreeSet<(u32, u32)> = scenes.into_iter().skip(4).step_by(10).collect();
+    let (validation, training) = data.train.into_iter().partition(|t| chosen.contains(&(t.family, t.scene)));
     Ok((training, validation))
 }
 
@@ -196,5 +201,32 @@ impl Shown {
     fn finish(&self) {
         self.bar.finish_and_clear();
         self.lines.iter().for_each(Lines::finish);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fanal::render::{GuideMode, RenderSettings, StopRule};
+
+    /// Scenes of two recipes, whose families are dealt in turn.
+    #[test]
+    fn every_family_is_validated_on() {
+        let of = |family: u32, scene: u32| TreeSample { family, scene, ..TreeSample::default() };
+        let dealt = |families: u32, scenes: u32| (0..families * scenes).map(move |i| of(i % families, i));
+        let mode = RenderSettings::new(GuideMode::Neural, StopRule::Spp(1)).mode();
+        let train = dealt(6, 20).chain(dealt(2, 10)).collect();
+        let data = Dataset { mode: mode.clone(), train, held_out: Vec::new() };
+        let all = data.train.len();
+        let (training, validation) = divide(data).unwrap();
+        let families: BTreeSet<u32> = validation.iter().map(|tree| tree.family).collect();
+        assert_eq!(families, (0..6).collect());
+        assert_eq!(training.len() + validation.len(), all);
+        assert!((all / 16..all / 7).contains(&validation.len()), "{} of {all}", validation.len());
+        let scenes = |trees: &[TreeSample]| trees.iter().map(|t| (t.family, t.scene)).collect::<BTreeSet<_>>();
+        assert!(scenes(&training).is_disjoint(&scenes(&validation)));
+        let few = Dataset { mode, train: dealt(3, 3).collect(), held_out: vec![of(0, 9)] };
+        let (training, validation) = divide(few).unwrap();
+        assert_eq!((training.len(), validation.len()), (9, 1));
     }
 }

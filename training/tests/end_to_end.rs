@@ -58,6 +58,11 @@ fn data_of_a_recipe_is_sound_and_made_once() {
         let error = generate(&other, folder.path(), &Silent, &AtomicBool::new(false)).unwrap_err().to_string();
         assert!(error.contains("recipe.json") && error.contains("another folder"), "{error}");
     }
+    // So is one whose families are dealt otherwise: its scenes would be there twice, under other numbers.
+    let mut fewer = recipe.clone();
+    fewer.family.remove(0);
+    let error = generate(&fewer, folder.path(), &Silent, &AtomicBool::new(false)).unwrap_err().to_string();
+    assert!(error.contains("no scene of this recipe"), "{error}");
     // The same of a folder that has lost its note, which it does not get from a recipe that it refuses.
     let note = folder.path().join("recipe.json");
     let own = std::fs::read(&note).unwrap();

@@ -105,11 +105,16 @@ fn an_image_network_learns_and_fills_its_image() {
     let mut net = Net::new(&config, &initial_weights(&config, 1), &Device::flex().autodiff()).unwrap();
     let course = steps_of(&config, &mut net, &batch, 100, 5e-3, 0.2);
     assert!(course[99] < 0.6 * course[0], "{} {}", course[0], course[99]);
-    let model = Model { config, weights: net.weights() };
+    let mut model = Model { config, weights: net.weights() };
     let cases: Vec<Case> = samples.iter().map(|s| Case::new(s).unwrap()).collect();
-    for found in reconstruct(&model, &Embedded::new(&model).unwrap(), &cases).unwrap() {
-        assert_eq!(*found.topology(), Topology::complete(4));
+    let trees = |model: &Model| reconstruct(model, &Embedded::new(model).unwrap(), &cases).unwrap();
+    let found = trees(&model);
+    for tree in &found {
+        assert_eq!(*tree.topology(), Topology::complete(4));
     }
+    // Training leaves out what its leaf classes say.
+    model.weights.layers.get_mut("decode.leaf").unwrap().bias.fill(9.0);
+    assert!(trees(&model) == found, "an image has no leaves above its last level");
 }
 
 /// A network that says the same everywhere is calibrated where that is the part of leaves, and off by the difference elsewhere.
@@ -333,6 +338,7 @@ fn f03_damaged_training_checkpoints() {
         seed: 3,
         from: None,
         batch: 4,
+        rate: 1e-3,
         parts: 1,
         data: fanal_training::checkpoint::Data { pairs: 9, crc32: 1 },
         step: 7,
