@@ -232,6 +232,25 @@ fn missing_files_are_named_or_skipped() {
     fails(1, &[&resume[..], &["--quiet"]].concat(), None, &["out.part", "scene"]);
 }
 
+/// A scene that names files beside its folder is refused with what helps, and read where that is allowed.
+#[test]
+fn files_of_another_folder_are_allowed_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let inner = folder.path().join("inner");
+    std::fs::create_dir(&inner).unwrap();
+    std::fs::write(folder.path().join("shared.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let body = "<scene version='3.0.0'><sensor type='perspective'/><emitter type='constant'/>\
+        <shape type='obj'><string name='filename' value='../shared.obj'/></shape></scene>";
+    std::fs::write(inner.join("scene.xml"), body).unwrap();
+    let scene = inner.display().to_string();
+    fails(1, &["plan", &scene], None, &["../shared.obj", "scene.xml:1", "FANAL_SCENE_ROOT"]);
+    let allowed = |root: &Path| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_fanal"));
+        command.args(["plan", &scene]).env("FANAL_SCENE_ROOT", root).output().unwrap().status.success()
+    };
+    assert!(allowed(folder.path()) && !allowed(&inner));
+}
+
 /// A saved field guides another render and can be looked into; a damaged one is refused with its name.
 #[test]
 fn guides_are_saved_loaded_and_drawn() {

@@ -188,6 +188,63 @@ fn colours() {
     }
 }
 
+/// 0.6 sees spectra of wavelengths under equal energy, Mitsuba 3 under D65: the white of the classic Cornell box (its values every 20 nm).
+#[test]
+fn spectra_of_old_files() {
+    let folder = folder();
+    let white = "400:0.343, 420:0.687, 440:0.745, 460:0.765, 480:0.745, 500:0.747, 520:0.735, 540:0.737, 560:0.737, \
+        580:0.737, 600:0.740, 620:0.741, 640:0.742, 660:0.739, 680:0.736, 700:0.737";
+    let of = |version: &str| {
+        let body = format!("<bsdf type='diffuse' id='d'><spectrum name='reflectance' value='{white}'/></bsdf>");
+        let loaded = load_body(&folder, version, &body).unwrap_or_else(|error| panic!("{error}"));
+        let MaterialFile::Diffuse { reflectance: TextureFile::Rgb { value } } = loaded.file.materials["d"] else {
+            panic!("one colour")
+        };
+        value
+    };
+    let near = |a: [f32; 3], b: [f32; 3]| (0..3).all(|i| (a[i] - b[i]).abs() < 0.015);
+    assert!(near(of("0.6.0"), [0.886, 0.699, 0.666]), "{:?}", of("0.6.0"));
+    assert!(near(of("3.0.0"), [0.737, 0.742, 0.736]), "{:?}", of("3.0.0"));
+}
+
+/// 0.6 takes the last of several values, and a texture before any; Mitsuba 3 refuses them. And what else files of its time have.
+#[test]
+fn habits_of_old_files() {
+    let folder = folder();
+    std::fs::create_dir(folder.path().join("maps")).unwrap();
+    std::fs::copy(folder.path().join("paint.bmp"), folder.path().join("maps/paint.bmp")).unwrap();
+    let twice = "<bsdf type='diffuse' id='d'><texture type='bitmap' name='reflectance'>\
+        <string name='filename' value='maps\\paint.bmp'/></texture><spectrum name='reflectance' value='0.3'/></bsdf>
+        <bsdf type='roughplastic' id='p'><float name='alpha' value='0.2'/><float name='alpha' value='0.4'/></bsdf>";
+    let loaded = load_body(&folder, "0.6.0", twice).unwrap_or_else(|error| panic!("{error}"));
+    let MaterialFile::Diffuse { reflectance: TextureFile::Bitmap { file, .. } } = &loaded.file.materials["d"] else {
+        panic!("{:?}", loaded.file.materials["d"])
+    };
+    assert_eq!(file, "maps/paint.bmp");
+    assert!(matches!(loaded.file.materials["p"], MaterialFile::Plastic { alpha: 0.4, .. }), "the last");
+    assert_eq!(loaded.warnings.iter().filter(|warning| warning.contains("is given twice")).count(), 2);
+    assert!(load_body(&folder, "3.0.0", twice).expect_err("twice").to_string().contains("given twice"));
+    // A spectrum whose type is a texture's.
+    let texture = "<bsdf type='diffuse' id='d'><spectrum type='bitmap' name='reflectance'>\
+        <string name='filename' value='paint.bmp'/></spectrum></bsdf>";
+    let loaded = load_body(&folder, "3.0.0", texture).unwrap_or_else(|error| panic!("{error}"));
+    assert!(matches!(loaded.file.materials["d"], MaterialFile::Diffuse { reflectance: TextureFile::Bitmap { .. } }));
+    // Without a direction up each version has its own.
+    for (version, up) in [("0.6.0", [0.0, -1.0, 0.0]), ("3.0.0", [0.0, 0.0, -1.0])] {
+        let text = format!(
+            "<scene version='{version}'><sensor type='perspective'><transform name='to_world'>\
+            <lookat origin='0 0 0' target='4 0 0'/></transform></sensor></scene>"
+        );
+        let camera = load_text(&folder, &text).unwrap_or_else(|error| panic!("{error}")).file.camera.to_world;
+        assert_eq!([camera[1], camera[5], camera[9]].map(|x| x + 0.0), up, "{version}: {camera:?}");
+    }
+    // The medium around a camera, by any name.
+    let camera = "<scene version='0.6.0'><medium type='homogeneous' id='fog'/><sensor type='perspective'>\
+        <ref name='interior' id='fog'/></sensor></scene>";
+    let loaded = load_text(&folder, camera).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(loaded.file.camera.medium.as_deref(), Some("fog"));
+}
+
 /// What is done in another way is read, and said with its line.
 #[test]
 fn approximations_are_named() {

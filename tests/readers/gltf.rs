@@ -304,6 +304,18 @@ fn nodes_place_their_meshes() {
     }
     deep.add("nodes", json!({}));
     assert!(refused(&deep, "too deep").contains("1024"));
+    // What is hidden is not there with all below it; what is flattened is thin.
+    let mut document = Document::new();
+    document.square(None);
+    document.json["nodes"][0] =
+        json!({ "children": [1], "extensions": { "KHR_node_visibility": { "visible": false } } });
+    document.add("nodes", json!({ "mesh": 0 }));
+    document.add_node(json!({ "mesh": 0, "scale": [2.0, 1.0, 0.0] }));
+    document.json["extensionsRequired"] = json!(["KHR_node_visibility"]);
+    document.json["extensionsUsed"] = json!(["KHR_node_visibility"]);
+    let found = loaded(&document);
+    assert_eq!(found.file.shapes.len(), 1);
+    assert!((found.file.shapes[0].to_world[10] - 2e-4).abs() < 1e-9, "{:?}", found.file.shapes[0].to_world);
     // Without a scene, all that are no other's child.
     let mut document = Document::new();
     document.square(None);
@@ -458,4 +470,36 @@ fn files_beside_the_document() {
     // A folder that holds the document.
     std::fs::write(folder.path().join("scene.gltf"), in_gltf().text()).unwrap();
     let _: SceneFile = load(folder.path()).unwrap().file;
+}
+
+/// What exporters write beside the specification, in parts that are not read: none of it keeps a scene from being read.
+#[test]
+fn careless_documents() {
+    let mut document = Document::new();
+    document.square(None);
+    document.json["animations"] = json!([{ "channels": [{ "sampler": 0, "target": { "path": "pointer" } }],
+        "samplers": [{ "input": 0, "output": 0 }] }]);
+    document.json["extras"] = json!("made by hand");
+    document.json["nodes"][0]["extras"] = json!(["any", 1]);
+    document.json["materials"] = json!([{ "extensions": { "KHR_materials_volume": {
+        "thicknessFactor": 0.0, "attenuationDistance": null } } }]);
+    document.json["scenes"] = json!([document.json["scenes"][0], {}]);
+    let found = loaded(&document);
+    assert_eq!(found.file.shapes.len(), 1);
+    assert!(warns(&found, "animations are left out"));
+    // What is wrong elsewhere is told with its line.
+    document.json["nodes"][0]["mesh"] = json!("first");
+    assert!(refused(&document, "a mesh by name").contains("not a readable glTF document"));
+}
+
+/// A primitive without positions draws nothing.
+#[test]
+fn primitives_of_nothing() {
+    let mut document = Document::new();
+    document.square(None);
+    let colors = document.floats(3, &[1.0; 9]);
+    let primitives = document.json["meshes"][0]["primitives"].as_array_mut().unwrap();
+    primitives.push(json!({ "attributes": { "COLOR_0": colors } }));
+    let found = loaded(&document);
+    assert_eq!(found.meshes.len(), 1);
 }

@@ -91,7 +91,6 @@ fn what_is_said_of_common_faults() {
         ("/scene", json!(3), "there is no scenes[3]"),
         ("/nodes/0/mesh", json!(9), "there is no meshes[9]: there are 1 meshes"),
         ("/nodes/1/camera", json!(9), "there is no cameras[9]"),
-        ("/meshes/0/primitives/0/attributes", json!({}), "without POSITION"),
         ("/meshes/0/primitives/0/mode", json!(9), "4 (triangles)"),
         ("/meshes/0/primitives/0/material", json!(9), "there is no materials[9]"),
         ("/meshes/0/primitives/0/indices", json!(0), "expected [Scalar]"),

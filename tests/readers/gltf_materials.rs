@@ -187,6 +187,11 @@ fn normal_maps() {
     let found = loaded(&document);
     let [mirrored, twice] = [map(&found, 0), map(&found, 1)];
     assert!(mirrored.y < 0.0 && twice.y > 0.0 && (mirrored.x / mirrored.z - 0.5).abs() < 1e-3, "{mirrored} {twice}");
+    // Pictures that their texture turns around.
+    document.json["materials"][0]["normalTexture"]["extensions"] =
+        json!({ "KHR_texture_transform": { "scale": [-1.0, -1.0] } });
+    let around = map(&loaded(&document), 0);
+    assert!((around + mirrored * Vec3::new(1.0, 1.0, -1.0)).length() < 1e-3, "{around} {mirrored}");
 }
 
 /// A texture's light is that of the triangles that it lights.
@@ -196,7 +201,7 @@ fn emission() {
         "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 8.0 } } }));
     let found = loaded(&document);
     assert_eq!((found.file.shapes[0].emission, found.file.lights.len()), (Some([4.0, 2.0, 0.0]), 0));
-    assert!(warns(&found, "from its front only"));
+    assert!(warns(&found, "shines from both sides") && mesh(&found, 0).triangles.len() == 4, "two sheets");
     let texture = document.texture(&png(1, &[[255, 255, 255, 255], [0, 0, 0, 255]]));
     let sampler = document.add("samplers", json!({ "magFilter": 9728, "wrapS": 33071, "wrapT": 33071 }));
     document.json["textures"][texture]["sampler"] = json!(sampler);
@@ -210,13 +215,24 @@ fn emission() {
     material(&found);
     let lit: Vec<_> = found.file.shapes.iter().map(|shape| shape.emission).collect();
     assert_eq!(lit, [Some([4.0, 2.0, 0.0]), None]);
-    assert_eq!([0, 1].map(|shape| mesh(&found, shape).triangles.len()), [1, 1]);
+    assert_eq!([0, 1].map(|shape| mesh(&found, shape).triangles.len()), [2, 1], "what shines has two sheets");
     assert_eq!(found.file.shapes[0].emission_texture, None, "what shines does so evenly");
     document.json["materials"][0]["emissiveTexture"]["extensions"] =
         json!({ "KHR_texture_transform": { "offset": [0.0, 0.25] } });
     let shape = &loaded(&document).file.shapes[0];
     assert_eq!(shape.emission, Some([4.0, 2.0, 0.0]));
     assert!(matches!(shape.emission_texture, Some(TextureFile::Bitmap { .. })), "{shape:?}");
+}
+
+/// A model with a lit display is lit by surroundings as one without; a lamp lights its scene itself.
+#[test]
+fn what_hardly_shines_has_surroundings() {
+    for (strength, white) in [(0.0, true), (0.01, true), (1.0, false)] {
+        let found = loaded(&square(json!({ "emissiveFactor": [strength, strength, strength] })));
+        let lights = &found.file.lights;
+        assert_eq!(matches!(lights[..], [LightFile::Constant { radiance: [1.0, 1.0, 1.0] }]), white, "{strength}");
+        assert_eq!(lights.is_empty(), !white, "{lights:?}");
+    }
 }
 
 #[test]
@@ -331,8 +347,8 @@ fn glass_is_thin_or_solid() {
     let MaterialFile::Blend { weight, materials } = material(&with(0.0, 0.5, Value::Null)) else { panic!("a blend") };
     assert_eq!((weight, &materials[1]), (rgb([0.5; 3]), &expected));
     let frosted = with(0.5, 1.0, Value::Null);
-    assert!(warns(&frosted, "rough thin pane"));
-    assert_eq!(principled(&material(&frosted)).spec_trans, 1.0);
+    let MaterialFile::PrincipledThin(file) = material(&frosted) else { panic!("{:?}", material(&frosted)) };
+    assert_eq!((file.spec_trans, file.roughness, file.eta), (rgb([1.0; 3]), rgb([0.5; 3]), 1.4));
     let volume = json!({ "thicknessFactor": 1.0, "attenuationDistance": 2.0, "attenuationColor": [1.0, 0.5, 0.25] });
     let solid = with(0.0, 1.0, volume.clone());
     let expected = MaterialFile::Tinted {

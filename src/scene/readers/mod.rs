@@ -35,6 +35,7 @@ mod places;
 mod ply;
 mod revolved;
 mod serialized;
+mod sheets;
 pub(super) mod slips;
 mod spectrum;
 mod textures;

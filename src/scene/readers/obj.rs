@@ -26,7 +26,7 @@ use corners::{Corner, corner, weld};
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the file and, where there is one, the line.
 pub fn read(path: &Path, only: &[String]) -> Result<Mesh> {
-    let bytes = read_bytes(path, LARGEST_MESH_FILE)?;
+    let bytes = continued(read_bytes(path, LARGEST_MESH_FILE)?);
     let fail = |place: Place, why: &str| Error::malformed(place, format!("not a readable OBJ file: {why}"));
     let pieces = pieces(&bytes);
     let counts: Vec<Counts> = pieces.par_iter().map(|piece| Counts::of(piece)).collect();
@@ -56,7 +56,22 @@ pub fn read(path: &Path, only: &[String]) -> Result<Mesh> {
             }
         }
     }
-    weld(&whole).map_err(|why| fail(Place::file(path), why))
+    Ok(weld(&whole))
+}
+
+/// Lines that a backslash continues, as one: both characters become spaces. Comments do not go on.
+fn continued(mut bytes: Vec<u8>) -> Vec<u8> {
+    for at in 1..bytes.len() {
+        if bytes[at] != b'\n' {
+            continue;
+        }
+        let last = at - 1 - usize::from(bytes[at - 1] == b'\r' && at > 1);
+        let begin = |end: usize| bytes[..end].iter().rposition(|&byte| byte == b'\n').map_or(0, |at| at + 1);
+        if bytes[last] == b'\\' && !bytes[begin(last)..last].contains(&b'#') {
+            bytes[last..=at].fill(b' ');
+        }
+    }
+    bytes
 }
 
 /// The materials that the faces of an OBJ file have by their `usemtl`, in the order in which they come; "" is that before any.
@@ -182,10 +197,7 @@ fn part(piece: &[u8], begin: &Begin, counts: &Counts, total: &Counts, only: &[St
         let Some(first) = words.next() else { continue };
         let read = match first {
             b"v" => position(&mut words).map(|position| part.positions.push(position)),
-            b"vt" => {
-                let uv = numbers(&mut words).ok_or("a line \"vt\" does not hold two numbers");
-                uv.map(|[u, v]| part.uvs.push(Vec2::new(u, 1.0 - v)))
-            }
+            b"vt" => texture_coordinates(&mut words).map(|uv| part.uvs.push(uv)),
             b"vn" => {
                 let normal = numbers(&mut words).ok_or("a line \"vn\" does not hold three numbers");
                 normal.map(|normal| part.normals.push(Vec3::from_array(normal)))
@@ -217,6 +229,14 @@ fn position<'a>(words: &mut impl Iterator<Item = &'a [u8]>) -> Result<Vec3, &'st
         },
         _ => Ok(position),
     }
+}
+
+/// Reads texture coordinates: u, and v unless that is 0.
+fn texture_coordinates<'a>(words: &mut impl Iterator<Item = &'a [u8]>) -> Result<Vec2, &'static str> {
+    let read = |word: &[u8]| number::<f32>(word).ok_or("a line \"vt\" does not hold two numbers");
+    let u = read(words.next().unwrap_or_default())?;
+    let v = words.next().map_or(Ok(0.0), read)?;
+    Ok(Vec2::new(u, 1.0 - v))
 }
 
 /// Adds the triangles of a polygon.
@@ -286,8 +306,19 @@ mod tests {
             assert!(matches!(&error, Error::Malformed { .. }), "{text}");
             assert!(error.to_string().contains(&format!(":{line}: ")), "{error}");
         }
-        let mixed = parse("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\nf 2 4 3\n").unwrap_err();
-        assert!(mixed.to_string().contains("and others do not"), "{mixed}");
+    }
+
+    /// As exporters write it: faces with and without texture coordinates or normals in one file, u alone, a line in two.
+    #[test]
+    fn what_some_corners_lack() {
+        let mesh = parse(
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvt 0.5\nvt 0.25 0.5\nvn 0 0 1\n# C:\\\nf 1/1/1 2/2/1 3/1/1\nf 2 4 \\\r\n3\n",
+        );
+        let mesh = mesh.unwrap();
+        assert_eq!(mesh.triangles, [[0, 1, 2], [3, 4, 5]]);
+        let expected = [[0.5, 1.0], [0.25, 0.5], [0.5, 1.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]].map(Vec2::from);
+        assert_eq!(mesh.uvs, expected);
+        assert_eq!(mesh.normals, [Vec3::Z, Vec3::Z, Vec3::Z, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO]);
     }
 
     /// Faces by their material, in a file that is cut into pieces between a name and its faces. Each has its own vertices alone.

@@ -1,8 +1,19 @@
-//! Paths inside scene files: relative to the scene's folder, and never out of it.
+//! Paths inside scene files: relative to the scene's folder, and never out of it, unless who renders names another folder whose files
+//! scenes may use.
 
 use std::path::{Component, Path, PathBuf};
+use std::sync::LazyLock;
 
 use crate::base::{Error, Place, Result};
+
+/// Environment variable with a folder whose files scenes may use beside those below their own.
+const ROOT: &str = "FANAL_SCENE_ROOT";
+
+/// The folder of [`ROOT`], if there is one.
+static ALLOWED: LazyLock<Option<PathBuf>> = LazyLock::new(|| {
+    let given = std::env::var_os(ROOT).filter(|given| !given.is_empty())?;
+    Path::new(&given).canonicalize().ok()
+});
 
 /// The path of the file that the scene in `folder` calls `file`.
 ///
@@ -10,13 +21,22 @@ use crate::base::{Error, Place, Result};
 /// [`Error::Malformed`] at `place` if the path is empty, absolute, leaves the folder (also by a symbolic link), or is not a
 /// regular file; [`Error::Io`] if there is no such file.
 pub fn resolve(folder: &Path, file: &str, place: &Place) -> Result<PathBuf> {
-    let relative = normalize(file, place)?;
-    let joined = folder.join(relative);
+    resolve_below(ALLOWED.as_deref(), folder, file, place)
+}
+
+/// As [`resolve`], where files below the folder `allowed` may be named, too, by absolute paths as well.
+fn resolve_below(allowed: Option<&Path>, folder: &Path, file: &str, place: &Place) -> Result<PathBuf> {
+    let joined = match allowed {
+        None => folder.join(normalize(file, place)?),
+        Some(_) if file.is_empty() || file.contains('\0') => normalize(file, place)?,
+        Some(_) => folder.join(file),
+    };
     let real = joined.canonicalize().map_err(|e| Error::io(&joined, e))?;
     let root = folder_or_here(folder);
     let root = root.canonicalize().map_err(|e| Error::io(root, e))?;
-    if !real.starts_with(&root) {
-        return Err(Error::malformed(place.clone(), format!("\"{file}\" leads out of the scene's folder")));
+    if !real.starts_with(&root) && !allowed.is_some_and(|allowed| real.starts_with(allowed)) {
+        let message = format!("\"{file}\" leads out of the scene's folder; {ALLOWS}");
+        return Err(Error::malformed(place.clone(), message));
     }
     // A pipe or a device would block or never end.
     if !real.is_file() {
@@ -24,6 +44,9 @@ pub fn resolve(folder: &Path, file: &str, place: &Place) -> Result<PathBuf> {
     }
     Ok(joined)
 }
+
+/// What helps where a path leads out of the scene's folder.
+const ALLOWS: &str = "FANAL_SCENE_ROOT=FOLDER allows files below FOLDER";
 
 fn folder_or_here(folder: &Path) -> &Path {
     if folder.as_os_str().is_empty() { Path::new(".") } else { folder }
@@ -39,11 +62,11 @@ fn normalize(file: &str, place: &Place) -> Result<PathBuf> {
             Component::CurDir => {}
             Component::ParentDir => {
                 if !out.pop() {
-                    return refuse("climbs out of the scene's folder");
+                    return refuse(&format!("climbs out of the scene's folder; {ALLOWS}"));
                 }
             }
             Component::RootDir | Component::Prefix(_) => {
-                return refuse("is absolute; expected one relative to the scene's folder");
+                return refuse(&format!("is absolute; expected one relative to the scene's folder; {ALLOWS}"));
             }
         }
     }
@@ -76,6 +99,25 @@ mod tests {
         {
             std::os::unix::fs::symlink(folder.path().join("secret"), scene.join("link")).unwrap();
             assert!(matches!(resolve(&scene, "link", &place), Err(Error::Malformed { .. })));
+        }
+    }
+
+    #[test]
+    fn goes_where_it_may() {
+        let folder = tempfile::tempdir().unwrap();
+        let [allowed, scene] = ["allowed", "allowed/scene"].map(|name| folder.path().join(name));
+        std::fs::create_dir_all(scene.join("a")).unwrap();
+        for name in ["secret", "allowed/shared.obj", "allowed/scene/own.obj"] {
+            std::fs::write(folder.path().join(name), "m").unwrap();
+        }
+        let (place, allowed) = (Place::file("scene.json"), allowed.canonicalize().unwrap());
+        let absolute = allowed.join("shared.obj");
+        for good in ["own.obj", "../shared.obj", "a/../../shared.obj", absolute.to_str().unwrap()] {
+            resolve_below(Some(&allowed), &scene, good, &place).unwrap();
+        }
+        for bad in ["../../secret", "/etc/passwd", "", "..", "a"] {
+            let found = resolve_below(Some(&allowed), &scene, bad, &place);
+            assert!(matches!(found, Err(Error::Malformed { .. })), "{bad}: {found:?}");
         }
     }
 }

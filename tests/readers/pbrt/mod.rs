@@ -2,6 +2,7 @@
 
 mod faults;
 mod frame;
+mod habits;
 mod lights;
 mod materials;
 mod shapes;

@@ -61,6 +61,14 @@ impl Base {
         })
     }
 
+    /// Factor on the colour that vertices and textures give.
+    pub fn factor(material: &Material) -> [f32; 3] {
+        let old = material.extensions.as_ref().and_then(|all| all.pbr_specular_glossiness.as_ref());
+        let [r, g, b, _] =
+            old.map_or(material.pbr_metallic_roughness.base_color_factor.0, |given| given.diffuse_factor.0);
+        [r, g, b]
+    }
+
     fn glossy(slots: &mut Slots, given: &PbrSpecularGlossiness, paint: &Paint) -> Result<Self> {
         slots.warn("specular and glossy: it is read as rough, with the mean of the specular colour's channels");
         let [r, g, b, alpha] = given.diffuse_factor.0;

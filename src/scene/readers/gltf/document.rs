@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use ::gltf::json::{Index, Root};
 use serde::Deserialize;
+use serde_json::Value;
 
 use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
@@ -21,6 +22,8 @@ pub struct Document {
     path: PathBuf,
     /// The document.
     pub root: Root,
+    /// Whether it has animations.
+    pub moves: bool,
     bytes: Vec<u8>,
     chunk: Option<Range<usize>>,
 }
@@ -42,8 +45,14 @@ impl Document {
         let padding = text.iter().rev().take_while(|&&byte| byte == 0).count();
         let text = &text[..text.len() - padding];
         check_version(path, text)?;
-        let root = serde_json::from_slice(text).map_err(|error| explain(path, &error))?;
-        Ok(Self { path: path.to_owned(), root, bytes, chunk })
+        let (root, moves) = match serde_json::from_slice::<Root>(text) {
+            Ok(root) => {
+                let moves = !root.animations.is_empty();
+                (root, moves)
+            }
+            Err(error) => without_what_is_not_read(text).ok_or_else(|| explain(path, &error))?,
+        };
+        Ok(Self { path: path.to_owned(), root, moves, bytes, chunk })
     }
 
     /// The document's file.
@@ -106,6 +115,31 @@ struct Versioned {
 struct Asset {
     version: String,
     min_version: Option<String>,
+}
+
+/// A document that the library finds wrong, without the parts that are not read anyway, where exporters are careless: animations, extras,
+/// members that are null. None where it is wrong elsewhere.
+fn without_what_is_not_read(text: &[u8]) -> Option<(Root, bool)> {
+    let mut document: Value = serde_json::from_slice(text).ok()?;
+    let moves = document.get("animations").and_then(Value::as_array).is_some_and(|all| !all.is_empty());
+    document.as_object_mut()?.remove("animations");
+    tidy(&mut document);
+    for scene in document.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
+        scene.as_object_mut()?.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
+    }
+    Some((serde_json::from_value(document).ok()?, moves))
+}
+
+/// Removes extras and members that are null, at any depth: what is parsed is no deeper than the parser allows.
+fn tidy(value: &mut Value) {
+    match value {
+        Value::Object(members) => {
+            members.retain(|name, member| name != "extras" && !member.is_null());
+            members.values_mut().for_each(tidy);
+        }
+        Value::Array(items) => items.iter_mut().for_each(tidy),
+        _ => {}
+    }
 }
 
 /// Checks the version first: another one may well have other keys.

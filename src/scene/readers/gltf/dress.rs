@@ -12,9 +12,10 @@ use crate::geometry::mesh::Mesh;
 use crate::materials::texture::Texture;
 use crate::scene::file::{Filter, MaterialFile, MediumFile, TextureFile, Wrap, identity3};
 use crate::scene::readers::held::Held;
+use crate::scene::readers::sheets::{is_open, sheets};
 use crate::scene::readers::{image_key, painted};
 
-use super::base::Paint;
+use super::base::{Base, Paint};
 use super::glow;
 use super::handedness;
 use super::materials::{Emission, Surface, surface};
@@ -93,13 +94,7 @@ impl Wardrobe {
         let surface = self.surfaces[&name].clone();
         let pieces = match &surface.emission {
             None => vec![(part.to_owned(), drawn.mesh, None)],
-            Some(emission) => {
-                if given.double_sided {
-                    let message = "a surface that shines does so from its front only, not from both sides";
-                    textures.warnings.add(&owner, message);
-                }
-                shining(textures, part, emission, drawn.mesh)?
-            }
+            Some(emission) => shining(textures, part, emission, drawn.mesh, given.double_sided)?,
         };
         let mut parts = Vec::new();
         for piece in pieces {
@@ -152,8 +147,7 @@ impl Wardrobe {
         if drawn.colors.iter().all(|color| color.abs_diff_eq(first, SAME)) {
             return Paint::Plain(first);
         }
-        let [r, g, b, _] = given.pbr_metallic_roughness.base_color_factor.0;
-        let factor = Vec3::new(r, g, b).clamp(Vec3::ZERO, Vec3::ONE);
+        let factor = Vec3::from_array(Base::factor(given)).clamp(Vec3::ZERO, Vec3::ONE);
         if untextured && let Some((mesh, image)) = painted(&drawn.mesh, &drawn.colors, factor) {
             let file = format!("{part} COLOR_0");
             self.held.pictures.insert(image_key(&file, true), Arc::new(image).into());
@@ -176,10 +170,21 @@ impl Wardrobe {
 /// A piece of a mesh, its name, and what it emits.
 type Piece = (String, Mesh, Option<(Vec3, Option<TextureFile>)>);
 
-/// The pieces of a mesh that emits light.
-fn shining(textures: &mut Textures, part: &str, emission: &Emission, mesh: Mesh) -> Result<Vec<Piece>> {
+/// The pieces of a mesh that emits light, from both sides where these are meant and seen.
+fn shining(
+    textures: &mut Textures,
+    part: &str,
+    emission: &Emission,
+    mesh: Mesh,
+    double_sided: bool,
+) -> Result<Vec<Piece>> {
     let Emission { radiance, texture } = emission;
-    let Some(file) = texture else { return Ok(vec![(part.to_owned(), mesh, Some((*radiance, None)))]) };
+    let both = double_sided && is_open(&mesh);
+    if both {
+        textures.warnings.add(part, "it shines from both sides: it is made of two sheets, back to back");
+    }
+    let shown = |mesh: Mesh| if both { sheets(&mesh) } else { mesh };
+    let Some(file) = texture else { return Ok(vec![(part.to_owned(), shown(mesh), Some((*radiance, None)))]) };
     let split = glow::split(&mesh, &Texture::new(file, textures.pictures.made())?);
     let emitted = match split.is_even {
         true => (*radiance * split.mean, None),
@@ -190,9 +195,9 @@ fn shining(textures: &mut Textures, part: &str, emission: &Emission, mesh: Mesh)
         return Ok(vec![(part.to_owned(), mesh, None)]);
     }
     if split.dark.is_empty() {
-        return Ok(vec![(part.to_owned(), mesh, emitted)]);
+        return Ok(vec![(part.to_owned(), shown(mesh), emitted)]);
     }
     let lit = Mesh { triangles: split.lit, ..mesh.clone() };
     let dark = Mesh { triangles: split.dark, ..mesh };
-    Ok(vec![(format!("{part} lit"), lit, emitted), (part.to_owned(), dark, None)])
+    Ok(vec![(format!("{part} lit"), shown(lit), emitted), (part.to_owned(), dark, None)])
 }

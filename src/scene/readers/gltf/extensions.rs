@@ -6,7 +6,7 @@ use super::document::Document;
 use super::warnings::Warnings;
 
 /// Extensions that are read, at least in part.
-const READ: [&str; 15] = [
+const READ: [&str; 16] = [
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_lights_punctual",
@@ -21,6 +21,7 @@ const READ: [&str; 15] = [
     "KHR_materials_unlit",
     "KHR_materials_volume",
     "KHR_mesh_quantization",
+    "KHR_node_visibility",
     "KHR_texture_transform",
 ];
 

@@ -1,11 +1,10 @@
 //! Materials that let light through: KHR_materials_transmission, thin unless KHR_materials_volume gives them a thickness.
 
 use ::gltf::json::material::Material;
-use glam::Vec3;
 
 use crate::base::Result;
-use crate::materials::texture::luminance;
-use crate::scene::file::{MaterialFile, MediumFile, PrincipledFile, TextureFile};
+use crate::materials::texture::{Texture, luminance};
+use crate::scene::file::{MaterialFile, MediumFile, PrincipledFile, PrincipledThinFile, TextureFile};
 
 use super::lobes::index;
 use super::slots::Slots;
@@ -37,14 +36,27 @@ pub fn glass(slots: &mut Slots, material: &Material, opaque: &PrincipledFile) ->
     let texture = given.transmission_texture.as_ref();
     let eta = index(slots, material);
     let volume = extensions.and_then(|all| all.volume.as_ref()).filter(|volume| volume.thickness_factor.0 > 0.0);
-    let rough = match &opaque.roughness {
-        TextureFile::Rgb { value } => luminance(Vec3::from_array(*value)),
-        _ => 1.0,
-    };
+    let rough = luminance(Texture::new(&opaque.roughness, slots.textures.pictures.made())?.mean());
+    if volume.is_none() && rough > MOST_ROUGH && opaque.metallic == TextureFile::rgb([0.0; 3]) {
+        let material = MaterialFile::PrincipledThin(PrincipledThinFile {
+            base_color: opaque.base_color.clone(),
+            roughness: opaque.roughness.clone(),
+            spec_trans: slots.channel(texture, 0, factor, "transmission")?,
+            diff_trans: TextureFile::rgb([0.0; 3]),
+            eta: eta.max(1.0),
+            spec_tint: 0.0,
+            sheen: opaque.sheen,
+            sheen_tint: opaque.sheen_tint,
+            flatness: 0.0,
+        });
+        return Ok(Some(Glass { material, medium: None }));
+    }
     if volume.is_none() && rough > MOST_ROUGH {
-        slots.warn("a rough thin pane is read as the surface of something solid");
+        slots.warn("a rough thin pane that is partly metal is read as the surface of something solid");
     }
     if volume.is_some() || rough > MOST_ROUGH {
+        let varies = !matches!(opaque.roughness, TextureFile::Rgb { .. });
+        let rough = if varies { 1.0 } else { rough };
         let spec_trans = slots.number(texture, 0, factor, "transmission")?;
         let solid = solid(PrincipledFile { eta, spec_trans, ..opaque.clone() }, rough);
         let medium = volume.and_then(|volume| medium(volume.attenuation_color.0, volume.attenuation_distance.0));

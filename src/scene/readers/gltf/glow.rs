@@ -1,9 +1,11 @@
 //! Textured emission: triangles that the texture lights become a shape of their own, and the others stay dark.
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 use crate::geometry::mesh::Mesh;
 use crate::materials::texture::Texture;
+use crate::scene::file::Matrix;
+use crate::scene::readers::validate::linear;
 
 /// Most rows of points on a triangle at which the texture is read.
 const MOST_ROWS: usize = 24;
@@ -56,6 +58,19 @@ pub fn split(mesh: &Mesh, texture: &Texture) -> Split {
     let near = |color: Vec3| color.abs_diff_eq(split.mean, EVEN * brightest);
     split.is_even = all.iter().all(|over| is_dark(over) || near(over.least) && near(over.most));
     split
+}
+
+/// Area of a mesh where it is placed, times what `texture` is in the middle of each triangle.
+pub fn lit_area(mesh: &Mesh, to_world: &Matrix, texture: Option<&Texture>) -> DVec3 {
+    let to_world = linear(to_world);
+    let of = |triangle: &[u32; 3]| {
+        let [a, b, c] = triangle.map(|vertex| mesh.positions[vertex as usize].as_dvec3());
+        let area = 0.5 * (to_world * (b - a)).cross(to_world * (c - a)).length();
+        let uv = |vertex: u32| mesh.uvs.get(vertex as usize).copied().unwrap_or_default();
+        let middle = triangle.map(uv).iter().sum::<Vec2>() / 3.0;
+        area * texture.map_or(DVec3::ONE, |texture| texture.eval(middle).as_dvec3())
+    };
+    mesh.triangles.iter().map(of).sum()
 }
 
 /// The texture over a triangle, read at as many points as the triangle has pixels, within bounds.

@@ -97,7 +97,8 @@ fn mapped(slots: &mut Slots, material: &Material, inner: MaterialFile) -> Result
         return Ok(inner);
     }
     // Where a picture is mirrored, what is up on it (green) is down across ∂p/∂u.
-    let purpose = Use::Normals([given.scale, if slots.mirrored { -given.scale } else { given.scale }]);
+    let [right, up] = reference.signs().map(|sign| sign * given.scale);
+    let purpose = Use::Normals([right, if slots.mirrored { -up } else { up }]);
     match slots.textures.bitmap(&reference, purpose, 1.0, slots.part)? {
         Some(texture @ TextureFile::Bitmap { .. }) => {
             Ok(MaterialFile::NormalMap { texture, material: Box::new(inner) })

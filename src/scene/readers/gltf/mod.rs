@@ -35,9 +35,12 @@ pub(super) use cameras::framing;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use crate::base::Result;
+use crate::geometry::mesh::Mesh;
+use crate::materials::texture::Texture;
+use crate::picture::Texels;
 use crate::scene::file::{GeometryFile, LightFile, MeshFile, SceneFile, ShapeFile};
 
 use super::frames::rounded;
@@ -53,6 +56,9 @@ use pictures::Pictures;
 use textures::Textures;
 use warnings::Warnings;
 
+/// Mean radiance of what shines over the box around the scene below which more light is added.
+const DIM: f64 = 0.02;
+
 /// Translates the document at `path`.
 ///
 /// # Errors
@@ -61,7 +67,7 @@ pub(super) fn read(path: &Path) -> Result<Read> {
     let document = Document::open(path)?;
     let (mut warnings, mut absent) = (Warnings::new(path), Vec::new());
     extensions::check(&document, &mut warnings)?;
-    if !document.root.animations.is_empty() {
+    if document.moves {
         warnings.add("animations", "animations are left out: everything is where the nodes are");
     }
     let buffers = Buffers::read(&document, &mut absent)?;
@@ -83,8 +89,12 @@ pub(super) fn read(path: &Path) -> Result<Read> {
         places.set(format!("meshes.{name}"), document.place(name));
     }
     file.shapes = shapes(&shown, &parts, &document, &mut places);
-    file.lights = lights(&document, &nodes, &file.shapes, &mut places, &mut warnings)?;
     let bounds = extent::around(&file.shapes, &wardrobe.held.meshes);
+    file.lights = lights(&document, &nodes, &mut places, &mut warnings)?;
+    if file.lights.is_empty() {
+        let glow = glow(&file.shapes, &wardrobe.held.meshes, pictures.made(), bounds)?;
+        file.lights.extend(surroundings(glow, &mut warnings));
+    }
     cameras::cameras(&document, &nodes, bounds, &mut file, &mut places, &mut warnings)?;
     let mut held = wardrobe.held;
     held.pictures.extend(pictures.into_made());
@@ -153,11 +163,10 @@ fn shapes(
     shapes
 }
 
-/// The lights of the nodes; a white environment where nothing shines.
+/// The lights of the nodes.
 fn lights(
     document: &Document,
     nodes: &[Placed],
-    shapes: &[ShapeFile],
     places: &mut Places,
     warnings: &mut Warnings,
 ) -> Result<Vec<LightFile>> {
@@ -168,9 +177,36 @@ fn lights(
             lights.push(light);
         }
     }
-    if lights.is_empty() && shapes.iter().all(|shape| shape.emission.is_none()) {
-        warnings.add("scenes", "nothing shines: a white environment of radiance 1 is added");
-        lights.push(LightFile::Constant { radiance: [1.0; 3] });
-    }
     Ok(lights)
+}
+
+/// Mean radiance of what shines over the box around all shapes, `bounds`, as if the box had it all.
+fn glow(
+    shapes: &[ShapeFile],
+    meshes: &BTreeMap<String, Mesh>,
+    pictures: &BTreeMap<String, Texels>,
+    [low, high]: [DVec3; 2],
+) -> Result<f64> {
+    let mut sum = 0.0;
+    for shape in shapes {
+        let GeometryFile::Mesh { mesh } = &shape.geometry else { continue };
+        if let (Some(radiance), Some(mesh)) = (shape.emission, meshes.get(mesh)) {
+            let texture = shape.emission_texture.as_ref().map(|file| Texture::new(file, pictures)).transpose()?;
+            let of_white = glow::lit_area(mesh, &shape.to_world, texture.as_ref());
+            sum += (of_white * Vec3::from_array(radiance).as_dvec3()).element_sum() / 3.0;
+        }
+    }
+    let DVec3 { x, y, z } = (high - low).max(DVec3::ZERO);
+    let area = 2.0 * (x * y + y * z + z * x);
+    Ok(if area > 0.0 { sum / area } else { 0.0 })
+}
+
+/// A white environment where nothing shines, or nothing but a display or a pilot lamp, which viewers of such models light by surroundings.
+fn surroundings(glow: f64, warnings: &mut Warnings) -> Option<LightFile> {
+    if glow >= DIM {
+        return None;
+    }
+    let why = if glow > 0.0 { "what shines would hardly be seen by its light" } else { "nothing shines" };
+    warnings.add("scenes", format_args!("{why}: a white environment of radiance 1 is added"));
+    Some(LightFile::Constant { radiance: [1.0; 3] })
 }

@@ -2,6 +2,7 @@
 
 use ::gltf::json::scene::Node;
 use glam::{DMat4, DQuat, DVec3};
+use serde_json::Value;
 
 use crate::base::Result;
 
@@ -10,6 +11,9 @@ use super::warnings::Warnings;
 
 /// Deepest nesting of nodes.
 const MOST_NESTED: usize = 1024;
+
+/// Scale of a direction that a node flattens, relative to its others.
+const FLAT: f64 = 1e-4;
 
 /// A node of the scene.
 #[derive(Debug, Clone)]
@@ -117,6 +121,10 @@ impl Walk<'_> {
             if depth == MOST_NESTED {
                 return Err(self.document.malformed(part, format!("nodes more than {MOST_NESTED} deep")));
             }
+            if is_hidden(node) {
+                self.seen[index] = Seen::Done;
+                continue;
+            }
             let to_world = parent * local(node);
             self.found.push(Placed { index, node, to_world });
             self.seen[index] = Seen::Above;
@@ -132,6 +140,12 @@ impl Walk<'_> {
     }
 }
 
+/// Whether a node is not shown with all below it (KHR_node_visibility).
+fn is_hidden(node: &Node) -> bool {
+    let given = node.extensions.as_ref().and_then(|extensions| extensions.others.get("KHR_node_visibility"));
+    given.and_then(|given| given.get("visible")).and_then(Value::as_bool) == Some(false)
+}
+
 /// The transform of a node relative to its parent.
 fn local(node: &Node) -> DMat4 {
     if let Some(matrix) = node.matrix {
@@ -142,5 +156,8 @@ fn local(node: &Node) -> DMat4 {
     let rotation = DQuat::from_array(rotation);
     let rotation = if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY };
     let scale = vector(node.scale, DVec3::ONE);
+    // What is flattened is thin: without an inverse it would have no normals.
+    let least = FLAT * scale.abs().max_element();
+    let scale = DVec3::select(scale.cmpeq(DVec3::ZERO), DVec3::splat(least), scale);
     DMat4::from_scale_rotation_translation(scale, rotation, vector(node.translation, DVec3::ZERO))
 }

@@ -57,8 +57,10 @@ pub fn read(
             None => Ok(Some(column)),
         }
     };
-    let missing = || document.malformed(part, "a primitive without POSITION");
-    let positions = open(Semantic::Positions, &[Type::Vec3], None)?.ok_or_else(missing)?;
+    // Nothing can be drawn of it (specification, §3.7.2.1).
+    let Some(positions) = open(Semantic::Positions, &[Type::Vec3], None)? else {
+        return Ok(Drawn { mesh: Mesh::default(), colors: Vec::new(), fades: false, lacks_uvs: false });
+    };
     let count = positions.count;
     positions.check_bytes(document, part)?;
     let normals = open(Semantic::Normals, &[Type::Vec3], Some(count))?;

@@ -46,6 +46,11 @@ impl Reference {
         serde_json::from_value::<Info>(value?.clone()).ok().map(|info| Self::of(&info))
     }
 
+    /// -1 for each direction of the texture coordinates, u and v, in which the picture runs the other way.
+    pub fn signs(&self) -> [f32; 2] {
+        [self.to_uv[0], self.to_uv[4]].map(|scale| if scale < 0.0 { -1.0 } else { 1.0 })
+    }
+
     fn new(texture: usize, set: u32, transform: Option<&TextureTransform>) -> Self {
         match transform {
             None => Self { texture, set, to_uv: identity3() },

@@ -5,6 +5,7 @@ use crate::math::srgb;
 use crate::scene::readers::spectrum::{Use, integrate, listed, planck};
 
 use super::element::{Element, number, numbers};
+use super::upgrade::OLD_SPECTRUM;
 
 /// The tags that [`read`] knows.
 pub const TAGS: [&str; 6] = ["rgb", "srgb", "spectrum", "blackbody", "float", "integer"];
@@ -69,6 +70,13 @@ fn spectrum(element: &Element, purpose: Use) -> Result<[f32; 3]> {
             )),
         };
     };
+    if kind == OLD_SPECTRUM {
+        element.only_attributes(&["id", "name", "value", "type", "unit"])?;
+        element.no_children()?;
+        let color = listed(&pairs(element, element.required("value")?)?, Use::Light);
+        let most = if purpose == Use::Reflectance { 1.0 } else { f32::INFINITY };
+        return Ok(color.map(|channel| channel.min(most)));
+    }
     element.only_attributes(&["id", "name", "type"])?;
     let given = |name: &str| element.children.iter().find(|child| child.attribute("name") == Some(name));
     let text = |name: &str| {

@@ -145,6 +145,10 @@ impl Source<'_> {
                 _ => element.children.push(inner),
             }
         }
+        // A spectrum with a texture's type is one, whose kinds are those of textures.
+        if element.tag == "spectrum" && element.attribute("type").is_some_and(|kind| kind == "bitmap") {
+            element.tag = "texture".to_owned();
+        }
         if element.tag == "spectrum" {
             let root = self.root;
             spectrum_file::write_out(&mut element, root)?;

@@ -49,7 +49,8 @@ impl<'a> Reader<'a> {
             if medium.tag != "medium" {
                 continue;
             }
-            let role = child.attribute("name").unwrap_or(roles[0]);
+            // Where there can be only one, it may have any name.
+            let role = child.attribute("name").filter(|_| N > 1).unwrap_or(roles[0]);
             let Some(index) = roles.iter().position(|known| *known == role) else {
                 return Err(child.unsupported(format!("a medium named \"{role}\" here"), &roles));
             };

@@ -186,6 +186,10 @@ impl<'a> Reader<'a> {
 
     /// A file's name from the scene's folder: where it is not there, the first `<path>` that has it goes before.
     fn located(&self, file: &str) -> String {
+        // Scenes that were written on Windows.
+        let slashed =
+            if file.contains('\\') && is_absent(&self.folder, file) { file.replace('\\', "/") } else { String::new() };
+        let file = if slashed.is_empty() { file } else { &slashed };
         let found = self
             .search
             .iter()

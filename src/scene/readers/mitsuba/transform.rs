@@ -65,6 +65,7 @@ fn look_at(element: &Element) -> Result<DMat4> {
     let direction =
         (target - origin).try_normalize().ok_or_else(|| element.malformed("origin and target are the same"))?;
     let up = element.attribute("up").map_or(Ok(DVec3::ZERO), |text| vector("up", text))?;
-    let up = if up == DVec3::ZERO { direction.any_orthonormal_vector() } else { up };
+    // Mitsuba takes the first vector of its basis around the view.
+    let up = if up == DVec3::ZERO { direction.any_orthonormal_pair().0 } else { up };
     looking(origin, direction, up).ok_or_else(|| element.malformed("\"up\" is along the view"))
 }

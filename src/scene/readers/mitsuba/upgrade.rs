@@ -1,6 +1,10 @@
 //! The dialect of Mitsuba 0.4 to 0.6, turned into that of Mitsuba 3 before anything is read: one pass over the tree that
 //! renames elements and properties and writes out defaults that have changed.
 
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
 use crate::base::Result;
 
 use super::element::{Element, numbers};
@@ -10,6 +14,9 @@ pub const OLD_SUNSKY: &str = "sunsky 0.6";
 
 /// Type that the `gridvolume` of Mitsuba 0.6 gets in the upgrade: it fills its file's box, from centre to centre.
 pub const OLD_GRID: &str = "gridvolume 0.6";
+
+/// Type that a spectrum of `wavelength:value` pairs of Mitsuba 0.6 gets in the upgrade: its colours are seen under equal energy.
+pub const OLD_SPECTRUM: &str = "spectrum 0.6";
 
 /// Renamed elements: the old and the new tag.
 const TAGS: [(&str, &str); 2] = [("luminaire", "emitter"), ("camera", "sensor")];
@@ -93,6 +100,7 @@ fn upgrade(element: &mut Element, warnings: &mut Vec<String>) {
             rename(child, &element.tag, &kind);
         }
     }
+    keep_last(element, warnings);
     let ignored = WITHOUT_MEANING.iter().find(|(tag, _)| *tag == element.tag).map_or(&[][..], |(_, names)| names);
     element.children.retain(|child| !child.attribute("name").is_some_and(|name| ignored.contains(&name)));
     match (element.tag.as_str(), kind.as_str()) {
@@ -112,6 +120,7 @@ fn upgrade(element: &mut Element, warnings: &mut Vec<String>) {
         ("emitter", "sunsky") => element.set("type", OLD_SUNSKY.to_owned()),
         ("volume", "gridvolume") => element.set("type", OLD_GRID.to_owned()),
         ("spectrum", "") => plain_numbers(element),
+        ("lookat" | "look_at", _) => look_up(element),
         ("rgb" | "srgb", _) => leave_out_intent(element),
         _ => {}
     }
@@ -248,9 +257,52 @@ fn skin(element: &mut Element) {
 /// Turns a spectrum of one or three numbers into a colour, which it was.
 fn plain_numbers(element: &mut Element) {
     leave_out_intent(element);
-    if element.attribute("value").is_some_and(|text| !text.contains(':')) {
-        element.tag = "rgb".to_owned();
+    match element.attribute("value").map(|text| text.contains(':')) {
+        Some(false) => element.tag = "rgb".to_owned(),
+        Some(true) => element.set("type", OLD_SPECTRUM.to_owned()),
+        None => {}
     }
+}
+
+/// Of a property that is given several times keeps the last, and a texture rather than a value: 0.6 sets values as it reads them, and
+/// gives objects to their owners when these are there.
+fn keep_last(element: &mut Element, warnings: &mut Vec<String>) {
+    const VALUES: [&str; 9] =
+        ["float", "integer", "boolean", "string", "rgb", "srgb", "spectrum", "blackbody", "texture"];
+    let mut kept: Vec<Element> = Vec::with_capacity(element.children.len());
+    let mut places: BTreeMap<String, usize> = BTreeMap::new();
+    for child in std::mem::take(&mut element.children) {
+        let name =
+            child.attribute("name").filter(|_| VALUES.contains(&child.tag.as_str())).unwrap_or_default().to_owned();
+        let before = if name.is_empty() { None } else { places.insert(name.clone(), kept.len()) };
+        let Some(at) = before else {
+            kept.push(child);
+            continue;
+        };
+        places.insert(name.clone(), at);
+        let last = kept[at].tag != "texture" || child.tag == "texture";
+        let which = if last { "last" } else { "texture" };
+        warnings.push(format!("{}: the property \"{name}\" is given twice: the {which} is used", child.place));
+        if last {
+            kept[at] = child;
+        }
+    }
+    element.children = kept;
+}
+
+/// Gives a view without a direction up that of 0.6, the second vector of its basis.
+fn look_up(element: &mut Element) {
+    let point = |name: &str| {
+        let found = element.attribute(name).and_then(|text| numbers(element, text).ok());
+        found.and_then(|found| Some(DVec3::from_slice(found.get(..3)?)))
+    };
+    let (None, Some(origin), Some(target)) = (element.attribute("up"), point("origin"), point("target")) else {
+        return;
+    };
+    let DVec3 { x, y, z } = (target - origin).normalize_or_zero();
+    let last = if x.abs() > y.abs() { DVec3::new(z, 0.0, -x) } else { DVec3::new(0.0, z, -y) };
+    let up = last.normalize_or_zero().cross(DVec3::new(x, y, z));
+    element.set("up", format!("{} {} {}", up.x, up.y, up.z));
 }
 
 /// What a colour is for is known by where it stands.

@@ -80,8 +80,9 @@ impl Welder {
     }
 }
 
-/// Makes the mesh of a file's content.
-pub fn weld(part: &Part) -> Result<Mesh, &'static str> {
+/// Makes the mesh of a file's content. Where only some corners have texture coordinates or normals the others have (0, 0), as in
+/// Mitsuba, and no normal, which is one of length 0.
+pub fn weld(part: &Part) -> Mesh {
     let corners = 3 * part.triangles.len();
     let mut welder = Welder {
         firsts: vec![NONE; part.positions.len()],
@@ -90,18 +91,20 @@ pub fn weld(part: &Part) -> Result<Mesh, &'static str> {
     };
     let triangles = part.triangles.iter().map(|corners| corners.map(|corner| welder.vertex(corner))).collect();
     let vertices = welder.vertices;
-    let given = |i: usize| vertices.iter().map(move |vertex| vertex.corner[i]).filter(|&index| index != NONE);
-    let mesh = Mesh {
-        positions: given(0).map(|index| part.positions[index as usize]).collect(),
-        uvs: given(1).map(|index| part.uvs[index as usize]).collect(),
-        normals: given(2).map(|index| part.normals[index as usize]).collect(),
+    Mesh {
+        positions: vertices.iter().map(|vertex| part.positions[vertex.corner[0] as usize]).collect(),
+        uvs: values(&vertices, 1, &part.uvs),
+        normals: values(&vertices, 2, &part.normals),
         triangles,
-    };
-    let some = |count: usize| count != 0 && count != vertices.len();
-    if some(mesh.uvs.len()) || some(mesh.normals.len()) {
-        return Err("some faces have normals or texture coordinates and others do not");
     }
-    Ok(mesh)
+}
+
+/// The value `i` of each vertex; none at all where no vertex has one.
+fn values<T: Copy + Default>(vertices: &[Vertex], i: usize, all: &[T]) -> Vec<T> {
+    if vertices.iter().all(|vertex| vertex.corner[i] == NONE) {
+        return Vec::new();
+    }
+    vertices.iter().map(|vertex| all.get(vertex.corner[i] as usize).copied().unwrap_or_default()).collect()
 }
 
 #[cfg(test)]
@@ -123,7 +126,7 @@ mod tests {
                 normals: (0..normals).map(|i| Vec3::Y * i as f32).collect(),
                 triangles,
             };
-            let mesh = weld(&part).unwrap();
+            let mesh = weld(&part);
             let mut known: Vec<Corner> = Vec::new();
             for (corners, triangle) in part.triangles.iter().zip(&mesh.triangles) {
                 for (&corner, &vertex) in corners.iter().zip(triangle) {

@@ -6,7 +6,7 @@ use crate::scene::file::{MaterialFile, PrincipledFile, TextureFile, burley_axes}
 use super::Reader;
 use super::materials::{clear, mirror, plastic};
 use super::parameters::Parameters;
-use super::roughness::ROUGHNESS;
+use super::roughness::{ROUGHNESS, old_alpha};
 use super::textures::Values;
 
 /// Largest reflectance of a coat at normal incidence: its index would grow without bound otherwise.
@@ -26,7 +26,11 @@ impl Reader {
                 let int_ior = self.index(parameters, ["eta", "index"], 1.5)?;
                 let (reflected, transmitted) =
                     (self.albedo(parameters, "Kr", 1.0)?, self.albedo(parameters, "Kt", 1.0)?);
-                self.faceted(parameters, 0.0, |alpha| clear(alpha, int_ior).tinted(reflected, transmitted))?
+                // Of all rough materials of v3 glass alone may be smooth.
+                let remapped = parameters.boolean("remaproughness")?.unwrap_or(true) && self.old;
+                let smooth = if remapped { old_alpha(0.0) } else { 0.0 };
+                let clear = |alpha: f32| clear(if alpha > smooth { alpha } else { 0.0 }, int_ior);
+                self.faceted(parameters, 0.0, |alpha| clear(alpha).tinted(reflected, transmitted))?
             }
             "plastic" => {
                 self.relation(parameters, kind, "a coat over a diffuse base");

@@ -3,6 +3,7 @@
 //! In pbrt-v4 a light's spectrum only says its hue: it is scaled to luminance 1 before `scale` counts, while RGB colours keep their
 //! luminance (Pharr, Jakob, Humphreys 2023, §12). In pbrt-v3 spectra are taken as they are.
 
+use std::iter::once;
 use std::path::Path;
 
 use glam::DVec3;
@@ -112,6 +113,12 @@ impl Palette<'_> {
             Spectrum::Color(color) => Ok(*color),
             Spectrum::Points(points) if purpose == Use::Light && !self.as_is => {
                 bright(parameter, xyz(|nm| between(points, nm), purpose))
+            }
+            Spectrum::Points(points) if self.as_is => {
+                // Beyond its ends a spectrum of v3 goes on.
+                let [first, last] = [points.first(), points.last()].map(|end| end.map_or(0.0, |(_, value)| *value));
+                let all: Vec<_> = once((0.0, first)).chain(points.iter().copied()).chain(once((1e6, last))).collect();
+                Ok(listed(&all, purpose))
             }
             Spectrum::Points(points) => Ok(listed(points, purpose)),
             Spectrum::BlackBody(kelvin, _) if *kelvin <= 0.0 => {

@@ -103,7 +103,7 @@ impl Reader {
             "ObjectBegin" => self.begin_object(tokens),
             "ObjectInstance" => {
                 let name = tokens.text("an object's name")?;
-                self.instance(&name, &tokens.place())
+                if self.ahead { Ok(()) } else { self.instance(&name, &tokens.place()) }
             }
             "ReverseOrientation" => {
                 self.state.reversed = !self.state.reversed;
@@ -112,6 +112,7 @@ impl Reader {
             "ColorSpace" => self.color_space(tokens),
             "WorldBegin" => {
                 self.world[0] = true;
+                self.settle_filter()?;
                 (self.state.transform, self.state.moves_start) = (DMat4::IDENTITY, true);
                 self.systems.insert("world".to_owned(), DMat4::IDENTITY);
                 Ok(())
@@ -129,6 +130,9 @@ impl Reader {
     fn with_parameters(&mut self, word: &str, tokens: &mut Tokens) -> Result<()> {
         let place = tokens.place();
         match word {
+            _ if self.ahead && !["Texture", "Attribute", "MediumInterface"].contains(&word) => {
+                self.skip_quietly(tokens)
+            }
             "NamedMaterial" => {
                 let name = tokens.text("a material's name")?;
                 self.use_material(&name);
@@ -186,8 +190,15 @@ impl Reader {
                 self.set_camera(kind, parameters.clone());
                 return Ok(());
             }
-            "Film" => self.film(kind, parameters)?,
-            "PixelFilter" => self.filter(kind, parameters)?,
+            "Film" => {
+                self.film(kind, parameters)?;
+                self.settle_filter()?;
+            }
+            "PixelFilter" => {
+                self.pixel_filter = Some((kind.to_owned(), parameters.clone()));
+                // Its defaults are those of the version, which the film tells.
+                return if self.has_film { self.settle_filter() } else { Ok(()) };
+            }
             "Sampler" => self.sampler(kind, parameters)?,
             "Integrator" | "SurfaceIntegrator" => self.integrator(kind, parameters)?,
             // How rays are traced does not change the picture.
@@ -197,13 +208,30 @@ impl Reader {
         Ok(())
     }
 
-    fn parameters(&self, owner: String, tokens: &mut Tokens) -> Result<Parameters> {
-        Parameters::read(tokens, owner, self.state.space)
+    /// The parameters that follow; of an included file's last directive those behind its name, too.
+    pub(super) fn parameters(&mut self, owner: String, tokens: &mut Tokens) -> Result<Parameters> {
+        let mut parameters = Parameters::read(tokens, owner, self.state.space)?;
+        if !self.trailing.is_empty() && tokens.peek()?.is_none() {
+            parameters.extend(std::mem::take(&mut self.trailing));
+        }
+        Ok(parameters)
+    }
+
+    /// Reads the pixel filter that was given last.
+    fn settle_filter(&mut self) -> Result<()> {
+        let Some((kind, parameters)) = self.pixel_filter.take() else { return Ok(()) };
+        self.filter(&kind, &parameters)?;
+        self.note_unused(&parameters);
+        Ok(())
     }
 
     /// Leaves out a directive with all that belongs to it.
     fn skip(&mut self, word: &str, tokens: &mut Tokens) -> Result<()> {
         self.warn(&tokens.place(), format!("{word} is left out"));
+        self.skip_quietly(tokens)
+    }
+
+    fn skip_quietly(&self, tokens: &mut Tokens) -> Result<()> {
         while tokens.peek()?.is_some_and(|token| !matches!(token, Token::Word(word) if DIRECTIVES.contains(word))) {
             tokens.next()?;
         }
@@ -264,8 +292,14 @@ impl Reader {
         let path = path::resolve(&self.folder, &name, &place)?;
         let inner = Path::new(&name).parent().unwrap_or(Path::new("")).to_owned();
         let outer = std::mem::replace(&mut self.inner, inner);
+        // One stream of words, to pbrt: what follows belongs to the last directive of the file.
+        self.trailing.extend(Parameters::read(tokens, String::new(), self.state.space)?.into_list());
         let state = import.then(|| self.state.clone());
         self.document(&path, &place)?;
+        if let Some(parameter) = self.trailing.first().filter(|_| !self.ahead) {
+            return Err(parameter.malformed("parameters behind a file whose last directive takes none"));
+        }
+        self.trailing.clear();
         if let Some(state) = state {
             self.state = state;
         }

@@ -13,6 +13,7 @@ pub const DEFAULT_FILTER: FilterFile = FilterFile::Gaussian { stddev: 0.5, radiu
 impl Reader {
     /// The film. pbrt multiplies radiance by exposure time · ISO / 100, which is 1 by default; here all light is.
     pub(super) fn film(&mut self, kind: &str, parameters: &Parameters) -> Result<()> {
+        self.has_film = true;
         match kind {
             "image" => {
                 self.old = true;

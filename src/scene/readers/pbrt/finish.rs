@@ -51,6 +51,7 @@ impl Reader {
         self.resolve_mixes()?;
         self.add_default();
         self.add_masks();
+        self.replace_unknown();
         self.darken_borders();
         self.join_environments();
         self.expose_lights();
@@ -90,10 +91,16 @@ impl Reader {
         }
         let mut parts = Vec::with_capacity(2);
         for part in &mix.materials {
-            if !self.file.materials.contains_key(part) && !self.mixes.contains_key(part) {
-                return Err(Error::malformed(place, format!("there is no material \"{part}\" to be mixed")));
-            }
-            let material = self.resolved(part, depth + 1)?;
+            let is_known = self.file.materials.contains_key(part) || self.mixes.contains_key(part);
+            let message = || format!("there is no material \"{part}\" to be mixed");
+            let material = match (is_known, self.old) {
+                (true, _) => self.resolved(part, depth + 1)?,
+                (false, true) => {
+                    self.warn(&place, format!("{}: the default one is used", message()));
+                    default_material()
+                }
+                (false, false) => return Err(Error::malformed(place, message())),
+            };
             parts.push(mixable(material, &mut |what| self.warn(&place, what)));
         }
         let (Some(second), Some(first)) = (parts.pop(), parts.pop()) else {
@@ -116,14 +123,12 @@ impl Reader {
         })
     }
 
-    /// pbrt's material of shapes without one.
+    /// Adds pbrt's material of shapes without one.
     fn add_default(&mut self) {
         let used = self.file.shapes.iter().any(|shape| shape.material == DEFAULT_MATERIAL)
             || self.masked.iter().any(|masked| masked.base == DEFAULT_MATERIAL);
         if used {
-            let diffuse = MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.5; 3]) };
-            let material = MaterialFile::TwoSided { material: Box::new(diffuse) };
-            self.file.materials.entry(DEFAULT_MATERIAL.to_owned()).or_insert(material);
+            self.file.materials.entry(DEFAULT_MATERIAL.to_owned()).or_insert_with(default_material);
         }
     }
 
@@ -144,16 +149,45 @@ impl Reader {
         }
     }
 
-    /// Takes the light from shapes that are no surface, as pbrt does.
+    /// Gives shapes of a v3 scene whose material is nowhere the default one, as v3 does.
+    fn replace_unknown(&mut self) {
+        let unknown = |reader: &Self, shape: usize| {
+            let material = &reader.file.shapes[shape].material;
+            (reader.old && !reader.file.materials.contains_key(material)).then(|| material.clone())
+        };
+        for index in 0..self.file.shapes.len() {
+            let Some(name) = unknown(self, index) else { continue };
+            let place = self.places.at(&format!("shapes[{index}]"));
+            self.warn(&place, format!("there is no material \"{name}\": the default one is used"));
+            self.file.shapes[index].material = DEFAULT_MATERIAL.to_owned();
+        }
+        self.add_default();
+    }
+
+    /// Takes the light from shapes that are no surface, as pbrt-v4 does. In v3 they shine; they are black then, since a border has no light.
     fn darken_borders(&mut self) {
+        let old = self.old;
+        let black = self.free_name("black lamp", |reader, name| reader.file.materials.contains_key(name));
         let SceneFile { shapes, materials, .. } = &mut self.file;
+        let mut any = false;
         for (index, shape) in shapes.iter_mut().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
+            let border =
+                |material: &MaterialFile| !material.is_masked() && matches!(material.innermost(), MaterialFile::Null);
+            if old && materials.get(&shape.material).is_some_and(border) {
+                (shape.material, any) = (black.clone(), true);
+                let place = self.places.at(&format!("shapes[{index}]"));
+                self.notes.add(&place, "a lamp without a surface is read as a black one".to_owned());
+                continue;
+            }
             if materials.get(&shape.material).is_some_and(|material| matches!(material.innermost(), MaterialFile::Null))
             {
                 (shape.emission, shape.emission_texture) = (None, None);
                 let place = self.places.at(&format!("shapes[{index}]"));
                 self.notes.add(&place, "what is no surface does not shine: its light is left out".to_owned());
             }
+        }
+        if any {
+            materials.insert(black, MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.0; 3]) });
         }
     }
 
@@ -179,6 +213,12 @@ impl Reader {
             }
         }
     }
+}
+
+/// pbrt's material of shapes without one.
+fn default_material() -> MaterialFile {
+    let diffuse = MaterialFile::Diffuse { reflectance: TextureFile::rgb([0.5; 3]) };
+    MaterialFile::TwoSided { material: Box::new(diffuse) }
 }
 
 /// The material without its holes.

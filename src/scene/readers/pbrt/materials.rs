@@ -78,10 +78,16 @@ impl Reader {
             "diffusetransmission" => self.diffuse_transmission(parameters, ["reflectance", "transmittance"], 0.25)?,
             "subsurface" | "kdsubsurface" => self.subsurface(kind, parameters)?,
             "hair" => self.hair(parameters)?,
-            "measured" | "fourier" => {
-                parameters.ignore(&["filename", "bsdffile"]);
-                self.warn(&parameters.place, format!("a {kind} material is read as grey plastic"));
+            "measured" => {
+                parameters.ignore(&["filename"]);
+                self.warn(&parameters.place, "a measured material is read as grey plastic");
                 plastic(0.3, 1.5, TextureFile::rgb([0.3; 3]), TextureFile::rgb([1.0; 3]))
+            }
+            "fourier" => {
+                parameters.ignore(&["bsdffile"]);
+                // Those of the scenes that came with v3 are paint and porcelain.
+                self.warn(&parameters.place, "a fourier material is read as white plastic");
+                plastic(0.3, 1.5, TextureFile::rgb([0.8; 3]), TextureFile::rgb([1.0; 3]))
             }
             other => match self.classic(other, parameters)? {
                 Some(material) => material,

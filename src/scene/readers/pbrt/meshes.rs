@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 
 use crate::base::Result;
 use crate::geometry::mesh::Mesh;
-use crate::scene::readers::{extent, normals};
+use crate::scene::readers::normals;
 
 use super::parameters::Parameters;
 
@@ -88,26 +88,4 @@ fn indices<const N: usize>(parameters: &Parameters) -> Result<Vec<[u32; N]>> {
         return Err(parameters.malformed(format!("the index {index} is not a whole number of at least 0")));
     }
     Ok(tuples.iter().map(|tuple| tuple.map(|index| index as u32)).collect())
-}
-
-/// Two sheets of a mesh, one in front of it and one behind it that faces backwards, `gap` parts of its size away.
-pub fn sheets(mesh: &Mesh, gap: f64) -> Mesh {
-    let [low, high] = extent::bounds(mesh);
-    let step = (0.5 * gap * (high - low).max_element().max(0.0)) as f32;
-    let mut out = Mesh::default();
-    for side in [1.0, -1.0] {
-        for triangle in &mesh.triangles {
-            let corners = triangle.map(|i| mesh.positions[i as usize]);
-            let [a, b, c] = corners.map(|p| p.as_dvec3());
-            let offset = (b - a).cross(c - a).normalize_or_zero().as_vec3() * step * side;
-            let first = out.positions.len() as u32;
-            let order = if side > 0.0 { [0, 1, 2] } else { [0, 2, 1] };
-            out.triangles.push(order.map(|corner| first + corner));
-            out.positions.extend(corners.map(|p| p + offset));
-            let normal = |i: u32| mesh.normals.get(i as usize).map(|n| *n * side);
-            out.normals.extend(triangle.iter().filter_map(|&i| normal(i)));
-            out.uvs.extend(triangle.iter().filter_map(|&i| mesh.uvs.get(i as usize)));
-        }
-    }
-    out
 }

@@ -49,7 +49,7 @@ use super::places::Places;
 use colors::Palette;
 use curves::Strands;
 use finish::{Masked, Mix};
-use parameters::Parameters;
+use parameters::{Parameter, Parameters};
 use shapes::Piece;
 use source::Sources;
 use state::{Block, State};
@@ -63,7 +63,17 @@ const DEFAULT_MATERIAL: &str = "default";
 /// [`Error::Io`](crate::base::Error::Io), `Malformed`, `Unsupported`, `Limit`, each with file and line.
 pub(super) fn read(path: &Path) -> Result<Read> {
     let mut reader = Reader::new(path);
-    reader.document(path, &Place::file(path))?;
+    match reader.document(path, &Place::file(path)) {
+        // v4 makes textures once all is read, so that they may be named before they are there.
+        Err(_) if reader.lacks_textures && !reader.ahead => {
+            let mut ahead = Reader { ahead: true, ..Reader::new(path) };
+            ahead.document(path, &Place::file(path))?;
+            let Reader { float_textures, color_textures, held, baked, .. } = ahead;
+            reader = Reader { float_textures, color_textures, held, baked, ..Reader::new(path) };
+            reader.document(path, &Place::file(path))?;
+        }
+        read => read?,
+    }
     reader.finish(path)
 }
 
@@ -91,6 +101,15 @@ struct Reader {
     systems: BTreeMap<String, DMat4>,
     float_textures: BTreeMap<String, TextureFile>,
     color_textures: BTreeMap<String, TextureFile>,
+    /// Whether only textures are read.
+    ahead: bool,
+    /// Whether a texture was asked for that was not there.
+    lacks_textures: bool,
+    /// Parameters behind the name of an included file.
+    trailing: Vec<Parameter>,
+    /// The pixel filter before there is a film.
+    pixel_filter: Option<(String, Parameters)>,
+    has_film: bool,
     /// Names of materials in the scene file by those in the document.
     materials: BTreeMap<String, String>,
     mixes: BTreeMap<String, Mix>,
@@ -137,6 +156,11 @@ impl Reader {
             systems: BTreeMap::new(),
             float_textures: BTreeMap::new(),
             color_textures: BTreeMap::new(),
+            ahead: false,
+            lacks_textures: false,
+            trailing: Vec::new(),
+            pixel_filter: None,
+            has_film: false,
             materials: BTreeMap::new(),
             mixes: BTreeMap::new(),
             masked: Vec::new(),

@@ -94,7 +94,8 @@ impl Parameter {
         }
     }
 
-    fn truth(&self) -> Result<bool> {
+    /// The only value, which must be true or false.
+    pub fn truth(&self) -> Result<bool> {
         match &self.values {
             Values::Truths(truths) if truths.len() == 1 => Ok(truths[0]),
             Values::Texts(texts) if *texts == ["true"] => Ok(true),
@@ -134,6 +135,11 @@ impl Parameters {
     /// The parameters themselves.
     pub fn into_list(self) -> Vec<Parameter> {
         self.list
+    }
+
+    /// Adds parameters that follow elsewhere.
+    pub fn extend(&mut self, more: Vec<Parameter>) {
+        self.list.extend(more);
     }
 
     /// Adds `defaults`, which count where a parameter of the same name is not given.

@@ -188,10 +188,7 @@ fn mean(u: f32, v: f32) -> f32 {
 }
 
 /// Roughness of facets in pbrt-v3 (Pharr, Jakob, Humphreys 2016, §8.4.2).
-fn old_alpha(roughness: f32) -> f32 {
-    if roughness == 0.0 {
-        return 0.0;
-    }
+pub fn old_alpha(roughness: f32) -> f32 {
     let x = roughness.max(1e-3).ln();
     1.62142 + x * (0.819955 + x * (0.1734 + x * (0.0171201 + x * 0.000640711)))
 }

@@ -2,13 +2,14 @@
 
 use std::f64::consts::PI;
 
-use glam::{DMat4, DVec3};
+use glam::{DMat4, DVec3, Vec3};
 
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 use crate::scene::file::{GeometryFile, MeshFile, ShapeFile, TextureFile};
 use crate::scene::readers::frames::rounded;
 use crate::scene::readers::revolved::{is_uniform, sphere_mesh};
+use crate::scene::readers::sheets::{self, GAP};
 use crate::scene::readers::{mesh, missing};
 
 use super::Reader;
@@ -21,8 +22,6 @@ use super::textures::{Values, within};
 
 /// Most shapes of a scene, those of objects too: a short document with instances must not grow without bound.
 const MOST_SHAPES: usize = 1 << 20;
-/// Distance of the two sheets of a light that shines on both sides, relative to its size.
-const GAP: f64 = 1e-4;
 
 /// Shapes that have no near relation.
 const LEFT_OUT: [&str; 2] = ["heightfield", "nurbs"];
@@ -217,7 +216,7 @@ impl Reader {
                 }
                 GeometryFile::Mesh { mesh } => match self.loaded(&mesh, parameters)? {
                     Some(loaded) => {
-                        let sheets = meshes::sheets(&loaded, GAP);
+                        let sheets = sheets::sheets(&loaded);
                         out.push((self.hold("sheets", sheets, &parameters.place), to_world, flip));
                     }
                     None => out.push((GeometryFile::Mesh { mesh }, to_world, flip)),
@@ -232,7 +231,14 @@ impl Reader {
         if parameters.find("shadowalpha").is_some() {
             self.warn(&parameters.place, "shadowalpha is left out: shadows have the holes of what casts them");
         }
-        let opacity = self.texture(parameters, "alpha", Values::Floats)?.map(within);
+        let mut opacity = self.texture(parameters, "alpha", Values::Floats)?.map(within);
+        if self.old
+            && let Some(given) = opacity
+        {
+            // v3 cuts out what has no alpha at all.
+            let cut = |alpha: Vec3| if alpha == Vec3::ZERO { Vec3::ZERO } else { Vec3::ONE };
+            opacity = Some(self.changed(given, "cut out", &parameters.place, cut)?);
+        }
         Ok(opacity.filter(|opacity| *opacity != TextureFile::rgb([1.0; 3])))
     }
 

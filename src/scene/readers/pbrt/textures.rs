@@ -41,7 +41,7 @@ impl Reader {
             }
         };
         let class = tokens.text("a texture's kind")?;
-        let mut parameters = Parameters::read(tokens, format!("the texture \"{class}\""), self.state.space)?;
+        let mut parameters = self.parameters(format!("the texture \"{class}\""), tokens)?;
         if let Some(defaults) = self.state.defaults.get("texture") {
             parameters.add_defaults(defaults);
         }
@@ -129,16 +129,26 @@ impl Reader {
         Ok(self.texture(parameters, name, values)?.unwrap_or(TextureFile::rgb([default; 3])))
     }
 
-    /// A parameter that may be a texture.
+    /// A parameter that may be a texture. One that is not there is as if it were not given in v3.
     pub(super) fn texture(
-        &self,
+        &mut self,
         parameters: &Parameters,
         name: &'static str,
         values: Values,
     ) -> Result<Option<TextureFile>> {
         let Some(parameter) = parameters.find(name) else { return Ok(None) };
         if parameter.kind == "texture" {
-            return self.texture_named(parameter, values).map(Some);
+            return match self.texture_named(parameter.text()?, values) {
+                Ok(texture) => Ok(Some(texture)),
+                Err(why) if self.old => {
+                    self.warn(&parameter.place, format!("{why}: the default of \"{name}\" is used"));
+                    Ok(None)
+                }
+                Err(why) => {
+                    self.lacks_textures = true;
+                    Err(parameter.malformed(why))
+                }
+            };
         }
         let color = match values {
             Values::Floats if parameter.kind == "float" => match parameter.numbers()? {
@@ -150,8 +160,8 @@ impl Reader {
         Ok(Some(TextureFile::rgb(color)))
     }
 
-    fn texture_named(&self, parameter: &Parameter, values: Values) -> Result<TextureFile> {
-        let name = parameter.text()?;
+    /// The texture of this name, or what there is instead.
+    fn texture_named(&self, name: &str, values: Values) -> Result<TextureFile, String> {
         let (own, other) = match values {
             Values::Floats => (&self.float_textures, &self.color_textures),
             Values::Colors => (&self.color_textures, &self.float_textures),
@@ -159,24 +169,31 @@ impl Reader {
         let missing = || {
             let names: Vec<&str> = own.keys().chain(other.keys()).map(String::as_str).collect();
             let slip = meant(name, &names).map(|near| format!("; \"{near}\" seems to be meant")).unwrap_or_default();
-            parameter.malformed(format!("there is no texture \"{name}\" yet{slip}"))
+            format!("there is no texture \"{name}\"{slip}")
         };
         own.get(name).or_else(|| other.get(name)).cloned().ok_or_else(missing)
     }
 
     /// A reflectance or the like, within [0, 1].
-    pub(super) fn albedo(&self, parameters: &Parameters, name: &'static str, default: f32) -> Result<TextureFile> {
+    pub(super) fn albedo(&mut self, parameters: &Parameters, name: &'static str, default: f32) -> Result<TextureFile> {
         Ok(self.given_albedo(parameters, name)?.unwrap_or(TextureFile::rgb([default; 3])))
     }
 
     /// A reflectance or the like, within [0, 1], if it is given.
-    pub(super) fn given_albedo(&self, parameters: &Parameters, name: &'static str) -> Result<Option<TextureFile>> {
+    pub(super) fn given_albedo(&mut self, parameters: &Parameters, name: &'static str) -> Result<Option<TextureFile>> {
         let spectrum = parameters.find(name).filter(|parameter| parameter.kind != "texture");
         if let Some(parameter) = spectrum {
             let color = self.palette(parameters).color(parameter, Use::Reflectance)?;
             return Ok(Some(within(TextureFile::rgb(color))));
         }
-        Ok(self.texture(parameters, name, Values::Colors)?.map(within))
+        match self.texture(parameters, name, Values::Colors)? {
+            // v4 bounds every colour of a picture, v3 only below.
+            Some(picture @ TextureFile::Bitmap { scale, .. }) if scale > 1.0 && !self.old => {
+                let bounded = |color: Vec3| color.clamp(Vec3::ZERO, Vec3::ONE);
+                self.changed(picture, "within 1", &parameters.place, bounded).map(Some)
+            }
+            texture => Ok(texture.map(within)),
+        }
     }
 
     /// A number; of a texture the mean.
@@ -222,7 +239,11 @@ impl Reader {
         let raw = match encoding {
             _ if gamma.is_some() => true,
             "linear" => true,
-            "sRGB" | "srgb" => parameters.boolean("gamma")? == Some(false),
+            // v3 looks for a truth of that name; exporters write numbers, too.
+            "sRGB" | "srgb" => {
+                let gamma = parameters.find("gamma").filter(|gamma| gamma.kind == "bool");
+                gamma.map(Parameter::truth).transpose()? == Some(false)
+            }
             other => {
                 self.warn(place, format!("the encoding \"{other}\" is read as \"sRGB\""));
                 false
