@@ -206,7 +206,7 @@ impl Learner {
         let Some(cache) = &self.cache else { return reached };
         let samples = Samples::new((paths, &path_voxels), (photons, &reached), self.voxels.len());
         self.outliers.absorb(paths, &path_voxels);
-        if self.settings.tree.filtered {
+        let moved = self.settings.tree.filtered.then(|| {
             self.chunks += 1;
             let mut photon_voxels = reached.clone();
             let moved = |kind, points: Vec<(Vec3, Vec3)>, voxels: &mut [VoxelId]| {
@@ -214,13 +214,10 @@ impl Learner {
             };
             moved(0, paths.iter().map(|r| (r.point, r.normal)).collect(), &mut path_voxels);
             moved(1, photons.iter().map(|r| (r.point, r.normal)).collect(), &mut photon_voxels);
-            let moved = Samples::new((paths, &path_voxels), (photons, &photon_voxels), self.voxels.len());
-            self.judge_samples(&samples);
-            self.deposit_samples(&samples, &moved, deposit_paths);
-        } else {
-            self.judge_samples(&samples);
-            self.deposit_samples(&samples, &samples, deposit_paths);
-        }
+            Samples::new((paths, &path_voxels), (photons, &photon_voxels), self.voxels.len())
+        });
+        self.judge_samples(&samples);
+        self.deposit_samples(&samples, moved.as_ref().unwrap_or(&samples), deposit_paths);
         reached
     }
 

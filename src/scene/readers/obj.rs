@@ -61,14 +61,18 @@ pub fn read(path: &Path, only: &[String]) -> Result<Mesh> {
 
 /// Lines that a backslash continues, as one: both characters become spaces. Comments do not go on.
 fn continued(mut bytes: Vec<u8>) -> Vec<u8> {
-    for at in 1..bytes.len() {
+    let mut is_comment = false;
+    for at in 0..bytes.len() {
+        is_comment |= bytes[at] == b'#';
         if bytes[at] != b'\n' {
             continue;
         }
-        let last = at - 1 - usize::from(bytes[at - 1] == b'\r' && at > 1);
-        let begin = |end: usize| bytes[..end].iter().rposition(|&byte| byte == b'\n').map_or(0, |at| at + 1);
-        if bytes[last] == b'\\' && !bytes[begin(last)..last].contains(&b'#') {
+        let line = bytes[..at].strip_suffix(b"\r").unwrap_or(&bytes[..at]);
+        if line.ends_with(b"\\") && !is_comment {
+            let last = line.len() - 1;
             bytes[last..=at].fill(b' ');
+        } else {
+            is_comment = false;
         }
     }
     bytes
