@@ -23,7 +23,7 @@ def blended(kind, factor, a, b):
     if kind == "DARKEN":
         return inverse * a + factor * np.minimum(a, b)
     if kind == "LIGHTEN":
-        return np.maximum(a, factor * b)
+        return inverse * a + factor * np.maximum(a, b)
     if kind == "OVERLAY":
         low = a * (inverse + 2.0 * factor * b)
         high = 1.0 - (inverse + 2.0 * factor * (1.0 - b)) * (1.0 - a)
@@ -43,6 +43,18 @@ def safe_divide(a, b):
     return np.where(b != 0.0, a / np.where(b != 0.0, b, 1.0), 0.0)
 
 
+def safe_power(a, b):
+    """Powers; 0 where there is none: of negative numbers to exponents that are not whole."""
+    none = (a < 0.0) & (b != np.trunc(b))
+    return np.where(none, 0.0, np.power(np.where(none, 1.0, a), b))
+
+
+def safe_log(a, b):
+    """Logarithms of `a` to the base `b`; 0 where there is none."""
+    some = (a > 0.0) & (b > 0.0)
+    return safe_divide(np.log(np.where(some, a, 1.0)), np.log(np.where(some, b, 1.0)))
+
+
 # Operations of the Math node, of three numbers.
 MATH = {
     "ADD": lambda a, b, c: a + b,
@@ -50,8 +62,8 @@ MATH = {
     "MULTIPLY": lambda a, b, c: a * b,
     "DIVIDE": lambda a, b, c: safe_divide(a, b),
     "MULTIPLY_ADD": lambda a, b, c: a * b + c,
-    "POWER": lambda a, b, c: np.where(a >= 0.0, np.power(np.maximum(a, 0.0), b), 0.0),
-    "LOGARITHM": lambda a, b, c: safe_divide(np.log(np.maximum(a, 1e-30)), np.log(np.maximum(b, 1e-30))),
+    "POWER": lambda a, b, c: safe_power(a, b),
+    "LOGARITHM": lambda a, b, c: safe_log(a, b),
     "SQRT": lambda a, b, c: np.sqrt(np.maximum(a, 0.0)),
     "INVERSE_SQRT": lambda a, b, c: safe_divide(1.0, np.sqrt(np.maximum(a, 0.0))),
     "ABSOLUTE": lambda a, b, c: np.abs(a),

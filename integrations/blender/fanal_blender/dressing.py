@@ -24,6 +24,8 @@ class Dressing:
         if translated.medium is not None:
             exporter.out["media"][self.name] = translated.medium
             self.medium = self.name
+        # Whether what is behind the surface is another medium, which would be between two sheets of it only.
+        self.has_inside = self.medium is not None or _refracts(self.layer.material)
 
     def warn(self, message):
         self.exporter.warn(f"material “{self.name}”: {message}")
@@ -119,6 +121,13 @@ class Dressing:
         if lookup.filter != "bilinear":
             texture["filter"] = lookup.filter
         return texture
+
+
+def _refracts(material):
+    """Whether a material, or one within it, lets light into what is behind it."""
+    if isinstance(material, dict):
+        return material.get("type") in ("dielectric", "rough_dielectric") or any(map(_refracts, material.values()))
+    return isinstance(material, list) and any(map(_refracts, material))
 
 
 def _flipped(data):

@@ -89,6 +89,8 @@ class _Exporter:
         # What is known of materials and meshes.
         self.translated, self.corners, self.written = {}, {}, {}
         self.file_names = set()
+        # Where the cameras are, and the origins of all surfaces, instance by instance.
+        self.eyes, self.origins = np.zeros((0, 3)), np.zeros((0, 3))
 
     def warn(self, message):
         """Notes a warning, once."""
@@ -101,6 +103,9 @@ class _Exporter:
         eyes = [self.scene.camera] + ([eye for _, eye in self._others()] if self.options.all_cameras else [])
         sees = lambda points: any(cameras.sees(eye, self.scene, self.size, points) for eye in eyes)
         lamps = Lamps(self.pictures, self.warn, self.out, sees)
+        self.eyes = np.array([eye.matrix_world.translation[:] for eye in eyes]).reshape(-1, 3)
+        self.origins = np.array([instance.matrix_world.translation[:] for instance in self.depsgraph.object_instances
+                                 if instance.object.type in _SURFACES and self._chosen(instance)]).reshape(-1, 3)
         for instance in self.depsgraph.object_instances:
             self._instance(instance, lamps)
         World(self.pictures, self.warn, self.out, self.options.bake_world).add(self.scene.world)
@@ -134,8 +139,10 @@ class _Exporter:
 
     def _instance(self, instance, lamps):
         object = instance.object
-        if not instance.show_self or not self._chosen(instance):
+        if not self._chosen(instance):
             return
+        if _is_linked(object) or instance.is_instance and _is_linked(instance.parent):
+            self.warn(f"object “{object.name}”: its light linking is left out: it lights all objects, and all throw its shadows")
         if object.type == "LIGHT":
             lamps.add(object, instance.matrix_world)
         elif object.type in _SURFACES:
@@ -147,6 +154,8 @@ class _Exporter:
             self.warn(f"object “{object.name}”: its hair is left out")
 
     def _chosen(self, instance):
+        if not instance.show_self:
+            return False
         if not self.options.selection:
             return True
         owner = instance.parent if instance.is_instance else instance.object
@@ -200,6 +209,9 @@ class _Exporter:
         known = self._material(material)
         if known.layer.material is None and not known.shines and not known.is_border:
             return
+        if known.is_border and known.medium is None:
+            # The border of a volume that is left out: there is nothing.
+            return
         chosen = corners.slots == slot
         coordinates = known.coordinates
         if coordinates is not None and corners.uvs(coordinates) is None:
@@ -214,11 +226,12 @@ class _Exporter:
             scale = world.to_scale()
             if max(map(abs, scale)) > 1.001 * min(map(abs, scale)):
                 self.warn(f"object “{object.name}”: its normal map has the slopes that it has without the object's uneven scale")
-        for triangles, flipped in halves:
+        is_double = known.shines and self._is_seen_from_both_sides(known, corners, chosen, world)
+        for half, (triangles, flipped) in enumerate(halves):
             if not triangles.any():
                 continue
-            is_open = known.shines and not corners.is_closed(chosen)
-            name = self._mesh(corners, triangles, coordinates, is_open, (slot, flipped if len(halves) > 1 else None))
+            # Objects that share the data share its halves; which of them is flipped is each object's own.
+            name = self._mesh(corners, triangles, coordinates, is_double, (slot, half if len(halves) > 1 else None))
             shape = {"name": object.name, "geometry": {"type": "mesh", "mesh": name}, "to_world": cameras.rows(world),
                      "material": self._stored(known, flipped)}
             if known.medium is not None:
@@ -229,13 +242,26 @@ class _Exporter:
                 shape["emission"] = known.radiance
             self.out["shapes"].append(shape)
 
-    def _mesh(self, corners, triangles, coordinates, is_open, part):
+    def _is_seen_from_both_sides(self, known, corners, chosen, world):
+        """Whether a part of a mesh is open, or something is within its bounds that sees its inside: a camera or another object."""
+        if not corners.is_closed(chosen):
+            return True
+        if known.has_inside:
+            return False
+        matrix = np.array(cameras.rows(world)).reshape(4, 4)
+        points = corners.positions[np.unique(corners.vertices[chosen])] @ matrix[:3, :3].T + matrix[:3, 3]
+        low, high = points.min(axis=0), points.max(axis=0)
+        within = lambda places: ((low <= places) & (places <= high)).all(axis=1).sum()
+        # Its own origin is one of all.
+        return bool(within(self.eyes) > 0 or within(self.origins) > within(matrix[None, :3, 3]))
+
+    def _mesh(self, corners, triangles, coordinates, is_double, part):
         """Name of the mesh of some of the triangles, written once."""
-        key = (corners.key, coordinates, is_open, part)
+        key = (corners.key, coordinates, is_double, part)
         if key in self.written:
             return self.written[key]
         mesh = corners.part(triangles, coordinates)
-        if is_open:
+        if is_double:
             mesh = meshes.sheets(mesh)
         name = self._unique(corners.name)
         files.write_bytes(os.path.join(self.folder, "meshes", name + ".ply"),
@@ -293,3 +319,9 @@ class _Exporter:
                     light[name] = times(light[name])
             if "scale" in light:
                 light["scale"] *= factor
+
+
+def _is_linked(object):
+    """Whether an object's light is for some objects only, or only some throw its shadows."""
+    linking = getattr(getattr(object, "original", None), "light_linking", None)
+    return any(getattr(linking, name, None) is not None for name in ("receiver_collection", "blocker_collection"))

@@ -39,7 +39,7 @@ class Translated:
     layer: Layer
     # fanal's medium behind the surface.
     medium: dict | None = None
-    # Whether there is no surface, only the medium's border.
+    # Whether there is no surface, only a volume's border: the medium's, or that of one that is left out.
     is_border: bool = False
 
 

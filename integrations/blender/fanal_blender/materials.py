@@ -46,9 +46,9 @@ class Translator(NormalMaps, VolumeShaders):
             return Translated(Layer(BLACK))
         layer = self.shader(output.inputs["Surface"], place)
         medium = self._medium(output.inputs["Volume"], place)
-        has_surface = source_of(output.inputs["Surface"], place)[0] is not None
+        has_surface, has_volume = (source_of(output.inputs[name], place)[0] is not None for name in ("Surface", "Volume"))
         self._displacement(material, output, place, layer)
-        return Translated(layer, medium, medium is not None and not has_surface)
+        return Translated(layer, medium, has_volume and not has_surface)
 
     # Shaders.
 
@@ -119,7 +119,7 @@ class Translator(NormalMaps, VolumeShaders):
 
     def _coated(self, node, place):
         """A glossy coat over a diffuse base, mixed by Fresnel's equations: plastic."""
-        weight, _ = source_of(node.inputs[0], place)
+        weight, within = source_of(node.inputs[0], place)
         parts = [source_of(node.inputs[i], place) for i in (1, 2)]
         kinds = [output and output.node.bl_idname for output, _ in parts]
         if weight is None or weight.node.bl_idname != "ShaderNodeFresnel":
@@ -127,7 +127,7 @@ class Translator(NormalMaps, VolumeShaders):
         if kinds[0] != "ShaderNodeBsdfDiffuse" or kinds[1] != "ShaderNodeBsdfAnisotropic":
             return None
         base, coat = (output.node for output, _ in parts)
-        index = self._number(weight.node, "IOR", place)
+        index = self._number(weight.node, "IOR", within)
         rough = self._of(coat, "Roughness", parts[1][1])
         if not rough.is_constant or index <= 1.0 + LEAST_STEP:
             return None

@@ -18,6 +18,8 @@ class Place:
 
     def __init__(self, tree, group=None, outer=None):
         self.tree, self.group, self.outer = tree, group, outer
+        # All the group nodes on the way: one within a group that is used twice is in two places.
+        self.chain = () if group is None else (*outer.chain, group.as_pointer())
 
 
 def source_of(socket, place):
@@ -64,10 +66,17 @@ class Evaluator:
     def __init__(self, pictures, warn):
         self.pictures, self.warn = pictures, warn
         self._known = {}
+        # What numbers count as that are not evaluated; None is their output's own value.
+        self._unknown = None
 
     def input(self, node, name, place):
-        """The field of a node's input."""
-        return self.socket(named(node, name), place)
+        """The field of a node's input. In a strength numbers that are not evaluated count as 1, since 0 would put out the light."""
+        before = self._unknown
+        if name.endswith("Strength"):
+            self._unknown = 1.0
+        field = self.socket(named(node, name), place)
+        self._unknown = before
+        return field
 
     def socket(self, socket, place):
         """The field that an input socket gets, of as many channels as its type has."""
@@ -89,7 +98,7 @@ class Evaluator:
         return field.number()
 
     def _output(self, output, place):
-        key = (output.node.as_pointer(), output.identifier, id(place.group) if place.group is None else place.group.as_pointer())
+        key = (output.node.as_pointer(), output.identifier, place.chain, self._unknown)
         if key not in self._known:
             self._known[key] = self._compute(output.node, output, place)
         return self._known[key]
@@ -108,7 +117,7 @@ class Evaluator:
         if node.bl_idname in _HALF:
             value = 0.5
         elif output.type in ("VALUE", "INT", "BOOLEAN"):
-            value = getattr(output, "default_value", 0.0)
+            value = getattr(output, "default_value", 0.0) if self._unknown is None else self._unknown
         else:
             value = 0.5
         self.warn(f"node “{node.name}” ({node.bl_label}) is not evaluated: {value:g} stands for “{output.name}”")
@@ -116,10 +125,10 @@ class Evaluator:
 
     # Texture coordinates.
 
-    def lookup(self, node, place, wrap="repeat", filter="bilinear"):
-        """How a texture node looks up its picture."""
+    def lookup(self, node, place, wrap="repeat", filter="bilinear", usual=("uv", "")):
+        """How a texture node looks up its picture; `usual` are the coordinates that it has where none are given."""
         socket = named(node, "Vector")
-        kind, matrix = self._coordinates(socket, place) if socket else (("uv", ""), Matrix.Identity(4))
+        kind, matrix = self._coordinates(socket, place, usual) if socket else (usual, Matrix.Identity(4))
         mapping = getattr(node, "texture_mapping", None)
         if mapping is not None and mapping.rotation[:] + mapping.translation[:] + mapping.scale[:] != (0, 0, 0) * 2 + (1, 1, 1):
             matrix = Matrix.LocRotScale(mapping.translation, Euler(mapping.rotation), mapping.scale) @ matrix
@@ -131,10 +140,10 @@ class Evaluator:
             return Lookup((kind[0], projection), tuple(row[i] for row in rows for i in (0, 1, 3)), wrap, filter)
         return Lookup((kind[0], tuple(tuple(row) for row in rows)), wrap=wrap, filter=filter)
 
-    def _coordinates(self, socket, place):
+    def _coordinates(self, socket, place, usual=("uv", "")):
         output, other = source_of(socket, place)
         if output is None:
-            return ("uv", ""), Matrix.Identity(4)
+            return usual, Matrix.Identity(4)
         node = output.node
         if node.bl_idname == "ShaderNodeUVMap":
             return ("uv", node.uv_map), Matrix.Identity(4)
@@ -210,7 +219,8 @@ def pixels_missing(image):
 def _checker(self, node, output, place):
     one, two = self.input(node, "Color1", place), self.input(node, "Color2", place)
     scale = self.number(node, "Scale", place)
-    lookup = self.lookup(node, place, filter="nearest")
+    # Of all textures only pictures have UV coordinates where none are given.
+    lookup = self.lookup(node, place, filter="nearest", usual=("generated",))
     if not (one.is_constant and two.is_constant):
         self.warn(f"node “{node.name}”: the means of its colours are used, which vary")
     if lookup.coordinates[0] != "uv":
@@ -425,6 +435,17 @@ def _fresnel(self, node, output, place):
     return Field.constant(value)
 
 
+def _profile(self, node, output, place):
+    self.warn(f"node “{node.name}”: its profile is left out: only its strength counts")
+    return self.input(node, "Strength", place)
+
+
+def _falloff(self, node, output, place):
+    if output.name != "Quadratic" or not self.input(node, "Smooth", place).is_value(0.0):
+        self.warn(f"node “{node.name}”: its falloff is left out: light falls off with the square of the distance")
+    return self.input(node, "Strength", place)
+
+
 def _light_path(self, node, output, place):
     self.warn(f"node “{node.name}”: “{output.name}” is taken for 0, whatever the ray")
     return Field.constant(0.0)
@@ -479,6 +500,8 @@ _NODES = {
     "ShaderNodeValue": _own_value,
     "ShaderNodeFresnel": _fresnel,
     "ShaderNodeLayerWeight": _fresnel,
+    "ShaderNodeTexIES": _profile,
+    "ShaderNodeLightFalloff": _falloff,
     "ShaderNodeLightPath": _light_path,
     "ShaderNodeNewGeometry": _geometry,
     "ShaderNodeBlackbody": _black_body,

@@ -44,7 +44,7 @@ class NormalMaps:
             return None
         if strength != 1.0:
             texture = combine(lambda data: _strengthened(data, strength), texture)
-        return Normals("normal_map", texture, key=(node.as_pointer(),))
+        return Normals("normal_map", texture, key=(node.as_pointer(), place.chain))
 
     def _bump(self, node, place):
         height = self._of(node, "Height", place)
@@ -56,7 +56,7 @@ class NormalMaps:
                 return inner
         if height.is_constant or scale == 0.0:
             return None
-        return Normals("bump_map", height, -scale if node.invert else scale, (node.as_pointer(),))
+        return Normals("bump_map", height, -scale if node.invert else scale, (node.as_pointer(), place.chain))
 
     def _displacement(self, material, output, place, layer):
         """A displacement as a bump map."""
@@ -75,7 +75,7 @@ class NormalMaps:
         if layer.normals is not None:
             self.warn("it has a map of normals and a displacement: the displacement is left out")
             return
-        layer.normals = Normals("bump_map", height, scale, (node.as_pointer(),))
+        layer.normals = Normals("bump_map", height, scale, (node.as_pointer(), other.chain))
 
 
 def _strengthened(data, strength):

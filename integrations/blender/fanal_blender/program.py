@@ -58,10 +58,11 @@ class Run:
 
     def finish(self):
         """Waits for its end; raises `RuntimeError` with its last words where it failed. 75 is the exit code of one that was stopped.
-        On Windows that ends it at once, and the picture is the last one that it wrote on the way."""
+        While it still reads the scene, and on Windows always, that ends it at once: the picture, if there is one, is then the last
+        that it wrote on the way."""
         code = self.process.wait()
         self.reader.join()
         self.process.stderr.close()
-        ended = self.stopped and os.name == "nt" and os.path.exists(self.picture)
+        ended = self.stopped and (os.name == "nt" or code == -signal.SIGINT)
         if code not in (0, 75) and not ended:
             raise RuntimeError("\n".join(self.lines[-_LAST:]) or f"fanal ended with code {code}")

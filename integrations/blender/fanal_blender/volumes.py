@@ -51,7 +51,9 @@ class VolumeShaders:
             return none, color * density, g
         if self._number(node, "Emission Strength", place) > 0.0 or self._number(node, "Blackbody Intensity", place) > 0.0:
             self.warn(f"node “{node.name}”: the volume's own light is left out")
-        absorbed = np.clip(1.0 - color, 0.0, None) * np.clip(1.0 - self._constant(node, "Absorption Color", place), 0.0, None)
+        # Cycles takes the square root of this colour.
+        kept = np.sqrt(np.clip(self._constant(node, "Absorption Color", place), 0.0, None))
+        absorbed = np.clip(1.0 - color, 0.0, None) * np.clip(1.0 - kept, 0.0, None)
         return absorbed * density, color * density, g
 
     def _part(self, socket, place):

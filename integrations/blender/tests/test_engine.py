@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import sys
 import tempfile
 import unittest
@@ -129,6 +130,27 @@ class Engine(unittest.TestCase):
         run.finish()
         self.assertEqual(run.process.returncode, 75)
         self.assertTrue(np.isfinite(engine.pixels(picture, (24, 16))).all())
+
+    @unittest.skipIf(os.name == "nt", "there are no signals")
+    def test_stop_before_it_renders(self):
+        """A program that a signal ends while it reads the scene has not failed if that was asked for."""
+        path = os.path.join(self.folder.name, "reading")
+        with open(path, "w") as file:
+            file.write(f"#!{sys.executable}\nimport signal, sys\nsignal.signal(signal.SIGINT, signal.SIG_DFL)\n"
+                       "print('reading', file=sys.stderr, flush=True)\nsignal.pause()\n")
+        os.chmod(path, 0o755)
+        for asked in (True, False):
+            run = program.Run(path, "scene.json", os.path.join(self.folder.name, "out.exr"))
+            while run.is_running() and not run.lines:
+                pass
+            if asked:
+                run.stop()
+                run.finish()
+            else:
+                run.process.send_signal(signal.SIGINT)
+                with self.assertRaisesRegex(RuntimeError, "reading"):
+                    run.finish()
+            self.assertEqual(run.process.returncode, -signal.SIGINT)
 
 
 class program_on_path:

@@ -18,7 +18,7 @@ sys.path[:0] = [HERE, os.path.dirname(HERE)]
 
 import scenes  # noqa: E402
 from compare import read  # noqa: E402
-from fanal_blender import albedo, files  # noqa: E402
+from fanal_blender import albedo, arithmetic, files  # noqa: E402
 from fanal_blender import export as exporting  # noqa: E402
 from fanal_blender.lights import linear_edge  # noqa: E402
 
@@ -136,6 +136,27 @@ class Shapes(Case):
         for z in (3.0, -3.0):
             self.scene.camera = scenes.camera("eye", (0, 0, z), (0, 0, 0), lens=100.0)
             np.testing.assert_allclose(self.render(4).mean(), 3.0, rtol=1e-4)
+
+    def test_closed_lamps_shine_inside_where_something_is(self):
+        """A dome shines on the camera or the object within it; one that holds neither, or is of glass, has one sheet."""
+        def faces(eye, place, made):
+            self.scene = scenes.begin(16)
+            scenes.ball("dome", (0, 0, 0), 5.0, made(), smooth=False)
+            scenes.box("box", place, (1, 1, 1), scenes.material("grey", "ShaderNodeBsdfDiffuse")[0])
+            self.scene.camera = scenes.camera("eye", eye, (0, 0, 9), lens=100.0)
+            shapes = {shape["name"]: shape for shape in self.export()[0]["shapes"]}
+            with open(os.path.join(self.folder, "meshes", shapes["dome"]["geometry"]["mesh"] + ".ply"), "rb") as file:
+                return int(file.read().split(b"element face ")[1].split()[0])
+
+        glow = lambda: self.glowing("glow", WHITE, 3.0)
+        glass = lambda: scenes.material("glass", Transmission_Weight=1.0, Emission_Color=WHITE, Emission_Strength=1.0)[0]
+        one = faces((0, -20, 0), (0, -9, 0), glow)
+        self.assertEqual(faces((0, 0, 0), (0, -9, 0), glow), 2 * one)
+        # The picture of the camera within.
+        self.scene.render.resolution_x = self.scene.render.resolution_y = 8
+        np.testing.assert_allclose(self.render(4).mean(), 3.0, rtol=1e-4)
+        self.assertEqual(faces((0, -20, 0), (0, 0, 0), glow), 2 * one)
+        self.assertEqual(faces((0, 0, 0), (0, -9, 0), glass), one)
 
     def test_flat_and_smooth(self):
         made, _, _ = scenes.material("grey", "ShaderNodeBsdfDiffuse")
@@ -266,6 +287,79 @@ class Materials(Case):
 
         np.testing.assert_allclose(self.constant(build)[0], [0.9, 0.8, 0.7], rtol=1e-5)
 
+    def in_group(self, name, inner, socket, kind):
+        """A group of one input that feeds `socket` of the node that `inner` makes, whose first output is the group's."""
+        group = bpy.data.node_groups.new(name, "ShaderNodeTree")
+        group.interface.new_socket("In", in_out="INPUT", socket_type=kind)
+        group.interface.new_socket("Out", in_out="OUTPUT", socket_type=kind)
+        begin, end, node = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput"), inner(group)
+        group.links.new(begin.outputs[0], node.inputs[socket])
+        group.links.new(node.outputs[0], end.inputs[0])
+
+        def use(tree):
+            made = tree.nodes.new("ShaderNodeGroup")
+            made.node_tree = group
+            return made
+
+        return use
+
+    def test_groups_within_groups(self):
+        """The same inner group in two uses of an outer one is two things."""
+        def build(tree, target):
+            inner = self.in_group("inner", lambda tree: tree.nodes.new("ShaderNodeInvert"), "Color", "NodeSocketColor")
+            outer = self.in_group("outer", inner, 0, "NodeSocketColor")
+            mix = tree.nodes.new("ShaderNodeMix")
+            mix.data_type = "RGBA"
+            mix.inputs[0].default_value = 0.5
+            for index, color in [(6, (0.1, 0.2, 0.3, 1.0)), (7, (0.5, 0.8, 0.9, 1.0))]:
+                node = outer(tree)
+                node.inputs[0].default_value = color
+                tree.links.new(node.outputs[0], mix.inputs[index])
+            tree.links.new(mix.outputs[2], target)
+
+        np.testing.assert_allclose(self.constant(build)[0], [0.7, 0.5, 0.4], rtol=1e-5)
+
+    def test_fresnel_in_a_group(self):
+        """A coat's index is the group's input."""
+        made, tree, shader = scenes.material("coated", "ShaderNodeMixShader")
+        fresnel = self.in_group("edge", lambda tree: tree.nodes.new("ShaderNodeFresnel"), "IOR", "NodeSocketFloat")(tree)
+        fresnel.inputs[0].default_value = 1.7
+        base, coat = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeBsdfAnisotropic")
+        base.inputs["Color"].default_value, coat.inputs["Roughness"].default_value = (0.5, 0.5, 0.5, 1.0), 0.0
+        coat.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+        for index, node in enumerate((fresnel, base, coat)):
+            tree.links.new(node.outputs[0], shader.inputs[index])
+        scenes.plane("plane", (0, 0, 0), (2, 2), made)
+        self.scene.camera = scenes.camera("eye", (0, 0, 5), (0, 0, 0))
+        plastic = self.export()[0]["materials"]["coated"]["material"]
+        self.assertEqual(plastic["type"], "plastic")
+        self.assertAlmostEqual(plastic["int_ior"], 1.7, places=5)
+
+    def test_checker_is_over_generated_coordinates(self):
+        made, tree, shader = scenes.material("squares", "ShaderNodeBsdfDiffuse")
+        tree.links.new(tree.nodes.new("ShaderNodeTexChecker").outputs["Color"], shader.inputs["Color"])
+        plane = scenes.plane("plane", (0, 0, 0), (2, 2), made)
+        plane.data.uv_layers.remove(plane.data.uv_layers[0])
+        self.scene.camera = scenes.camera("eye", (0, 0, 5), (0, 0, 0))
+        scene, warnings = self.export()
+        self.assertTrue(scene["meshes"]["Plane"]["flip_v"])
+        self.assertEqual(len(warnings), 1)
+        self.assertIn("two dimensions", warnings[0])
+
+    def test_strengths_that_are_not_known(self):
+        """They are 1 rather than 0, through other nodes too."""
+        made, tree, shader = scenes.material("glow", "ShaderNodeEmission", Color=(0.25, 0.5, 1.0))
+        unknown, times = tree.nodes.new("ShaderNodeObjectInfo"), tree.nodes.new("ShaderNodeMath")
+        times.operation, times.inputs[1].default_value = "MULTIPLY", 4.0
+        tree.links.new(unknown.outputs["Random"], times.inputs[0])
+        tree.links.new(times.outputs[0], shader.inputs["Strength"])
+        scenes.plane("plane", (0, 0, 0), (2, 2), made)
+        self.scene.camera = scenes.camera("eye", (0, 0, 5), (0, 0, 0))
+        scene, warnings = self.export()
+        self.assertEqual(scene["shapes"][0]["emission"], [1.0, 2.0, 4.0])
+        self.assertEqual(len(warnings), 1)
+        self.assertIn("1 stands for “Random”", warnings[0])
+
     def test_nothing_is_dropped_silently(self):
         def build(tree, target):
             tree.links.new(tree.nodes.new("ShaderNodeTexNoise").outputs["Color"], target)
@@ -292,6 +386,49 @@ class Materials(Case):
         straight, mirrored = (read(os.path.join(self.folder, path)) for path in maps)
         # The first is the PNG file itself, of whole bytes.
         np.testing.assert_allclose(mirrored[:, :, 1], 1.0 - straight[:, :, 1], atol=1e-3)
+
+    def test_halves_of_shared_meshes(self):
+        """Of a picture that is mirrored on one of two quads a mirrored object flips the other one."""
+        made, tree, shader = scenes.material("mapped", "ShaderNodeBsdfDiffuse")
+        scenes.normal_mapped(tree, shader, scenes.image("waves", scenes.bumps(), color=False))
+        data = bpy.data.meshes.new("quads")
+        data.from_pydata([(x, y, 0) for x in (-1, 0, 1) for y in (0, 1)], [], [(0, 2, 3, 1), (2, 4, 5, 3)])
+        uvs = [(0, 0), (1, 0), (1, 1), (0, 1), (1, 0), (0, 0), (0, 1), (1, 1)]
+        data.uv_layers.new().uv.foreach_set("vector", np.array(uvs, np.float32).ravel())
+        data.materials.append(made)
+        for name, scale in [("straight", 1), ("mirrored", -1)]:
+            scenes.link(bpy.data.objects.new(name, data)).scale = (scale, 1, 1)
+        self.scene.camera = scenes.camera("eye", (0, 0, 5), (0, 0, 0))
+        scene, _ = self.export()
+        of = {name: {shape["geometry"]["mesh"]: shape["material"] for shape in scene["shapes"] if shape["name"] == name}
+              for name in ("straight", "mirrored")}
+        self.assertEqual(sorted(of["straight"].values()), ["mapped", "mapped (mirrored)"])
+        other = {"mapped": "mapped (mirrored)", "mapped (mirrored)": "mapped"}
+        self.assertEqual(of["mirrored"], {mesh: other[name] for mesh, name in of["straight"].items()})
+
+    def test_volumes_without_a_medium(self):
+        """Where there is nothing but a volume that is left out, or is empty, there is nothing."""
+        for kind, values, count in [("Emission", {}, 1), ("VolumeScatter", {"Density": 0.0}, 0)]:
+            self.scene = scenes.begin(16)
+            made, tree, shader = scenes.material("mist", f"ShaderNode{kind}", **values)
+            output = tree.nodes["Material Output"]
+            tree.links.clear()
+            tree.links.new(shader.outputs[0], output.inputs["Volume"])
+            scenes.box("domain", (0, 0, 0), (1, 1, 1), made)
+            self.scene.camera = scenes.camera("eye", (0, -5, 0), (0, 0, 0))
+            scene, warnings = self.export()
+            self.assertEqual((scene["shapes"], len(warnings)), ([], count), kind)
+
+    def test_principled_volume(self):
+        made, tree, shader = scenes.material("mist", "ShaderNodeVolumePrincipled", Color=(0.5, 0.25, 0.0), Density=2.0,
+                                             Absorption_Color=(0.25, 0.0, 0.64))
+        output = tree.nodes["Material Output"]
+        tree.links.clear()
+        tree.links.new(shader.outputs[0], output.inputs["Volume"])
+        scenes.box("domain", (0, 0, 0), (1, 1, 1), made)
+        self.scene.camera = scenes.camera("eye", (0, -5, 0), (0, 0, 0))
+        # Twice the sum of the colour and (1 - colour)·(1 - √absorption).
+        np.testing.assert_allclose(self.export()[0]["media"]["mist"]["sigma_t"], [1.5, 2.0, 0.4], rtol=1e-5)
 
     def test_mask_media_and_glass(self):
         made, tree, shader = scenes.material("glass", "ShaderNodeBsdfGlass", IOR=1.3, Roughness=0.0)
@@ -357,6 +494,33 @@ class Lights(Case):
         self.lamp("SPOT", spot_size=2 * cutoff, spot_blend=blend)
         self.assertEqual(len(self.warnings), 1)
 
+    def test_profiles_and_falloffs(self):
+        """A node that Cycles alone has the profile or the falloff of counts by its strength."""
+        for kind, output, smooth, count in [("TexIES", 0, None, 1), ("LightFalloff", "Quadratic", 0.0, 0),
+                                            ("LightFalloff", "Quadratic", 0.5, 1), ("LightFalloff", "Linear", 0.0, 1)]:
+            self.scene = scenes.begin(16)
+            data = scenes.light("POINT", "lamp", (0, 0, 3), 100.0, shadow_soft_size=0.0).data
+            data.use_nodes = True
+            node = data.node_tree.nodes.new(f"ShaderNode{kind}")
+            node.inputs["Strength"].default_value = 2.0
+            if smooth is not None:
+                node.inputs["Smooth"].default_value = smooth
+            data.node_tree.links.new(node.outputs[output], data.node_tree.nodes["Emission"].inputs["Strength"])
+            self.scene.camera = scenes.camera("eye", (0, -5, 0), (0, 0, 0))
+            scene, warnings = self.export()
+            np.testing.assert_allclose(scene["lights"][0]["intensity"], [200.0 / (4.0 * math.pi)] * 3, rtol=1e-5)
+            self.assertEqual(len(warnings), count, (kind, output, smooth))
+
+    def test_light_linking_is_told_of(self):
+        for name in ("receiver_collection", "blocker_collection"):
+            self.scene = scenes.begin(16)
+            lamp = scenes.light("SUN", "lamp", (0, 0, 3), 1.0)
+            setattr(lamp.light_linking, name, bpy.data.collections.new("some"))
+            self.scene.camera = scenes.camera("eye", (0, -5, 0), (0, 0, 0))
+            warnings = self.export()[1]
+            self.assertEqual(len(warnings), 1)
+            self.assertIn("light linking", warnings[0])
+
     def test_lamps_let_light_through(self):
         """What is behind a lamp is seen through its back."""
         self.world((0.5, 0.5, 0.5))
@@ -397,6 +561,28 @@ class Worlds(Case):
                              ((0, math.sin(high), math.cos(high)), (1, 1, 0))]:
             self.scene.camera = scenes.camera("eye", (0, 0, 0), ahead, lens=600.0)
             np.testing.assert_allclose(self.render(4, (8, 8)).mean(axis=(0, 1)), color, atol=1e-3)
+
+
+class Nodes(unittest.TestCase):
+    """What Cycles' nodes compute."""
+
+    def check(self, function, *cases):
+        for *given, wanted in cases:
+            value = function(*(np.full((1, 1, 1), number, np.float32) for number in given))
+            self.assertAlmostEqual(float(value[0, 0, 0]), wanted, places=5, msg=given)
+
+    def test_powers(self):
+        """Of negative numbers too where the exponent is whole."""
+        self.check(arithmetic.MATH["POWER"], (2.0, 0.5, 0.0, 2.0**0.5), (-2.0, 3.0, 0.0, -8.0), (-2.0, 2.0, 0.0, 4.0),
+                   (-2.0, -1.0, 0.0, -0.5), (-2.0, 0.5, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+    def test_logarithms(self):
+        self.check(arithmetic.MATH["LOGARITHM"], (8.0, 2.0, 0.0, 3.0), (0.0, 2.0, 0.0, 0.0), (-1.0, 2.0, 0.0, 0.0),
+                   (8.0, 0.0, 0.0, 0.0), (8.0, -2.0, 0.0, 0.0), (8.0, 1.0, 0.0, 0.0))
+
+    def test_lighten(self):
+        lighten = lambda *given: arithmetic.blended("LIGHTEN", *given)
+        self.check(lighten, (0.5, 0.2, 0.6, 0.4), (0.5, 0.6, 0.2, 0.6), (0.0, 0.2, 0.6, 0.2))
 
 
 class Files(Case):
