@@ -3,6 +3,8 @@
 //! pipe, is written to and never replaced.
 
 use std::fs::File;
+#[cfg(unix)]
+use std::fs::TryLockError;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -43,13 +45,18 @@ pub fn is_device(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
 }
 
-/// The file that writing to `path` makes or replaces: that which a link leads to, also where there is none yet, else `path`.
+/// Links that are followed one after the other, as many as Linux follows.
+const MOST_LINKS: usize = 40;
+
+/// The file that writing to `path` makes or replaces: that which a link leads to, perhaps by others, also where there
+/// is none yet, else `path`.
 pub fn followed(path: &Path) -> PathBuf {
-    match (std::fs::canonicalize(path), std::fs::read_link(path)) {
-        (_, Err(_)) => path.to_owned(),
-        (Ok(file), Ok(_)) => file,
-        (Err(_), Ok(missing)) => folder_of(path).join(missing),
+    let mut file = path.to_owned();
+    for _ in 0..MOST_LINKS {
+        let Ok(target) = std::fs::read_link(&file) else { break };
+        file = std::fs::canonicalize(&file).unwrap_or_else(|_| folder_of(&file).join(target));
     }
+    file
 }
 
 /// The folder that a file lies in.
@@ -73,7 +80,7 @@ impl Part {
         let folder = folder_of(path);
         // Only Unix can tell whether an open file is still the one under its name.
         #[cfg(unix)]
-        if let Some(part) = path.file_name().and_then(|name| Self::usual(&folder.join(part_of(name)))) {
+        if let Some(part) = path.file_name().and_then(|name| Self::usual(&folder.join(part_of(name)), File::try_lock)) {
             return Ok(part);
         }
         let mut builder = tempfile::Builder::new();
@@ -84,17 +91,28 @@ impl Part {
         Ok(Self { file, name, renamed: false })
     }
 
-    /// Opens the usual temporary file, emptied; none where another process may be writing to it, or where the name is a link or the
-    /// file has just got its final name.
+    /// Opens the usual temporary file, emptied and locked by `lock`; none where another process may be writing to it,
+    /// or where the name is a link or the file has just got its final name.
     #[cfg(unix)]
-    fn usual(name: &Path) -> Option<Self> {
-        let file = File::options().read(true).write(true).create(true).truncate(false).open(name).ok()?;
-        file.try_lock().ok()?;
-        let same = is_alone_at(&file.metadata().ok()?, &std::fs::symlink_metadata(name).ok()?);
-        if !same || file.set_len(0).is_err() {
-            return None;
+    fn usual(name: &Path, lock: impl FnOnce(&File) -> Result<(), TryLockError>) -> Option<Self> {
+        let open = |new: bool| File::options().read(true).write(true).create_new(new).open(name);
+        let (file, is_new) = match open(true) {
+            Ok(file) => (file, true),
+            Err(_) => (open(false).ok()?, false),
+        };
+        let locked = lock(&file);
+        let found = file.metadata().ok()?;
+        let is_own = is_alone_at(&found, &std::fs::symlink_metadata(name).ok()?);
+        match locked {
+            Ok(()) if is_own && file.set_len(0).is_ok() => Some(Self { file, name: name.to_owned(), renamed: false }),
+            // Where there are no locks every process uses files of random names, so nobody else has begun to write to
+            // this one.
+            Err(TryLockError::Error(_)) if is_new && is_own && found.len() == 0 => {
+                let _ = std::fs::remove_file(name);
+                None
+            }
+            _ => None,
         }
-        Some(Self { file, name: name.to_owned(), renamed: false })
     }
 
     /// Renames the file to its final name. The lock ends afterwards.
@@ -222,22 +240,60 @@ mod tests {
         }
     }
 
-    /// A link to an output stays one, whether its target is there or not.
+    /// A link to an output stays one, and so do those that lead to it by each other, whether their target is there or
+    /// not.
     #[cfg(unix)]
     #[test]
     fn links_stay() {
         let folder = tempfile::tempdir().unwrap();
-        let elsewhere = folder.path().join("elsewhere");
-        std::fs::create_dir(&elsewhere).unwrap();
-        let link = folder.path().join("picture");
-        std::os::unix::fs::symlink("elsewhere/picture", &link).unwrap();
-        for content in [b"first", b"later"] {
-            write_bytes(&link, content).unwrap();
-            assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
-            assert_eq!(std::fs::read(elsewhere.join("picture")).unwrap(), content);
+        let [between, elsewhere] = ["between", "elsewhere"].map(|name| folder.path().join(name));
+        for folder in [&between, &elsewhere] {
+            std::fs::create_dir(folder).unwrap();
         }
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
-        assert_eq!(std::fs::read_dir(&elsewhere).unwrap().count(), 1);
+        let links = [("picture", "elsewhere/picture"), ("far", "between/link"), ("between/link", "../elsewhere/far")];
+        let links = links.map(|(link, target)| {
+            let link = folder.path().join(link);
+            std::os::unix::fs::symlink(target, &link).unwrap();
+            link
+        });
+        for content in [b"first", b"later"] {
+            for (link, file) in [(&links[0], "picture"), (&links[1], "far")] {
+                write_bytes(link, content).unwrap();
+                assert_eq!(std::fs::read(elsewhere.join(file)).unwrap(), content);
+            }
+            assert!(links.iter().all(|link| std::fs::symlink_metadata(link).unwrap().is_symlink()));
+        }
+        for (folder, count) in [(folder.path(), 4), (between.as_path(), 1), (elsewhere.as_path(), 2)] {
+            assert_eq!(std::fs::read_dir(folder).unwrap().count(), count, "{}", folder.display());
+        }
+    }
+
+    /// Links that lead to each other are not followed for ever.
+    #[cfg(unix)]
+    #[test]
+    fn circles_of_links_have_an_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
+        std::os::unix::fs::symlink("b", &a).unwrap();
+        std::os::unix::fs::symlink("a", &b).unwrap();
+        assert!([&a, &b].contains(&&followed(&a)));
+    }
+
+    /// Where a file system has no locks, the file that was made for one does not stay; what was there before does, and
+    /// so does what another process has locked.
+    #[cfg(unix)]
+    #[test]
+    fn files_that_cannot_be_locked_are_taken_away() {
+        let folder = tempfile::tempdir().unwrap();
+        let part = folder.path().join(".fanal-picture.part");
+        let unsupported = || TryLockError::Error(std::io::ErrorKind::Unsupported.into());
+        assert!(Part::usual(&part, |_| Err(unsupported())).is_none() && !part.exists());
+        assert!(Part::usual(&part, |_| Err(TryLockError::WouldBlock)).is_none() && part.exists());
+        for content in ["", "half a picture"] {
+            std::fs::write(&part, content).unwrap();
+            assert!(Part::usual(&part, |_| Err(unsupported())).is_none());
+            assert_eq!(std::fs::read_to_string(&part).unwrap(), content);
+        }
     }
 
     /// A pipe is written to, not replaced. (Nor is `/dev/null`, for which a test would need the rights to destroy it.)

@@ -7,7 +7,9 @@ use glam::{Vec2, Vec3};
 pub struct Mesh {
     /// Vertex positions.
     pub positions: Vec<Vec3>,
-    /// Unit shading normal per vertex; empty where faces are shaded flat.
+    /// Shading normal per vertex, empty where faces are shaded flat: of unit length as read, and of any in a mesh that
+    /// [`Shape::in_world`](super::Shape::in_world) has placed, so that they mix between vertices as they would in the
+    /// mesh's own coordinates.
     pub normals: Vec<Vec3>,
     /// Texture coordinates per vertex; empty where there are none.
     pub uvs: Vec<Vec2>,

@@ -66,23 +66,31 @@ impl Shear {
         // No rounding brings a triangle in front of the origin behind it: signs of differences are exact.
         let in_front = az > 0.0 && bz > 0.0 && cz > 0.0;
         let largest = |x: f32, y: f32, z: f32| x.abs().max(y.abs()).max(z.abs());
-        let extent = [largest(ax, bx, cx), largest(ay, by, cy), largest(az, bz, cz)];
-        let is_beyond_error = || t > distance_error(extent, largest(u, v, w)) * inverse.abs();
+        let extent = [largest(ax, bx, cx), largest(ay, by, cy), largest(a[kz], b[kz], c[kz])];
+        let is_beyond_error = || t > distance_error(extent, self.shear.z.abs(), largest(u, v, w)) * inverse.abs();
         (in_front || is_beyond_error()).then_some((t, [v * inverse, w * inverse]))
     }
 }
 
-/// Bound of the rounding error of u·az + v·bz + w·cz, given the largest sheared coordinates and the largest edge function
-/// (Pharr, Jakob, Humphreys 2016, §3.9.6). A distance below it may belong to the surface that the ray leaves.
-pub(super) fn distance_error([x, y, z]: [f32; 3], edge: f32) -> f32 {
-    let (dx, dy, dz) = (ERROR_XY * (x + z), ERROR_XY * (y + z), ERROR_Z * z);
+/// Bound of the rounding error of u·az + v·bz + w·cz, given the largest sheared coordinates, of which z is not yet
+/// multiplied by `scale`, and the largest edge function (Pharr, Jakob, Humphreys 2016, §3.9.6). A distance below it may
+/// belong to the surface that the ray leaves.
+///
+/// A sheared x is p − s·z, of two differences p and z and |s| ≤ 1: p, which is at most |x| + |z|, is rounded twice, s·z
+/// three times, and rounding of s turns the ray about its origin, which moves no hit there. So its error is relative to
+/// z in the units of the mesh. The sum is in those of the ray, which are others where its direction is no unit vector,
+/// as in an instance: its z are multiplied.
+pub(super) fn distance_error([x, y, z]: [f32; 3], scale: f32, edge: f32) -> f32 {
+    let (dx, dy) = (ERROR_XY * (x + z), ERROR_XY * (y + z));
+    let z = z * scale;
+    let dz = ERROR_Z * z;
     let edge_error = 2.0 * (ERROR_EDGE * x * y + dy * x + dx * y);
     3.0 * (ERROR_Z * edge * z + edge_error * z + dz * edge)
 }
 
-/// Relative error of a sheared x or y.
+/// Error of a sheared x or y, relative to its sum with z before that is multiplied.
 pub(super) const ERROR_XY: f32 = gamma(5);
-/// Relative error of a sheared z.
+/// Relative error of z once it is multiplied.
 pub(super) const ERROR_Z: f32 = gamma(3);
 /// Relative error of an edge function by its own roundings.
 pub(super) const ERROR_EDGE: f32 = gamma(2);

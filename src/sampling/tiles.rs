@@ -119,7 +119,9 @@ fn accumulate<const N: usize>(weights: [f64; N]) -> ([f32; N], f64) {
     (cumulative, total)
 }
 
-/// The index that `u` selects, and `u` within it; `lanes` are any.
+/// The index that `u` selects, and `u` within it, at most 1 − 2⁻²⁴: so far is a single number from the next, the end of
+/// the index, at least. It stays below 1 as a single number, and so never chooses cells without weight at the end of a
+/// tile. `lanes` are any.
 #[inline(always)]
 fn select<R: Real, const N: usize>(lanes: R, cumulative: &[f32; N], u: f32) -> (usize, f64) {
     let mut below = 0;
@@ -221,9 +223,10 @@ mod tests {
         (weights[5], weights[3 * COLUMNS + 7]) = (1.0, 3.0);
         let learned = Weights::new(&weights, &vec![1.0 / TILES as f32; TILES]);
         for u in [0.0, 0.3, 0.5, 1.0 - f32::EPSILON / 2.0] {
-            for v in [0.0, 0.2, 0.7, 1.0 - f32::EPSILON / 2.0] {
-                let (tile, _) = learned.choose(0.0, [u, v]);
+            for v in [0.0, 0.2, 0.25f32.next_down(), 0.7, 1.0 - f32::EPSILON / 2.0] {
+                let (tile, inside) = learned.choose(0.0, [u, v]);
                 assert!(weights[tile] > 0.0, "{u} {v}: {tile}");
+                assert!(inside.iter().all(|&place| (place as f32) < 1.0), "{u} {v}: {inside:?}");
             }
         }
         assert_eq!(learned.ratio(0), 0.0);

@@ -105,6 +105,7 @@ fn test<const INCLUSIVE: bool>(packet: &Packet, shear: &Shear, t_max: f32) -> Fo
         return found;
     }
     let inverse = _mm_div_ps(_mm_set1_ps(1.0), _mm_add_ps(_mm_add_ps(u, v), w));
+    let depths = [az, bz, cz];
     let [az, bz, cz] = [_mm_mul_ps(az, sz), _mm_mul_ps(bz, sz), _mm_mul_ps(cz, sz)];
     let sum = _mm_add_ps(_mm_add_ps(_mm_mul_ps(u, az), _mm_mul_ps(v, bz)), _mm_mul_ps(w, cz));
     let t = _mm_mul_ps(sum, inverse);
@@ -116,10 +117,9 @@ fn test<const INCLUSIVE: bool>(packet: &Packet, shear: &Shear, t_max: f32) -> Fo
     let not_in_front = _mm_cmp_ps::<_CMP_NGT_UQ>(_mm_min_ps(az, _mm_min_ps(bz, cz)), zero);
     let doubtful = _mm_and_ps(valid, not_in_front);
     if _mm_movemask_ps(doubtful) != 0 {
-        let extent = [largest_of([ax, bx, cx]), largest_of([ay, by, cy]), largest_of([az, bz, cz])];
-        let error = distance_error(extent, largest_of([u, v, w]));
-        let magnitude = _mm_andnot_ps(_mm_set1_ps(-0.0), inverse);
-        let within = _mm_cmp_ps::<_CMP_NGT_UQ>(t, _mm_mul_ps(error, magnitude));
+        let extent = [largest_of([ax, bx, cx]), largest_of([ay, by, cy]), largest_of(depths)];
+        let error = distance_error(extent, magnitude(sz), largest_of([u, v, w]));
+        let within = _mm_cmp_ps::<_CMP_NGT_UQ>(t, _mm_mul_ps(error, magnitude(inverse)));
         valid = _mm_andnot_ps(_mm_and_ps(doubtful, within), valid);
     }
     found.mask = _mm_movemask_ps(valid) as u32;
@@ -130,18 +130,24 @@ fn test<const INCLUSIVE: bool>(packet: &Packet, shear: &Shear, t_max: f32) -> Fo
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
+fn magnitude(v: __m128) -> __m128 {
+    _mm_andnot_ps(_mm_set1_ps(-0.0), v)
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma")]
 fn largest_of([a, b, c]: [__m128; 3]) -> __m128 {
-    let magnitude = |v: __m128| _mm_andnot_ps(_mm_set1_ps(-0.0), v);
     _mm_max_ps(_mm_max_ps(magnitude(a), magnitude(b)), magnitude(c))
 }
 
 /// See [`crate::geometry::triangle::distance_error`].
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-fn distance_error([x, y, z]: [__m128; 3], edge: __m128) -> __m128 {
+fn distance_error([x, y, z]: [__m128; 3], scale: __m128, edge: __m128) -> __m128 {
     let times = |factor: f32, v: __m128| _mm_mul_ps(_mm_set1_ps(factor), v);
     let dx = times(ERROR_XY, _mm_add_ps(x, z));
     let dy = times(ERROR_XY, _mm_add_ps(y, z));
+    let z = _mm_mul_ps(z, scale);
     let dz = times(ERROR_Z, z);
     let products = _mm_add_ps(_mm_mul_ps(times(ERROR_EDGE, x), y), _mm_mul_ps(dy, x));
     let edge_error = times(2.0, _mm_add_ps(products, _mm_mul_ps(dx, y)));

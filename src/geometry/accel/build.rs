@@ -2,8 +2,12 @@
 //! Meister and Bittner 2018), which is cut into nodes of eight. Large slanted
 //! triangles are split where that lowers the cost of the whole.
 
+use std::hash::BuildHasher;
+
+use hashbrown::{DefaultHashBuilder, HashMap};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
@@ -15,6 +19,10 @@ use super::split::split;
 
 /// Part of the nodes that the first round of reinsertion tries; later rounds try fewer.
 const REINSERTION: f32 = 0.05;
+
+/// Most equal boxes that clustering gets. Of more it would join one pair a round, and make a chain as long as they are
+/// many.
+const MOST_EQUAL: usize = 8;
 
 /// Levels of nodes whose subtrees are made in parallel: up to 64.
 const PARALLEL_LEVELS: usize = 2;
@@ -71,15 +79,89 @@ fn tree(cut: &Cut, triangle: impl Fn(usize) -> Triangle + Sync) -> Tree {
     Tree { nodes: part.nodes, packets, root, depth: part.depth }
 }
 
-/// A binary hierarchy over boxes around the primitives `indices`.
-fn binary(boxes: &[Aabb], indices: Vec<u32>) -> Bvh2 {
+/// A binary hierarchy over boxes, each around the primitive in the same place, or around a part of it.
+fn binary(boxes: &[Aabb], primitives: Vec<u32>) -> Bvh2 {
+    let groups = equal(boxes);
+    if groups.is_empty() {
+        let mut bvh = clustered(boxes);
+        bvh.primitive_indices = primitives;
+        return bvh;
+    }
+    // Of equal boxes clustering gets the first, whose leaf then becomes a subtree.
+    let mut is_kept = vec![true; boxes.len()];
+    for &later in groups.values().flat_map(|group| &group[1..]) {
+        is_kept[later as usize] = false;
+    }
+    let kept: Vec<u32> = (0..boxes.len() as u32).filter(|&number| is_kept[number as usize]).collect();
+    let mut bvh = clustered(&kept.iter().map(|&number| boxes[number as usize]).collect::<Vec<_>>());
+    bvh.primitive_indices = kept.iter().map(|&number| primitives[number as usize]).collect();
+    for index in 0..bvh.nodes.len() {
+        let node = bvh.nodes[index];
+        if node.is_leaf()
+            && let Some(group) = groups.get(&kept[node.first_index as usize])
+        {
+            let first = bvh.primitive_indices.len() as u32;
+            bvh.primitive_indices.extend(group.iter().map(|&number| primitives[number as usize]));
+            grow(&mut bvh.nodes, index, first, group.len() as u32);
+        }
+    }
+    bvh.parents.clear();
+    bvh
+}
+
+/// A binary hierarchy whose primitives are the boxes.
+fn clustered(boxes: &[Aabb]) -> Bvh2 {
     if boxes.is_empty() {
         return Bvh2::default();
     }
     let mut builder = PlocBuilder::with_capacity(boxes.len());
+    // A leaf gets an index itself, not its place, and is then looked up there: both have to be the same.
+    let indices = (0..boxes.len() as u32).collect();
     let mut bvh = builder.build(PlocSearchDistance::Medium, boxes, indices, SortPrecision::U64, 3);
     ReinsertionOptimizer::default().run(&mut bvh, REINSERTION, None);
     bvh
+}
+
+/// Makes a leaf the root of a subtree over `count` primitives, the `first` and those after it, all in its box. Each
+/// left half is a power of two, so that packets get full.
+fn grow(nodes: &mut Vec<Bvh2Node>, leaf: usize, first: u32, count: u32) {
+    let bounds = *nodes[leaf].aabb();
+    let mut pending = vec![(leaf, first, count)];
+    while let Some((index, first, count)) = pending.pop() {
+        if count == 1 {
+            nodes[index] = Bvh2Node::new(bounds, 1, first);
+            continue;
+        }
+        let (below, left) = (nodes.len(), count.next_power_of_two() / 2);
+        nodes[index] = Bvh2Node::new(bounds, 0, below as u32);
+        nodes.extend([Bvh2Node::default(); 2]);
+        pending.extend([(below, first, left), (below + 1, first + left, count - left)]);
+    }
+}
+
+/// Groups of more than [`MOST_EQUAL`] equal boxes, in their order, by the first of each.
+fn equal(boxes: &[Aabb]) -> HashMap<u32, Vec<u32>> {
+    let bits = |b: &Aabb| [b.min, b.max].map(|corner| corner.to_array().map(f32::to_bits));
+    let hasher = DefaultHashBuilder::default();
+    let mut counts = vec![0u8; 2 * boxes.len().next_power_of_two()];
+    let mask = counts.len() - 1;
+    let place = |b: &Aabb| hasher.hash_one(bits(b)) as usize & mask;
+    // Nearly everywhere a count by hash, of which there are twice as many as boxes or more, tells that there is none.
+    for b in boxes {
+        let count = &mut counts[place(b)];
+        *count = count.saturating_add(1);
+    }
+    let is_many = |count: usize| count > MOST_EQUAL;
+    if !counts.iter().any(|&count| is_many(count.into())) {
+        return HashMap::new();
+    }
+    let mut groups: HashMap<[[u32; 3]; 2], Vec<u32>> = HashMap::new();
+    for (b, number) in boxes.iter().zip(0..) {
+        if is_many(counts[place(b)].into()) {
+            groups.entry(bits(b)).or_default().push(number);
+        }
+    }
+    groups.into_values().filter(|group| is_many(group.len())).map(|group| (group[0], group)).collect()
 }
 
 /// A subtree whose nodes and packets are numbered from 0.
@@ -169,7 +251,10 @@ impl Part {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::soup;
+    use glam::Vec3;
+
+    use super::super::node::LANES;
+    use super::super::tests::{fewer, soup};
     use super::super::{box_of, sphere_box};
     use super::*;
     use crate::base::random::Random;
@@ -190,6 +275,29 @@ mod tests {
             let parts = Part::of(&cut, 0, levels);
             assert!(parts.nodes == whole.nodes && parts.leaves == whole.leaves, "{levels} levels");
             assert_eq!(parts.depth, whole.depth, "{levels} levels");
+        }
+    }
+
+    /// Equal boxes make a balanced tree of full packets, alone and beside others, in which every primitive has its
+    /// leaf.
+    #[test]
+    fn equal_boxes_make_no_chain() {
+        for (others, count) in [(0, MOST_EQUAL + 1), (0, fewer(20_000)), (fewer(300), fewer(3000))] {
+            let mesh = soup(&mut Random::new(52, 0, 0), others, 0.05);
+            let mut boxes: Vec<Aabb> =
+                mesh.triangles.iter().map(|t| box_of(&t.map(|vertex| mesh.positions[vertex as usize]))).collect();
+            let sphere = Sphere { center: Vec3::splat(0.5), radius: 0.1 };
+            boxes.extend(std::iter::repeat_n(sphere_box(&sphere), count));
+            let numbers: Vec<u32> = (0..boxes.len() as u32).collect();
+            let tree = binary(&boxes, numbers.clone());
+            let leaves = tree.nodes.iter().filter(|node| node.is_leaf());
+            let mut found: Vec<u32> = leaves.map(|leaf| tree.primitive_indices[leaf.first_index as usize]).collect();
+            found.sort_unstable();
+            assert!(found == numbers && tree.nodes.len() == 2 * boxes.len() - 1, "{others} and {count}");
+            let part = Part::of(&Cut::new(tree, boxes.len()), 0, 0);
+            let packets = others + count.div_ceil(LANES);
+            assert!(part.leaves.len() <= packets, "{} packets for {others} and {count}", part.leaves.len());
+            assert!(part.depth <= 2 * boxes.len().ilog2() as usize, "depth {} for {others} and {count}", part.depth);
         }
     }
 }

@@ -311,7 +311,8 @@ fn instance_box(shape: &Shape, mesh: &Mesh) -> Aabb {
     widened(Aabb::new(all.min - margin, all.max + margin))
 }
 
-/// Largest mesh, in triangles, that is stored again for each shape that uses it: an instance would cost rays more.
+/// Largest mesh, in triangles, that is stored again for each shape that uses it, however many do: an instance would
+/// cost rays more.
 pub const SELDOM_SHARED: usize = 12;
 
 /// Meshes that get a hierarchy of their own: used more than once, and big enough that storing them twice costs more.

@@ -14,6 +14,9 @@ use crate::geometry::Ray;
 const NODE_COST: u32 = 3;
 const LEAF_COST: u32 = 2;
 
+/// Visits at which a query ends: a ray past very many triangles in one place would visit all of them.
+const MOST_VISITS: usize = 1 << 12;
+
 /// Seed that makes the choice of children differ from other random numbers.
 const SEED: u64 = 0x0CC1_0DE5;
 
@@ -41,6 +44,8 @@ pub struct Search<'a> {
     /// Cost of the query so far.
     cost: u32,
     visits: Vec<Visit>,
+    /// Number of visits at which the query ends; nodes on the path add theirs.
+    end: usize,
 }
 
 /// A node on the path from the root, whose child `visit.lane` is being searched.
@@ -55,13 +60,15 @@ struct Waiting {
 impl<'a> Search<'a> {
     /// A search over `accel`; `block` makes its random numbers differ from those of other searches.
     pub fn new(accel: &'a Accel, block: u64) -> Self {
-        Self { accel, random: Random::new(SEED, block, 0), way: Vec::new(), cost: 0, visits: Vec::new() }
+        Self { accel, random: Random::new(SEED, block, 0), way: Vec::new(), cost: 0, visits: Vec::new(), end: 0 }
     }
 
-    /// Runs the queries `samples`, each a ray and its maximum distance, and returns every visit.
+    /// Runs the queries `samples`, each a ray and its maximum distance, and returns their visits: all of each, or
+    /// [`MOST_VISITS`].
     pub fn run(mut self, samples: &[(Ray, f32)]) -> Vec<Visit> {
         for (ray, t_max) in samples {
             self.cost = 0;
+            self.end = self.visits.len() + MOST_VISITS;
             Query::with(ray, |query| match self.accel.hierarchy.kernel {
                 Kernel::Portable => self.search(Portable, 0, query, *t_max),
                 #[cfg(target_arch = "x86_64")]
@@ -92,6 +99,10 @@ impl<'a> Search<'a> {
                 if found {
                     return true;
                 }
+            }
+            if self.visits.len() >= self.end {
+                self.way.truncate(begin);
+                return false;
             }
             let Some(child) = self.next_child(tree, begin) else { return false };
             current = child;
@@ -145,5 +156,32 @@ impl<'a> Search<'a> {
             self.end_child(begin, false);
         }
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::{Affine3A, Vec3};
+
+    use super::super::tests::in_one_place;
+    use super::*;
+    use crate::geometry::Shape;
+
+    /// A ray past many triangles in one place, all of which it has to be tested against, leaves no more visits than it
+    /// may, also where they are those of instances.
+    #[test]
+    #[cfg_attr(miri, ignore = "of the few triangles that Miri has time for a query visits all")]
+    fn visits_are_bounded() {
+        let mesh = Arc::new(in_one_place(5 * MOST_VISITS));
+        let shape = |y: f32| Shape::mesh(mesh.clone(), Affine3A::from_translation(y * Vec3::Y), false);
+        for shapes in [vec![shape(0.0)], vec![shape(0.0), shape(1e-3)]] {
+            let accel = Accel::new(&shapes);
+            let past = Ray { origin: Vec3::new(0.9, 0.9, 1.0), direction: Vec3::NEG_Z };
+            let visits = Search::new(&accel, 0).run(&[(past, f32::INFINITY); 3]);
+            assert!((3 * MOST_VISITS..3 * (MOST_VISITS + 100)).contains(&visits.len()), "{} visits", visits.len());
+            assert!(visits.iter().all(|visit| !visit.found));
+        }
     }
 }

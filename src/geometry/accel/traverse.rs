@@ -189,7 +189,7 @@ pub struct Hierarchy {
 }
 
 /// Stack size in children, for hierarchies of usual depth; deeper ones need memory from the heap.
-const USUAL_STACK: usize = 128;
+pub(super) const USUAL_STACK: usize = 128;
 /// Stack size for hierarchies of a few hundred triangles, where clearing a longer stack shows.
 const SMALL_STACK: usize = 32;
 

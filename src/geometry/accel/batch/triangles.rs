@@ -83,14 +83,15 @@ pub fn test<T: Wide, const INCLUSIVE: bool, const EARLY: bool>(
         return;
     }
     let inverse = (u + v + w).inverse();
+    let depths = [az, bz, cz];
     let [az, bz, cz] = [az * sz, bz * sz, cz * sz];
     let t = (u * az + v * bz + w * cz) * inverse;
     let before = if INCLUSIVE { t.le(t_max) } else { t.lt(t_max) };
     let mut valid = inside & before & t.gt(zero);
     let doubtful = valid & !az.min(bz.min(cz)).gt(zero);
     if doubtful.any() {
-        let extent = [largest_of([ax, bx, cx]), largest_of([ay, by, cy]), largest_of([az, bz, cz])];
-        let error = distance_error(extent, largest_of([u, v, w]));
+        let extent = [largest_of([ax, bx, cx]), largest_of([ay, by, cy]), largest_of(depths)];
+        let error = distance_error(extent, sz.abs(), largest_of([u, v, w]));
         valid = valid & !(doubtful & !t.gt(error * inverse.abs()));
     }
     found.mask = valid.answers();
@@ -111,8 +112,10 @@ fn times<R: Real>(factor: f32, number: R) -> R {
 
 /// See [`crate::geometry::triangle::distance_error`].
 #[inline(always)]
-fn distance_error<R: Real>([x, y, z]: [R; 3], edge: R) -> R {
-    let (dx, dy, dz) = (times(ERROR_XY, x + z), times(ERROR_XY, y + z), times(ERROR_Z, z));
+fn distance_error<R: Real>([x, y, z]: [R; 3], scale: R, edge: R) -> R {
+    let (dx, dy) = (times(ERROR_XY, x + z), times(ERROR_XY, y + z));
+    let z = z * scale;
+    let dz = times(ERROR_Z, z);
     let edge_error = times(2.0, times(ERROR_EDGE, x) * y + dy * x + dx * y);
     times(3.0, times(ERROR_Z, edge) * z + edge_error * z + dz * edge)
 }
