@@ -5,6 +5,7 @@ use std::f32::consts::PI;
 use glam::Vec3;
 
 use super::bounds::{Cone, LightBounds};
+pub use super::glow::MOST_PIECES;
 use super::glow::{self, Glow};
 
 use super::{Emission, LightSample, LightSamples};
@@ -54,19 +55,27 @@ impl AreaLight {
 
     /// The emitting `shape` with `radiance` times `texture`, W·m⁻²·sr⁻¹.
     pub fn textured(shape: Shape, radiance: Vec3, texture: Texture) -> Self {
+        Self::textured_within(shape, radiance, texture, MOST_PIECES)
+    }
+
+    /// As [`AreaLight::textured`], with another number of pieces than [`MOST_PIECES`].
+    pub fn textured_within(shape: Shape, radiance: Vec3, texture: Texture, pieces: usize) -> Self {
         if let Texture::Constant(color) = texture {
             return Self::new(shape, radiance * color);
         }
         let Geometry::Mesh { mesh, .. } = &shape.geometry else {
             let glow = Glow::of_sphere(texture);
             let even = Self::new(shape, radiance);
-            return Self { power: even.power * glow.mean_on_sphere(), glow: Some(Box::new(glow)), ..even };
+            let read = even.power * glow.mean_on_sphere();
+            // Points may miss the few pixels that shine, and what has no power is never chosen.
+            let power = if read == Vec3::ZERO { even.power * glow.mean_of_texture() } else { read };
+            return Self { power, glow: Some(Box::new(glow)), ..even };
         };
-        let (glow, cut) = Glow::of_mesh(texture, &shape, mesh.triangles.len() as u32);
+        let (glow, cut) = Glow::of_mesh(texture, radiance, &shape, mesh.triangles.len() as u32, pieces);
         let placed =
             cut.corners.iter().zip(&cut.triangles).map(|([a, b, c], index)| [*a, *b, *c, normal(&shape, *index)]);
         let placed = placed.collect();
-        let power = radiance * cut.integral * PI;
+        let power = cut.integral * PI;
         let area = cut.pieces.total() as f32;
         Self { shape, radiance, triangles: cut.pieces, area, placed, glow: Some(Box::new(glow)), power }
     }

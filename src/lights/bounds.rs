@@ -11,28 +11,41 @@ pub struct LightBounds {
     pub low: Vec3,
     /// Upper corner of the box.
     pub high: Vec3,
-    /// Cone around all its normals, or its axes of symmetry.
+    /// Cone around all its normals, or its axes of symmetry, and how far around these it shines.
     pub cone: Cone,
     /// Radiant intensity in the direction where it is greatest, W·sr⁻¹, channel mean.
     pub intensity: f32,
 }
 
-/// A cone of directions around an axis.
+/// A cone of normals around an axis, and the directions around each of them into which light goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cone {
     /// Unit vector.
     pub axis: Vec3,
-    /// Half angle in [0, π].
+    /// Half angle in [0, π] of the cone of normals, θ_o of the paper.
     pub half: f32,
+    /// Angle in [0, π/2] to a normal beyond which there is no light, θ_e.
+    pub end: f32,
 }
+
+/// Greatest `end` of a spot; one that is wider counts as several. At the edge of a wide spot, which may be as bright as
+/// its middle, the estimate, a cosine, would be next to nothing.
+const WIDEST: f32 = 1.4;
+/// Least measure of a cone: bounds of narrow spots would cost nothing, however they are divided.
+const LEAST_MEASURE: f32 = 1e-3;
 
 impl Cone {
     /// Every direction.
-    pub const ALL: Self = Self { axis: Vec3::Z, half: PI };
+    pub const ALL: Self = Self { axis: Vec3::Z, half: PI, end: FRAC_PI_2 };
 
-    /// Directions within `half` of the unit vector `axis`.
+    /// Surfaces with normals within `half` of the unit vector `axis`.
     pub fn new(axis: Vec3, half: f32) -> Self {
-        Self { axis, half }
+        Self { axis, half, end: FRAC_PI_2 }
+    }
+
+    /// Light within `cutoff` of the unit vector `axis`, and nowhere else.
+    pub fn beam(axis: Vec3, cutoff: f32) -> Self {
+        Self { axis, half: (cutoff - WIDEST).max(0.0), end: cutoff.min(WIDEST) }
     }
 
     /// A cone around both.
@@ -41,8 +54,9 @@ impl Cone {
         let (turn, cosine) = (wide.axis.cross(narrow.axis), wide.axis.dot(narrow.axis));
         // By sine and cosine: next to 1 a cosine alone tells angles of 3e-4 from 0 no more.
         let between = turn.length().atan2(cosine);
+        let end = wide.end.max(narrow.end);
         if (between + narrow.half).min(PI) <= wide.half {
-            return wide;
+            return Self { end, ..wide };
         }
         let half = 0.5 * (wide.half + between + narrow.half);
         // Nearly opposite axes have no plane to turn in.
@@ -50,15 +64,15 @@ impl Cone {
             return Self::ALL;
         }
         let turned = glam::Quat::from_axis_angle(turn.normalize(), half - wide.half) * wide.axis;
-        Self { axis: turned.normalize(), half }
+        Self { axis: turned.normalize(), half, end }
     }
 
-    /// About the solid angle into which surfaces with these normals shine.
+    /// About the solid angle into which lights with these normals shine.
     fn measure(self) -> f32 {
-        let end = (self.half + FRAC_PI_2).min(PI);
+        let end = (self.half + self.end).min(PI);
         let (half, cos) = (self.half, self.half.cos());
         let rim = 2.0 * end * half.sin() - (half - 2.0 * end).cos() - 2.0 * half * half.sin() + cos;
-        TAU * (1.0 - cos) + FRAC_PI_2 * rim
+        (TAU * (1.0 - cos) + FRAC_PI_2 * rim).max(LEAST_MEASURE)
     }
 }
 
@@ -114,5 +128,24 @@ mod tests {
         }
         let opposite = Cone::new(Vec3::Y, 0.1).union(Cone::new(-Vec3::Y, 0.1));
         assert_eq!(opposite, Cone::ALL);
+    }
+
+    /// Around several cones there is light wherever one of them has some.
+    #[test]
+    fn unions_end_no_sooner_than_their_parts() {
+        let mut random = Random::new(63, 0, 0);
+        let unit =
+            |random: &mut Random| Vec3::from_array([(); 3].map(|()| random.range(-1.0, 1.0))).normalize_or(Vec3::Z);
+        for _ in 0..2000 {
+            let cone = |axis: Vec3, random: &mut Random| match random.below(3) {
+                0 => Cone::new(axis, random.range(0.0, 1.0)),
+                _ => Cone::beam(axis, random.range(0.0, PI)),
+            };
+            let parts: [Cone; 3] = std::array::from_fn(|_| cone(unit(&mut random), &mut random));
+            let all = parts.into_iter().reduce(Cone::union).unwrap();
+            let to = unit(&mut random);
+            let reached = |cone: &Cone, more: f32| cone.axis.angle_between(to) <= cone.half + cone.end + more;
+            assert!(reached(&all, 2e-3) || !parts.iter().any(|part| reached(part, 0.0)), "{parts:?} {to}");
+        }
     }
 }

@@ -4,7 +4,7 @@
 
 use std::f32::consts::PI;
 
-use glam::{Affine2, DVec2, Vec2, Vec3};
+use glam::{Affine2, DVec2, DVec3, Vec2, Vec3};
 
 use super::cut;
 use crate::geometry::Shape;
@@ -21,8 +21,9 @@ const MOST_CELLS: usize = 64;
 const POINTS: usize = 6;
 /// Brightness that every cell has at least, as a part of the mean: no point that emits may have no density.
 const LEAST: f32 = 0.1;
-/// Most pieces that a mesh is cut into; the grid gets coarser until they suffice.
-const MOST_PIECES: f64 = 65536.0;
+/// About the most pieces that a mesh is cut into, of 90 bytes each, or two for each triangle of a large one; the grid
+/// gets coarser until they suffice.
+pub const MOST_PIECES: usize = 1 << 16;
 
 /// A texture of emission with the distribution of points by it.
 #[derive(Debug, Clone)]
@@ -56,7 +57,7 @@ pub struct Cut {
     pub corners: Vec<[Vec3; 3]>,
     /// The triangle that it is part of.
     pub triangles: Vec<u32>,
-    /// ∫ of the texture over the surface, world units squared.
+    /// ∫ of the radiance over the surface, W·sr⁻¹.
     pub integral: Vec3,
 }
 
@@ -66,9 +67,10 @@ impl Glow {
         Self { texture, side: 1, cells: vec![1.0], uvs: Vec::new(), areas: Vec::new(), total: 1.0 }
     }
 
-    /// The emission of a mesh, and the pieces by which it is drawn.
-    pub fn of_mesh(texture: Texture, shape: &Shape, triangles: u32) -> (Self, Cut) {
-        let side = fitting_side(&texture, shape, triangles);
+    /// The emission of a mesh, `radiance` times the texture, and the pieces by which it is drawn; `most` is as
+    /// [`MOST_PIECES`] says.
+    pub fn of_mesh(texture: Texture, radiance: Vec3, shape: &Shape, triangles: u32, most: usize) -> (Self, Cut) {
+        let side = fitting_side(&texture, shape, triangles, most);
         let cells = brightness(&texture, side);
         let mut glow = Self { texture, side, cells, uvs: Vec::new(), areas: Vec::new(), total: 0.0 };
         let pieces: Vec<Piece> = (0..triangles).flat_map(|triangle| glow.cut(shape, triangle)).collect();
@@ -76,7 +78,9 @@ impl Glow {
         glow.total = distribution.total() as f32;
         glow.areas = pieces.iter().map(|piece| glow.total / glow.cell(middle(piece.uvs))).collect();
         glow.uvs = pieces.iter().map(|piece| piece.uvs).collect();
-        let integral = pieces.iter().map(|piece| glow.mean(piece.uvs) * area(piece.corners) as f32).sum();
+        let read: Vec3 = pieces.iter().map(|piece| glow.mean(piece.uvs) * area(piece.corners) as f32).sum();
+        // Points may miss the few pixels that shine, and what has no power is never chosen.
+        let integral = radiance * if radiance * read == Vec3::ZERO { glow.integral_of_pixels(&pieces) } else { read };
         let triangles = pieces.iter().map(|piece| piece.triangle).collect();
         let corners = pieces.into_iter().map(|piece| piece.corners).collect();
         (glow, Cut { pieces: distribution, corners, triangles, integral })
@@ -107,6 +111,44 @@ impl Glow {
         sum * (0.25 * PI / (ROWS * ROWS) as f32)
     }
 
+    /// Mean of the texture.
+    pub fn mean_of_texture(&self) -> Vec3 {
+        self.texture.mean().max(Vec3::ZERO)
+    }
+
+    /// ∫ of the texture over pieces by the means of their cells, which miss nothing.
+    fn integral_of_pixels(&self, pieces: &[Piece]) -> Vec3 {
+        let mut means = vec![None; self.cells.len()];
+        let of_piece = |piece: &Piece| {
+            let cell = self.index(middle(piece.uvs));
+            *means[cell].get_or_insert_with(|| self.mean_of_pixels(cell)) * area(piece.corners) as f32
+        };
+        pieces.iter().map(of_piece).sum()
+    }
+
+    /// Mean of the pixels of a cell and of those next to it, which are read for points near its edges.
+    fn mean_of_pixels(&self, cell: usize) -> Vec3 {
+        let Texture::Bitmap { image, scale, .. } = &self.texture else {
+            // The squares of a board are cells, so that points of all were read, unless all of it is a single cell.
+            return if self.side == 1 { self.mean_of_texture() } else { Vec3::ZERO };
+        };
+        let along = |part: usize, pixels: usize| {
+            let (first, beyond) = (part * pixels / self.side, ((part + 1) * pixels).div_ceil(self.side));
+            // One before the first, from the other side where there is none.
+            (first + pixels - 1..=beyond + pixels).map(move |index| index % pixels)
+        };
+        let [width, height] = image.size();
+        let (mut sum, mut count) = (DVec3::ZERO, 0usize);
+        for row in along(cell / self.side, height) {
+            for column in along(cell % self.side, width) {
+                let [pixel] = image.pixels([row * width + column]);
+                sum += (pixel * *scale).max(Vec3::ZERO).as_dvec3();
+                count += 1;
+            }
+        }
+        (sum / count as f64).as_vec3()
+    }
+
     /// The factor on the radiance where the uniform numbers `u` lead to within `piece`, and the inverse of the density there.
     #[inline]
     pub fn drawn(&self, piece: usize, u: [f32; 2]) -> (Vec3, f32) {
@@ -121,11 +163,16 @@ impl Glow {
         self.total / self.cell(uv)
     }
 
-    /// Relative density of the cell at texture coordinates.
-    fn cell(&self, uv: Vec2) -> f32 {
+    /// Index of the cell at texture coordinates.
+    fn index(&self, uv: Vec2) -> usize {
         let (to_uv, wrap) = placement(&self.texture);
         let [column, row] = to_uv.transform_point2(uv).to_array().map(|x| fold(x, wrap, self.side));
-        self.cells[row * self.side + column]
+        row * self.side + column
+    }
+
+    /// Relative density of the cell at texture coordinates.
+    fn cell(&self, uv: Vec2) -> f32 {
+        self.cells[self.index(uv)]
     }
 
     /// Mean of the texture over a small triangle.
@@ -195,28 +242,27 @@ fn fold(x: f32, wrap: Wrap, side: usize) -> usize {
 }
 
 /// Rows and columns of the grid: as fine as the picture, as long as the mesh is not cut into too many pieces.
-fn fitting_side(texture: &Texture, shape: &Shape, triangles: u32) -> usize {
+fn fitting_side(texture: &Texture, shape: &Shape, triangles: u32, most: usize) -> usize {
     let (to_uv, _) = placement(texture);
     let mut side = match texture {
         Texture::Constant(_) => 1,
         Texture::Checkerboard { .. } => 2,
         Texture::Bitmap { image, .. } => image.size().into_iter().max().unwrap_or(1).clamp(1, MOST_CELLS),
     };
-    let extents: Vec<Vec2> = (0..triangles)
+    // Width and height together, and twice the area on the picture.
+    let sizes: Vec<[f64; 2]> = (0..triangles)
         .map(|triangle| {
-            let [a, b, c] = shape.triangle_uvs(triangle).map(|uv| to_uv.transform_point2(uv));
-            a.max(b).max(c) - a.min(b).min(c)
+            let [a, b, c] = shape.triangle_uvs(triangle).map(|uv| to_uv.transform_point2(uv).as_dvec2());
+            [(a.max(b).max(c) - a.min(b).min(c)).element_sum(), (b - a).perp_dot(c - a).abs()]
         })
         .collect();
     let pieces = |side: usize| -> f64 {
-        let cells = |extent: &Vec2| {
-            let lines = extent.as_dvec2() * side as f64;
-            // About half of the cells of a triangle's box are in it.
-            (lines.x + 2.0) * (lines.y + 2.0)
-        };
-        extents.iter().map(cells).sum()
+        let side = side as f64;
+        // In the mean over all places of the grid there are as many cuts as the triangle is wide, high and large in
+        // cells; and each of a polygon in two adds two to the triangles that make it up.
+        sizes.iter().map(|[span, twice_area]| 1.0 + side * (2.0 * span + side * twice_area)).sum()
     };
-    let fits = |side: usize| pieces(side) <= MOST_PIECES.max(4.0 * f64::from(triangles));
+    let fits = |side: usize| pieces(side) <= f64::max(most as f64, 2.0 * f64::from(triangles));
     while side > 1 && !fits(side) {
         side /= 2;
     }

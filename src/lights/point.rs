@@ -129,7 +129,7 @@ impl Spot {
     /// Position, intensity and cone of directions.
     pub(super) fn bounds(&self) -> LightBounds {
         let intensity = channel_mean(self.intensity);
-        LightBounds { low: self.position, high: self.position, cone: Cone::new(self.frame.n, self.cutoff), intensity }
+        LightBounds { low: self.position, high: self.position, cone: Cone::beam(self.frame.n, self.cutoff), intensity }
     }
 
     /// Samples a photon in a uniform direction of the cone.

@@ -1,6 +1,6 @@
 //! Lights without extent that project a picture: through a perspective, as a camera would take it, or within the cone of a spot.
 
-use std::f32::consts::PI;
+use std::f32::consts::FRAC_PI_2;
 
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -172,13 +172,15 @@ impl Projector {
     /// Position, mean intensity (the greatest may be that of a single pixel), and the cone around the picture.
     pub(super) fn bounds(&self) -> LightBounds {
         let axis = self.to_world.z_axis;
-        // The picture is flat, so its corners are the farthest from the axis.
-        let corners = [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|corner| self.place(corner).direction);
-        let half = corners.iter().map(|direction| axis.angle_between(*direction)).fold(0.0, f32::max).min(PI);
+        // The picture is flat, so its corners are the farthest from the axis, as long as all are in front of the light.
+        let corners = [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE];
+        let angles = corners.map(|corner| axis.angle_between(self.place(corner).direction));
+        let in_front = angles.iter().all(|angle| *angle < FRAC_PI_2);
+        let cone = if in_front { Cone::beam(axis, angles.into_iter().fold(0.0, f32::max)) } else { Cone::ALL };
         // Between the points that were read may be pixels that shine, and what has no intensity is never chosen.
         let read = channel_mean(self.power) / self.solid_angle.max(f32::MIN_POSITIVE);
         let intensity = read.max(LEAST * channel_mean(self.intensity * self.picture.mean().max(Vec3::ZERO)));
-        LightBounds { low: self.position, high: self.position, cone: Cone::new(axis, half), intensity }
+        LightBounds { low: self.position, high: self.position, cone, intensity }
     }
 
     /// Emitted power ∫ I dω.

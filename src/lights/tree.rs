@@ -19,11 +19,19 @@ struct Node<R> {
     axis: V3<R>,
     cos_half: R,
     sin_half: R,
+    /// Cosine of a little more than the angle to a normal beyond which there is no light.
+    cos_end: R,
     intensity: R,
 }
 
 /// Numbers in a [`Node`].
-const NUMBERS: usize = 10;
+const NUMBERS: usize = 11;
+/// What rounding may make of an angle: next to 0 and 180° sines and cosines tell it only to a few 1e-4.
+const ROUNDED: f32 = 2e-3;
+/// Greatest intensity of a light in its bounds. More, or what has overflowed, would leave nothing to all others.
+const BRIGHTEST: f32 = 1e30;
+/// Greatest estimate of a node, so that the sum of two is finite at the very place of a light too.
+const GREATEST: f32 = 1e38;
 
 impl Node<f32> {
     fn new(bounds: &LightBounds) -> Self {
@@ -34,13 +42,14 @@ impl Node<f32> {
             axis: bounds.cone.axis.into(),
             cos_half,
             sin_half,
+            cos_end: (bounds.cone.end + ROUNDED).cos(),
             intensity: bounds.intensity,
         }
     }
 
     fn numbers(&self) -> [f32; NUMBERS] {
-        let Self { centre, radius, axis, cos_half, sin_half, intensity } = self;
-        [centre.x, centre.y, centre.z, *radius, axis.x, axis.y, axis.z, *cos_half, *sin_half, *intensity]
+        let Self { centre, radius, axis, cos_half, sin_half, cos_end, intensity } = self;
+        [centre.x, centre.y, centre.z, *radius, axis.x, axis.y, axis.z, *cos_half, *sin_half, *cos_end, *intensity]
     }
 }
 
@@ -54,7 +63,8 @@ impl<R: Real> Node<R> {
             axis: V3::new(row[4], row[5], row[6]),
             cos_half: row[7],
             sin_half: row[8],
-            intensity: row[9],
+            cos_end: row[9],
+            intensity: row[10],
         }
     }
 
@@ -62,7 +72,7 @@ impl<R: Real> Node<R> {
     #[inline(always)]
     fn falloff(&self, point: V3<R>) -> R {
         let squared = (point - self.centre).length_squared();
-        self.intensity / squared.max(self.radius.squared()).at_least(f32::MIN_POSITIVE)
+        (self.intensity / squared.max(self.radius.squared()).at_least(f32::MIN_POSITIVE)).at_most(GREATEST)
     }
 
     /// Where some of the lights may be turned away from a point: not where they shine everywhere.
@@ -72,7 +82,7 @@ impl<R: Real> Node<R> {
     }
 
     /// Estimate of the greatest irradiance that the node's lights can send to a point: the fall-off times the cosine of the least
-    /// angle by which they are turned away.
+    /// angle by which they are turned away, and nothing where their light has ended before.
     #[inline(always)]
     fn importance(&self, point: V3<R>) -> R {
         let to = point - self.centre;
@@ -85,7 +95,8 @@ impl<R: Real> Node<R> {
         let sin_box = (near / squared).sqrt();
         let (_, cos) = less((sin, cos), (sin_box, sin_box.squared().rest().at_least(0.0).sqrt()));
         let falloff = self.falloff(point);
-        (near.lt(squared) & self.turns()).choose(falloff * cos.at_least(0.0), falloff)
+        let turned = (falloff * cos.at_least(0.0)).only(cos.ge(self.cos_end));
+        (near.lt(squared) & self.turns()).choose(turned, falloff)
     }
 }
 
@@ -111,13 +122,13 @@ pub const NO_LIGHT: u32 = (NOTHING ^ LEAF).cast_unsigned();
 #[repr(align(32))]
 struct Pair([Row; 2]);
 
-/// The numbers of a node, its link as the bits of a number, and one that fills the space of four.
-type Row = [f32; NUMBERS + 2];
+/// The numbers of a node, and its link as the bits of a number.
+type Row = [f32; NUMBERS + 1];
 
 impl Pair {
     fn new(halves: [&[(u32, LightBounds)]; 2]) -> Self {
         Self(halves.map(|half| {
-            let mut row = [0.0; NUMBERS + 2];
+            let mut row = [0.0; NUMBERS + 1];
             row[..NUMBERS].copy_from_slice(&Node::new(&around(half)).numbers());
             row
         }))
@@ -146,7 +157,7 @@ fn turn<R: Real>([first, second]: &[Node<R>; 2], point: V3<R>) -> (R, R::Mask) {
     let sum = a + b;
     let share = a / sum;
     let share = (a.above(0.0) & b.above(0.0)).choose(share.between(LEAST, 1.0 - LEAST), share);
-    (share, sum.above(0.0) & sum.finite())
+    (share, sum.above(0.0))
 }
 
 /// A turn that was taken at one of the first pairs on the way to a light.
@@ -223,8 +234,10 @@ const LEAST: f32 = 0.02;
 impl LightTree {
     /// The tree over the lights that have bounds.
     pub fn new(lights: &[Option<LightBounds>]) -> Self {
+        // The lesser of it and what is not a number is the number.
+        let bounded = |bounds: LightBounds| LightBounds { intensity: bounds.intensity.min(BRIGHTEST), ..bounds };
         let mut placed: Vec<(u32, LightBounds)> =
-            (0..).zip(lights).filter_map(|(index, bounds)| Some((index, (*bounds)?))).collect();
+            (0..).zip(lights).filter_map(|(index, bounds)| Some((index, bounded((*bounds)?)))).collect();
         let pairs = Vec::with_capacity(placed.len().saturating_sub(1));
         let mut tree = Self { pairs, trails: vec![None; lights.len()], ..Self::default() };
         if !placed.is_empty() {
@@ -343,7 +356,7 @@ impl LightTree {
                 break;
             }
             let rows = self.rows(points.x, &wide.store_bits(links), open.answers());
-            let (first, second) = rows.split_at(NUMBERS + 2);
+            let (first, second) = rows.split_at(NUMBERS + 1);
             let (share, possible) = turn(&[Node::of(first), Node::of(second)], *points);
             let mut leaned = share;
             if let Some(odds) = odds {
@@ -382,12 +395,12 @@ impl LightTree {
 
     /// The rows of the pairs that lanes have come to; in lanes that have come to an end, those of the first that is `open`.
     #[inline(always)]
-    fn rows<R: Real>(&self, like: R, links: &[Link; LANES], open: u32) -> [R; 2 * (NUMBERS + 2)] {
-        let row = |link: Link| bytemuck::cast::<_, [f32; 2 * (NUMBERS + 2)]>(self.pairs[link as usize].0);
+    fn rows<R: Real>(&self, like: R, links: &[Link; LANES], open: u32) -> [R; 2 * (NUMBERS + 1)] {
+        let row = |link: Link| bytemuck::cast::<_, [f32; 2 * (NUMBERS + 1)]>(self.pairs[link as usize].0);
         let first = links[open.trailing_zeros() as usize];
         // The first turn is the same for all.
         if links.iter().all(|link| *link == first) {
-            let (row, mut same) = (row(first), [like; 2 * (NUMBERS + 2)]);
+            let (row, mut same) = (row(first), [like; 2 * (NUMBERS + 1)]);
             for i in 0..row.len() {
                 same[i] = like.all(row[i]);
             }
@@ -482,7 +495,12 @@ mod tests {
             // Some without a place, some at one place, some facing one way.
             (i % 7 != 3).then(|| {
                 let low = if i.is_multiple_of(5) { Vec3::ONE } else { 10.0 * vector() };
-                let cone = if i.is_multiple_of(2) { Cone::ALL } else { Cone::new(vector().normalize_or(Vec3::Z), 0.3) };
+                let axis = vector().normalize_or(Vec3::Z);
+                let cone = match i % 4 {
+                    1 => Cone::new(axis, 0.3),
+                    3 => Cone::beam(axis, 0.5 * (1 + i % 5) as f32),
+                    _ => Cone::ALL,
+                };
                 LightBounds { low, high: low + 0.1 * vector().abs(), cone, intensity: 1.0 + i as f32 % 4.0 }
             })
         };
@@ -555,7 +573,7 @@ mod tests {
         }
     }
 
-    /// No light is left out that could light the point: a direction of its cone within 90° of the point.
+    /// No light is left out that could light the point: one with a normal within 90° of it, or within where it ends.
     #[test]
     fn what_can_shine_is_found() {
         let lights = lights(60);
@@ -567,7 +585,7 @@ mod tests {
             for (index, bounds) in lights.iter().enumerate() {
                 let Some(bounds) = bounds else { continue };
                 let angle = bounds.cone.axis.angle_between(point - bounds.centre()) - bounds.cone.half;
-                if angle < FRAC_PI_2 - 0.01 {
+                if angle < bounds.cone.end.min(FRAC_PI_2 - 0.01) {
                     assert!(tree.probability(point, index, None) > 0.0, "{index} from {point}");
                     seen += 1;
                 }
@@ -576,12 +594,28 @@ mod tests {
         assert!(seen > 1000);
     }
 
+    /// A light at a place on an axis.
+    fn at(x: f32, intensity: f32) -> Option<LightBounds> {
+        let place = Vec3::X * x;
+        Some(LightBounds { low: place, high: place, cone: Cone::ALL, intensity })
+    }
+
+    /// Lights whose power has overflowed, and points where a light is, leave something to each of the others.
+    #[test]
+    fn what_is_too_bright_leaves_something_to_others() {
+        let lights = [at(0.0, f32::INFINITY), at(10.0, 1.0), None, at(20.0, f32::NAN), at(5.0, 2.0), at(5.5, 3e38)];
+        let tree = LightTree::new(&lights);
+        for x in [0.0, 5.0, 5.2, 10.0, 20.0, 30.0] {
+            let probability = |light: usize| tree.probability(Vec3::X * x, light, None);
+            let all: f32 = (0..lights.len()).map(probability).sum();
+            assert!((all - 1.0).abs() < 1e-5, "{x}: {all}");
+            assert!((0..lights.len()).all(|light| probability(light) > 0.0 || lights[light].is_none()), "{x}");
+            assert!(tree.sample(Vec3::X * x, 0.5, None).is_some(), "{x}");
+        }
+    }
+
     #[test]
     fn nearer_and_stronger_lights_are_preferred() {
-        let at = |x: f32, intensity: f32| {
-            let place = Vec3::X * x;
-            Some(LightBounds { low: place, high: place, cone: Cone::ALL, intensity })
-        };
         let tree = LightTree::new(&[at(0.0, 1.0), at(10.0, 1.0), None, at(5.0, 0.0)]);
         let near = tree.probability(Vec3::X, 0, None);
         assert!(near > 0.9 && near <= 1.0 - LEAST, "{near}");

@@ -130,6 +130,9 @@ impl GridMedium {
     /// medium that scatters nothing nothing but its own light is drawn.
     pub fn fly_known(&self, ray: &Ray, limit: f32, carried: Vec3, random: &mut Random) -> Flown {
         let ([choice, u], share) = (random.next_2d(), shares(carried));
+        if self.is_black && self.emission.is_none() {
+            return self.passed(ray, carried, limit);
+        }
         let mut course = Course::new(self, ray, limit);
         let flown = self.fly_on(&mut course, share, channel(share, choice), -ln(1.0 - u), limit);
         if self.is_black { Flown { glow: flown.glow, ..self.passed(ray, carried, limit) } } else { flown }

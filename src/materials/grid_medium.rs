@@ -123,13 +123,14 @@ impl GridMedium {
                 at = distance;
                 let point = ray.at(at);
                 let hit = (self.extinction * self.density(point) / bound.most).min(Vec3::ONE);
-                let albedo = self.albedo.at(point);
+                // Nothing else needs the albedo, so that it is not looked up at other tentative collisions.
+                let albedo = || self.albedo.at(point);
                 if let Some(emission) = &self.emission {
-                    glow += weight * hit * (Vec3::ONE - albedo) * emission.at(point);
+                    glow += weight * hit * (Vec3::ONE - albedo()) * emission.at(point);
                 }
                 let real = if self.is_black { 0.0 } else { (shares(carried * weight) * hit).element_sum() };
                 if choice < real {
-                    let end = Flight::Collision { distance, weight: weight * hit * albedo / real };
+                    let end = Flight::Collision { distance, weight: weight * hit * albedo() / real };
                     return Flown { end, glow, density: 1.0 };
                 }
                 weight *= (Vec3::ONE - hit) / (1.0 - real);
