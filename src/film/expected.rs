@@ -3,7 +3,6 @@
 use rayon::prelude::*;
 use smallvec::SmallVec;
 
-use super::accumulator::{Pass, combine};
 use crate::math::{channel_mean, trimmed_mean};
 use crate::picture::Image;
 
@@ -33,15 +32,17 @@ pub fn expected_values(image: &Image) -> Option<Vec<f32>> {
 pub fn steady_values(image: &Image) -> Option<Vec<f32>> {
     let (width, height) = (image.width, image.height);
     let (found, floor) = found_in(image)?;
-    // Sums of values and of their squares over all that lies above and to the left.
+    // Sums of values, and of capped values and their squares, over all that lies above and to the left.
     let stride = width + 1;
-    let mut sums = vec![[0.0; 2]; stride * (height + 1)];
+    let most = MOST * floor;
+    let mut sums = vec![[0.0; 3]; stride * (height + 1)];
     for (y, row) in found.chunks(width.max(1)).enumerate() {
-        let mut along = [0.0; 2];
-        for (x, value) in row.iter().enumerate() {
-            along = [along[0] + value, along[1] + value * value];
+        let mut along = [0.0; 3];
+        for (x, &value) in row.iter().enumerate() {
+            let capped = value.min(most);
+            along = [along[0] + value, along[1] + capped, along[2] + capped * capped];
             let above = sums[y * stride + x + 1];
-            sums[(y + 1) * stride + x + 1] = [above[0] + along[0], above[1] + along[1]];
+            sums[(y + 1) * stride + x + 1] = [above[0] + along[0], above[1] + along[1], above[2] + along[2]];
         }
     }
     let value = |i: usize| {
@@ -50,12 +51,12 @@ pub fn steady_values(image: &Image) -> Option<Vec<f32>> {
         loop {
             let near = |at: usize, size: usize| [at.saturating_sub(reach), (at + reach + 1).min(size)];
             let ([left, right], [top, bottom]) = (near(x, width), near(y, height));
-            let [sum, squares] = [0, 1].map(|k| {
+            let [sum, capped, squares] = [0, 1, 2].map(|k| {
                 let corner = |x: usize, y: usize| sums[y * stride + x][k];
                 corner(right, bottom) - corner(left, bottom) - corner(right, top) + corner(left, top)
             });
             let pixels = ((right - left) * (bottom - top)) as f64;
-            let told = squares > 0.0 && sum * sum >= STEADY.min(0.5 * pixels) * squares;
+            let told = squares > 0.0 && capped * capped >= STEADY.min(0.5 * pixels) * squares;
             if told || reach >= width.max(height).min(WIDEST) {
                 break (sum / pixels).hypot(floor) as f32;
             }
@@ -69,18 +70,15 @@ pub fn steady_values(image: &Image) -> Option<Vec<f32>> {
 const STEADY: f64 = 8.0;
 const WIDEST: usize = 64;
 
+/// Largest value by which steadiness is judged, over the least that one is expected to have: 10⁴ times the mean. The square
+/// of a firefly would leave more of rounding in all sums below it and to its right than other pixels are.
+const MOST: f64 = 1e5;
+
 /// Channel means of the pixels of `image`, and the least value that one is expected to have; none where there is no light.
 fn found_in(image: &Image) -> Option<(Vec<f64>, f64)> {
     let found: Vec<f64> = image.pixels.iter().map(|&p| f64::from(channel_mean(p))).collect();
     let floor = FLOOR * trimmed_mean(&mut found.clone(), found.len() / 100)?;
     (floor.is_normal() && floor > 0.0).then_some((found, floor))
-}
-
-/// [`expected_values`] of the picture that `pass` has made so far, over its mean: the radiance that a vertex is taken to send back where
-/// nothing more is known of it. What a path carries, over its pixel's number, is about the share of the pixel that it still stands for:
-/// unguided roulette goes by that (after Vorba and Křivánek 2016 §5). None while no light was found.
-pub fn roulette_values(pass: &Pass) -> Option<Vec<f32>> {
-    Some(over_mean(&expected_values(&combine(&[pass.finish()]).ok()?)?))
 }
 
 /// Pixel values over their mean.
@@ -97,14 +95,14 @@ mod tests {
 
     #[test]
     fn dark_pixels_count_more() {
-        let mut pass = Pass::new(32, 16);
-        (0..32 * 16).for_each(|pixel| pass.add(pixel, 0, Vec3::splat(if pixel % 32 < 16 { 1.0 } else { 3.0 })));
-        let values = roulette_values(&pass).expect("there is light");
+        let pixels = (0..32 * 16).map(|pixel| Vec3::splat(if pixel % 32 < 16 { 1.0 } else { 3.0 })).collect();
+        let values = expected_values(&Image { width: 32, height: 16, pixels }).expect("there is light");
+        let values = over_mean(&values);
         let mean = values.iter().sum::<f32>() / values.len() as f32;
         assert!((mean - 1.0).abs() < 1e-4, "{mean}");
         // The floor, a tenth of the mean without the brightest hundredth, adds 2 % to the darker half.
         assert!((values[28] / values[3] / (3f32.hypot(0.198) / 1f32.hypot(0.198)) - 1.0).abs() < 1e-3);
-        assert_eq!(roulette_values(&Pass::new(4, 4)), None);
+        assert_eq!(expected_values(&Image { width: 4, height: 4, pixels: vec![Vec3::ZERO; 16] }), None);
     }
 
     /// Where one path in forty finds light, 5 × 5 pixels mostly have found none. Where all do, a step stays one.
@@ -130,6 +128,20 @@ mod tests {
             assert!((value - lit.hypot(floor)).abs() < 1e-4, "{value} {lit}");
         }
         assert_eq!(steady_values(&Image { width: 20, height: 10, pixels: vec![Vec3::ZERO; 200] }), None);
+    }
+
+    /// Its square would round those of all others away, in every window below it and to its right.
+    #[test]
+    fn a_firefly_changes_no_steady_value_far_from_it() {
+        let step = |i: usize| Vec3::splat(if i % 120 < 60 { 1.0 } else { 5.0 });
+        let mut image = Image { width: 120, height: 100, pixels: (0..12_000).map(step).collect() };
+        let plain = steady_values(&image).expect("there is light");
+        image.pixels[0] = Vec3::splat(1e9);
+        let burnt = steady_values(&image).expect("there is light");
+        // That the firefly is among the brightest hundredth changes the floor, by a tenth of 4 over 11,880.
+        let (near, far): (Vec<usize>, Vec<usize>) = (0..12_000).partition(|i| i % 120 < 3 && i / 120 < 3);
+        assert!(far.iter().all(|&i| (burnt[i] - plain[i]).abs() < 1e-4));
+        assert!(near.iter().all(|&i| burnt[i] > 1e4));
     }
 
     #[test]

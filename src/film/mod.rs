@@ -18,7 +18,7 @@ pub use adaptive::densities;
 pub use cascade::Cascade;
 pub use denoise::{Denoiser, Features};
 pub use error::{Measures, mean_and_variance, measure, measure_noisy, outliers, pixel_error, relative_variance};
-pub use expected::{expected_values, over_mean, roulette_values, steady_values};
+pub use expected::{expected_values, over_mean, steady_values};
 pub use filter::PixelFilter;
 pub use fireflies::{Judge, taken_from_passes, taken_from_sum, without};
 pub use spread::{PixelSpread, pixel_spread, spread_of_sum};

@@ -65,7 +65,7 @@ pub struct Checkpointing {
 /// What is traced and learned, as a number: raised with every change by which the same settings give other samples, in other words other
 /// bits in a picture. Then checkpoints, parts and guides of before are those of another program, and do not go together with those of
 /// this one.
-pub const ALGORITHM: u32 = 10;
+pub const ALGORITHM: u32 = 11;
 
 /// Settings that a picture depends on, as text: `scene` and `guide` stand for the contents of files; the stop rule is that asked
 /// for, before the time for loading is subtracted.
@@ -367,6 +367,10 @@ fn read_state(file: &Tensors, numbers: &[f64], size: [usize; 2]) -> Result<State
         ..Trend::default()
     };
     let rendered = count(rendered);
+    // Batches count as rendered when they begin.
+    if position.batches > rendered {
+        return file.fail("state", format!("batches of {} of {rendered} samples per pixel", position.batches));
+    }
     Ok(State {
         passes: finished("pass", passes)?,
         early: finished("early", early)?,
@@ -441,4 +445,27 @@ fn read_statistics(file: &Tensors) -> Result<Statistics> {
     statistics.decisions = serde_json::from_str(&decisions)
         .map_err(|e| Error::malformed(Place::part(file.path(), "decisions"), e.to_string()))?;
     Ok(statistics)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of others no render could go on: they would be counted on beyond the largest number.
+    #[test]
+    fn batches_are_among_the_samples() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.part");
+        tensors::write(&path, VERSION, &[vector("variances", Dtype::F64, std::iter::empty::<[u8; 8]>())]).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let file = Tensors::open(&path, &bytes, "checkpoint", VERSION).unwrap();
+        let batches = |rendered: u32, batches: u32| {
+            let mut numbers = [0.0; STATE];
+            let phase = Phase::ALL.iter().position(|phase| *phase == Phase::Final).unwrap();
+            [numbers[3], numbers[9], numbers[14]] = [f64::from(rendered), phase as f64, f64::from(batches)];
+            read_state(&file, &numbers, [1, 1]).map(|state| state.position.batches)
+        };
+        assert_eq!(batches(16, 16).unwrap(), 16);
+        assert!(batches(15, 16).is_err() && batches(1 << 26, u32::MAX).is_err());
+    }
 }

@@ -7,7 +7,7 @@ use super::settings::{RenderSettings, StopRule};
 use super::state::{Blocks, Division, Part, Phase, Position};
 use super::statistics::GuideStatistics;
 use crate::base::{Error, Result};
-use crate::film::{Pass, combine_sheet, densities, expected_values, roulette_values, without};
+use crate::film::{Pass, combine_sheet, densities, expected_values, without};
 use crate::guiding::sample::field::GuideField;
 use crate::picture::Image;
 
@@ -210,7 +210,7 @@ impl Run<'_> {
         if even < TELLING || !(EVEN..1.0).contains(&taken) {
             return None;
         }
-        let values = || if guided { None } else { roulette_values(pass) }.unwrap_or_default();
+        let values = || if guided { None } else { self.roulette_values(pass) }.unwrap_or_default();
         densities(pass, taken).map(|densities| Division { densities, values: values(), even })
     }
 
@@ -232,6 +232,8 @@ impl Run<'_> {
         let per_second = self.statistics.rate() / self.pixels() as f64;
         let batch = if left <= 0.0 { 0 } else { ((left * per_second * 0.1) as u32).clamp(1, 1 << 16) };
         // No more samples than a checkpoint can hold: pictures of a few pixels get there within an hour.
-        batch.min(MOST_SAMPLES.saturating_sub(self.state.rendered))
+        let division = self.state.division.as_ref();
+        let most = division.map_or(MOST_SAMPLES, |division| division.mean_within(MOST_SAMPLES));
+        batch.min(most.saturating_sub(self.state.rendered))
     }
 }

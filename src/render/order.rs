@@ -55,10 +55,11 @@ pub(super) enum Places<'o> {
     Listed(Vec<(u32, u32)>, u64),
 }
 
-/// The order in which the rows of a picture are visited: any beginning of it is spread evenly.
+/// The order in which the rows of a picture are visited, that of van der Corput (1935): any beginning of it, however short beside the
+/// picture, is spread evenly.
 fn row_order(height: u32) -> Vec<u32> {
     let mut rows: Vec<u32> = (0..height).collect();
-    rows.sort_by_key(|y| (y % 16).reverse_bits());
+    rows.sort_unstable_by_key(|y| y.reverse_bits());
     rows
 }
 
@@ -163,13 +164,19 @@ mod tests {
         assert_eq!(all[0], all[1]);
     }
 
+    /// Among the first n rows of h is every 2ᵏ-th, the least power of two that is h / n or more.
     #[test]
     fn rows_are_visited_once_and_evenly() {
-        for height in [1, 7, 16, 100] {
+        for height in [1, 7, 16, 100, 2160, 25_920] {
             let mut rows = row_order(height);
-            let beginning = rows[..height.div_ceil(4) as usize].to_vec();
-            let near = |y: u32| beginning.iter().any(|&row| row.abs_diff(y) <= 4);
-            assert!((0..height).all(near), "{height}");
+            for count in [1, 3, 68, 137, height / 8, height.div_ceil(4), height] {
+                let count = count.clamp(1, height);
+                let mut beginning = rows[..count as usize].to_vec();
+                beginning.sort_unstable();
+                let most = height.div_ceil(count).next_power_of_two();
+                let mut gaps = beginning.iter().zip(beginning[1..].iter().chain([&height])).map(|(y, next)| next - y);
+                assert!(beginning[0] == 0 && gaps.all(|gap| gap <= most), "{count} of {height}");
+            }
             rows.sort_unstable();
             assert!(rows.into_iter().eq(0..height));
         }

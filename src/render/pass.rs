@@ -1,4 +1,4 @@
-//! One pass over the picture: camera paths into the film, records into the learner, in chunks of a fixed size.
+//! One pass over the picture: camera paths into the film, records into the learner, in chunks.
 //!
 //! A chunk is a range of linear sample indices (sample · pixels + place); blocks of it run in parallel and are merged in
 //! order, so neither the picture nor what is learned depends on the number of threads, and memory not on the samples. Rows are
@@ -29,7 +29,7 @@ use crate::lights::learned::LightSampling;
 use crate::picture::Window;
 use crate::scene::Scene;
 
-/// Paths per chunk: with about four records of 84 bytes each, a chunk holds some 90 MB.
+/// Most paths per chunk of a pass that is learned from: with about four records of 84 bytes each, a chunk holds some 90 MB.
 pub const CHUNK: u64 = 1 << 18;
 /// Paths per unit of parallel work.
 const BLOCK: u64 = 1 << 10;
@@ -64,8 +64,15 @@ pub struct PassTracer<'a> {
     pub uneven: Option<Uneven<'a>>,
     /// Pixels that are visited, the first so many in the order of rows: all, or fewer that are spread evenly.
     pub places: u64,
-    /// Paths per chunk, at most [`CHUNK`]. What is learned depends on it, the samples do not.
+    /// Paths per chunk, at most [`CHUNK`], or where nothing is learned so many for every four threads. What is learned depends on it, the
+    /// samples do not.
     pub chunk: u64,
+}
+
+/// Most paths per chunk of a pass that is learned from, or is not: then it has [`CHUNK`] for every four threads, which wait for one another
+/// at its end. Without records a path takes some 20 bytes until then.
+pub(super) fn most_paths(learns: bool) -> u64 {
+    if learns { CHUNK } else { CHUNK * rayon::current_num_threads().div_ceil(4) as u64 }
 }
 
 /// A pass after a chunk.
@@ -122,8 +129,9 @@ impl PassTracer<'_> {
         let order = self.order(learning.as_deref().is_some_and(Learning::is_on_trial));
         let total = order.total();
         let (paths, light_paths) = (Pool::default(), Pool::default());
+        let chunk = self.chunk.clamp(1, most_paths(learning.is_some()));
         while start < total {
-            let end = (start + self.chunk.clamp(1, CHUNK)).min(total);
+            let end = (start + chunk).min(total);
             let mut samples = end - start;
             let mut records = Records::default();
             let kinds = self.settings.samples;

@@ -6,14 +6,14 @@ use super::control::{Control, Watcher};
 use super::learning::Learning;
 use super::lights::learned_lights;
 use super::order::Uneven;
-use super::pass::{CHUNK, Chunk, PassTracer};
+use super::pass::{Chunk, PassTracer, most_paths};
 use super::settings::{RenderSettings, StopRule};
 use super::state::{Part, Phase, Position, State};
 use super::statistics::{ErrorPoint, Statistics};
 use crate::base::{Error, Result};
 use crate::film::{
-    Block, FinishedPass, Pass, PixelFilter, PixelSpread, check_sheet, combine_sheet, expected_values, pixel_spread,
-    taken_from_passes,
+    Block, FinishedPass, Pass, PixelFilter, PixelSpread, check_sheet, combine_sheet, expected_values, over_mean,
+    pixel_spread, taken_from_passes,
 };
 use crate::guiding::sample::field::{Evidence, GuideField};
 use crate::lights::learned::LearnedLights;
@@ -163,7 +163,7 @@ impl<'a> Run<'a> {
                 let seconds = (CHUNK_SHARE * left).clamp(CHUNK_SECONDS[0], CHUNK_SECONDS[1]);
                 (seconds * self.statistics.rate()) as u64
             }
-            _ => CHUNK,
+            _ => most_paths(learning.is_some()),
         };
         let Part { pass, spp, start } = part;
         let (pixels, places) = (self.pixels(), self.places());
@@ -267,6 +267,19 @@ impl<'a> Run<'a> {
         Some(values)
     }
 
+    /// Value of each pixel by what `pass` has made so far, over the mean of its view: the radiance that a vertex is taken to send back where
+    /// nothing more is known of it. What a path carries, over its pixel's number, is about the share of the pixel that it still stands for:
+    /// unguided roulette goes by that (after Vorba and Křivánek 2016 §5). None while no light was found.
+    pub fn roulette_values(&self, pass: &Pass) -> Option<Vec<f32>> {
+        let picture = combine_sheet(&[pass.finish()], self.scene.views()).ok()?;
+        Some(self.over_views(&self.values_of(&picture, expected_values)?))
+    }
+
+    /// Pixel values over the mean of their view.
+    pub fn over_views(&self, values: &[f32]) -> Vec<f32> {
+        values.chunks((values.len() / self.scene.views()).max(1)).flat_map(over_mean).collect()
+    }
+
     /// Finishes a pass, with the variances of its pixels where they are wanted.
     pub fn finished(&self, pass: &Pass) -> FinishedPass {
         if self.settings.keeps_spread { pass.finish_with_variance() } else { pass.finish() }
@@ -278,5 +291,42 @@ impl<'a> Run<'a> {
         let taken = |kappa| taken_from_passes(passes, weights, self.scene.views(), &plain, kappa);
         let fireflies = self.settings.fireflies.kappa().map(taken);
         Ok(Rendered { plain, spread, fireflies })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::sync::atomic::AtomicBool;
+
+    use glam::Vec3;
+
+    use super::super::settings::GuideMode;
+    use super::*;
+    use crate::base::progress::Silent;
+    use crate::scene::file::{CameraFile, FilmFile, FilterFile, IDENTITY, SceneFile};
+    use crate::scene::readers::resolve;
+
+    /// Beside a view a hundred times as bright a pixel is worth to roulette what it is where its view is rendered alone.
+    #[test]
+    fn unguided_roulette_goes_by_views() {
+        let camera = CameraFile::pinhole(IDENTITY, 40.0);
+        let values = |views: &[f32]| {
+            let film = FilmFile { width: 20, height: 10, filter: FilterFile::default() };
+            let mut file = SceneFile::empty("views".into(), camera.clone(), film);
+            file.cameras = (1..views.len()).map(|view| (view.to_string(), camera.clone())).collect();
+            let loaded = resolve(file, Path::new(""), Path::new("test")).unwrap();
+            let scene = Scene::build_views(&loaded, [20, 10]).unwrap();
+            let (settings, stop) = (RenderSettings::new(GuideMode::None, StopRule::Spp(16)), AtomicBool::new(false));
+            let control = Control::new(&Silent, &stop);
+            let run = Run::begin(&scene, &settings, &control).unwrap();
+            let mut pass = run.empty_pass();
+            for (view, brightness) in views.iter().enumerate() {
+                let value = |i: usize| if i % 20 < 10 { *brightness } else { 3.0 * brightness };
+                (0..200).for_each(|i| pass.add(200 * view + i, 0, Vec3::splat(value(i))));
+            }
+            run.roulette_values(&pass).unwrap()
+        };
+        assert_eq!(values(&[1.0, 100.0]), [values(&[1.0]), values(&[100.0])].concat());
     }
 }

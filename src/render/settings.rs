@@ -383,7 +383,7 @@ impl RenderSettings {
     /// These settings without the effects that are off in the scene's plan.
     pub fn following(mut self, plan: &EffectPlan) -> Self {
         if !plan.is_on(EffectKind::Guiding) {
-            self.guide = GuideMode::None;
+            (self.guide, self.complete_paths) = (GuideMode::None, 0.0);
         }
         if !plan.is_on(EffectKind::Photons) {
             self.samples = SampleKinds::Path;

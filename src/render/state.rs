@@ -66,10 +66,18 @@ impl Blocks {
 pub(super) struct Division {
     /// See [`densities`](crate::film::densities).
     pub densities: Vec<f32>,
-    /// See [`roulette_values`](crate::film::roulette_values); empty where guides judge paths.
+    /// See [`Run::roulette_values`](super::run::Run::roulette_values); empty where guides judge paths.
     pub values: Vec<f32>,
     /// Samples per pixel of the final pass before.
     pub even: u32,
+}
+
+impl Division {
+    /// Samples of the mean pixel with which none has more than `most`.
+    pub fn mean_within(&self, most: u32) -> u32 {
+        let densest = self.densities.iter().copied().fold(1.0, f32::max);
+        (f64::from(most) / f64::from(densest)) as u32
+    }
 }
 
 /// Measurements of the iterations so far, by which the next one is decided on.
@@ -180,4 +188,17 @@ pub(super) struct Part {
     pub spp: u32,
     /// Linear index of the next camera sample, as in [`PassTracer`](super::PassTracer).
     pub start: u64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_pixel_has_more_samples_than_are_allowed() {
+        let of = |densities: &[f32]| Division { densities: densities.into(), values: Vec::new(), even: 4 };
+        assert_eq!(of(&[0.1, 8.0, 0.5]).mean_within(1 << 26), 1 << 23);
+        assert_eq!(of(&[0.1, 12.5, 0.5]).mean_within(100), 8);
+        assert_eq!(of(&[1.0; 3]).mean_within(100), 100);
+    }
 }

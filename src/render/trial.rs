@@ -11,7 +11,7 @@ use super::run::Run;
 use super::settings::StopRule;
 use super::state::Part;
 use super::statistics::Statistics;
-use crate::film::{over_mean, steady_values};
+use crate::film::steady_values;
 use crate::guiding::learn::learner::Use;
 use crate::guiding::moments::PictureMoments;
 use crate::guiding::sample::field::GuideField;
@@ -141,7 +141,7 @@ impl Run<'_> {
         let (Some(picture), Some(weights)) = (self.pixel_values(), self.values_so_far(steady_values)) else { return };
         let field = learning.learner.field_of(voxels, Use::Rendering);
         // Values mean another thing to paths without a guide.
-        let plain = over_mean(&picture);
+        let plain = self.over_views(&picture);
         let (mut passes, mut seconds) = ([self.pass(false), self.pass(false)], [f64::INFINITY; 2]);
         let mut statistics = [Statistics::default(), Statistics::default()];
         for trial in 0..2 * TRIALS {

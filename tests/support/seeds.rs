@@ -30,13 +30,18 @@ pub fn tree(scene: u32) -> TreeSample {
 
 /// A render interrupted after a few chunks, in `path`.
 pub fn kept(scene: &Scene, settings: &RenderSettings, path: &Path) -> Checkpointing {
+    // When there is something to remember of earlier iterations.
+    kept_after(3, scene, settings, path)
+}
+
+/// The same after so many.
+pub fn kept_after(chunks: i64, scene: &Scene, settings: &RenderSettings, path: &Path) -> Checkpointing {
     let checkpoint = Checkpointing {
         made_for: made_for(settings, scene.size, "scene", "guide"),
         write: Some((path.to_owned(), Duration::ZERO)),
         resume: None,
     };
-    // When there is something to remember of earlier iterations.
-    let stop = StopAfter::new(3);
+    let stop = StopAfter::new(chunks);
     let control = Control { checkpoint: Some(&checkpoint), ..Control::new(&stop, &stop.now) };
     render_watched(scene, settings, reconstructor(settings.guide).as_ref(), &control).unwrap();
     Checkpointing { write: None, resume: Some(path.to_owned()), ..checkpoint }

@@ -9,7 +9,9 @@ const LEAST_SIDE: f32 = 4.0;
 /// Lists of paths by tile.
 #[derive(Debug, Clone, Default)]
 pub struct Tiles {
-    /// Pixels.
+    /// Pixels of the picture: columns, rows.
+    size: [f32; 2],
+    /// Pixels along a side of a tile, and tiles.
     side: f32,
     columns: usize,
     rows: usize,
@@ -23,7 +25,8 @@ impl Tiles {
     /// Lists of paths with these places in a picture of `size` pixels and numbers of kinds, which reach `radius` pixels far.
     pub fn new(size: [u32; 2], paths: &[([f32; 2], u32)], radius: f32) -> Self {
         let side = (SIDE * radius).max(LEAST_SIDE);
-        let [columns, rows] = size.map(|pixels| (pixels as f32 / side).ceil().max(1.0) as usize);
+        let size = size.map(|pixels| pixels as f32);
+        let [columns, rows] = size.map(|pixels| (pixels / side).ceil().max(1.0) as usize);
         let reached = |[x, y]: [f32; 2]| {
             let range = |at: f32, count: usize| {
                 let tile = |at: f32| ((at / side).max(0.0) as usize).min(count - 1);
@@ -49,7 +52,7 @@ impl Tiles {
                 next[tile] += 1;
             }
         }
-        let mut tiles = Self { side, columns, rows, starts, entries };
+        let mut tiles = Self { size, side, columns, rows, starts, entries };
         for tile in 0..columns * rows {
             let range = tiles.range(tile);
             tiles.entries[range].sort_unstable();
@@ -61,13 +64,16 @@ impl Tiles {
         self.starts[tile] as usize..self.starts[tile + 1] as usize
     }
 
-    /// The paths that may reach a place: number of the kind, and index, in ascending order.
-    pub fn at(&self, [x, y]: [f32; 2]) -> &[(u32, u32)] {
-        let (column, row) = (x / self.side, y / self.side);
-        if !(column >= 0.0 && row >= 0.0 && column < self.columns as f32 && row < self.rows as f32) {
+    /// The paths that may reach a place: number of the kind, and index, in ascending order. None do outside of the picture, where no path
+    /// is drawn, though the last tiles may end there.
+    pub fn at(&self, film: [f32; 2]) -> &[(u32, u32)] {
+        if !(0..2).all(|axis| film[axis] >= 0.0 && film[axis] < self.size[axis]) {
             return &[];
         }
-        &self.entries[self.range(row as usize * self.columns + column as usize)]
+        // Quotients may be rounded up.
+        let tile = |at: f32, count: usize| ((at / self.side) as usize).min(count - 1);
+        let (column, row) = (tile(film[0], self.columns), tile(film[1], self.rows));
+        &self.entries[self.range(row * self.columns + column)]
     }
 
     /// The same of one kind only.

@@ -1,22 +1,25 @@
-//! The picture by complete paths, round by round: a path of the path tracer in every pixel, and as many guided ones wherever they fall.
+//! The picture by complete paths, round by round: a path of the path tracer in every pixel, and as many guided ones wherever they fall. What
+//! both bring to a pixel in a round is one sample of it, which is left out where it is not finite.
 
 use std::ops::Range;
 use std::time::Instant;
 
 use glam::Vec3;
+use hashbrown::HashMap;
 
 use super::super::camera::CameraSample;
 use super::super::pass::{Pool, in_blocks};
 use super::super::run::{Rendered, Run};
 use super::super::settings::{RenderSettings, StopRule};
 use super::super::state::{Phase, Position};
+use super::super::statistics::Dropped;
 use super::{GUIDED_STREAM, Guides, Placed, camera_film};
 use crate::base::Result;
 use crate::base::random::Random;
 use crate::film::{Pass, PixelFilter, combine_sheet};
 use crate::guiding::paths::guide::PathGuide;
 use crate::integrators::guided::GuidedTracer;
-use crate::integrators::path::{KernelShares, PathScratch, PathTracer, RayCount, Wants};
+use crate::integrators::path::{Cause, KernelShares, PathScratch, PathTracer, RayCount, Wants};
 use crate::picture::Window;
 use crate::scene::Scene;
 
@@ -46,14 +49,8 @@ struct Light {
     /// Pixels and what is added to them.
     values: Vec<(u32, Vec3)>,
     rays: u64,
-    /// Samples that are not finite and were left out.
-    dropped: u64,
-}
-
-impl Light {
-    fn add(&mut self, pixel: u64, value: Vec3) {
-        if value.is_finite() { self.values.push((pixel as u32, value)) } else { self.dropped += 1 }
-    }
+    /// Pixels whose paths are not finite, and why.
+    lost: Vec<(u32, Cause)>,
 }
 
 impl Round<'_> {
@@ -71,15 +68,24 @@ impl Round<'_> {
         let (mut light, mut count) = (Light::default(), RayCount::default());
         let paths = |of: &[(u64, Placed)]| of.iter().map(|(_, placed)| placed.path.clone()).collect::<Vec<_>>();
         self.tracer.trace_all(paths(&plain), Wants::Radiance, scratch, &mut count);
-        for (index, (pixel, _)) in plain.iter().enumerate() {
-            light.add(*pixel, self.tracer.radiance(index, scratch, None));
+        for (index, (pixel, placed)) in plain.iter().enumerate() {
+            self.add(&mut light, *pixel, placed, self.tracer.radiance(index, scratch, None));
         }
         self.tracer.trace_all(paths(&covered), Wants::Contributions, scratch, &mut count);
         for (index, (pixel, placed)) in covered.iter().enumerate() {
-            light.add(*pixel, self.balanced(index, *pixel, placed, scratch));
+            self.add(&mut light, *pixel, placed, self.balanced(index, *pixel, placed, scratch));
         }
         light.rays = count.rays;
         light
+    }
+
+    /// Adds what a path of the path tracer brings to its pixel.
+    fn add(&self, light: &mut Light, pixel: u64, placed: &Placed, radiance: Vec3) {
+        if !radiance.is_finite() {
+            let cause = self.tracer.explain(placed.path.clone()).cause;
+            light.lost.push((pixel as u32, cause.unwrap_or(Cause::Overflow)));
+        }
+        light.values.push((pixel as u32, radiance));
     }
 
     /// Density of a place of the film around a pixel.
@@ -115,7 +121,7 @@ impl Round<'_> {
                 let Some(pixel) = self.window.index(place) else { continue };
                 let density = f64::from(density);
                 let value = path.value * density / (density * path.unguided + all * path.guided);
-                light.add(pixel, value.as_vec3());
+                light.values.push((pixel as u32, value.as_vec3()));
             }
         }
         light
@@ -141,22 +147,22 @@ impl Run<'_> {
         self.watcher.begin_chunk();
         for number in 0..rounds {
             let Some((sum, goes_on)) = self.round((paths, guides), &shares, &pool, &pass, number) else { break };
-            sum.into_iter().enumerate().for_each(|(pixel, value)| pass.add(pixel, number, value));
+            let finite = sum.into_iter().enumerate().filter(|(_, value)| value.is_finite());
+            finite.for_each(|(pixel, value)| pass.add(pixel, number, value));
             self.state.spent += 1.0 + self.settings.complete_paths;
             if !goes_on {
                 self.interrupted |= self.watcher.stopped() && number + 1 < rounds;
                 break;
             }
         }
-        if pass.samples() > 0 {
-            let finished = self.finished(&pass);
-            self.state.passes.push(finished);
-        }
+        // The first round is always whole. If all of its samples were left out it is black.
+        let finished = self.finished(&pass);
+        self.state.passes.push(finished);
         self.of_passes()
     }
 
-    /// What a round adds to each pixel, and whether there is time for another; none where there is none for all of it, unless it is the
-    /// first.
+    /// What a round adds to each pixel, not finite where that is to be left out, and whether there is time for another; none where there is
+    /// none for all of it, unless it is the first.
     fn round(
         &mut self,
         (guide, guides): (&PathGuide, Guides),
@@ -166,7 +172,7 @@ impl Run<'_> {
         number: u64,
     ) -> Option<(Vec<Vec3>, bool)> {
         let (scene, settings, pixels) = (self.scene, self.settings, self.pixels());
-        let mut sum = vec![Vec3::ZERO; pixels as usize];
+        let (mut sum, mut causes) = (vec![Vec3::ZERO; pixels as usize], HashMap::<u32, Cause>::new());
         let Guides { field, expected } = guides;
         let (mut start, mut goes_on) = (0, true);
         let drawn = |pixels: u64| (pixels as f64 * settings.complete_paths) as u64;
@@ -189,11 +195,11 @@ impl Run<'_> {
                 first: self.state.rendered,
             };
             let statistics = &mut self.statistics;
-            let mut add = |Light { values, rays, dropped }| {
+            let mut add = |Light { values, rays, lost }| {
                 values.into_iter().for_each(|(pixel, value)| sum[pixel as usize] += value);
+                causes.extend(lost);
                 statistics.rays += rays;
                 statistics.camera_rays += rays;
-                statistics.dropped_samples += dropped;
             };
             in_blocks(start..end, pool, |scratch, pixels| round.unguided(pixels, scratch), &mut add);
             in_blocks(drawn(start)..drawn(end), pool, |_, numbers| round.guided(numbers), add);
@@ -209,6 +215,14 @@ impl Run<'_> {
                 self.interrupted |= self.watcher.stopped();
                 return None;
             }
+        }
+        let first = self.state.rendered;
+        for (pixel, _) in (0u32..).zip(&sum).filter(|(_, value)| !value.is_finite()) {
+            let (place, sample) = (self.window.place(pixel.into()), u64::from(first) + number);
+            // A sum may be larger than any number even if its parts are not.
+            let cause = causes.get(&pixel).copied().unwrap_or(Cause::Overflow);
+            self.statistics.dropped_samples += 1;
+            self.statistics.dropped.add(Dropped { pixel: place, sample, pass_from: Some(first), cause, view: None });
         }
         Some((sum, goes_on))
     }
