@@ -3,6 +3,9 @@
 //! Cells are half-open, [k, k+1)/2ⁿ, so every direction lies in exactly one cell of every level. Coordinates are integers of 32 bits: a cell
 //! at level 20 is 2⁻²⁰ wide, which single precision cannot subdivide.
 
+use std::f32::consts::TAU;
+use std::sync::LazyLock;
+
 use glam::Vec3;
 
 use super::lanes::functions::{sin_cos_turn, turn};
@@ -65,12 +68,25 @@ pub fn to_direction([x, y]: [f64; 2]) -> Vec3 {
 
 /// The direction of the centre of a cell at `level`.
 pub fn cell_centre(level: usize, cell: [u32; 2]) -> [f32; 3] {
-    let side = 0.5f32.powi(level as i32);
-    let [x, y] = cell.map(|c| (c as f32 + 0.5) * side);
-    let z = 2.0 * x - 1.0;
-    let radius = (1.0 - z * z).max(0.0).sqrt();
-    let (sin, cos) = (std::f32::consts::TAU * y).sin_cos();
+    let along = |c: u32| if level <= TABLED { CENTRES[(1 << level) - 1 + c as usize] } else { centre(level, c) };
+    let ([z, radius, ..], [.., sin, cos]) = (along(cell[0]), along(cell[1]));
     [radius * cos, radius * sin, z]
+}
+
+/// Levels whose centres are kept: nearly all cells that are asked for are of these.
+const TABLED: usize = 9;
+
+/// [`centre`] of all coordinates of the levels up to [`TABLED`], one level after another.
+static CENTRES: LazyLock<Vec<[f32; 4]>> =
+    LazyLock::new(|| (0..=TABLED).flat_map(|level| (0..1 << level).map(move |c| centre(level, c))).collect());
+
+/// What the middle of the cells with this coordinate is: z and the radius there where it is the first coordinate, sine and cosine of φ
+/// where it is the second.
+fn centre(level: usize, c: u32) -> [f32; 4] {
+    let at = (c as f32 + 0.5) * 0.5f32.powi(level as i32);
+    let z = 2.0 * at - 1.0;
+    let (sin, cos) = (TAU * at).sin_cos();
+    [z, (1.0 - z * z).max(0.0).sqrt(), sin, cos]
 }
 
 /// Integer cell of a direction at level 20; shifting right by 20−n gives its cell at level n.

@@ -70,7 +70,11 @@ impl Batch {
     /// The rows [N, channels] of a level out of per-node rows of all trees, concatenated in tree order.
     pub fn gather(&self, level: usize, per_node: &[f32], channels: usize) -> Vec<f32> {
         let nodes = self.levels.get(level).map_or(&[][..], |level| &level.node);
-        nodes.iter().flat_map(|&node| &per_node[node as usize * channels..][..channels]).copied().collect()
+        let mut rows = Vec::with_capacity(nodes.len() * channels);
+        for &node in nodes {
+            rows.extend_from_slice(&per_node[node as usize * channels..][..channels]);
+        }
+        rows
     }
 
     /// The encoder's `pooled` input [N, channels] of a level: the mean over the four children of `below`, the encoder's
@@ -82,9 +86,9 @@ impl Batch {
             if first == NONE {
                 continue;
             }
-            let children = &below[first as usize * channels..][..4 * channels];
-            for (c, to) in to.iter_mut().enumerate() {
-                *to = 0.25 * (0..4).map(|k| children[k * channels + c]).sum::<f32>();
+            let [a, b, c, d] = [0, 1, 2, 3].map(|k| &below[(first as usize + k) * channels..][..channels]);
+            for ((((to, a), b), c), d) in to.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+                *to = 0.25 * (a + b + c + d);
             }
         }
         pooled

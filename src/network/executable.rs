@@ -8,6 +8,7 @@ use super::kernels::{Epilogue, Index, Part, apply};
 use super::program::{Op, Program, Value};
 use super::weights::Weights;
 use crate::base::Result;
+use crate::math::lanes::slices;
 
 /// A program with its weights, ready to run.
 #[derive(Debug)]
@@ -88,7 +89,7 @@ impl Executable {
             Step::Add { values: [a, b], to } => (*to, get(*a)?.iter().zip(get(*b)?).map(|(a, b)| a + b).collect()),
             Step::Relu { value, to } => (*to, get(*value)?.iter().map(|x| x.max(0.0)).collect()),
             Step::SoftmaxSiblings { value, to } => (*to, softmax_siblings(get(*value)?)),
-            Step::Sigmoid { value, to } => (*to, get(*value)?.iter().map(|&x| sigmoid(x)).collect()),
+            Step::Sigmoid { value, to } => (*to, sigmoid(get(*value)?)),
         })
     }
 
@@ -159,17 +160,23 @@ fn selects(step: &Step, v: Value) -> bool {
 
 /// Softmax over each four consecutive values; subtracting the largest keeps every exponential in (0, 1].
 fn softmax_siblings(logits: &[f32]) -> Vec<f32> {
-    let mut shares = Vec::with_capacity(logits.len());
-    for group in logits.chunks(4) {
+    let mut shares = logits.to_vec();
+    for group in shares.chunks_mut(4) {
         let max = group.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        let exponentials = group.iter().map(|x| (x - max).exp());
-        let inverse = 1.0 / exponentials.clone().sum::<f32>();
-        shares.extend(exponentials.map(|e| e * inverse));
+        group.iter_mut().for_each(|x| *x -= max);
+    }
+    slices::exp(&mut shares);
+    for group in shares.chunks_mut(4) {
+        let inverse = 1.0 / group.iter().sum::<f32>();
+        group.iter_mut().for_each(|x| *x *= inverse);
     }
     shares
 }
 
-/// 1 / (1 + e⁻ˣ); e⁻ˣ may be infinite, which gives 0.
-fn sigmoid(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
+/// 1 / (1 + e⁻ˣ) of each; e⁻ˣ may be infinite, which gives 0.
+fn sigmoid(logits: &[f32]) -> Vec<f32> {
+    let mut values: Vec<f32> = logits.iter().map(|x| -x).collect();
+    slices::exp(&mut values);
+    values.iter_mut().for_each(|x| *x = 1.0 / (1.0 + *x));
+    values
 }

@@ -73,10 +73,13 @@ impl DecodeLevel {
     pub fn geometry(&self, log_shares: &[[f32; LOG_SHARES]]) -> Vec<f32> {
         let mut geometry = Vec::with_capacity(self.rows.len() * GEOMETRY);
         for (row, &cell) in self.rows.cell.iter().enumerate() {
-            geometry.extend([f32::from(self.skip[row] != NONE), self.level as f32 / MAX_LEVEL as f32]);
-            geometry.extend((0..4).map(|k| f32::from(k == (cell[0] & 1) + 2 * (cell[1] & 1))));
-            geometry.extend(cell_centre(self.level, cell));
-            geometry.extend(log_shares[self.ancestor[row] as usize]);
+            let mut of_row = [0.0; GEOMETRY];
+            of_row[0] = f32::from(self.skip[row] != NONE);
+            of_row[1] = self.level as f32 / MAX_LEVEL as f32;
+            of_row[2 + ((cell[0] & 1) + 2 * (cell[1] & 1)) as usize] = 1.0;
+            of_row[6..9].copy_from_slice(&cell_centre(self.level, cell));
+            of_row[9..].copy_from_slice(&log_shares[self.ancestor[row] as usize]);
+            geometry.extend_from_slice(&of_row);
         }
         geometry
     }

@@ -1,17 +1,22 @@
 //! The embedded path's one hot loop: rows gathered from several inputs, times a matrix, plus bias and residual, rectified.
 //!
 //! A convolution over nine neighbours is nine inputs of the same rows under nine indices; a linear layer of concatenated
-//! inputs is one input each. So neither the gathered nor the concatenated matrix is ever written to memory. Four rows are
-//! computed at once, which are four siblings below the root and mostly lack the same neighbours.
+//! inputs is one input each. So neither the gathered nor the concatenated matrix is ever written to memory. Each input is added to all
+//! output rows of a block that have it before the next one is: a sparse tree lacks many neighbours, and those cost nothing. As many rows
+//! are computed at once as their sums fit into registers, so that additions need not wait for one another.
 
 use rayon::prelude::*;
 
 use super::weights::LayerWeights;
 
 /// Rows computed together: with up to 24 columns their sums fill the 16 vector registers of AVX2.
-const BLOCK: usize = 4;
-/// Blocks per parallel task.
-const TASK: usize = 256;
+const ROWS: usize = 4;
+/// The same with the 32 registers of AVX-512.
+const ROWS_AVX512: usize = 8;
+/// Rows to which an input is added before the next one: their sums stay in the nearest cache.
+const BLOCK: usize = 128;
+/// Rows per parallel task.
+const TASK: usize = 8 * BLOCK;
 
 /// Rule by which output rows find their rows of an input.
 #[derive(Debug, Clone, Copy)]
@@ -40,17 +45,32 @@ pub struct Part<'a> {
     pub index: Index<'a>,
 }
 
-impl<'a> Part<'a> {
-    /// The row that output row `row` reads; empty where it is missing.
+impl Part<'_> {
+    /// Lists those of `count` output rows from `first` on that have a row of this input, counted from `first`, beside that row; returns
+    /// how many there are.
     #[inline(always)]
-    fn row(&self, row: usize) -> &'a [f32] {
-        let source = match self.index {
-            Index::Same => row,
-            Index::Gather { index, stride, offset } => index[row * stride + offset] as usize,
-        };
-        let start = source * self.channels;
-        self.x.get(start..start + self.channels).unwrap_or(&[])
+    fn list(&self, first: usize, count: usize, present: &mut [Pair; BLOCK]) -> usize {
+        let rows = self.x.len() / self.channels;
+        let mut found = 0;
+        for place in 0..count {
+            let row = first + place;
+            let source = match self.index {
+                Index::Same => row,
+                Index::Gather { index, stride, offset } => index[row * stride + offset] as usize,
+            };
+            // Without a branch, which could not be guessed.
+            present[found % BLOCK] = Pair { place: place as u32, source: source as u32 };
+            found += usize::from(source < rows);
+        }
+        found
     }
+}
+
+/// An output row, counted from the first of its block, and the row of an input that it reads.
+#[derive(Debug, Clone, Copy, Default)]
+struct Pair {
+    place: u32,
+    source: u32,
 }
 
 /// Operations that follow `x · W + b`.
@@ -118,9 +138,8 @@ pub fn apply_with(
     let mut out = vec![0.0; rows * packed.columns];
     let columns = packed.columns;
     let instructions = instructions.min(Instructions::best());
-    out.par_chunks_mut(TASK * BLOCK * columns).enumerate().for_each(|(task, out)| {
-        let first = task * TASK * BLOCK;
-        let task = Task { packed, parts, epilogue, first };
+    out.par_chunks_mut(TASK * columns).enumerate().for_each(|(task, out)| {
+        let task = Task { packed, parts, epilogue, first: task * TASK };
         match packed.panel {
             8 => task.run::<8>(instructions, out),
             16 => task.run::<16>(instructions, out),
@@ -158,26 +177,43 @@ impl Instructions {
     }
 }
 
-/// Adds `rows` times `weight` [channels, PANEL] to `sums`, number by number, which the compiler makes vectors of.
+/// Channels whose numbers are read without comparing their indices with lengths.
+const RUN: usize = 8;
+
+/// Adds `rows` times `weight` [channels, PANEL] to `sums`, number by number, which the compiler makes vectors of. Here and in what calls it
+/// there are no closures: they would be compiled without the instructions of the caller.
 #[inline(always)]
-fn multiply<const PANEL: usize, const FMA: bool>(
-    sums: &mut [[f32; PANEL]; BLOCK],
-    rows: [&[f32]; BLOCK],
+fn multiply<const PANEL: usize, const ROWS: usize, const FMA: bool>(
+    sums: &mut [[f32; PANEL]; ROWS],
+    rows: &[&[f32]; ROWS],
     weight: &[f32],
 ) {
-    // A local copy stays in registers; `sums` itself would be written back in every turn.
-    let mut local = *sums;
-    let [a, b, c, d] = rows;
     let (weight, _) = weight.as_chunks::<PANEL>();
-    for ((((w, &a), &b), &c), &d) in weight.iter().zip(a).zip(b).zip(c).zip(d) {
-        for (sums, x) in local.iter_mut().zip([a, b, c, d]) {
-            for (sum, &w) in sums.iter_mut().zip(w) {
-                // Without the instruction, `mul_add` is a slow library call.
-                *sum = if FMA { x.mul_add(w, *sum) } else { x * w + *sum };
+    let (runs, rest) = weight.as_chunks::<RUN>();
+    for (run, weight) in runs.iter().enumerate() {
+        let mut x = [&[0.0; RUN]; ROWS];
+        for i in 0..ROWS {
+            x[i] = &rows[i].as_chunks::<RUN>().0[run];
+        }
+        for channel in 0..RUN {
+            for i in 0..ROWS {
+                add::<PANEL, FMA>(&mut sums[i], x[i][channel], &weight[channel]);
             }
         }
     }
-    *sums = local;
+    for (channel, weight) in rest.iter().enumerate() {
+        for i in 0..ROWS {
+            add::<PANEL, FMA>(&mut sums[i], rows[i][RUN * runs.len() + channel], weight);
+        }
+    }
+}
+
+#[inline(always)]
+fn add<const PANEL: usize, const FMA: bool>(sums: &mut [f32; PANEL], x: f32, weight: &[f32; PANEL]) {
+    for i in 0..PANEL {
+        // Without the instruction, `mul_add` is a slow library call.
+        sums[i] = if FMA { x.mul_add(weight[i], sums[i]) } else { x * weight[i] + sums[i] };
+    }
 }
 
 /// Consecutive output rows from `first` on.
@@ -191,13 +227,13 @@ struct Task<'a> {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,fma")]
 fn rows_avx512<const PANEL: usize>(task: &Task, out: &mut [f32]) {
-    task.rows::<PANEL, true>(out);
+    task.rows::<PANEL, ROWS_AVX512, true>(out);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
 fn rows_avx2<const PANEL: usize>(task: &Task, out: &mut [f32]) {
-    task.rows::<PANEL, true>(out);
+    task.rows::<PANEL, ROWS, true>(out);
 }
 
 impl Task<'_> {
@@ -210,55 +246,82 @@ impl Task<'_> {
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Instructions::Avx2 => unsafe { rows_avx2::<PANEL>(self, out) },
-            _ => self.rows::<PANEL, false>(out),
+            _ => self.rows::<PANEL, ROWS, false>(out),
         }
     }
 
     #[inline(always)]
-    fn rows<const PANEL: usize, const FMA: bool>(&self, out: &mut [f32]) {
+    fn rows<const PANEL: usize, const ROWS: usize, const FMA: bool>(&self, out: &mut [f32]) {
         let columns = self.packed.columns;
         for (block, out) in out.chunks_mut(BLOCK * columns).enumerate() {
             let first = self.first + block * BLOCK;
-            for panel in 0..columns / PANEL {
-                let sums = self.block::<PANEL, FMA>(first, out.len() / columns, panel);
-                for (row, (out, sums)) in out.chunks_exact_mut(columns).zip(&sums).enumerate() {
-                    self.finish(&mut out[panel * PANEL..][..PANEL], sums, (first + row) * columns + panel * PANEL);
+            out.chunks_exact_mut(columns).for_each(|row| row.copy_from_slice(&self.packed.bias));
+            let mut rows_before = 0;
+            for part in self.parts {
+                self.add::<PANEL, ROWS, FMA>(part, rows_before, first, out);
+                rows_before += part.channels;
+            }
+            self.finish(out, first * columns);
+        }
+    }
+
+    /// Adds a part, whose channels are those of the matrix after `rows_before`, to the rows of `out`, the first of which is `first`.
+    #[inline(always)]
+    fn add<const PANEL: usize, const ROWS: usize, const FMA: bool>(
+        &self,
+        part: &Part,
+        rows_before: usize,
+        first: usize,
+        out: &mut [f32],
+    ) {
+        let mut present = [Pair::default(); BLOCK];
+        let count = part.list(first, out.len() / self.packed.columns, &mut present);
+        let (full, rest) = present[..count].as_chunks::<ROWS>();
+        for group in full {
+            self.add_group::<PANEL, ROWS, FMA>(part, rows_before, group, ROWS, out);
+        }
+        if let Some(&filler) = rest.first() {
+            let mut group = [filler; ROWS];
+            group[..rest.len()].copy_from_slice(rest);
+            self.add_group::<PANEL, ROWS, FMA>(part, rows_before, &group, rest.len(), out);
+        }
+    }
+
+    /// Adds the rows of a part to those of `out` that are paired with them; only the first `count` pairs are meant.
+    #[inline(always)]
+    fn add_group<const PANEL: usize, const ROWS: usize, const FMA: bool>(
+        &self,
+        part: &Part,
+        rows_before: usize,
+        group: &[Pair; ROWS],
+        count: usize,
+        out: &mut [f32],
+    ) {
+        let Packed { columns, rows, weight, .. } = self.packed;
+        let mut x: [&[f32]; ROWS] = [&[]; ROWS];
+        for i in 0..ROWS {
+            x[i] = &part.x[group[i].source as usize * part.channels..][..part.channels];
+        }
+        for panel in 0..columns / PANEL {
+            let weight = &weight[(panel * rows + rows_before) * PANEL..][..part.channels * PANEL];
+            let mut sums = [[0.0; PANEL]; ROWS];
+            for i in 0..ROWS {
+                sums[i].copy_from_slice(&out[group[i].place as usize * columns + panel * PANEL..][..PANEL]);
+            }
+            multiply::<PANEL, ROWS, FMA>(&mut sums, &x, weight);
+            for i in 0..ROWS {
+                if i < count {
+                    out[group[i].place as usize * columns + panel * PANEL..][..PANEL].copy_from_slice(&sums[i]);
                 }
             }
         }
     }
 
-    /// x · W + b of one panel for the `count` ≤ [`BLOCK`] rows from `first` on.
+    /// What follows, for the rows of `out`, whose first number is the one with this index of all.
     #[inline(always)]
-    fn block<const PANEL: usize, const FMA: bool>(
-        &self,
-        first: usize,
-        count: usize,
-        panel: usize,
-    ) -> [[f32; PANEL]; BLOCK] {
-        let packed = self.packed;
-        let mut sums = [[0.0; PANEL]; BLOCK];
-        sums.iter_mut().for_each(|row| row.copy_from_slice(&packed.bias[panel * PANEL..][..PANEL]));
-        let mut weight = &packed.weight[panel * packed.rows * PANEL..][..packed.rows * PANEL];
-        let zeros = [0.0; MAX_CHANNELS];
-        for part in self.parts {
-            let (of_part, rest) = weight.split_at(part.channels * PANEL);
-            weight = rest;
-            let rows: [&[f32]; BLOCK] = std::array::from_fn(|r| if r < count { part.row(first + r) } else { &[] });
-            if rows.iter().all(|row| row.is_empty()) {
-                continue;
-            }
-            let rows = rows.map(|row| if row.is_empty() { &zeros[..part.channels] } else { row });
-            multiply::<PANEL, FMA>(&mut sums, rows, of_part);
-        }
-        sums
-    }
-
-    #[inline(always)]
-    fn finish<const PANEL: usize>(&self, out: &mut [f32], sums: &[f32; PANEL], start: usize) {
-        out.copy_from_slice(sums);
+    fn finish(&self, out: &mut [f32], start: usize) {
         if let Some(residual) = self.epilogue.residual {
-            out.iter_mut().zip(&residual[start..start + PANEL]).for_each(|(x, r)| *x += r);
+            out.iter_mut().zip(&residual[start..]).for_each(|(x, r)| *x += r);
         }
         if self.epilogue.relu {
             out.iter_mut().for_each(|x| *x = x.max(0.0));

@@ -8,7 +8,7 @@ use super::growth::Growth;
 use crate::base::{Error, Result};
 use crate::guiding::tree::CountedTree;
 use crate::guiding::tree::distribution::Distribution;
-use crate::guiding::tree::features::{FEATURES, NodeInputs, node_inputs};
+use crate::guiding::tree::features::{FEATURES, NodeInputs};
 use crate::guiding::tree::topology::Topology;
 use crate::network::backend::{Backend, DecodeInputs, DecodeOutput, EncodeInputs};
 use crate::network::batch::Batch;
@@ -99,9 +99,9 @@ fn reconstruct(
     }
 }
 
-/// Expected shares (Zhu 2021 eq. 15), which training compares with the truth: a parent that is a leaf with probability p gives its
+/// Expected shares (Zhu 2021 eq. 15), by which training, too, decides what is split: a parent that is a leaf with probability p gives its
 /// children a quarter each with that probability. `parent` and `share` [N], `leaf` of the level above.
-fn expected_shares(parent: &[u32], leaf: &[f32], share: &[f32]) -> Vec<f32> {
+pub fn expected_shares(parent: &[u32], leaf: &[f32], share: &[f32]) -> Vec<f32> {
     let of = |(&parent, &share): (&u32, &f32)| 0.25 * leaf[parent as usize] + (1.0 - leaf[parent as usize]) * share;
     parent.iter().zip(share).map(of).collect()
 }
@@ -110,17 +110,16 @@ fn expected_shares(parent: &[u32], leaf: &[f32], share: &[f32]) -> Vec<f32> {
 fn all_inputs(inputs: &[CountedTree], smoothed: &[Distribution]) -> NodeInputs {
     let mut all = NodeInputs::default();
     for (input, smoothed) in inputs.iter().zip(smoothed) {
-        let nodes = corrected_inputs(input, smoothed);
-        all.features.extend(nodes.features);
-        all.log_shares.extend(nodes.log_shares);
-        all.base.extend(nodes.base);
+        add_inputs(&mut all, input, smoothed);
     }
     all
 }
 
 /// Inputs of the network for one tree.
 pub fn inputs_of(input: &CountedTree) -> NodeInputs {
-    corrected_inputs(input, &smoothed(input))
+    let mut inputs = NodeInputs::default();
+    add_inputs(&mut inputs, input, &smoothed(input));
+    inputs
 }
 
 /// The tree smoothed with the default [`Gaussian`], which the network corrects.
@@ -128,8 +127,8 @@ fn smoothed(input: &CountedTree) -> Distribution {
     Gaussian::default().smooth_tree(input)
 }
 
-fn corrected_inputs(input: &CountedTree, smoothed: &Distribution) -> NodeInputs {
-    node_inputs(input.counted, smoothed.node_mass(), &input.own, input.block, &input.voxel_features)
+fn add_inputs(to: &mut NodeInputs, input: &CountedTree, smoothed: &Distribution) {
+    to.add(input.counted, smoothed.node_mass(), &input.own, input.block, &input.voxel_features);
 }
 
 /// The encoder's output of every level, from the root down.

@@ -1,16 +1,31 @@
-//! Speed of the embedded backend's convolution and of a whole reconstruction, on one core.
+//! Speed of the embedded backend's convolution, and of a whole reconstruction with what comes before and after it, on one core.
+//!
+//!     cargo bench --bench network [-- reconstruction]
+
+#[path = "../support/network.rs"]
+#[allow(dead_code, reason = "trees alone are needed")]
+mod network;
 
 use std::hint::black_box;
 use std::time::Instant;
 
 use fanal::base::random::Random;
-use fanal::guiding::tree::topology::Topology;
+use fanal::guiding::tree::CountedTree;
+use fanal::guiding::tree::proposal::{Judged, UNTOLD};
+use fanal::guiding::tree::sampler::SamplingTree;
+use fanal::guiding::tree::topology::{MAX_NODES, Topology};
 use fanal::network::batch::{Batch, SLOTS};
 use fanal::network::kernels::{Epilogue, Index, Instructions, Packed, Part, apply_with};
 use fanal::network::weights::LayerWeights;
+use fanal::reconstruct::gaussian::Gaussian;
+use fanal::reconstruct::neural::inputs_of;
+use fanal::reconstruct::{Neural, Reconstructor};
 
 fn main() {
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global().expect("the pool is built once");
+    if std::env::args().any(|argument| argument == "reconstruction") {
+        return reconstruction();
+    }
     for width in [8, 16, 24, 32, 48, 64] {
         for instructions in [Instructions::Portable, Instructions::Avx2, Instructions::Avx512] {
             let (seconds, flops) = convolution(width, instructions.min(Instructions::best()));
@@ -22,6 +37,34 @@ fn main() {
         }
     }
     layout();
+    reconstruction();
+}
+
+/// Microseconds per tree of each part of making a guide by the network that ships, over trees of about 400 nodes.
+fn reconstruction() {
+    let filled = |seed| network::filled(network::random_topology(seed, 450, 8, 0.6), seed);
+    let trees: Vec<network::Tree> = (0..).map(filled).filter(|tree| tree.own.len() > 350).take(200).collect();
+    let inputs: Vec<CountedTree> = trees.iter().map(network::Tree::input).collect();
+    let nodes = inputs.iter().map(|input| input.counted.topology().len()).sum::<usize>();
+    let per_tree = |run: &mut dyn FnMut()| best(run) * 1e6 / inputs.len() as f64;
+    let neural = Neural::built_in().expect("the model is of this version");
+    let made = neural.reconstruct(&inputs).expect("the trees have all features");
+    let smoothed = per_tree(&mut || drop(black_box(Gaussian::default().reconstruct(&inputs))));
+    let features = per_tree(&mut || inputs.iter().for_each(|input| drop(black_box(inputs_of(input)))));
+    let whole = per_tree(&mut || drop(black_box(neural.reconstruct(&inputs))));
+    let mixed = per_tree(&mut || made.iter().for_each(|proposal| drop(black_box(proposal.mixed(UNTOLD)))));
+    let judged = per_tree(&mut || {
+        made.iter().for_each(|proposal| drop(black_box(Judged::new(proposal, UNTOLD, MAX_NODES))));
+    });
+    let guides: Vec<_> = made.iter().map(|proposal| proposal.mixed(UNTOLD)).collect();
+    let packed = per_tree(&mut || {
+        guides.iter().for_each(|(of, uniform)| drop(black_box(SamplingTree::new(of, *uniform, MAX_NODES))));
+    });
+    println!("{} trees of {} nodes, microseconds each:", inputs.len(), nodes / inputs.len());
+    println!(
+        "  smoothed {smoothed:.1}, smoothed and made features {features:.1}, reconstructed by the network {whole:.1}"
+    );
+    println!("  both mixed {mixed:.1}, both packed to be judged {judged:.1}, the mixture packed {packed:.1}");
 }
 
 /// Best time of several runs over 100 trees of 1,024 nodes at one level, all neighbours present, and its operations.

@@ -8,6 +8,7 @@ use fanal::network::batch::{Batch, NONE};
 use fanal::network::config::Config;
 use fanal::network::growing::DecodeLevel;
 use fanal::network::program::GEOMETRY;
+use fanal::reconstruct::neural::expected_shares;
 
 use crate::batch::{Aligned, HostBatch};
 use crate::loss::NEVER;
@@ -100,6 +101,8 @@ struct Walk {
     features: Tensor<2>,
     /// Predicted mass per row of the level.
     predicted: Vec<f32>,
+    /// Predicted probability per row of being a leaf, 0 for roots.
+    leaf: Vec<f32>,
     /// Index of the level's first row in the output, plus 1.
     start: usize,
     share_logits: Vec<Tensor<2>>,
@@ -130,6 +133,7 @@ impl Walk {
             aligned: Aligned::roots(&batch.target),
             features: encoded[0].clone(),
             predicted: vec![1.0; trees],
+            leaf: vec![0.0; trees],
             start: 0,
             share_logits: vec![],
             leaf_logits: vec![],
@@ -157,8 +161,8 @@ impl Walk {
         );
         let (share, leaf) = (to_vec(decoded.share.inner()), to_vec(decoded.leaf.inner()));
         let aligned = self.aligned.children(&batch.target, &level.rows.parent);
-        let above = &self.predicted;
-        let predicted: Vec<f32> = level.rows.parent.iter().zip(&share).map(|(&p, s)| above[p as usize] * s).collect();
+        let (above, share) = (&self.predicted, expected_shares(&level.rows.parent, &self.leaf, &share));
+        let predicted: Vec<f32> = level.rows.parent.iter().zip(share).map(|(&p, s)| above[p as usize] * s).collect();
         let split: Vec<bool> = (0..level.rows.len())
             .map(|row| {
                 let extra = random.next_f32() < EXTRA_LEVEL;
@@ -178,6 +182,7 @@ impl Walk {
         let never = |_| Tensor::full([level.rows.len(), 1], NEVER, device);
         self.leaf_logits.push(config.image.map_or(decoded.leaf_logit, never));
         self.features = decoded.features;
+        self.leaf = if config.image.is_some() { vec![0.0; leaf.len()] } else { leaf };
         (self.level, self.split, self.aligned, self.predicted) = (level, split, aligned, predicted);
     }
 

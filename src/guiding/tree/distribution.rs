@@ -194,7 +194,7 @@ impl Distribution {
 
 /// The union of weighted trees while it is made, breadth first.
 struct Union<'a> {
-    /// Nodes with children in any open cell: tree, node, weighted mass.
+    /// Nodes with children in any open cell: tree, node, the tree's weight.
     parts: Vec<(&'a Distribution, usize, f64)>,
     split: Vec<bool>,
     mass: Vec<f64>,
@@ -210,32 +210,33 @@ impl<'a> Union<'a> {
     fn cell(&mut self, flat: f64, parts: impl Iterator<Item = (&'a Distribution, usize, f64)>) -> UnionCell {
         let (start, mut flat) = (self.parts.len(), flat);
         for part in parts {
-            if part.0.topology.is_leaf(part.1) {
-                flat += part.2;
-            } else if part.2 > 0.0 {
-                self.parts.push(part);
-            }
+            self.add(part, &mut flat);
         }
         UnionCell { flat, parts: start..self.parts.len() }
     }
 
+    /// Adds a node to the cell that is made: its mass to what is `flat` if it is a leaf.
+    fn add(&mut self, part: (&'a Distribution, usize, f64), flat: &mut f64) {
+        let (of, node, weight) = part;
+        let mass = weight * of.node_mass[node];
+        if of.topology.is_leaf(node) {
+            *flat += mass;
+        } else if mass > 0.0 {
+            self.parts.push(part);
+        }
+    }
+
     fn mass_of(&self, cell: &UnionCell) -> f64 {
-        cell.flat + self.parts[cell.parts.clone()].iter().map(|p| p.2).sum::<f64>()
+        let mass = |(of, node, weight): &(&Distribution, usize, f64)| weight * of.node_mass[*node];
+        cell.flat + self.parts[cell.parts.clone()].iter().map(mass).sum::<f64>()
     }
 
     fn child(&mut self, cell: &UnionCell, k: usize) -> UnionCell {
         let start = self.parts.len();
         let mut flat = 0.25 * cell.flat;
         for i in cell.parts.clone() {
-            let (of, node, mass) = self.parts[i];
-            let child = of.topology.first_child[node] as usize + k;
-            let of_parent = of.node_mass[node];
-            let mass = if of_parent > 0.0 { mass * of.node_mass[child] / of_parent } else { 0.0 };
-            if of.topology.is_leaf(child) {
-                flat += mass;
-            } else if mass > 0.0 {
-                self.parts.push((of, child, mass));
-            }
+            let (of, node, weight) = self.parts[i];
+            self.add((of, of.topology.first_child[node] as usize + k, weight), &mut flat);
         }
         UnionCell { flat, parts: start..self.parts.len() }
     }

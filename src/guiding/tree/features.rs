@@ -34,6 +34,7 @@ use super::distribution::Distribution;
 use super::leaves::{BSDF, COUNTS, Leaves, NETWORK_CHANNELS, SQUARES, VALUES};
 use super::topology::{MAX_LEVEL, NO_CHILD, Topology};
 use crate::math::cylindrical::cell_centre;
+use crate::math::lanes::slices;
 
 /// Network input channels per node.
 pub const FEATURES: usize = 26;
@@ -100,87 +101,114 @@ struct Covering {
     part: f32,
 }
 
-/// The inputs for a `counted` distribution, whose smoothed one has the node masses `smoothed`, with the `own` samples of the
-/// voxel in the layout [`Network`](super::leaves::Layout::Network) and the `block` around it; own samples in another layout count as
-/// none.
-pub fn node_inputs(
-    counted: &Distribution,
-    smoothed: &[f64],
-    own: &Leaves,
-    block: &Block,
-    voxel_features: &VoxelFeatures,
-) -> NodeInputs {
-    let topology = counted.topology();
-    let own_nodes = own_nodes(own);
-    let whole = own_nodes[0];
-    let bsdf_whole = whole.sums[BSDF];
-    let block_mass = block.distribution.node_mass();
-    let mut covering = vec![[Covering { node: 0, part: 1.0 }; 2]; topology.len()];
-    let mut inputs = NodeInputs {
-        features: Vec::with_capacity(topology.len() * FEATURES),
-        log_shares: Vec::with_capacity(topology.len()),
-        base: Vec::with_capacity(topology.len()),
-    };
-    let tree_counts = voxel_features.samples.map(|n| (n as f32).ln_1p() / LOG_SCALE);
-    let block_counts = block.samples.map(|n| n.ln_1p() / LOG_SCALE);
-    for level in 0..topology.levels() {
-        let cells = 4f32.powi(level as i32);
-        for node in topology.level(level) {
-            let parent = topology.parent[node] as usize;
-            let [at, in_block] = covering[node];
-            let inside = at.part < 1.0;
-            let here = &own_nodes[at.node as usize];
-            let above = &own_nodes[own.topology.parent[at.node as usize] as usize];
-            let first = topology.first_child[node];
-            if first != NO_CHILD {
-                let children = covering[first as usize..][..4].iter_mut();
-                let own = children_of(own.topology, at);
-                let block = children_of(block.distribution.topology(), in_block);
-                children.zip(own).zip(block).for_each(|((child, own), block)| *child = [own, block]);
+/// Channels of the logarithms of densities: counted, smoothed, own path samples, own photons, block, BSDF.
+const DENSITIES: [usize; LOG_SHARES + 1] = [0, 2, 4, 6, 21, 12];
+/// Channels of the logarithms of numbers of samples of a node.
+const COUNTED: [usize; 4] = [8, 9, 10, 11];
+/// Logarithms per node: those of both, and that of the smoothed share.
+const LOGS: usize = DENSITIES.len() + COUNTED.len() + 1;
+
+impl NodeInputs {
+    /// Adds the inputs for a `counted` distribution, whose smoothed one has the node masses `smoothed`, with the `own` samples of the
+    /// voxel in the layout [`Network`](super::leaves::Layout::Network) and the `block` around it; own samples in another layout count as
+    /// none.
+    pub fn add(
+        &mut self,
+        counted: &Distribution,
+        smoothed: &[f64],
+        own: &Leaves,
+        block: &Block,
+        voxel_features: &VoxelFeatures,
+    ) {
+        let topology = counted.topology();
+        let own_nodes = own_nodes(own);
+        let whole = own_nodes[0];
+        let block_mass = block.distribution.node_mass();
+        let mut covering = vec![[Covering { node: 0, part: 1.0 }; 2]; topology.len()];
+        let first_new = self.features.len();
+        self.features.reserve(topology.len() * FEATURES);
+        let mut logs: Vec<[f32; LOGS]> = Vec::with_capacity(topology.len());
+        let of_all = voxel_channels(block, voxel_features);
+        for level in 0..topology.levels() {
+            let cells = 4f32.powi(level as i32);
+            for node in topology.level(level) {
+                let parent = topology.parent[node] as usize;
+                let [at, in_block] = covering[node];
+                let inside = at.part < 1.0;
+                let here = &own_nodes[at.node as usize];
+                let above = &own_nodes[own.topology.parent[at.node as usize] as usize];
+                let first = topology.first_child[node];
+                if first != NO_CHILD {
+                    let children = covering[first as usize..][..4].iter_mut();
+                    let own = children_of(own.topology, at);
+                    let block = children_of(block.distribution.topology(), in_block);
+                    children.zip(own).zip(block).for_each(|((child, own), block)| *child = [own, block]);
+                }
+                let of_block = |at: Covering| block_mass[at.node as usize] as f32 * at.part;
+                let masses = [counted.node_mass(), smoothed].map(|m| [m[node] as f32, m[parent] as f32]);
+                let share_of_parent = |[part, whole]: [f32; 2]| if level == 0 { 1.0 } else { ratio(part, whole) };
+                // Inside an own leaf everything is spread evenly.
+                let share =
+                    |part: f32, whole: f32| if inside && level > 0 { 0.25 } else { share_of_parent([part, whole]) };
+                let density = |part: f32, whole: f32| ratio(part * at.part, whole) * cells;
+                let [path, photon] = [0, 1].map(|kind| density(here.weights[kind], whole.weights[kind]));
+                let block_part = of_block(in_block);
+                let smooth_share = share_of_parent(masses[1]);
+                let [path_count, photon_count] = COUNTS.map(|c| 1.0 + here.sums[c] * at.part);
+                let [path_effective, photon_effective] = [0, 1].map(|kind| 1.0 + effective(here, kind) * at.part);
+                logs.push([
+                    masses[0][0] * cells,
+                    masses[1][0] * cells,
+                    path,
+                    photon,
+                    block_part * cells,
+                    density(here.sums[BSDF], whole.sums[BSDF]),
+                    path_count,
+                    photon_count,
+                    path_effective,
+                    photon_effective,
+                    smooth_share.max(LEAST_SHARE),
+                ]);
+                let mut row = of_all;
+                row[1] = share_of_parent(masses[0]);
+                row[3] = smooth_share;
+                row[5] = share(here.weights[0], above.weights[0]);
+                row[7] = share(here.weights[1], above.weights[1]);
+                row[13] = share(here.sums[BSDF], above.sums[BSDF]);
+                row[14] = Vec3::from(cell_centre(level, topology.cell[node])).dot(voxel_features.normal);
+                row[15] = level as f32 / MAX_LEVEL as f32;
+                row[20] = f32::from(u8::from(inside));
+                row[22] = share_of_parent([block_part, of_block(covering[parent][1])]);
+                self.features.extend_from_slice(&row);
             }
-            let of_block = |at: Covering| block_mass[at.node as usize] as f32 * at.part;
-            let block_part = of_block(in_block);
-            let masses = [counted.node_mass(), smoothed].map(|m| [m[node] as f32, m[parent] as f32]);
-            // Inside an own leaf everything is spread evenly.
-            let share = |part: f32, whole: f32| match () {
-                () if level == 0 => 1.0,
-                () if inside => 0.25,
-                () => ratio(part, whole),
-            };
-            let density = |part: f32, whole: f32| log_density(ratio(part * at.part, whole) * cells);
-            let log = [
-                log_density(masses[0][0] * cells),
-                log_density(masses[1][0] * cells),
-                density(here.weights[0], whole.weights[0]),
-                density(here.weights[1], whole.weights[1]),
-                log_density(block_part * cells),
-            ];
-            let smooth_share = if level == 0 { 1.0 } else { ratio(masses[1][0], masses[1][1]) };
-            inputs.base.push(smooth_share.max(LEAST_SHARE).ln());
-            inputs.log_shares.push(log);
-            let counted_share = if level == 0 { 1.0 } else { ratio(masses[0][0], masses[0][1]) };
-            inputs.features.extend([log[0], counted_share, log[1], smooth_share]);
-            inputs.features.extend([log[2], share(here.weights[0], above.weights[0])]);
-            inputs.features.extend([log[3], share(here.weights[1], above.weights[1])]);
-            inputs.features.extend(COUNTS.map(|c| (here.sums[c] * at.part).ln_1p() / LOG_SCALE));
-            inputs.features.extend([0, 1].map(|kind| (effective(here, kind) * at.part).ln_1p() / LOG_SCALE));
-            inputs.features.extend([density(here.sums[BSDF], bsdf_whole), share(here.sums[BSDF], above.sums[BSDF])]);
-            inputs.features.push(Vec3::from(cell_centre(level, topology.cell[node])).dot(voxel_features.normal));
-            inputs.features.push(level as f32 / MAX_LEVEL as f32);
-            inputs.features.extend(tree_counts);
-            inputs.features.extend([
-                voxel_features.path_share,
-                voxel_features.nearness.min(2.0),
-                f32::from(u8::from(inside)),
-            ]);
-            let block_above = of_block(covering[parent][1]);
-            let block_share = if level == 0 { 1.0 } else { ratio(block_part, block_above) };
-            inputs.features.extend([log[4], block_share]);
-            inputs.features.extend(block_counts);
-            inputs.features.push(voxel_features.past.ln_1p() / LOG_SCALE);
+        }
+        // All together: one by one they would be a third of what a tree costs.
+        slices::ln(logs.as_flattened_mut());
+        self.log_shares.reserve(logs.len());
+        self.base.reserve(logs.len());
+        let (rows, _) = self.features[first_new..].as_chunks_mut::<FEATURES>();
+        for (row, logs) in rows.iter_mut().zip(&logs) {
+            for (channel, log) in DENSITIES.into_iter().zip(logs) {
+                row[channel] = bounded(*log);
+            }
+            for (channel, log) in COUNTED.into_iter().zip(&logs[DENSITIES.len()..]) {
+                row[channel] = log / LOG_SCALE;
+            }
+            self.log_shares.push(std::array::from_fn(|i| row[DENSITIES[i]]));
+            self.base.push(logs[LOGS - 1]);
         }
     }
-    inputs
+}
+
+/// A row of the channels that are the same for all nodes, the others 0.
+fn voxel_channels(block: &Block, voxel_features: &VoxelFeatures) -> [f32; FEATURES] {
+    let scaled = |count: f32| count.ln_1p() / LOG_SCALE;
+    let mut row = [0.0; FEATURES];
+    [row[16], row[17]] = voxel_features.samples.map(|n| scaled(n as f32));
+    (row[18], row[19]) = (voxel_features.path_share, voxel_features.nearness.min(2.0));
+    [row[23], row[24]] = block.samples.map(scaled);
+    row[25] = scaled(voxel_features.past);
+    row
 }
 
 /// Nodes of the other tree that cover the four children of a cell that `above` covers.
@@ -221,9 +249,9 @@ fn ratio(part: f32, whole: f32) -> f32 {
     if whole > 0.0 { (part / whole).min(1.0) } else { 0.0 }
 }
 
-/// The logarithm of a density relative to uniform, cut at ±[`LOG_LIMIT`] and divided by half of that; 0 counts as the least.
-fn log_density(relative: f32) -> f32 {
-    relative.ln().clamp(-LOG_LIMIT, LOG_LIMIT) / (0.5 * LOG_LIMIT)
+/// The logarithm of a density relative to uniform, cut at ±[`LOG_LIMIT`] and divided by half of that; that of 0 counts as the least.
+fn bounded(log: f32) -> f32 {
+    log.clamp(-LOG_LIMIT, LOG_LIMIT) / (0.5 * LOG_LIMIT)
 }
 
 #[cfg(test)]
@@ -266,7 +294,9 @@ mod tests {
         let weights: Vec<f64> = (1..).map(f64::from).take(topology.leaves().count()).collect();
         let distribution = Distribution::from_leaf_weights(topology, &weights);
         let block = Block { distribution, samples: [900.0, 5000.0] };
-        node_inputs(counted, counted.node_mass(), own, &block, &voxel_features)
+        let mut inputs = NodeInputs::default();
+        inputs.add(counted, counted.node_mass(), own, &block, &voxel_features);
+        inputs
     }
 
     #[test]

@@ -19,6 +19,9 @@ use crate::math::lanes::LANES;
 /// rounded shares, so nothing is biased, and a child below 1/65536 of its parent is left to the uniform part.
 const WHOLE: f64 = 65536.0;
 
+/// Mass whose inverse would overflow.
+const NOTHING: f64 = 1e-290;
+
 /// Largest coordinate within a node: one that rounding carried to 1 would select a child of no share.
 const BELOW_ONE: f64 = 1.0 - 1.0 / (1u64 << 36) as f64;
 
@@ -477,11 +480,13 @@ pub fn pdf_lanes(trees: &[Option<&SamplingTree>; LANES], [x, y]: &[[i32; LANES];
 /// Cumulative shares at which the last three of four siblings begin; equal shares where there is no mass.
 fn begins(mass: [f64; 4]) -> [u16; 3] {
     let total: f64 = mass.iter().sum();
+    let (mass, scale) = if total > NOTHING { (mass, WHOLE / total) } else { ([1.0; 4], 0.25 * WHOLE) };
     let mut sum = 0.0;
     [0, 1, 2].map(|k| {
-        sum += if total > 0.0 { mass[k] / total } else { 0.25 };
-        // The last child keeps at least the smallest share, as the scale's end does not fit into sixteen bits.
-        (sum * WHOLE).round().min(WHOLE - 1.0) as u16
+        sum += mass[k] * scale;
+        // The last child keeps at least the smallest share, as the scale's end does not fit into sixteen bits. Numbers are positive, so
+        // that what a half more ends at is the nearest one, without a call.
+        (sum + 0.5).min(WHOLE - 1.0) as u16
     })
 }
 
@@ -518,16 +523,14 @@ mod tests {
         let mut more_than_parents = 0;
         for _ in 0..1000 {
             let mut chain = |levels: usize| {
-                let mut split = vec![true];
+                let (mut split, mut shares) = (vec![true], vec![1.0]);
                 for level in 1..=levels {
                     let goes_on = random.below(4);
                     split.extend((0..4).map(|k| level < levels && k == goes_on));
+                    shares
+                        .extend((0..4).map(|k| if level == levels || k == goes_on { random.next_f32() } else { 0.0 }));
                 }
-                let mut weights = vec![0.0; 3 * levels + 1];
-                let last = weights.len() - 4;
-                weights[last..].iter_mut().for_each(|weight| *weight = random.next_f64());
-                weights[0] += random.next_f64();
-                Distribution::from_leaf_weights(Topology::from_split(&split).unwrap(), &weights)
+                Distribution::from_shares(Topology::from_split(&split).unwrap(), &shares)
             };
             let parts = [chain(12), chain(9), chain(15)].map(|of| (of, random.next_f64()));
             let union = Distribution::weighted(&parts.each_ref().map(|(of, weight)| (of, *weight)), 20, 0.0);

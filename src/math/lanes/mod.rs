@@ -16,6 +16,7 @@ mod avx512;
 pub mod functions;
 mod gather;
 mod one;
+pub mod slices;
 #[cfg(test)]
 mod tests;
 mod vector;
