@@ -53,10 +53,10 @@ impl Builder {
 
     /// Fills a box from its lowest to its highest corner, in which the camera is, with a medium that is the same everywhere.
     pub fn fill(&mut self, [low, high]: [Vec3; 2], sigma_t: [f32; 3], albedo: [f32; 3], g: f32) {
-        let border = self.add_material("border", MaterialFile::Null);
+        let border = self.add_material("border", MaterialFile::Null {});
         self.scene.media.insert("haze".into(), MediumFile::Homogeneous { sigma_t, albedo, g });
         self.scene.camera.medium = Some("haze".into());
-        self.scene.meshes.entry("cube".into()).or_insert(MeshFile::Cube);
+        self.scene.meshes.entry("cube".into()).or_insert(MeshFile::Cube {});
         let to_world = Mat4::from_scale_rotation_translation((high - low) * 0.5, Quat::IDENTITY, (low + high) * 0.5);
         self.push("border", mesh("cube"), to_world, &border, None);
         if let Some(shape) = self.scene.shapes.last_mut() {
@@ -71,7 +71,7 @@ impl Builder {
 
     /// Adds a box with half extents `half`, turned by `turn` about its centre.
     pub fn add_box(&mut self, name: &str, center: Vec3, half: Vec3, turn: Quat, material: &str) {
-        self.scene.meshes.entry("cube".into()).or_insert(MeshFile::Cube);
+        self.scene.meshes.entry("cube".into()).or_insert(MeshFile::Cube {});
         let to_world = Mat4::from_scale_rotation_translation(half, turn, center);
         self.push(name, mesh("cube"), to_world, material, None);
         self.solids.add(Solid::Box { center, half, turn });
@@ -98,7 +98,7 @@ impl Builder {
         material: &str,
         emission: Option<[f32; 3]>,
     ) {
-        self.scene.meshes.entry("square".into()).or_insert(MeshFile::Rectangle);
+        self.scene.meshes.entry("square".into()).or_insert(MeshFile::Rectangle {});
         let normal = u.cross(v).normalize_or(Vec3::Z);
         let frame = Mat3::from_cols(u, v, normal);
         self.push(name, mesh("square"), Mat4::from_translation(center) * Mat4::from_mat3(frame), material, emission);

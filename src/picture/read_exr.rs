@@ -1,5 +1,6 @@
 //! Reading OpenEXR, by the crate `exr`.
 
+use std::collections::{HashMap, HashSet};
 use std::io::Cursor;
 use std::path::Path;
 
@@ -8,7 +9,7 @@ use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
 use glam::Vec3;
 
 use crate::base::files::read_bytes;
-use crate::base::{Error, Place, Result};
+use crate::base::{Error, Place, Result, named};
 use crate::picture::Image;
 
 use super::{LARGEST_FILE, MOST_PIXELS};
@@ -96,23 +97,61 @@ fn check_sizes(path: &Path, bytes: &[u8]) -> Result<()> {
 /// Picks the colour of an EXR file: R, G, B, or else Y, or else those of the first layer that has them.
 pub(super) fn read_color(path: &Path, bytes: &[u8]) -> Result<Image> {
     let (width, height, channels) = decode(path, bytes)?;
-    let find = |name: &str| channels.iter().find(|(other, _)| other == name).map(|(_, values)| values);
-    let prefixes = std::iter::once("").chain(channels.iter().filter_map(|(name, _)| Some(name.rsplit_once('.')?.0)));
-    for prefix in prefixes {
-        let in_layer = |name: &str| if prefix.is_empty() { find(name) } else { find(&format!("{prefix}.{name}")) };
-        let rgb = (in_layer("R"), in_layer("G"), in_layer("B"));
-        let rgb = match (rgb, in_layer("Y")) {
-            ((Some(r), Some(g), Some(b)), _) => [r, g, b],
-            (_, Some(y)) => [y, y, y],
-            _ => continue,
-        };
-        let pixels = (0..width * height).map(|i| Vec3::from_array(rgb.map(|channel| channel[i]))).collect();
-        return Ok(Image { width, height, pixels });
+    let Some(rgb) = colour(&channels) else {
+        return Err(Error::Unsupported {
+            place: Place::file(path),
+            what: format!("a picture with the channels {}", named(channels.iter().map(|(name, _)| name))),
+            supported: "R, G and B, or Y".into(),
+        });
+    };
+    let pixels = (0..width * height).map(|i| Vec3::from_array(rgb.map(|channel| channel[i]))).collect();
+    Ok(Image { width, height, pixels })
+}
+
+/// The channels that are a picture's colour, three times the same one where it is grey. Each is looked up: a file of
+/// two megabytes may have a hundred thousand.
+fn colour(channels: &[(String, Vec<f32>)]) -> Option<[&[f32]; 3]> {
+    let mut first: HashMap<&str, &[f32]> = HashMap::with_capacity(channels.len());
+    for (name, values) in channels {
+        first.entry(name).or_insert(values);
     }
-    let names: Vec<&str> = channels.iter().map(|(name, _)| name.as_str()).collect();
-    Err(Error::Unsupported {
-        place: Place::file(path),
-        what: format!("a picture with the channels {}", names.join(", ")),
-        supported: "R, G and B, or Y".into(),
+    let mut seen = HashSet::new();
+    let layers = channels.iter().filter_map(|(name, _)| Some(name.rsplit_once('.')?.0));
+    std::iter::once("").chain(layers).filter(|layer| seen.insert(*layer)).find_map(|layer| {
+        let find = |name: &str| match layer {
+            "" => first.get(name).copied(),
+            _ => first.get(format!("{layer}.{name}").as_str()).copied(),
+        };
+        match ((find("R"), find("G"), find("B")), find("Y")) {
+            ((Some(r), Some(g), Some(b)), _) => Some([r, g, b]),
+            (_, Some(y)) => Some([y; 3]),
+            _ => None,
+        }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::{Duration, Instant};
+
+    fn channels<const N: usize>(of: [(&str, f32); N]) -> [(String, Vec<f32>); N] {
+        of.map(|(name, value)| (name.to_owned(), vec![value]))
+    }
+
+    /// Comparing each with each would take minutes.
+    #[test]
+    fn colours_are_found_among_many_channels() {
+        let begun = Instant::now();
+        let mut all: Vec<_> = (0..100_000).map(|i| (format!("layer{i}.Z"), vec![0.0])).collect();
+        assert_eq!(colour(&all), None);
+        // The first layer that has them, and of channels of one name the first.
+        all.extend(channels([("c.R", 1.0), ("c.G", 2.0), ("b.Y", 3.0), ("c.B", 4.0), ("c.B", 5.0), ("c.Y", 6.0)]));
+        assert_eq!(colour(&all), Some([&[1.0][..], &[2.0], &[4.0]]));
+        all.extend(channels([("Y", 7.0), ("R", 8.0), ("G", 9.0)]));
+        assert_eq!(colour(&all), Some([&[7.0][..]; 3]));
+        all.extend(channels([("B", 10.0)]));
+        assert_eq!(colour(&all), Some([&[8.0][..], &[9.0], &[10.0]]));
+        assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", begun.elapsed());
+    }
 }

@@ -6,7 +6,6 @@ use glam::Vec3;
 
 use super::image::Image;
 use super::texels::{ByteImage, Texels, WordImage};
-use crate::math::srgb;
 
 /// The samples of a picture, pixel by pixel from the top left.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,28 +54,22 @@ impl Samples {
         }
     }
 
-    /// The colour of pixel `index`, as stored, from 0 to 1.
-    fn stored(&self, index: usize) -> Vec3 {
-        let first = index * self.channels;
-        match self.channels {
-            0..3 => Vec3::splat(self.value(first)),
-            _ => Vec3::new(self.value(first), self.value(first + 1), self.value(first + 2)),
-        }
-    }
-
-    /// A picture of its own with `of` each colour: as stored if it is `raw` data, otherwise linear.
+    /// A picture of its own with `of` each colour: linear floats, or of `raw` data numbers of sixteen bits from 0 to 1.
     pub fn mapped(&self, raw: bool, of: impl Fn(Vec3) -> Vec3) -> Texels {
-        let [width, height] = self.size;
-        let linear = |color: Vec3| if raw { color } else { color.map(srgb::linear) };
-        let pixels = (0..width * height).map(|index| of(linear(self.stored(index)))).collect();
-        Texels::Float(Arc::new(Image { width, height, pixels }))
+        let ([width, height], stored) = (self.size, self.texels(raw));
+        let pixels = (0..width * height).map(|index| of(stored.pixels([index])[0]));
+        if raw {
+            let word = |value: f32| (value.clamp(0.0, 1.0) * 65535.0).round() as u16;
+            return self.of_words(3, pixels.flat_map(|pixel| pixel.to_array().map(word)).collect(), true);
+        }
+        Texels::Float(Arc::new(Image { width, height, pixels: pixels.collect() }))
     }
 
     /// The colours without alpha: sRGB values or, if `raw`, data.
     pub fn texels(&self, raw: bool) -> Texels {
         match &self.values {
             Values::Eight(values) => self.of_bytes(self.channels, values.clone(), raw),
-            Values::Sixteen(values) => self.of_words(values.clone(), raw),
+            Values::Sixteen(values) => self.of_words(self.channels, values.clone(), raw),
         }
     }
 
@@ -89,7 +82,7 @@ impl Samples {
             }
             Values::Sixteen(values) => {
                 let values = std::mem::take(values);
-                self.of_words(values, raw)
+                self.of_words(self.channels, values, raw)
             }
         }
     }
@@ -118,9 +111,9 @@ impl Samples {
         image.map_or_else(nothing, |image| Texels::Bytes(Arc::new(image)))
     }
 
-    fn of_words(&self, words: Vec<u16>, raw: bool) -> Texels {
+    fn of_words(&self, channels: usize, words: Vec<u16>, raw: bool) -> Texels {
         let [width, height] = self.size;
-        let image = WordImage::new(width, height, self.channels, words, raw);
+        let image = WordImage::new(width, height, channels, words, raw);
         image.map_or_else(nothing, |image| Texels::Words(Arc::new(image)))
     }
 }
@@ -148,6 +141,8 @@ mod tests {
         near(grey(&opaque.channel(3, |v| v), 0), 255.0);
         assert!(rgba.has_alpha() && alone.has_alpha() && !opaque.has_alpha());
         assert_eq!(rgba.mapped(true, |c| 2.0 * c).pixels([0])[0], 2.0 * rgba.texels(true).pixels([0])[0]);
+        assert!(matches!(rgba.mapped(true, |c| c), Texels::Words(_)));
+        assert_eq!(rgba.mapped(false, |c| c).pixels([0, 1]), rgba.texels(false).pixels([0, 1]));
         assert!(Samples::new([2, 1], 4, Values::Eight(vec![0; 7])).is_none());
         assert!(Samples::new([usize::MAX, 2], 4, Values::Eight(vec![])).is_none());
     }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::{Affine3A, Mat3, Mat4, Vec2, Vec3};
+use rayon::prelude::*;
 
 use super::dress::Wardrobe;
 use super::effects::Needs;
@@ -20,7 +21,7 @@ use crate::camera::Camera;
 use crate::geometry::accel::SELDOM_SHARED;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::{Accel, Shape};
-use crate::lights::area::AreaLight;
+use crate::lights::area::{AreaLight, MOST_PIECES};
 use crate::lights::distant::{Constant, Directional};
 use crate::lights::envmap::Envmap;
 use crate::lights::point::{Point, Spot};
@@ -51,12 +52,15 @@ use crate::picture::Texels;
 
 /// Bytes of meshes that stay in the caches by themselves.
 const CACHED: usize = 1 << 18;
+/// Most triangles of shapes that shine: each of these has its own, of 60 bytes each.
+const MOST_EMITTING: u64 = 1 << 26;
 
 impl Scene {
     /// Builds the scene for a picture of `size` (columns, rows) by its default camera.
     ///
     /// # Errors
-    /// [`Error::Malformed`] where a name does not resolve; the readers have checked all values.
+    /// [`Error::Malformed`] where a name does not resolve; the readers have checked all values. [`Error::Limit`] where
+    /// shapes that shine have too many triangles.
     pub fn build(loaded: &LoadedScene, size: [u32; 2]) -> Result<Self> {
         Self::build_with(loaded, size, &[])
     }
@@ -79,9 +83,18 @@ impl Scene {
 
     fn build_with(loaded: &LoadedScene, size: [u32; 2], further: &[&CameraFile]) -> Result<Self> {
         let file = &loaded.file;
+        let value = emitting_triangles(&file.shapes, &loaded.meshes);
+        if value > MOST_EMITTING {
+            let place = Place::file(&loaded.directory);
+            let what = "the number of triangles of shapes that shine".to_owned();
+            return Err(Error::Limit { place, what, value, limit: MOST_EMITTING });
+        }
         let names: BTreeMap<&str, u32> = file.materials.keys().map(String::as_str).zip(0..).collect();
-        let materials = file.materials.values().map(|m| material(m, &loaded.images));
-        let mut materials = materials.collect::<Result<Vec<Material>>>()?;
+        // Some tabulate for milliseconds. The first error in their order counts, whichever is found first.
+        let materials: Vec<&MaterialFile> = file.materials.values().collect();
+        let materials: Vec<Result<Material>> =
+            materials.into_par_iter().map(|file| material(file, &loaded.images)).collect();
+        let mut materials = materials.into_iter().collect::<Result<Vec<Material>>>()?;
         let (mut wardrobe, mut own_materials) = (Wardrobe::new(loaded), 0);
         let mut shapes = Vec::with_capacity(file.shapes.len());
         let mut shape_material = Vec::with_capacity(file.shapes.len());
@@ -100,10 +113,15 @@ impl Scene {
         for shape_file in &file.shapes {
             *uses.entry(mesh_name(shape_file)).or_default() += 1;
         }
+        let mut copies = Copies::default();
+        // Lamps with pictures share as many pieces as there may be triangles.
+        let is_cut = |shape: &&ShapeFile| shape.shines() && shape.emission_texture.is_some();
+        let cut = file.shapes.iter().filter(is_cut).count();
+        let pieces = (MOST_EMITTING as usize / cut.max(1)).min(MOST_PIECES);
         for shape_file in &file.shapes {
             let dressed = wardrobe.dress(shape_file);
             let mesh = dressed.and_then(|dressed| dressed.mesh.clone());
-            let shape = shape(shape_file, uses[&mesh_name(shape_file)] == 1, mesh, loaded)?;
+            let shape = shape(shape_file, uses[&mesh_name(shape_file)], &mut copies, mesh, loaded)?;
             let shape = Shape { unseen: shape_file.unseen, ..shape };
             let name = shape_file.material.as_str();
             shape_material.push(match dressed {
@@ -118,7 +136,7 @@ impl Scene {
             });
             let border = Border { interior: medium(&shape_file.interior)?, exterior: medium(&shape_file.exterior)? };
             shape_border.push((border != Border::default()).then_some(border));
-            let emission = shape_file.emission.map(Vec3::from_array).filter(|e| *e != Vec3::ZERO);
+            let emission = shape_file.emission.filter(|_| shape_file.shines()).map(Vec3::from_array);
             shape_light.push(emission.map(|_| lights.len() as u32));
             if emission.is_some() {
                 light_medium.push(if border == Border::default() { camera_medium } else { border.exterior });
@@ -131,7 +149,7 @@ impl Scene {
             lights.extend(emission.map(|radiance| {
                 Light::Area(match factor {
                     None => AreaLight::new(shape.clone(), radiance),
-                    Some(factor) => AreaLight::textured(shape.clone(), radiance, factor),
+                    Some(factor) => AreaLight::textured_within(shape.clone(), radiance, factor, pieces),
                 })
             }));
             shapes.push(shape);
@@ -235,20 +253,54 @@ fn mesh_name(file: &ShapeFile) -> Option<&str> {
     }
 }
 
-/// Builds the shape of `file`; `alone` says that no other shape uses its mesh, in whose place there may be one of its own.
-fn shape(file: &ShapeFile, alone: bool, own: Option<Arc<Mesh>>, loaded: &LoadedScene) -> Result<Shape> {
+/// The number of triangles of all shapes that shine, those of a mesh for each of its shapes.
+fn emitting_triangles(shapes: &[ShapeFile], meshes: &BTreeMap<String, Arc<Mesh>>) -> u64 {
+    let shining = shapes.iter().filter(|shape| shape.shines());
+    shining.filter_map(|shape| meshes.get(mesh_name(shape)?)).map(|mesh| mesh.triangles.len() as u64).sum()
+}
+
+/// Most triangles of a mesh, in all the copies of it that shapes have in world coordinates.
+const MOST_COPIED: usize = 1 << 16;
+/// Most triangles of the copies of all meshes that several shapes use.
+const MOST_COPIES: usize = 1 << 20;
+
+/// Copies in world coordinates, which rays meet sooner than instances of a mesh, and which take more memory: triangles
+/// of those so far whose mesh several shapes use.
+#[derive(Default)]
+struct Copies(usize);
+
+impl Copies {
+    /// Whether a shape gets a copy of its mesh, which `uses` shapes have.
+    fn take(&mut self, triangles: usize, uses: usize) -> bool {
+        if triangles <= SELDOM_SHARED {
+            return true;
+        }
+        if uses.saturating_mul(triangles) > MOST_COPIED || uses > 1 && self.0 + triangles > MOST_COPIES {
+            return false;
+        }
+        self.0 += if uses > 1 { triangles } else { 0 };
+        true
+    }
+}
+
+/// Builds the shape of `file`, whose mesh `uses` shapes have; in its place there may be one of its `own`.
+fn shape(
+    file: &ShapeFile,
+    uses: usize,
+    copies: &mut Copies,
+    own: Option<Arc<Mesh>>,
+    loaded: &LoadedScene,
+) -> Result<Shape> {
     let to_world = affine(&file.to_world);
     match &file.geometry {
         GeometryFile::Mesh { mesh } => {
             let found =
                 own.as_ref().or_else(|| loaded.meshes.get(mesh)).ok_or_else(|| unresolved(loaded, "mesh", mesh))?;
             let shape = Shape::mesh(found.clone(), to_world, file.flip_normals);
-            let own = match found.triangles.len() {
-                triangles if triangles <= SELDOM_SHARED => true,
-                // A second copy of a large mesh would take more memory than it saves time.
-                triangles => alone && triangles <= 1 << 16,
-            };
-            Ok(if own { shape.in_world() } else { shape })
+            // Points of lamps are sampled in the world. Were they instances, roundings on the way to their meshes could
+            // bring shadow rays that end just before a lamp to it.
+            let is_copy = uses > 1 && file.shines() || copies.take(found.triangles.len(), uses);
+            Ok(if is_copy { shape.in_world() } else { shape })
         }
         GeometryFile::Sphere { center, radius } => {
             let scale = to_world.transform_vector3(Vec3::X).length();
@@ -293,7 +345,7 @@ fn material(file: &MaterialFile, images: &Images) -> Result<Material> {
         MaterialFile::Mask { opacity, material: inner } => {
             return Ok(Material { opacity: Some(texture(opacity, images)?), ..material(inner, images)? });
         }
-        MaterialFile::Null => Kind::Null,
+        MaterialFile::Null {} => Kind::Null,
         MaterialFile::BumpMap { texture: map, scale, material: inner } => {
             let map = Map::Height(texture(map, images)?, *scale);
             return Ok(Material { bump: Some(Box::new(Bump { map, mirrored: false })), ..material(inner, images)? });
@@ -438,8 +490,8 @@ fn lens(to_world: &Matrix, fov: f32, aspect: f32, profile: &ProfileFile) -> Lens
     let half_angle = 0.5 * fov.to_radians();
     let half = half_angle.tan();
     let profile = match profile {
-        ProfileFile::Even => Profile::Even,
-        ProfileFile::Plane => Profile::Plane,
+        ProfileFile::Even {} => Profile::Even,
+        ProfileFile::Plane {} => Profile::Plane,
         ProfileFile::Cone { beam_width } => Profile::Cone { cutoff: half_angle, beam: beam_width.to_radians() },
     };
     Lens { to_world: affine(to_world), half: Vec2::new(half, half / aspect), profile }
@@ -485,9 +537,86 @@ fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {
         LightFile::Constant { radiance } => Light::Constant(Constant { radiance: Vec3::from_array(*radiance) }),
         LightFile::Envmap { file, scale, to_world } => {
             let image = loaded.images.get(file).ok_or_else(|| unresolved(loaded, "picture", file))?;
-            let [x, y, z] = Mat3::from(affine(to_world).matrix3).to_cols_array_2d().map(Vec3::from_array);
-            let rotation = Mat3::from_cols(x.normalize_or(Vec3::X), y.normalize_or(Vec3::Y), z.normalize_or(Vec3::Z));
+            let rotation = rotation(affine(to_world).matrix3.into());
             Light::Envmap(Envmap::new(image.clone(), *scale, rotation))
         }
     })
+}
+
+/// The rotation of a transform, mirrored where that mirrors: its columns without their lengths. Where a shear has them at
+/// other than right angles, y keeps its direction, and z the plane that it spans with y.
+fn rotation(linear: Mat3) -> Mat3 {
+    let [x, y, z] = linear.to_cols_array_2d().map(Vec3::from_array);
+    let [x, y, z] = [x.normalize_or(Vec3::X), y.normalize_or(Vec3::Y), z.normalize_or(Vec3::Z)];
+    if [x.dot(y), y.dot(z), z.dot(x)].into_iter().all(|cosine| cosine.abs() <= 1e-5) {
+        return Mat3::from_cols(x, y, z);
+    }
+    let Some(forward) = (z - y * y.dot(z)).try_normalize() else { return Mat3::from_cols(x, y, z) };
+    let side = y.cross(forward);
+    Mat3::from_cols(if side.dot(x) < 0.0 { -side } else { side }, y, forward)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::scene::readers::resolve;
+
+    /// A mesh is copied where that takes little memory, and all meshes together no more than they may.
+    #[test]
+    fn copies_are_bounded() {
+        let mut copies = Copies::default();
+        for (triangles, uses, is_copy) in [
+            (SELDOM_SHARED, 1 << 22, true),
+            (MOST_COPIED, 1, true),
+            (MOST_COPIED + 1, 1, false),
+            (MOST_COPIED / 2, 2, true),
+            (MOST_COPIED / 2 + 1, 2, false),
+            (SELDOM_SHARED + 1, usize::MAX, false),
+        ] {
+            assert_eq!(copies.take(triangles, uses), is_copy, "{triangles} {uses}");
+        }
+        assert_eq!(copies.0, MOST_COPIED / 2);
+        let taken = (0..1000).filter(|_| copies.take(1 << 14, 4)).count();
+        assert_eq!(taken, (MOST_COPIES - MOST_COPIED / 2) >> 14);
+        assert!(copies.take(MOST_COPIED, 1) && !copies.take(MOST_COPIED, 2) && copies.take(SELDOM_SHARED, 2));
+    }
+
+    /// A mesh counts as often as its shapes shine; what is refused is refused before anything is made of it.
+    #[test]
+    fn shapes_that_shine_have_a_limit() {
+        let file = r#"{"version": 1, "camera": {"to_world": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1], "fov": 40},
+            "film": {"width": 4, "height": 4},
+            "materials": {"black": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0,0,0]}}},
+            "meshes": {"square": {"type": "rectangle"}},
+            "shapes": [{"geometry": {"type": "mesh", "mesh": "square"}, "material": "black", "emission": [1,1,1]}]}"#;
+        let mut loaded = resolve(serde_json::from_str(file).unwrap(), Path::new(""), Path::new("test")).unwrap();
+        let large = Arc::new(Mesh { triangles: vec![[0; 3]; 1 << 20], ..Mesh::default() });
+        loaded.meshes.values_mut().for_each(|mesh| *mesh = large.clone());
+        let lamp = loaded.file.shapes[0].clone();
+        loaded.file.shapes.extend(std::iter::repeat_n(lamp, 64));
+        let refused = Scene::build(&loaded, [4, 4]);
+        assert!(matches!(refused, Err(Error::Limit { value, limit: MOST_EMITTING, .. }) if value == 65 << 20));
+        loaded.file.shapes[1].emission = Some([0.0; 3]);
+        loaded.file.shapes[2].emission = None;
+        assert_eq!(emitting_triangles(&loaded.file.shapes, &loaded.meshes), 63 << 20);
+    }
+
+    /// Sampling takes the transpose for the inverse, whatever a document says.
+    #[test]
+    fn environments_are_turned_not_sheared() {
+        let turned = Mat3::from_rotation_y(0.7) * Mat3::from_rotation_x(-0.4);
+        let kept = rotation(turned * Mat3::from_diagonal(Vec3::new(2.0, 4.0, 0.5)));
+        assert!(kept.abs_diff_eq(turned, 1e-6), "{kept}");
+        let shear = Mat3::from_cols(Vec3::new(1.0, 0.5, 0.0), Vec3::Y, Vec3::new(0.3, -0.8, 1.0));
+        for mirrored in [1.0, -1.0] {
+            let found = rotation(turned * shear * Mat3::from_diagonal(Vec3::new(mirrored, 1.0, 1.0)));
+            assert!((found.transpose() * found).abs_diff_eq(Mat3::IDENTITY, 1e-6), "{found}");
+            assert!(
+                (found.determinant() - mirrored).abs() < 1e-6 && found.y_axis.distance(turned.y_axis) < 1e-6,
+                "{found}"
+            );
+        }
+    }
 }

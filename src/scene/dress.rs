@@ -65,8 +65,8 @@ fn dress(shape: &ShapeFile, loaded: &LoadedScene, number: u32) -> Option<Dressed
     let mut emission_texture = shape.emission_texture.clone();
     let is_placed = |texture: &TextureFile| !is_attribute(texture) && !matches!(texture, TextureFile::Rgb { .. });
     let all = || material.textures().into_iter().map(|(_, texture)| texture).chain(&emission_texture);
-    // Pictures need the texture coordinates that the mesh has; the mean of its colours must do then.
-    let paintable = !all().any(is_placed);
+    // Pictures and grains need the texture coordinates that the mesh has; the mean of its colours must do then.
+    let paintable = !all().any(is_placed) && !material.has_grain();
     let mut images: BTreeMap<String, Texels> = loaded.images.clone();
     let mut painted_mesh = None;
     let mut replace = |texture: &mut TextureFile, most: f32| {

@@ -287,7 +287,7 @@ impl Default for RenderFile {
     }
 }
 
-/// The source of a mesh.
+/// The source of a mesh. Variants without fields have braces: serde would let unit variants have any key.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum MeshFile {
@@ -343,13 +343,13 @@ pub enum MeshFile {
         wider: f32,
     },
     /// The square [-1, 1]² in z = 0, facing +z.
-    Rectangle,
+    Rectangle {},
     /// The cube [-1, 1]³, facing outwards.
-    Cube,
+    Cube {},
     /// The unit disk in z = 0, facing +z, as a polygon of its area.
-    Disk,
+    Disk {},
     /// The side of the cylinder with radius 1 from z = 0 to z = 1, facing outwards, in flat strips with smooth normals.
-    Cylinder,
+    Cylinder {},
     /// A mesh written out.
     Inline {
         /// Vertex positions.
@@ -403,6 +403,13 @@ pub struct ShapeFile {
     /// No ray meets it: it lights the scene as if it were there, and is seen neither by the camera nor in a mirror.
     #[serde(default, skip_serializing_if = "is_default")]
     pub unseen: bool,
+}
+
+impl ShapeFile {
+    /// Whether it emits light.
+    pub fn shines(&self) -> bool {
+        self.emission.is_some_and(|radiance| radiance != [0.0; 3])
+    }
 }
 
 /// The geometry of a shape.

@@ -38,7 +38,9 @@ fn name_of(index: usize, shape: &ShapeFile, file: &SceneFile) -> String {
             Some(MeshFile::Serialized { file, index, .. }) => format!("{} {index}", stem(file)),
             Some(MeshFile::Inline { .. } | MeshFile::Held { .. }) => name.clone(),
             // Every floor and wall may be one of these.
-            Some(MeshFile::Rectangle | MeshFile::Cube | MeshFile::Disk | MeshFile::Cylinder) | None => String::new(),
+            Some(MeshFile::Rectangle {} | MeshFile::Cube {} | MeshFile::Disk {} | MeshFile::Cylinder {}) | None => {
+                String::new()
+            }
         }
     };
     or_else(&shape.name, || or_else(&of_mesh(), || format!("shape {index}")))
@@ -58,7 +60,7 @@ mod tests {
         file.meshes = [
             ("chair with options".to_owned(), options("models/chair.0.ply")),
             ("part".to_owned(), MeshFile::Held { part: "meshes[3]".into() }),
-            ("square".to_owned(), MeshFile::Rectangle),
+            ("square".to_owned(), MeshFile::Rectangle {}),
             ("all".to_owned(), MeshFile::Serialized { file: "m/all.serialized".into(), index: 3, face_normals: false }),
         ]
         .into();

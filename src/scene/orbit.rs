@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DMat3, DMat4, DVec3};
 
 use super::file::{CameraFile, Matrix, SceneFile};
-use super::readers::extent::LARGEST;
+use super::readers::LARGEST;
 use crate::base::{Error, Result};
 
 /// Most views.

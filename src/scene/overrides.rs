@@ -145,7 +145,7 @@ fn remove_media(scene: &mut SceneFile, test: fn(&MediumFile) -> bool) {
 fn take_off(material: &mut MaterialFile, test: fn(&MaterialFile) -> bool) {
     while test(material) {
         let Some(inside) = material.inside_mut() else { return };
-        *material = std::mem::replace(inside, MaterialFile::Null);
+        *material = std::mem::replace(inside, MaterialFile::Null {});
     }
     if let Some(inside) = material.inside_mut() {
         take_off(inside, test);

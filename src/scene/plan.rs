@@ -232,7 +232,7 @@ impl<'a> Survey<'a> {
     }
 
     fn emitters(&self) -> Names {
-        let emitting = self.scene.shapes.iter().filter(|shape| shape.emission.is_some());
+        let emitting = self.scene.shapes.iter().filter(|shape| shape.shines());
         let (count, unseen) = (emitting.clone().count(), emitting.filter(|shape| shape.unseen).count());
         let unseen = if unseen > 0 { format!(", {unseen} of them unseen") } else { String::new() };
         (count > 0).then(|| format!("{count} emitting shapes{unseen}")).into_iter().collect()
@@ -397,7 +397,7 @@ fn is_guidable(material: &MaterialFile) -> bool {
             MaterialFile::Conductor { .. }
                 | MaterialFile::Dielectric { .. }
                 | MaterialFile::ThinDielectric { .. }
-                | MaterialFile::Null
+                | MaterialFile::Null {}
         )
     })
 }
@@ -433,6 +433,8 @@ mod tests {
         scene.lights.clear();
         scene.shapes[0].material = "unused".into();
         assert_eq!(on(&scene), ["mirrors"]);
+        scene.shapes[0].emission = Some([0.0; 3]);
+        assert_eq!(on(&scene), ["mirrors"], "a black lamp lights nothing");
     }
 
     #[test]

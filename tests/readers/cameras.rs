@@ -165,7 +165,7 @@ fn our_own_cameras_are_read_saved_and_checked() {
     save(&found.file, &copy).unwrap();
     assert_eq!(load(&copy).unwrap().file, found.file);
     type Damage = (&'static str, fn(&mut Value));
-    let damaged: [Damage; 7] = [
+    let damaged: [Damage; 9] = [
         ("cameras.door.fov", |json| json["cameras"]["door"]["fov"] = json!(180.0)),
         ("cameras.door.medium", |json| json["cameras"]["door"]["medium"] = json!("fog")),
         ("cameras.door.size", |json| json["cameras"]["door"]["size"] = json!([0, 5])),
@@ -173,6 +173,8 @@ fn our_own_cameras_are_read_saved_and_checked() {
         ("camera_name", |json| json["camera_name"] = json!("door")),
         ("camera.size", |json| json["camera"]["size"] = json!([4, 4])),
         ("cameras", |json| json["cameras"][""] = json["camera"].clone()),
+        ("camera.near_clip", |json| json["camera"]["near_clip"] = json!(1e30)),
+        ("cameras.door.aperture_radius", |json| json["cameras"]["door"]["aperture_radius"] = json!(1e30)),
     ];
     for (part, damage) in damaged {
         let mut json = several.clone();
@@ -180,6 +182,12 @@ fn our_own_cameras_are_read_saved_and_checked() {
         let error = loaded(&json).expect_err(part);
         assert!(matches!(error, Error::Malformed { .. }) && error.to_string().contains(part), "{part}: {error}");
     }
+    // A number without end stands for infinity.
+    let mut far = several.clone();
+    far["cameras"]["door"]["focus_distance"] = json!(1e30);
+    let found = loaded(&far).unwrap();
+    assert_eq!(found.file.cameras["door"].focus_distance, Some(1e9));
+    assert!(found.warnings.iter().any(|w| w.contains("cameras.door.focus_distance")), "{:?}", found.warnings);
     let mut huge = several;
     huge["cameras"]["door"]["size"] = json!([16384, 16384]);
     assert!(matches!(loaded(&huge).unwrap_err(), Error::Limit { .. }));

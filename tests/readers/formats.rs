@@ -287,6 +287,12 @@ fn wrong_json_is_refused_with_its_place() {
         ("[0, -1, 0]", "[0, 0, 0]", "(lights[1].direction)"),
         ("\"file\": \"sky.exr\"", "\"file\": \"a/../../sky.exr\"", "(lights[3])"),
         ("\"file\": \"triangle.ply\"", "\"file\": \"tetrahedron.obj\"", "tetrahedron.obj"),
+        ("\"materials\": {", "\"materials\": { \"n\": { \"type\": \"null\", \"alpha\": 1 },", "unknown field `alpha`"),
+        (
+            "\"meshes\": {",
+            "\"meshes\": { \"r\": { \"type\": \"rectangle\", \"flip_v\": true },",
+            "unknown field `flip_v`",
+        ),
     ] {
         assert!(JSON.contains(from), "{from}");
         std::fs::write(&path, JSON.replacen(from, to, 1)).unwrap();
@@ -299,6 +305,20 @@ fn wrong_json_is_refused_with_its_place() {
     }
     refused(load(&folder.path().join("nothing.json")), "missing");
     refused(load(&folder.path().join("sky.exr")), "not a scene");
+}
+
+/// A surface that would reflect more than arrives is warned of, and rendered as it is.
+#[test]
+fn pictures_brighter_than_white() {
+    let folder = folder();
+    let path = folder.path().join("scene.json");
+    for (scale, warned) in [(1, false), (4, true)] {
+        std::fs::write(&path, JSON.replacen("\"raw\": true", &format!("\"raw\": true, \"scale\": {scale}"), 1))
+            .unwrap();
+        let warnings = load(&path).unwrap().warnings;
+        let told = |warning: &String| warning.contains("the reflectance of \"painted\" reaches 4");
+        assert_eq!(warnings.iter().any(told), warned, "{scale}: {warnings:?}");
+    }
 }
 
 #[test]

@@ -115,6 +115,14 @@ fn what_is_said_of_common_faults() {
     empty.json["accessors"][0]["count"] = json!(1u64 << 20);
     empty.json["meshes"][0]["primitives"][0]["attributes"] = json!({ "POSITION": 0 });
     assert!(refused(&empty, "made of nothing").contains("without bytes"));
+    // Copies that no byte stands for, at two nodes.
+    let mut copies = rich();
+    let places = copies.add("accessors", json!({ "componentType": 5126, "count": 1 << 16, "type": "VEC3" }));
+    let instancing = json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": places } } });
+    for _ in 0..2 {
+        copies.add_node(json!({ "mesh": 0, "extensions": instancing }));
+    }
+    assert!(refused(&copies, "copies of nothing").contains("number of shapes"));
 }
 
 #[test]

@@ -192,6 +192,22 @@ fn normal_maps() {
         json!({ "KHR_texture_transform": { "scale": [-1.0, -1.0] } });
     let around = map(&loaded(&document), 0);
     assert!((around + mirrored * Vec3::new(1.0, 1.0, -1.0)).length() < 1e-3, "{around} {mirrored}");
+    // After a quarter turn up on the picture is along u, and right on it is down on the surface, or up if mirrored.
+    document.json["materials"][0]["normalTexture"]["extensions"] = json!({ "KHR_texture_transform": {
+        "rotation": std::f32::consts::FRAC_PI_2, "scale": [2.0, 3.0]
+    } });
+    let found = loaded(&document);
+    for (shape, y) in [(0, 0.5), (1, -0.5)] {
+        let turned = map(&found, shape);
+        assert!((turned / turned.z).abs_diff_eq(Vec3::new(0.249, y, 1.0), 1e-3), "{turned}");
+    }
+    // A picture drawn out without end has no directions, and one scaled alone is taken as it is.
+    for (transform, scale) in [(json!({ "scale": [0.0, 1.0] }), 0.5), (json!({ "scale": [3.0, 7.0] }), 1.0)] {
+        document.json["materials"][0]["normalTexture"]["scale"] = json!(scale);
+        document.json["materials"][0]["normalTexture"]["extensions"] = json!({ "KHR_texture_transform": transform });
+        let straight = map(&loaded(&document), 1);
+        assert!((straight / straight.z).abs_diff_eq(Vec3::new(scale, 0.498 * scale, 1.0), 1e-3), "{straight}");
+    }
 }
 
 /// A texture's light is that of the triangles that it lights.
@@ -319,6 +335,29 @@ fn lobes_of_extensions() {
     assert_eq!(file(metal).metallic, rgb([1.0; 3]));
     let wrong = square(json!({ "extensions": { "KHR_materials_clearcoat": { "clearcoatFactor": "much" } } }));
     assert!(refused(&wrong, "no number").contains("KHR_materials_clearcoat"));
+}
+
+/// A grain turns the other way where triangles show pictures mirrored. Colours of vertices leave the texture coordinates
+/// that it is measured by.
+#[test]
+fn grains_of_mirrored_triangles() {
+    let grain = json!({ "KHR_materials_anisotropy": { "anisotropyStrength": 0.6, "anisotropyRotation": 0.5 } });
+    let mut document = square(json!({ "pbrMetallicRoughness": { "roughnessFactor": 0.5 }, "extensions": grain }));
+    document.add_node(json!({ "mesh": 0, "scale": [-1.0, 1.0, 1.0] }));
+    let found = loaded(&document);
+    let rotation = |shape: usize| {
+        let name = &found.file.shapes[shape].material;
+        let MaterialFile::TwoSided { material } = &found.file.materials[name] else { panic!("two sides") };
+        let MaterialFile::Anisotropic { rotation, .. } = **material else { panic!("a grain") };
+        rotation
+    };
+    assert!((rotation(0) - 28.6479).abs() < 1e-3 && rotation(1) == -rotation(0), "{} {}", rotation(0), rotation(1));
+    let colors = document.floats(3, &[1., 0., 0., 0., 1., 0., 0., 0., 1., 1., 1., 1.]);
+    document.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(colors);
+    let colored = loaded(&document);
+    assert!(warns(&colored, "mean of the vertices' colours"), "{:?}", colored.warnings);
+    assert_eq!(mesh(&colored, 0).uvs, mesh(&found, 0).uvs);
+    assert_eq!(principled(&material(&colored)).base_color, rgb([0.5; 3]));
 }
 
 #[test]

@@ -201,6 +201,7 @@ fn wrong_projectors_are_errors() {
         (r#""fov": 40, "aspect": 0, "#, "aspect"),
         (r#""fov": 40, "profile": {"type": "cone", "beam_width": 21}, "#, "beam_width"),
         (r#""fov": 40, "profile": {"type": "round"}, "#, "round"),
+        (r#""fov": 40, "profile": {"type": "plane", "beam_width": 3}, "#, "unknown field `beam_width`"),
     ] {
         let error = json(&format!("{light}{white}")).unwrap_err();
         assert!(matches!(error, Error::Malformed { .. }) && error.to_string().contains(part), "{error}");

@@ -121,7 +121,7 @@ fn media_by_name_and_by_grid() {
     let MediumFile::Grid(smoke) = &loaded.file.media["smoke"] else { panic!("it is the same everywhere") };
     let density = GridFile::Vol { file: "smoke.vol".into(), to_world: IDENTITY, own_box: true, centred: true };
     assert_eq!((&smoke.density, smoke.sigma_t, smoke.albedo, smoke.g), (&density, [100.0; 3], [0.9; 3], 0.0));
-    assert_eq!(loaded.file.materials[&loaded.file.shapes[1].material], MaterialFile::Null);
+    assert_eq!(loaded.file.materials[&loaded.file.shapes[1].material], MaterialFile::Null {});
     for told in ["no sensor", "read as isotropic"] {
         assert!(warned(&loaded, told), "{told}: {:?}", loaded.warnings);
     }
@@ -269,6 +269,28 @@ fn colours_of_vertices_and_faces() {
     );
     let mixed = Scene::build(&load(&folder.path().join("scene.xml")).unwrap(), [4, 4]).unwrap();
     near(color_at(&mixed, 0.5, -0.2), Vec3::new(2.0 / 3.0, 0.5, 0.5));
+    // A grain is measured by the texture coordinates, so that there is the mean beside it, too.
+    put(
+        &folder,
+        "brushed.ply",
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property float u\nproperty float v\nproperty float r\nproperty float g\nproperty float b\nelement face 1\n\
+        property list uchar int vertex_indices\nend_header\n\
+        -1 -1 0 0 0 1 0 0\n1 -1 0 1 0 0 1 0\n0 1 0 0.5 1 0 0 1\n3 0 1 2\n",
+    );
+    put(
+        &folder,
+        "scene.xml",
+        "<scene version='3.0.0'><sensor type='perspective'/><shape type='ply'>
+        <string name='filename' value='brushed.ply'/>
+        <bsdf type='roughconductor'><float name='alpha_u' value='0.4'/><float name='alpha_v' value='0.1'/>
+        <texture type='mesh_attribute' name='specular_reflectance'><string name='name' value='vertex_color'/></texture>
+        </bsdf></shape></scene>",
+    );
+    let brushed = Scene::build(&load(&folder.path().join("scene.xml")).unwrap(), [4, 4]).unwrap();
+    let ray = Ray { origin: Vec3::new(0.0, -0.5, 5.0), direction: Vec3::NEG_Z };
+    let u = brushed.intersect(&ray).expect("the triangle").uv.x;
+    assert!((u - 0.5).abs() < 1e-5, "{u}");
 }
 
 /// A lamp whose picture is half dark: seen, it shows its picture; its power is the picture's mean; and a floor below it gets the same
@@ -374,7 +396,7 @@ fn materials_of_faces() {
         loaded.warnings
     );
     let rest = scene(&format!("{three}<bsdf type='null'/>"));
-    assert!(matches!(faces(&rest)[2], (2, MaterialFile::Null)), "{:?}", faces(&rest));
+    assert!(matches!(faces(&rest)[2], (2, MaterialFile::Null {})), "{:?}", faces(&rest));
     // Names that are not those of faces, as in exports: the first one is used, as that of a shape with one is whatever its name.
     let other = scene("<bsdf type='conductor' name='bsdf'/><bsdf type='plastic' name='mirrorball'/>");
     assert!(matches!(faces(&other)[..], [(5, MaterialFile::Conductor { .. })]), "{:?}", faces(&other));

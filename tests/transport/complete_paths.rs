@@ -27,6 +27,7 @@ use fanal::scene::Scene;
 use fanal::scene::file::{
     Distribution, GridFile, GridMediumFile, LightFile, MaterialFile, MediumFile, SceneFile, TextureFile,
 };
+use fanal::scene::plan::plan;
 use glam::{Mat4, Quat, Vec3};
 
 const SIZE: [u32; 2] = [32, 24];
@@ -71,7 +72,7 @@ fn foggy_spot(g: f32) -> Builder {
     b.add_quad("floor", Vec3::new(0.0, -1.0, 0.0), [Vec3::Z * 2.0, Vec3::X * 2.0], &wall, None);
     b.add_quad("back", Vec3::new(0.0, 0.0, -1.0), [Vec3::X * 2.0, Vec3::Y * 2.0], &wall, None);
     b.add_sphere("ball", Vec3::new(0.2, 0.1, 0.1), 0.3, &clear, None);
-    let border = b.add_material("border of another", MaterialFile::Null);
+    let border = b.add_material("border of another", MaterialFile::Null {});
     b.add_sphere("other", Vec3::new(-0.5, -0.5, 0.2), 0.3, &border, None);
     let eye = Vec3::new(0.9, 1.1, 0.6);
     let turn = Quat::from_rotation_arc(Vec3::Z, (Vec3::new(0.2, 0.1, 0.1) - eye).normalize());
@@ -456,6 +457,19 @@ fn pictures_do_not_depend_on_threads() {
         let outcome = rendered(&scene, &settings(PATHS, spp, 1)).unwrap();
         assert!(outcome.image.pixels.iter().all(|p| p.is_finite() && p.min_element() >= 0.0));
         assert!(outcome.statistics.spp <= spp);
+    }
+}
+
+/// A scene whose plan leaves guiding out is rendered without, be it asked for by complete paths alone or beside other guides.
+#[test]
+fn plans_leave_them_out() {
+    let mut file = caustic_room().finish();
+    file.render.max_depth = 2;
+    let (plan, scene) = (plan(&file), built(file));
+    for mode in [PATHS, HYBRID] {
+        let asked = RenderSettings { complete_paths: 1.0, ..settings(mode, 2, 1) };
+        let statistics = rendered(&scene, &asked.following(&plan)).unwrap().statistics;
+        assert_eq!((statistics.method.as_str(), statistics.guide.paths), ("none", 0));
     }
 }
 

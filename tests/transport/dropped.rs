@@ -9,17 +9,20 @@ use std::sync::atomic::AtomicBool;
 
 use fanal::base::progress::Silent;
 use fanal::base::random::Random;
-use fanal::generate::build::{Builder, diffuse, matrix};
+use fanal::generate::build::{Builder, diffuse, glass, matrix};
 use fanal::guiding::cache::SpatialCache;
 use fanal::guiding::cache::parallax::Parallax;
 use fanal::guiding::sample::field::{GuideField, PixelValues, VoxelGuide};
 use fanal::guiding::sample::roulette::AdjointRoulette;
+use fanal::guiding::target::Target;
 use fanal::guiding::tree::distribution::Distribution;
 use fanal::guiding::tree::sampler::SamplingTree;
 use fanal::integrators::path::{CameraPath, Cause, PathTracer};
 use fanal::lights::learned::LightSampling;
 use fanal::picture::Window;
-use fanal::render::{Control, GuideMode, Outcome, RenderSettings, Sample, render, render_with_field, replay};
+use fanal::render::{
+    Control, GuideMode, Outcome, RenderSettings, Sample, SampleKinds, render, render_with_field, replay,
+};
 use fanal::scene::Scene;
 use fanal::scene::file::{Filter, LightFile, MaterialFile, MediumFile, SceneFile, TextureFile, Wrap, identity3};
 use fanal::scene::readers::{resolve, save};
@@ -34,7 +37,11 @@ fn blazing(folder: &Path) -> String {
 
 /// The room with a screen in it whose texture is broken; the screen covers a part of the picture.
 fn broken_screen(folder: &Path) -> SceneFile {
-    let mut b = room([24, 18], 10.0);
+    with_screen(room([24, 18], 10.0), folder)
+}
+
+/// The same in such a room.
+fn with_screen(mut b: Builder, folder: &Path) -> SceneFile {
     let reflectance = TextureFile::Bitmap {
         file: blazing(folder),
         to_uv: identity3(),
@@ -103,6 +110,32 @@ fn a09_broken_textures_reach_nothing() {
         assert!(counted.into_iter().all(|d| d.is_finite()), "{guide:?}");
         assert!(statistics.iterations.iter().all(|i| i.mean_variance.is_finite() || i.spp < 2), "{guide:?}");
     }
+}
+
+/// In pictures by complete paths a pixel has a sample less for each that was dropped, with all that guided paths have brought to it, and causes
+/// are told.
+#[test]
+fn a09_complete_paths_leave_broken_samples_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut b = room([24, 18], 10.0);
+    // Caustics are what is kept.
+    let clear = b.add_material("glass", glass(1.5));
+    b.add_sphere("ball", Vec3::new(0.3, -0.6, 0.3), 0.25, &clear, None);
+    let scene = scene_in(folder.path(), with_screen(b, folder.path()));
+    let guide = (GuideMode::Paths, SampleKinds::Path, Target::Variance);
+    let mut settings = RenderSettings { paths_share: 0.75, keeps_spread: true, ..settings(guide, 320, 1) };
+    settings.transport.max_depth = 6;
+    let outcome = rendered(&scene, &settings);
+    let (statistics, spread) = (&outcome.statistics, outcome.spread.unwrap());
+    assert!(statistics.guide.paths > 0, "nothing was kept: {:?}", statistics.decisions);
+    assert!(outcome.image.pixels.iter().all(|p| p.is_finite()));
+    // Some pixel has the samples of all rounds.
+    let rounds = spread.samples.iter().copied().max().unwrap();
+    let missing: u64 = spread.samples.iter().map(|&samples| u64::from(rounds - samples)).sum();
+    assert!(missing > 100 && missing == statistics.dropped_samples, "{missing} of {}", statistics.dropped_samples);
+    let drops = &statistics.dropped;
+    assert_eq!(drops.causes.iter().sum::<u64>(), missing);
+    assert!(drops.first.len() == 16 && drops.first.iter().any(|d| d.cause == Cause::DirectLight), "{:?}", drops.first);
 }
 
 /// Where every sample is dropped, guides learn nothing: not even that somebody was there.

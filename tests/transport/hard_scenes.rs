@@ -14,11 +14,12 @@ use fanal::base::{Error, Result};
 use fanal::generate::build::{Builder, diffuse, matrix};
 use fanal::geometry::accel::SELDOM_SHARED;
 use fanal::geometry::mesh::Mesh;
-use fanal::geometry::{Accel, Ray, Shape, Surface};
+use fanal::geometry::{Accel, Geometry, Ray, Shape, Surface};
 use fanal::guiding::tree::CountedTree;
 use fanal::guiding::tree::distribution::Distribution as Directions;
 use fanal::guiding::tree::proposal::Proposal;
 use fanal::integrators::Roulette;
+use fanal::lights::seen::LightView;
 use fanal::materials::{Kind, Material, Transport};
 use fanal::reconstruct::{AsCounted, Reconstructor};
 use fanal::render::{GuideMode, Outcome, RenderSettings, render};
@@ -180,6 +181,52 @@ fn a07_instances_do_not_hit_what_they_leave() {
     assert!(tested > 10_000, "{tested} rays");
 }
 
+/// A level square of `2 · side²` triangles, seen from below, 1e4 units away in its own coordinates.
+fn far_square(side: u32) -> MeshFile {
+    let row = side + 1;
+    let at = |i: u32| 1e4 + i as f32 / 128.0;
+    let positions = (0..row * row).map(|i| [at(i % row), 1e4, at(i / row)]).collect();
+    let fields = (0..side * side).map(|i| i / side * row + i % side);
+    let triangles = fields.flat_map(|i| [[i, i + 1, i + row], [i + 1, i + row + 1, i + row]]).collect();
+    MeshFile::Inline { positions, normals: vec![], uvs: vec![], triangles }
+}
+
+/// Shadow rays end just before lamps whose mesh, which they share with other shapes, lies far away in its own
+/// coordinates: rounding on the way to an instance would bring half of them to the lamp, and half of its light would be
+/// lost. Other shapes of large meshes are instances, and those of small ones have copies.
+#[test]
+fn a07_shadow_rays_do_not_hit_the_lamp_that_they_go_to() {
+    let mut b = Builder::new("lamps", [4, 4]);
+    let black = b.add_material("black", one_sided(0.0));
+    let (large, small) = (b.define_mesh("large", far_square(128)), b.define_mesh("small", far_square(8)));
+    let kinds = [("lamp", &large, 3, 2.0), ("instance", &large, 2, 9.0), ("copy", &small, 2, 8.0)];
+    for (name, mesh, count, height) in kinds {
+        for i in 0..count {
+            let to_world = Mat4::from_translation(Vec3::new(2.0 * i as f32, height, 0.0) - 1e4);
+            b.add_instance(name, mesh, to_world, (Vec3::ZERO, 1.0), &black);
+        }
+    }
+    let mut file = b.finish();
+    file.shapes.iter_mut().filter(|shape| shape.name == "lamp").for_each(|lamp| lamp.emission = Some([1.0; 3]));
+    let names: Vec<String> = file.shapes.iter().map(|shape| shape.name.clone()).collect();
+    let scene = built(file);
+    for (shape, name) in scene.shapes.iter().zip(names) {
+        let is_placed = matches!(shape.geometry, Geometry::Mesh { rounding: None, .. });
+        assert_eq!(is_placed, name != "instance", "{name}");
+    }
+    let mut random = Random::new(3, 0, 0);
+    let mut tested = 0;
+    for _ in 0..4000 {
+        let point = Vec3::new(random.range(-1.0, 6.0), random.range(0.0, 1.0), random.range(-1.0, 2.0));
+        let (choice, u) = (random.next_f64(), random.next_2d());
+        let Some(light) = scene.lights.sample(point, choice, u, &LightView::PLAIN) else { continue };
+        let (ray, t_max) = Surface::in_medium(point, 0.0, Vec3::Y).towards(light.wi, light.distance);
+        assert!(!scene.accel.occluded(&ray, t_max), "{point} to {light:?}");
+        tested += 1;
+    }
+    assert!(tested > 2000, "{tested} rays");
+}
+
 /// Sends grazing rays from points of shapes, none of which may hit the triangle or ball that it leaves, not even that
 /// of another shape in the same place; returns their number.
 fn leave_everywhere(shapes: &[Shape], random: &mut Random) -> usize {
@@ -312,7 +359,7 @@ fn a08_shapes_without_area_are_left_out() {
     let mesh = |triangles| MeshFile::Inline { positions: vec![[0.0; 3]; 3], normals: vec![], uvs: vec![], triangles };
     with.meshes.insert("point".into(), mesh(vec![[0, 1, 2], [2, 1, 0]]));
     with.meshes.insert("nothing".into(), mesh(vec![]));
-    with.meshes.insert("square".into(), MeshFile::Rectangle);
+    with.meshes.insert("square".into(), MeshFile::Rectangle {});
     let line = Mat4::from_rotation_y(0.3) * Mat4::from_scale(Vec3::new(2.0, 0.0, 1.0));
     for (mesh, to_world, emission) in [
         ("point", Mat4::IDENTITY, None),
@@ -553,7 +600,7 @@ fn a12_media_at_their_limits() {
             settings.transport.max_depth = 5000;
             // Without light sampling and roulette the weight of every path is 1.
             (settings.transport.light_sampling, settings.transport.roulette) = (false, Roulette::Off);
-            let image = picture(&ball_under_sky(MaterialFile::Null, Some(medium(sigma, albedo, g))), &settings);
+            let image = picture(&ball_under_sky(MaterialFile::Null {}, Some(medium(sigma, albedo, g))), &settings);
             assert!(image.pixels.iter().all(|p| p.is_finite() && p.min_element() >= 0.0), "{sigma} {albedo} {g}");
             let middle = [27, 28, 35, 36].map(|i| f64::from(image.pixels[i].x)).iter().sum::<f64>() / 4.0;
             // With a guide 256 paths leave some noise.

@@ -217,8 +217,8 @@ fn s08_photons_bring_the_flux_that_paths_see() {
         floor_under_lamp(true),
         lit_floor(LightFile::Point { position: [0.2, 0.6, -0.3], intensity: [2.0; 3] }),
         lit_floor(LightFile::Spot { to_world, intensity: [2.0; 3], cutoff_angle: 40.0, beam_width: 15.0 }),
-        lit_floor(projected(to_world, ProfileFile::Even)),
-        lit_floor(projected(to_world, ProfileFile::Plane)),
+        lit_floor(projected(to_world, ProfileFile::Even {})),
+        lit_floor(projected(to_world, ProfileFile::Plane {})),
         lit_floor(projected(to_world, ProfileFile::Cone { beam_width: 15.0 })),
         lit_floor(LightFile::Directional { direction: [0.5, -1.0, 0.3], irradiance: [2.0; 3] }),
     ];
@@ -353,7 +353,7 @@ fn s04_direct_light_has_its_closed_form() {
     let below = Mat4::from_rotation_translation(Quat::from_rotation_arc(Vec3::Z, Vec3::NEG_Y), position);
     let cos = 1.2 / d2.sqrt();
     for (name, profile, factor) in
-        [("picture", ProfileFile::Even, 1.0), ("flat picture", ProfileFile::Plane, 1.0 / (cos * cos * cos))]
+        [("picture", ProfileFile::Even {}, 1.0), ("flat picture", ProfileFile::Plane {}, 1.0 / (cos * cos * cos))]
     {
         let (to_world, texture) = (matrix(below), TextureFile::rgb([0.5; 3]));
         let mut b = floor([8, 8], 0.2);

@@ -78,7 +78,7 @@ fn check_with(
 /// A box of half size 1 filled with `inside`, under a sky of radiance 1, seen through its middle.
 pub fn block(name: &str, inside: MediumFile) -> SceneFile {
     let mut b = Builder::new(name, [8, 8]);
-    let border = b.add_material("border", MaterialFile::Null);
+    let border = b.add_material("border", MaterialFile::Null {});
     b.add_block("block", Vec3::splat(-1.0), Vec3::splat(1.0), &border);
     b.add_light(LightFile::Constant { radiance: [1.0; 3] });
     b.look_at(Vec3::Z * 5.0, Vec3::ZERO, Vec3::Y, 0.01);

@@ -119,17 +119,22 @@ impl LightFile {
 }
 
 /// How a projector's intensity depends on the angle to its axis.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum ProfileFile {
     /// Not at all.
-    #[default]
-    Even,
+    Even {},
     /// By 1/cos³, so that a plane across the axis has as much irradiance everywhere where the picture is as bright.
-    Plane,
+    Plane {},
     /// As that of a spot whose cutoff is half of the picture's angle.
     Cone {
         /// Half angle up to which the intensity is full, degrees.
         beam_width: f32,
     },
+}
+
+impl Default for ProfileFile {
+    fn default() -> Self {
+        Self::Even {}
+    }
 }

@@ -226,7 +226,7 @@ pub enum MaterialFile {
         nonlinear: bool,
     },
     /// No surface: only the border between two media.
-    Null,
+    Null {},
     /// Burley's mixture of lobes.
     Principled(PrincipledFile),
     /// Burley's mixture of lobes for thin sheets, alike on both sides.
@@ -431,7 +431,9 @@ macro_rules! textures {
                 textures.push(("weight", weight));
                 textures
             }
-            Self::Null | Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => vec![],
+            Self::Null {} | Self::Dielectric { .. } | Self::ThinDielectric { .. } | Self::RoughDielectric { .. } => {
+                vec![]
+            }
         }
     };
 }

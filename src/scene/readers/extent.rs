@@ -10,11 +10,9 @@ use crate::base::{Error, Result};
 use crate::geometry::mesh::Mesh;
 use crate::scene::file::{GeometryFile, LightFile, Matrix, SceneFile, ShapeFile};
 
+use super::LARGEST;
 use super::places::Places;
 use super::validate::linear;
-
-/// Largest coordinate in units of the scene: squares of areas still are normal singles.
-pub const LARGEST: f32 = 1e9;
 
 /// Refuses shapes, lights and cameras beyond the limit.
 ///
@@ -44,6 +42,20 @@ pub fn check(file: &SceneFile, meshes: &BTreeMap<String, Arc<Mesh>>, places: &Pl
         within(&format!("lights[{index}]"), place.abs().max_element())?;
     }
     Ok(())
+}
+
+/// Brings the focus of lenses to the limit where it is farther away, with a warning: what is in focus there is so at any
+/// distance.
+pub fn bring_focus(file: &mut SceneFile, places: &Places, warnings: &mut Vec<String>) {
+    let further = file.cameras.iter_mut().map(|(name, camera)| (format!("cameras.{name}"), camera));
+    for (key, camera) in std::iter::once(("camera".to_owned(), &mut file.camera)).chain(further) {
+        let has_lens = camera.aperture_radius > 0.0;
+        if let Some(distance) = camera.focus_distance.as_mut().filter(|distance| has_lens && **distance > LARGEST) {
+            let place = places.at(&format!("{key}.focus_distance"));
+            warnings.push(format!("{place}: the lens is focused {LARGEST:e} units away, not {distance:e}"));
+            *distance = LARGEST;
+        }
+    }
 }
 
 /// Lowest and highest corner of the box around a mesh; infinite the wrong way round for one without vertices.

@@ -42,10 +42,7 @@ pub fn take_out(
 /// Description of a shape in messages.
 fn called(shape: &ShapeFile) -> String {
     let name = if shape.name.is_empty() { String::new() } else { format!(" \"{}\"", shape.name) };
-    match shape.emission {
-        Some(_) => format!("the shape{name}, which emits light,"),
-        None => format!("the shape{name}"),
-    }
+    if shape.shines() { format!("the shape{name}, which emits light,") } else { format!("the shape{name}") }
 }
 
 /// Reason why nothing can be seen of a shape whose transform is at `key`; none where something can.

@@ -9,8 +9,8 @@ use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 use crate::scene::file::MeshFile;
 
+use super::LARGEST;
 use super::curves::{self, Form};
-use super::extent::LARGEST;
 use super::{builtin, normals, obj, path, ply, serialized};
 
 /// Treatment of a mesh's vertex normals.
@@ -77,10 +77,10 @@ pub fn load(file: &MeshFile, held: Option<Mesh>, directory: &Path, place: &Place
             let form = if *straight { Form::Linear } else { Form::BSpline };
             finish(curves::tubes(&curves::read(&path, *wider)?, form), Shading::AsGiven, &Place::file(path))
         }
-        MeshFile::Rectangle => finish(builtin::rectangle(), Shading::AsGiven, place),
-        MeshFile::Cube => finish(builtin::cube(), Shading::AsGiven, place),
-        MeshFile::Disk => finish(builtin::disk(), Shading::AsGiven, place),
-        MeshFile::Cylinder => finish(builtin::cylinder(), Shading::AsGiven, place),
+        MeshFile::Rectangle {} => finish(builtin::rectangle(), Shading::AsGiven, place),
+        MeshFile::Cube {} => finish(builtin::cube(), Shading::AsGiven, place),
+        MeshFile::Disk {} => finish(builtin::disk(), Shading::AsGiven, place),
+        MeshFile::Cylinder {} => finish(builtin::cylinder(), Shading::AsGiven, place),
         MeshFile::Inline { positions, normals, uvs, triangles } => {
             let mesh = Mesh {
                 positions: positions.iter().map(|&p| Vec3::from_array(p)).collect(),

@@ -72,6 +72,8 @@ use mesh::Cleaned;
 use missing::Absent;
 use places::Places;
 
+/// Largest coordinate in units of the scene: squares of areas still are normal singles.
+pub const LARGEST: f32 = 1e9;
 /// Largest mesh file, bytes. Meshes may be large, but a scene must not exhaust memory before anything is known about it.
 const LARGEST_MESH_FILE: u64 = 4 << 30;
 /// Most vertices, and most triangles, of one mesh.
@@ -269,6 +271,7 @@ pub fn resolve_with(file: SceneFile, pictures: &BTreeMap<String, Arc<Image>>, so
 fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
     let Read { mut file, places, mut warnings, absent, held } = read;
     validate::validate(&file, &places)?;
+    extent::bring_focus(&mut file, &places, &mut warnings);
     let needs = overrides::apply(&mut file, how.overrides);
     let (mut reasons, missing) =
         missing::settle(&mut file, directory, &places, &held, absent, how.missing, &mut warnings)?;
@@ -283,9 +286,10 @@ fn resolve_at(read: Read, directory: &Path, how: &How) -> Result<LoadedScene> {
         warnings.push(format!("{skipped_triangles} triangles without area were left out"));
     }
     let images = load_images(&file, pictures, &places, &mut warnings)?;
+    check_reflectances(&file, &images, &places, &mut warnings);
     let attributes = attributes::load(&file, &meshes, directory, &places, &mut warnings)?;
     let grids = grids::load(&file, directory, &places, &mut warnings)?;
-    for (index, shape) in file.shapes.iter().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
+    for (index, shape) in file.shapes.iter().enumerate().filter(|(_, shape)| shape.shines()) {
         if file.materials.get(&shape.material).is_some_and(MaterialFile::is_masked) {
             let place = places.at(&format!("shapes[{index}]"));
             warnings.push(format!("{place}: a shape that shines has no holes: its mask is left out"));
@@ -412,6 +416,50 @@ fn load_images(
         }
     }
     Ok(images)
+}
+
+/// Textures by which light is multiplied where a material sends it on.
+const FACTORS: [&str; 6] = [
+    "reflectance",
+    "transmittance",
+    "diffuse_reflectance",
+    "specular_reflectance",
+    "specular_transmittance",
+    "base_color",
+];
+
+/// Warns of materials whose pictures are brighter than 1, as no surface is that emits nothing. They stay as they are.
+fn check_reflectances(
+    scene: &SceneFile,
+    images: &BTreeMap<String, Texels>,
+    places: &Places,
+    warnings: &mut Vec<String>,
+) {
+    let mut brightest: BTreeMap<String, f32> = BTreeMap::new();
+    for (name, material) in &scene.materials {
+        for (what, texture) in material.textures() {
+            let TextureFile::Bitmap { file, raw, scale, .. } = texture else { continue };
+            let key = image_key(file, *raw);
+            let Some(image) = images.get(&key).filter(|_| FACTORS.contains(&what)) else { continue };
+            // Whole numbers stand for at most 1.
+            let most = match image {
+                Texels::Words(_) | Texels::Bytes(_) if *scale <= 1.0 => continue,
+                _ => scale * *brightest.entry(key).or_insert_with(|| largest(image)),
+            };
+            if most > 1.001 {
+                let place = places.at(&format!("materials.{name}"));
+                warnings.push(format!(
+                    "{place}: the {what} of \"{name}\" reaches {most} in its picture, more light than arrives"
+                ));
+            }
+        }
+    }
+}
+
+/// Largest channel of all pixels.
+fn largest(image: &Texels) -> f32 {
+    let [width, height] = image.size();
+    (0..width * height).into_par_iter().map(|index| image.pixels([index])[0].max_element()).reduce(|| 0.0, f32::max)
 }
 
 fn check_envmap(image: &Texels, file: &str, place: Place, warnings: &mut Vec<String>) -> Result<()> {

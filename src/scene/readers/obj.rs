@@ -14,8 +14,8 @@ use crate::base::files::read_bytes;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 
-use super::LARGEST_MESH_FILE;
 use super::lines::{lines, number, numbers, pieces, words};
+use super::{LARGEST_MESH_FILE, MOST_ELEMENTS};
 use corners::{Corner, corner, weld};
 
 /// Reads an OBJ file; polygons become fans of triangles, points and lines are left out. v becomes 1 − v, because OBJ counts it from
@@ -26,8 +26,16 @@ use corners::{Corner, corner, weld};
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the file and, where there is one, the line.
 pub fn read(path: &Path, only: &[String]) -> Result<Mesh> {
+    read_up_to(path, only, MOST_ELEMENTS)
+}
+
+/// As [`read`], of a file with at most `most` values of each kind, vertices and triangles.
+fn read_up_to(path: &Path, only: &[String], most: u64) -> Result<Mesh> {
     let bytes = continued(read_bytes(path, LARGEST_MESH_FILE)?);
-    let fail = |place: Place, why: &str| Error::malformed(place, format!("not a readable OBJ file: {why}"));
+    let limit = |what: &str, value: u64| match value > most {
+        true => Err(Error::Limit { place: Place::file(path), what: format!("number of {what}"), value, limit: most }),
+        false => Ok(()),
+    };
     let pieces = pieces(&bytes);
     let counts: Vec<Counts> = pieces.par_iter().map(|piece| Counts::of(piece)).collect();
     let mut total = Counts::default();
@@ -40,6 +48,13 @@ pub fn read(path: &Path, only: &[String]) -> Result<Mesh> {
             material = lines(piece).filter_map(material_named).last().unwrap_or(material);
         }
     }
+    for (what, count) in ["positions", "texture coordinates", "normals"].into_iter().zip(total.values) {
+        limit(what, count as u64)?;
+    }
+    // No triangle takes fewer bytes.
+    if bytes.len() as u64 / BYTES_PER_TRIANGLE > most {
+        limit("triangles", pieces.par_iter().map(|piece| count_triangles(piece)).sum())?;
+    }
     let parts: Vec<Result<Part, Broken>> = pieces
         .par_iter()
         .zip(begins.par_iter().zip(&counts))
@@ -47,35 +62,62 @@ pub fn read(path: &Path, only: &[String]) -> Result<Mesh> {
         .collect();
     let triangles = parts.iter().flatten().map(|part| part.triangles.len()).sum();
     let mut whole = Part::with_capacity(&total, triangles);
-    for (part, begin) in parts.into_iter().zip(&begins) {
+    let mut start = 0;
+    for (part, piece) in parts.into_iter().zip(&pieces) {
         match part {
             Ok(part) => whole.append(part),
             Err((line, why)) => {
-                let line = u32::try_from(begin.counts.lines + line + 1).unwrap_or(u32::MAX);
-                return Err(fail(Place::line(path, line), why));
+                let before = start + lines(piece).take(line).map(<[u8]>::len).sum::<usize>();
+                let ends = bytes[..before].iter().filter(|byte| matches!(**byte, b'\n' | GOES_ON)).count();
+                let place = Place::line(path, u32::try_from(ends + 1).unwrap_or(u32::MAX));
+                return Err(Error::malformed(place, format!("not a readable OBJ file: {why}")));
             }
         }
+        start += piece.len();
     }
-    Ok(weld(&whole))
+    let mesh = weld(&whole);
+    limit("vertices", mesh.positions.len() as u64)?;
+    Ok(mesh)
 }
 
-/// Lines that a backslash continues, as one: both characters become spaces. Comments do not go on.
+/// The end of a line that the next one continues: white space that no line needs, a form feed.
+const GOES_ON: u8 = 0x0C;
+
+/// Lines that a backslash continues, as one: it becomes a space, and the end of its line [`GOES_ON`]. Comments do not go
+/// on.
 fn continued(mut bytes: Vec<u8>) -> Vec<u8> {
     let mut is_comment = false;
     for at in 0..bytes.len() {
-        is_comment |= bytes[at] == b'#';
-        if bytes[at] != b'\n' {
-            continue;
-        }
-        let line = bytes[..at].strip_suffix(b"\r").unwrap_or(&bytes[..at]);
-        if line.ends_with(b"\\") && !is_comment {
-            let last = line.len() - 1;
-            bytes[last..=at].fill(b' ');
-        } else {
-            is_comment = false;
+        match bytes[at] {
+            b'#' => is_comment = true,
+            GOES_ON => bytes[at] = b' ',
+            b'\n' => {
+                let line = bytes[..at].strip_suffix(b"\r").unwrap_or(&bytes[..at]);
+                if line.ends_with(b"\\") && !is_comment {
+                    let last = line.len() - 1;
+                    bytes[last..at].fill(b' ');
+                    bytes[at] = GOES_ON;
+                } else {
+                    is_comment = false;
+                }
+            }
+            _ => {}
         }
     }
     bytes
+}
+
+/// Fewest bytes of a triangle: another corner of a face, and the space before it.
+const BYTES_PER_TRIANGLE: u64 = 2;
+
+/// Number of triangles that the faces in a piece are made of.
+fn count_triangles(piece: &[u8]) -> u64 {
+    let of_line = |line| {
+        let mut words = words(line).take_while(|word| word[0] != b'#');
+        let is_face = words.next() == Some(b"f");
+        if is_face { words.count().saturating_sub(2) as u64 } else { 0 }
+    };
+    lines(piece).map(of_line).sum()
 }
 
 /// The materials that the faces of an OBJ file have by their `usemtl`, in the order in which they come; "" is that before any.
@@ -128,10 +170,9 @@ struct Begin {
 /// Index of a line in its piece, and its fault.
 type Broken = (usize, &'static str);
 
-/// Number of lines and of each kind of values.
+/// Number of each kind of values.
 #[derive(Debug, Clone, Copy, Default)]
 struct Counts {
-    lines: usize,
     /// Positions, texture coordinates, normals.
     values: [usize; 3],
 }
@@ -140,7 +181,6 @@ impl Counts {
     fn of(piece: &[u8]) -> Self {
         let mut counts = Self::default();
         for line in lines(piece) {
-            counts.lines += 1;
             if let Some(kind) = words(line).next().and_then(kind) {
                 counts.values[kind] += 1;
             }
@@ -149,7 +189,7 @@ impl Counts {
     }
 
     fn plus(&self, other: &Self) -> Self {
-        Self { lines: self.lines + other.lines, values: [0, 1, 2].map(|i| self.values[i] + other.values[i]) }
+        Self { values: [0, 1, 2].map(|i| self.values[i] + other.values[i]) }
     }
 }
 
@@ -305,11 +345,36 @@ mod tests {
             (4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf\n"),
             (4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -9 -8 -7\n"),
             (4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 99999999999999999999 1 2\nv x\n"),
+            (6, "v 0 0 0\nv 1 0 0\nv 0 \\\r\n1 0\nf 1 2 3\nf 1 2 x\n"),
+            (3, "v 0 0 0\nv 1 0 0\x0C\nf 1 2 \\\nx\n"),
         ] {
             let error = parse(text).unwrap_err();
             assert!(matches!(&error, Error::Malformed { .. }), "{text}");
             assert!(error.to_string().contains(&format!(":{line}: ")), "{error}");
         }
+    }
+
+    /// A few bytes of a face make a triangle of many, and a few positions vertices of each use. A comment makes none.
+    #[test]
+    fn too_much_of_a_kind() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let read = |text: &str, most: u64| {
+            std::fs::write(file.path(), text).unwrap();
+            read_up_to(file.path(), &[], most)
+        };
+        let fan = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 1 2 3 1 2 3 # 1 2 3\n";
+        assert_eq!(read(fan, 7).unwrap().triangles.len(), 7);
+        let told = |text: &str, most: u64| match read(text, most) {
+            Err(Error::Limit { what, value, limit, .. }) if limit == most => (what, value),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(told(fan, 6), ("number of triangles".to_owned(), 7));
+        assert_eq!(told(fan, 2), ("number of positions".to_owned(), 3));
+        let normals = "vn 1 0 0\nvn 0 1 0\nvn 0 0 1\n";
+        let each = format!("{fan}{normals}f 1//1 2//2 3//3\nf 1//2 2//3 3//1\n");
+        assert_eq!(told(&each, 8), ("number of triangles".to_owned(), 9));
+        let each = format!("v 0 0 0\nv 1 0 0\nv 0 1 0\n{normals}f 1//1 2//2 3//3\nf 1//2 2//3 3//1\n");
+        assert_eq!(told(&each, 5), ("number of vertices".to_owned(), 6));
     }
 
     /// As exporters write it: faces with and without texture coordinates or normals in one file, u alone, a line in two.

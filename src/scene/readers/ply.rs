@@ -25,17 +25,28 @@ use super::{LARGEST_MESH_FILE, MOST_ELEMENTS};
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Malformed`] naming the file and, where known, the line.
 pub fn read(path: &Path) -> Result<Mesh> {
+    read_up_to(path, MOST_ELEMENTS)
+}
+
+/// As [`read`], of a file with at most `most` triangles.
+fn read_up_to(path: &Path, most: u64) -> Result<Mesh> {
     let bytes = unpacked(read_bytes(path, LARGEST_MESH_FILE)?, path, LARGEST_MESH_FILE)?;
     let mut reader = Reader::new(bytes.as_slice());
     let fail = |error: ParseError| explain(path, &error);
     let header = Parser::<Ignored>::new().read_header(&mut reader).map_err(fail)?;
     check_counts(path, &header, reader.get_ref().len())?;
     if let Some(layout) = binary::Layout::of(&header) {
-        return layout.read(path, reader.get_ref());
+        return layout.read(path, reader.get_ref(), most);
     }
-    // Where this fails, the library finds out what is wrong with a text, and where.
-    if let Some(mesh) = text::Layout::of(&header).and_then(|layout| layout.read(reader.get_ref())) {
-        return Ok(mesh);
+    if let Some(layout) = text::Layout::of(&header) {
+        // No triangle takes fewer than two bytes: another corner of a face, and the space before it.
+        if reader.get_ref().len() as u64 / 2 > most {
+            check_triangles(path, layout.triangles(reader.get_ref()), most)?;
+        }
+        // Where this fails, the library finds out what is wrong with a text, and where.
+        if let Some(mesh) = layout.read(reader.get_ref()) {
+            return Ok(mesh);
+        }
     }
     let (mut vertices, mut faces): (Vec<Vertex>, Vec<Face>) = (Vec::new(), Vec::new());
     for (name, element) in &header.elements {
@@ -47,7 +58,16 @@ pub fn read(path: &Path) -> Result<Mesh> {
             _ => drop(Parser::<Ignored>::new().read_payload_for_element(&mut reader, element, &header).map_err(fail)?),
         }
     }
-    build(path, &header, &vertices, &faces)
+    build(path, &header, &vertices, &faces, most)
+}
+
+/// Refuses a mesh of more than `most` triangles.
+fn check_triangles(path: &Path, count: u64, most: u64) -> Result<()> {
+    if count <= most {
+        return Ok(());
+    }
+    let what = "number of triangles".to_owned();
+    Err(Error::Limit { place: Place::file(path), what, value: count, limit: most })
 }
 
 fn explain(path: &Path, error: &ParseError) -> Error {
@@ -196,21 +216,22 @@ impl PropertyAccess for Ignored {
     }
 }
 
-fn build(path: &Path, header: &Header, vertices: &[Vertex], faces: &[Face]) -> Result<Mesh> {
-    let has = |names: &[&str]| match header.elements.get("vertex") {
-        Some(element) => names.iter().all(|&name| element.properties.get(name).is_some()),
-        None => false,
-    };
-    if !has(&["x", "y", "z"]) {
+fn build(path: &Path, header: &Header, vertices: &[Vertex], faces: &[Face], most: u64) -> Result<Mesh> {
+    let mut has = [false; 8];
+    let properties = header.elements.get("vertex").into_iter().flat_map(|element| element.properties.iter());
+    properties.filter_map(|(name, _)| slot(name)).for_each(|slot| has[slot] = true);
+    if has[..3] != [true; 3] {
         return Err(Error::malformed(Place::part(path, "vertex"), "there are no vertices with x, y and z"));
     }
     let mut mesh = Mesh { positions: vertices.iter().map(|v| v.position).collect(), ..Mesh::default() };
-    if has(&["nx", "ny", "nz"]) {
+    if has[3..6] == [true; 3] {
         mesh.normals = vertices.iter().map(|v| v.normal).collect();
     }
-    if has(&["u", "v"]) || has(&["s", "t"]) || has(&["texture_u", "texture_v"]) {
+    if has[6..] == [true; 2] {
         mesh.uvs = vertices.iter().map(|v| v.uv).collect();
     }
+    let triangles = |face: &Face| face.corners.as_ref().map_or(0, |corners| corners.len().saturating_sub(2) as u64);
+    check_triangles(path, faces.iter().map(triangles).sum(), most)?;
     for (index, face) in faces.iter().enumerate() {
         let Some(corners) = &face.corners else {
             let place = Place::part(path, format!("face {index}"));
@@ -237,41 +258,64 @@ mod tests {
 
     #[test]
     fn text_and_both_byte_orders_agree() {
-        let corners = [[0f32, 0.], [1., 0.], [1., 1.], [0., 1.]];
-        let mut text = format!("ply\nformat ascii 1.0\n{HEADER}");
-        let mut little = format!("ply\nformat binary_little_endian 1.0\n{HEADER}").into_bytes();
-        let mut big = format!("ply\nformat binary_big_endian 1.0\n{HEADER}").into_bytes();
-        for [x, y] in corners {
-            text += &format!("{x} {y} 2 255 {x} {y}\n");
-            for value in [x, y] {
-                little.extend(value.to_le_bytes());
-                big.extend(value.to_be_bytes());
+        for [u, v] in [["s", "t"], ["u", "v"], ["texture_u", "texture_v"], ["texture_s", "texture_t"]] {
+            let header =
+                HEADER.replace("float s\n", &format!("float {u}\n")).replace("float t\n", &format!("float {v}\n"));
+            let corners = [[0f32, 0.], [1., 0.], [1., 1.], [0., 1.]];
+            let mut text = format!("ply\nformat ascii 1.0\n{header}");
+            let mut little = format!("ply\nformat binary_little_endian 1.0\n{header}").into_bytes();
+            let mut big = format!("ply\nformat binary_big_endian 1.0\n{header}").into_bytes();
+            for [x, y] in corners {
+                text += &format!("{x} {y} 2 255 {x} {y}\n");
+                for value in [x, y] {
+                    little.extend(value.to_le_bytes());
+                    big.extend(value.to_be_bytes());
+                }
+                little.extend(2f64.to_le_bytes());
+                big.extend(2f64.to_be_bytes());
+                little.push(255);
+                big.push(255);
+                for value in [x, y] {
+                    little.extend(value.to_le_bytes());
+                    big.extend(value.to_be_bytes());
+                }
             }
-            little.extend(2f64.to_le_bytes());
-            big.extend(2f64.to_be_bytes());
-            little.push(255);
-            big.push(255);
-            for value in [x, y] {
-                little.extend(value.to_le_bytes());
-                big.extend(value.to_be_bytes());
+            text += "4 0 1 2 3\n";
+            little.push(4);
+            big.push(4);
+            for i in 0..4i32 {
+                little.extend(i.to_le_bytes());
+                big.extend(i.to_be_bytes());
+            }
+            let mesh = parse(text.as_bytes()).unwrap();
+            assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
+            assert_eq!(mesh.positions[2], Vec3::new(1., 1., 2.));
+            assert_eq!(mesh.uvs[2], Vec2::ONE);
+            assert!(mesh.normals.is_empty());
+            assert_eq!(parse(&little).unwrap(), mesh);
+            assert_eq!(parse(&big).unwrap(), mesh, "{u} {v}");
+            for cut in 0..little.len() {
+                assert!(parse(&little[..cut]).is_err(), "cut at {cut}");
             }
         }
-        text += "4 0 1 2 3\n";
-        little.push(4);
-        big.push(4);
-        for i in 0..4i32 {
-            little.extend(i.to_le_bytes());
-            big.extend(i.to_be_bytes());
-        }
-        let mesh = parse(text.as_bytes()).unwrap();
-        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
-        assert_eq!(mesh.positions[2], Vec3::new(1., 1., 2.));
-        assert_eq!(mesh.uvs[2], Vec2::ONE);
-        assert!(mesh.normals.is_empty());
-        assert_eq!(parse(&little).unwrap(), mesh);
-        assert_eq!(parse(&big).unwrap(), mesh);
-        for cut in 0..little.len() {
-            assert!(parse(&little[..cut]).is_err(), "cut at {cut}");
+    }
+
+    /// One polygon is many triangles: in text, in the usual binary layout, and where the library reads.
+    #[test]
+    fn triangles_of_polygons_are_counted() {
+        let header = "element vertex 1\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
+            property list uchar int vertex_index\nend_header\n";
+        let binary = [[0u8; 12].as_slice(), &[6], &[0; 24]].concat();
+        for (format, body) in [
+            ("ascii", b"0 0 0\n6 0 0 0 0 0 0\n".to_vec()),
+            ("binary_little_endian", binary.clone()),
+            ("binary_big_endian", binary),
+        ] {
+            let file = tempfile::NamedTempFile::new().unwrap();
+            let head = format!("ply\nformat {format} 1.0\n{header}");
+            std::fs::write(file.path(), [head.as_bytes(), body.as_slice()].concat()).unwrap();
+            assert_eq!(read_up_to(file.path(), 4).unwrap().triangles.len(), 4, "{format}");
+            assert!(matches!(read_up_to(file.path(), 3), Err(Error::Limit { value: 4, limit: 3, .. })), "{format}");
         }
     }
 

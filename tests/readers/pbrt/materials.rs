@@ -42,7 +42,7 @@ fn surfaces_of_v4() {
         plain("Material \"thindielectric\" \"float eta\" 1.3"),
         MaterialFile::ThinDielectric { int_ior: 1.3, ext_ior: 1.0 }
     );
-    assert_eq!(plain("Material \"interface\""), MaterialFile::Null);
+    assert_eq!(plain("Material \"interface\""), MaterialFile::Null {});
     let MaterialFile::Plastic { alpha, int_ior, diffuse_reflectance, nonlinear: true, .. } =
         plain("Material \"coateddiffuse\" \"rgb reflectance\" [ .2 .2 .2 ] \"float roughness\" .09 \"float eta\" 1.4")
     else {

@@ -65,6 +65,11 @@ impl Document {
         self.path.parent().unwrap_or(Path::new(""))
     }
 
+    /// Bytes of the document's file.
+    pub fn size(&self) -> usize {
+        self.bytes.len()
+    }
+
     /// The binary chunk, if there is one.
     pub fn chunk(&self) -> Option<&[u8]> {
         self.chunk.clone().and_then(|range| self.bytes.get(range))

@@ -17,6 +17,7 @@ use crate::scene::readers::{image_key, painted};
 
 use super::base::{Base, Paint};
 use super::glow;
+use super::grain;
 use super::handedness;
 use super::materials::{Emission, Surface, surface};
 use super::meshes::{Read, material};
@@ -77,7 +78,9 @@ impl Wardrobe {
         if drawn.fades && given.alpha_mode != Checked::Valid(AlphaMode::Opaque) {
             textures.warnings.add(part, "the alpha of COLOR_0 is left out: surfaces are as opaque as their material");
         }
-        let paint = self.paint(textures, part, &given, used.is_empty(), &mut drawn);
+        // Colours that are painted replace the texture coordinates, by which a grain is measured too.
+        let paintable = used.is_empty() && !grain::is_asked(&given);
+        let paint = self.paint(textures, part, &given, paintable, &mut drawn);
         let name = match &paint {
             Paint::Plain(Vec3::ONE) => owner.clone(),
             Paint::Plain(Vec3 { x, y, z }) => format!("{owner} times {x} {y} {z}"),
@@ -109,7 +112,8 @@ impl Wardrobe {
         Ok(parts)
     }
 
-    /// Keeps a piece whose material is called `name`; one with a normal map by how its triangles show pictures.
+    /// Keeps a piece whose material is called `name`; one with a normal map or a grain by how its triangles show
+    /// pictures.
     fn keep(&mut self, name: &str, surface: &Surface, (mesh, piece, emission): Piece, parts: &mut Vec<Part>) {
         let (emission, emission_texture) =
             emission.map_or((None, None), |(radiance, texture)| (Some(radiance.to_array()), texture));
@@ -120,7 +124,7 @@ impl Wardrobe {
             let (interior, emission_texture) = (interior.clone(), emission_texture.clone());
             parts.push(Part { mesh, materials, interior, emission, emission_texture });
         };
-        if !surface.material.is_bumped() {
+        if !surface.material.is_bumped() && !surface.material.has_grain() {
             return keep(mesh, piece, [name, name]);
         }
         let other = format!("{name} mirrored");
@@ -134,13 +138,13 @@ impl Wardrobe {
         }
     }
 
-    /// What the colours of the vertices do to the base colour: without textures they are a texture themselves.
+    /// What the colours of the vertices do to the base colour: where `paintable`, they are a texture themselves.
     fn paint(
         &mut self,
         textures: &mut Textures,
         part: &str,
         given: &Material,
-        untextured: bool,
+        paintable: bool,
         drawn: &mut Drawn,
     ) -> Paint {
         let Some(first) = drawn.colors.first().copied() else { return Paint::Plain(Vec3::ONE) };
@@ -148,7 +152,7 @@ impl Wardrobe {
             return Paint::Plain(first);
         }
         let factor = Vec3::from_array(Base::factor(given)).clamp(Vec3::ZERO, Vec3::ONE);
-        if untextured && let Some((mesh, image)) = painted(&drawn.mesh, &drawn.colors, factor) {
+        if paintable && let Some((mesh, image)) = painted(&drawn.mesh, &drawn.colors, factor) {
             let file = format!("{part} COLOR_0");
             self.held.pictures.insert(image_key(&file, true), Arc::new(image).into());
             drawn.mesh = mesh;
@@ -162,7 +166,7 @@ impl Wardrobe {
                 filter,
             });
         }
-        textures.warnings.add(part, "COLOR_0 beside textures: the mean of the vertices' colours is used");
+        textures.warnings.add(part, "COLOR_0 beside textures or a grain: the mean of the vertices' colours is used");
         Paint::Plain(drawn.colors.iter().sum::<Vec3>() / drawn.colors.len() as f32)
     }
 }

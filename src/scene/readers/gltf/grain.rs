@@ -12,6 +12,8 @@ use crate::scene::file::{ASPECTS, MaterialFile, PrincipledFile, TextureFile};
 
 use super::slots::Slots;
 
+const NAME: &str = "KHR_materials_anisotropy";
+
 #[derive(Deserialize, Default)]
 #[serde(default, rename_all = "camelCase")]
 struct Anisotropy {
@@ -20,13 +22,18 @@ struct Anisotropy {
     anisotropy_texture: Option<Info>,
 }
 
+/// Whether `material` asks for a grain, which goes by the texture coordinates.
+pub fn is_asked(material: &Material) -> bool {
+    let given = material.extensions.as_ref().and_then(|all| all.others.get(NAME));
+    given.and_then(|grain| grain.get("anisotropyStrength")?.as_f64()).is_some_and(|strength| strength > 0.0)
+}
+
 /// Warns where a grain is left out.
 ///
 /// # Errors
 /// [`Error::Malformed`](crate::base::Error::Malformed) for values of other types.
 pub fn leave_out(slots: &mut Slots, material: &Material) -> Result<()> {
-    if slots.extension::<Anisotropy>(material, "KHR_materials_anisotropy")?.is_some_and(|g| g.anisotropy_strength > 0.0)
-    {
+    if slots.extension::<Anisotropy>(material, NAME)?.is_some_and(|g| g.anisotropy_strength > 0.0) {
         slots.warn("the grain of what lets light through is left out");
     }
     Ok(())
@@ -37,7 +44,7 @@ pub fn leave_out(slots: &mut Slots, material: &Material) -> Result<()> {
 /// # Errors
 /// Those of [`Textures`](super::textures::Textures), and [`Error::Malformed`](crate::base::Error::Malformed) for values of other types.
 pub fn brushed(slots: &mut Slots, material: &Material, mut given: PrincipledFile) -> Result<MaterialFile> {
-    let Some(grain) = slots.extension::<Anisotropy>(material, "KHR_materials_anisotropy")? else {
+    let Some(grain) = slots.extension::<Anisotropy>(material, NAME)? else {
         return Ok(MaterialFile::Principled(given));
     };
     let strength = slots.share(grain.anisotropy_strength, "anisotropyStrength");

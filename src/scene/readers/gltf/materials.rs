@@ -2,7 +2,7 @@
 
 use ::gltf::json::material::{AlphaMode, Material};
 use ::gltf::json::validation::Checked;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use crate::base::Result;
 use crate::materials::texture::Texture;
@@ -97,8 +97,8 @@ fn mapped(slots: &mut Slots, material: &Material, inner: MaterialFile) -> Result
         return Ok(inner);
     }
     // Where a picture is mirrored, what is up on it (green) is down across ∂p/∂u.
-    let [right, up] = reference.signs().map(|sign| sign * given.scale);
-    let purpose = Use::Normals([right, if slots.mirrored { -up } else { up }]);
+    let scale = given.scale * Vec2::new(1.0, if slots.mirrored { -1.0 } else { 1.0 });
+    let purpose = Use::Normals(reference.axes().map(|axis| (scale * axis).to_array()));
     match slots.textures.bitmap(&reference, purpose, 1.0, slots.part)? {
         Some(texture @ TextureFile::Bitmap { .. }) => {
             Ok(MaterialFile::NormalMap { texture, material: Box::new(inner) })

@@ -20,8 +20,11 @@ use super::primitive::{self, Drawn};
 use super::slots::references;
 use super::warnings::Warnings;
 
-/// Most primitives that all nodes together show.
+/// Most primitives that all nodes together show; those that the nodes of any document may show, and bytes of it and of its
+/// buffers for each one more. Nodes may share columns without bytes that say where copies are.
 const MOST_SHAPES: u64 = 1 << 22;
+const FEW_SHAPES: u64 = 1 << 16;
+const BYTES_PER_SHAPE: u64 = 2;
 /// Corners of triangles that any document may have, and those that it may have for each byte of its buffers. Primitives and poses may
 /// share columns, so that little in a file could become much in memory.
 const FEW_CORNERS: u64 = 1 << 22;
@@ -105,6 +108,7 @@ struct Gathering<'w, 'a, 'd> {
     document: &'d Document,
     warnings: &'w mut Warnings,
     shown: Vec<Shown<'a, 'd>>,
+    most_shapes: u64,
     wanted: BTreeMap<Key, Wanted<'d>>,
     materials: BTreeSet<Option<usize>>,
     /// Number of the triangles' corners of all that is wanted.
@@ -125,7 +129,7 @@ impl<'a, 'd> Gathering<'_, 'a, 'd> {
                 continue;
             }
             let outer = if key.is_skinned(document) { DMat4::IDENTITY } else { placed.to_world };
-            self.limit("number of shapes", (self.shown.len() + copies.len()) as u64, MOST_SHAPES)?;
+            self.limit("number of shapes", (self.shown.len() + copies.len()) as u64, self.most_shapes)?;
             self.shown.extend(copies.iter().map(|copy| Shown { node: placed, key, to_world: outer * *copy }));
             if !self.wanted.contains_key(&key) {
                 self.want(key, primitive, pose)?;
@@ -168,8 +172,11 @@ pub fn read<'a, 'd>(
 ) -> Result<Meshes<'a, 'd>> {
     let mut poses = Poses::new(document, buffers, nodes);
     let (shown, wanted, materials) = (Vec::new(), BTreeMap::new(), BTreeSet::new());
-    let most_corners = FEW_CORNERS + CORNERS_PER_BYTE * buffers.size() as u64;
-    let mut gathering = Gathering { document, warnings, shown, wanted, materials, corners: 0, most_corners };
+    let size = buffers.size() as u64;
+    let most_corners = FEW_CORNERS + CORNERS_PER_BYTE * size;
+    let most_shapes = MOST_SHAPES.min(FEW_SHAPES + (document.size() as u64 + size) / BYTES_PER_SHAPE);
+    let mut gathering =
+        Gathering { document, warnings, shown, most_shapes, wanted, materials, corners: 0, most_corners };
     for placed in nodes {
         let Some(mesh) = placed.node.mesh else { continue };
         let pose = match poses.of(placed) {

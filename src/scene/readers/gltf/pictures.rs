@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use crate::base::files::read_bytes;
@@ -28,8 +28,8 @@ pub enum Use {
     Inverse(usize),
     /// Alpha, which is 1 where alpha times the first number is at least the second, otherwise 0.
     Cut([f32; 2]),
-    /// Normals whose x and y are multiplied by these numbers.
-    Normals([f32; 2]),
+    /// Normals whose x and y count along these directions.
+    Normals([[f32; 2]; 2]),
 }
 
 impl Use {
@@ -41,8 +41,8 @@ impl Use {
             Self::Channel(channel) => format!(" {}", CHANNELS[channel.min(3)]),
             Self::Inverse(channel) => format!(" inverse {}", CHANNELS[channel.min(3)]),
             Self::Cut([factor, least]) => format!(" alpha {factor} from {least}"),
-            Self::Normals([1.0, 1.0]) => String::new(),
-            Self::Normals([x, y]) => format!(" normals {x} {y}"),
+            Self::Normals(AS_STORED) => String::new(),
+            Self::Normals([[a, b], [c, d]]) => format!(" normals {a} {b} {c} {d}"),
         }
     }
 
@@ -58,14 +58,17 @@ impl Use {
             Self::Channel(channel) => samples.channel(channel, |value| value),
             Self::Inverse(channel) => samples.channel(channel, |value| 1.0 - value),
             Self::Cut([factor, least]) => samples.channel(3, |alpha| if alpha * factor >= least { 1.0 } else { 0.0 }),
-            Self::Normals([1.0, 1.0]) => samples.texels(true),
-            Self::Normals([x, y]) => samples.mapped(true, |n| {
-                let n = (n * 2.0 - 1.0) * Vec3::new(x, y, 1.0);
-                n.normalize_or(Vec3::Z) * 0.5 + 0.5
-            }),
+            Self::Normals(AS_STORED) => samples.texels(true),
+            Self::Normals([[a, b], [c, d]]) => {
+                let turn = Mat3::from_cols(Vec3::new(a, b, 0.0), Vec3::new(c, d, 0.0), Vec3::Z);
+                samples.mapped(true, |n| (turn * (n * 2.0 - 1.0)).normalize_or(Vec3::Z) * 0.5 + 0.5)
+            }
         }
     }
 }
+
+/// Directions of normals that are taken as they are.
+const AS_STORED: [[f32; 2]; 2] = [[1.0, 0.0], [0.0, 1.0]];
 
 const CHANNELS: [&str; 4] = ["red", "green", "blue", "alpha"];
 

@@ -4,7 +4,7 @@ use ::gltf::json::extensions::texture::TextureTransform;
 use ::gltf::json::material::NormalTexture;
 use ::gltf::json::texture::{Info, MagFilter, Sampler, WrappingMode};
 use ::gltf::json::validation::Checked;
-use glam::Vec3;
+use glam::{DVec2, Vec2, Vec3};
 use serde_json::Value;
 
 use crate::base::Result;
@@ -46,9 +46,17 @@ impl Reference {
         serde_json::from_value::<Info>(value?.clone()).ok().map(|info| Self::of(&info))
     }
 
-    /// -1 for each direction of the texture coordinates, u and v, in which the picture runs the other way.
-    pub fn signs(&self) -> [f32; 2] {
-        [self.to_uv[0], self.to_uv[4]].map(|scale| if scale < 0.0 { -1.0 } else { 1.0 })
+    /// Unit vectors on the surface along what is right and up on the picture: their parts along ∂p/∂u and −∂p/∂v, since v
+    /// points down.
+    pub fn axes(&self) -> [Vec2; 2] {
+        let [a, b, _, c, d, ..] = self.to_uv.map(f64::from);
+        let determinant = a * d - b * c;
+        // A picture that is drawn out without end has no directions.
+        if determinant == 0.0 {
+            return Vec2::AXES;
+        }
+        // The columns of the inverse of ((a, b), (c, d)), the second one for what is up.
+        [DVec2::new(d, c), DVec2::new(b, a)].map(|axis| (axis / axis.length() * determinant.signum()).as_vec2())
     }
 
     fn new(texture: usize, set: u32, transform: Option<&TextureTransform>) -> Self {

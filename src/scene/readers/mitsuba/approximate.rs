@@ -89,7 +89,7 @@ impl<'a> Reader<'a> {
     pub(super) fn polarizer(&mut self, element: &'a Element) -> Result<MaterialFile> {
         let kind = kind(element)?;
         self.warn(element, format_args!("the {kind} is left out: light is not polarised"));
-        Ok(MaterialFile::Null)
+        Ok(MaterialFile::Null {})
     }
 
     /// The material under a coat; the coat is left out, with a warning.

@@ -137,7 +137,7 @@ impl<'a> Reader<'a> {
             aspect: aspect as f32,
             intensity: [scale as f32; 3],
             texture,
-            profile: ProfileFile::Plane,
+            profile: ProfileFile::Plane {},
         })
     }
 

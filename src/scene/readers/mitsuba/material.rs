@@ -85,7 +85,7 @@ impl<'a> Reader<'a> {
             "roughconductor" => self.rough_conductor(element),
             "dielectric" | "thindielectric" | "roughdielectric" => self.dielectric(element),
             rough @ ("plastic" | "roughplastic") => self.plastic(element, rough == "roughplastic"),
-            "null" => Object::new(element, &self.ids, &[], &[]).map(|_| MaterialFile::Null),
+            "null" => Object::new(element, &self.ids, &[], &[]).map(|_| MaterialFile::Null {}),
             "mask" => self.mask(element),
             "twosided" => self.two_sided(element),
             "bumpmap" | "normalmap" => self.bumped(element),

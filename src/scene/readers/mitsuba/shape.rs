@@ -180,13 +180,13 @@ impl<'a> Reader<'a> {
                 let wider = if scale > 0.0 { scale.recip() as f32 } else { 1.0 };
                 MeshFile::Curves { file, straight: curve == "linearcurve", wider }
             }
-            "rectangle" => MeshFile::Rectangle,
+            "rectangle" => MeshFile::Rectangle {},
             round @ ("disk" | "cylinder") => {
                 let place = &object.element.place;
                 self.warnings.push(format!("{place}: the {round} is made of {SEGMENTS} flat parts"));
-                if round == "disk" { MeshFile::Disk } else { MeshFile::Cylinder }
+                if round == "disk" { MeshFile::Disk {} } else { MeshFile::Cylinder {} }
             }
-            _ => MeshFile::Cube,
+            _ => MeshFile::Cube {},
         };
         let name = mesh_name(&mesh);
         // The name holds the mesh's file and options, so shapes with the same ones share it.
@@ -219,7 +219,7 @@ impl<'a> Reader<'a> {
         };
         self.unnamed.insert(element, name.clone());
         self.add_material(name.clone(), element)?;
-        if emits && matches!(self.file.materials[&name].innermost(), MaterialFile::Null) {
+        if emits && matches!(self.file.materials[&name].innermost(), MaterialFile::Null {}) {
             self.warn(object.element, "what emits light lets none through: its \"null\" material is read as black");
             return Ok(self.plain("default emitter", 0.0));
         }
@@ -289,10 +289,10 @@ fn mesh_name(mesh: &MeshFile) -> String {
             let form = if *straight { " (straight)" } else { "" };
             (if *wider == 1.0 { format!("{file}{form}") } else { format!("{file}{form} {wider} times as wide") }, false)
         }
-        MeshFile::Rectangle => ("rectangle".to_owned(), false),
+        MeshFile::Rectangle {} => ("rectangle".to_owned(), false),
         MeshFile::Held { part } => (part.clone(), false),
-        MeshFile::Disk => ("disk".to_owned(), false),
-        MeshFile::Cylinder => ("cylinder".to_owned(), false),
+        MeshFile::Disk {} => ("disk".to_owned(), false),
+        MeshFile::Cylinder {} => ("cylinder".to_owned(), false),
         _ => ("cube".to_owned(), false),
     };
     if flat { format!("{base} (face normals)") } else { base }

@@ -113,9 +113,9 @@ impl Reader {
     fn mixed(&mut self, parts: [MaterialFile; 2], amount: TextureFile, place: &Place) -> Result<MaterialFile> {
         let [first, second] = parts;
         Ok(match (first, second) {
-            (MaterialFile::Null, MaterialFile::Null) => MaterialFile::Null,
-            (MaterialFile::Null, material) => MaterialFile::Mask { opacity: amount, material: Box::new(material) },
-            (material, MaterialFile::Null) => {
+            (MaterialFile::Null {}, MaterialFile::Null {}) => MaterialFile::Null {},
+            (MaterialFile::Null {}, material) => MaterialFile::Mask { opacity: amount, material: Box::new(material) },
+            (material, MaterialFile::Null {}) => {
                 let ends = [1.0, 0.0].map(|value| TextureFile::rgb([value; 3]));
                 MaterialFile::Mask { opacity: self.mixture(ends, amount, place)?, material: Box::new(material) }
             }
@@ -136,7 +136,7 @@ impl Reader {
         for Masked { name, base, opacity, place } in std::mem::take(&mut self.masked) {
             // Missing ones are told of where shapes are checked.
             let Some(material) = self.file.materials.get(&base).cloned() else { continue };
-            let material = if matches!(material.innermost(), MaterialFile::Null) {
+            let material = if matches!(material.innermost(), MaterialFile::Null {}) {
                 material
             } else {
                 if material.is_masked() {
@@ -171,15 +171,18 @@ impl Reader {
         let SceneFile { shapes, materials, .. } = &mut self.file;
         let mut any = false;
         for (index, shape) in shapes.iter_mut().enumerate().filter(|(_, shape)| shape.emission.is_some()) {
-            let border =
-                |material: &MaterialFile| !material.is_masked() && matches!(material.innermost(), MaterialFile::Null);
+            let border = |material: &MaterialFile| {
+                !material.is_masked() && matches!(material.innermost(), MaterialFile::Null {})
+            };
             if old && materials.get(&shape.material).is_some_and(border) {
                 (shape.material, any) = (black.clone(), true);
                 let place = self.places.at(&format!("shapes[{index}]"));
                 self.notes.add(&place, "a lamp without a surface is read as a black one".to_owned());
                 continue;
             }
-            if materials.get(&shape.material).is_some_and(|material| matches!(material.innermost(), MaterialFile::Null))
+            if materials
+                .get(&shape.material)
+                .is_some_and(|material| matches!(material.innermost(), MaterialFile::Null {}))
             {
                 (shape.emission, shape.emission_texture) = (None, None);
                 let place = self.places.at(&format!("shapes[{index}]"));

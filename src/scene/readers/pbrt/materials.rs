@@ -62,7 +62,7 @@ impl Reader {
 
     fn material(&mut self, kind: &str, parameters: &Parameters) -> Result<MaterialFile> {
         let material = match kind {
-            "" | "none" | "interface" => return Ok(MaterialFile::Null),
+            "" | "none" | "interface" => return Ok(MaterialFile::Null {}),
             "diffuse" => self.diffuse(parameters, "reflectance")?,
             "coateddiffuse" => self.coated_diffuse(parameters)?,
             "conductor" => {
@@ -218,7 +218,7 @@ pub fn mirror(tint: TextureFile) -> MaterialFile {
 /// Whether light passes some part of the material.
 fn lets_light_through(material: &MaterialFile) -> bool {
     material.parts().iter().any(|part| match part {
-        MaterialFile::Null
+        MaterialFile::Null {}
         | MaterialFile::Dielectric { .. }
         | MaterialFile::ThinDielectric { .. }
         | MaterialFile::RoughDielectric { .. }

@@ -48,7 +48,7 @@ impl Reader {
             aspect: (size.x / size.y) as f32,
             intensity: intensity.to_array(),
             texture: texture.map_or(TextureFile::rgb([1.0; 3]), place),
-            profile: ProfileFile::Even,
+            profile: ProfileFile::Even {},
         };
         self.add_light(parameters, light);
         Ok(())

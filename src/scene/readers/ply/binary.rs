@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 
-use super::{scalar_size, slot, usual};
+use super::{check_triangles, scalar_size, slot, usual};
 
 /// Offset of a number in a vertex, and whether it takes eight bytes.
 #[derive(Clone, Copy)]
@@ -62,11 +62,12 @@ impl Layout {
         sound.then_some(Self { vertices: vertex.count, stride, fields, faces: face.count, signed })
     }
 
-    /// The mesh in `body`, which follows the header. Nothing is allocated that the body is too short for.
+    /// The mesh in `body`, which follows the header, of at most `most` triangles. Nothing is allocated that the body is too
+    /// short for.
     ///
     /// # Errors
-    /// [`Error::Malformed`] where the body ends too early or an index is negative.
-    pub fn read(&self, path: &Path, body: &[u8]) -> Result<Mesh> {
+    /// [`Error::Malformed`] where the body ends too early or an index is negative; [`Error::Limit`].
+    pub fn read(&self, path: &Path, body: &[u8], most: u64) -> Result<Mesh> {
         let short = || Error::malformed(Place::file(path), "not a readable PLY file: it ends too early");
         let size = self.vertices.checked_mul(self.stride).ok_or_else(short)?;
         let (vertices, faces) = body.split_at_checked(size).ok_or_else(short)?;
@@ -83,8 +84,9 @@ impl Layout {
                 let triangle = |face: &[u8]| [1, 5, 9].map(|at| index(&face[at..]));
                 all.par_chunks_exact(TRIANGLE).map(triangle).collect()
             }
-            _ => polygons(self.faces, faces).ok_or_else(short)?,
+            _ => polygons(self.faces, faces, most).ok_or_else(short)?,
         };
+        check_triangles(path, mesh.triangles.len() as u64, most)?;
         self.check_signs(path, &mesh.triangles)?;
         Ok(mesh)
     }
@@ -108,8 +110,8 @@ impl Layout {
     }
 }
 
-/// Triangle fans of the polygons; none where the body ends too early.
-fn polygons(count: usize, mut body: &[u8]) -> Option<Vec<[u32; 3]>> {
+/// Triangle fans of the polygons, up to the first one that makes more than `most`; none where the body ends too early.
+fn polygons(count: usize, mut body: &[u8], most: u64) -> Option<Vec<[u32; 3]>> {
     let mut triangles = Vec::new();
     for _ in 0..count {
         let (&[corners], rest) = body.split_first_chunk()?;
@@ -117,6 +119,9 @@ fn polygons(count: usize, mut body: &[u8]) -> Option<Vec<[u32; 3]>> {
         body = rest;
         let at = |i: usize| index(&list[4 * i..]);
         triangles.extend((2..usize::from(corners)).map(|i| [at(0), at(i - 1), at(i)]));
+        if triangles.len() as u64 > most {
+            break;
+        }
     }
     Some(triangles)
 }

@@ -49,6 +49,13 @@ impl Layout {
         has[..3].iter().all(|&has| has).then_some(Self { vertices: vertex.count, columns, has, faces: face.count })
     }
 
+    /// Number of triangles that the faces in `body` say they are made of.
+    pub fn triangles(&self, body: &[u8]) -> u64 {
+        let corners = |line| words(line).next().and_then(integer).and_then(|count| u64::try_from(count).ok());
+        let faces = lines(body).skip(self.vertices).take(self.faces);
+        faces.filter_map(corners).map(|count| count.saturating_sub(2)).fold(0, u64::saturating_add)
+    }
+
     /// Reads the mesh in `body`, which follows the header; none where anything is not as expected.
     pub fn read(&self, body: &[u8]) -> Option<Mesh> {
         let pieces = pieces(body);

@@ -46,7 +46,7 @@ pub fn light(check: &Checker, key: &str, light: &LightFile) -> Result<()> {
             }
             materials::emission(check, &part("texture"), texture)?;
             match profile {
-                ProfileFile::Even | ProfileFile::Plane => Ok(()),
+                ProfileFile::Even {} | ProfileFile::Plane {} => Ok(()),
                 ProfileFile::Cone { beam_width } => cone(check, &part("profile"), 0.5 * fov, *beam_width),
             }
         }

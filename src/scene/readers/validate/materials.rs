@@ -65,7 +65,7 @@ fn values(check: &Checker, key: &str, material_file: &MaterialFile) -> Result<()
         | MaterialFile::Plastic { alpha, int_ior, ext_ior, .. } => interface(check, key, *alpha, *int_ior, *ext_ior),
         MaterialFile::Principled(file) => principled(check, key, file),
         MaterialFile::PrincipledThin(file) => principled_thin(check, key, file),
-        MaterialFile::Null
+        MaterialFile::Null {}
         | MaterialFile::Diffuse { .. }
         | MaterialFile::Translucent { .. }
         | MaterialFile::Blend { .. }
@@ -127,8 +127,8 @@ fn wrapped(check: &Checker, key: &str, file: &MaterialFile, [two_sided, masked]:
         {
             check.fail(key, "only a dielectric can be tinted")
         }
-        MaterialFile::Null if masked => check.fail(key, "the border of a medium cannot have holes"),
-        MaterialFile::Null
+        MaterialFile::Null {} if masked => check.fail(key, "the border of a medium cannot have holes"),
+        MaterialFile::Null {}
         | MaterialFile::Dielectric { .. }
         | MaterialFile::ThinDielectric { .. }
         | MaterialFile::RoughDielectric { .. }
@@ -191,7 +191,8 @@ pub fn emission(check: &Checker, key: &str, file: &TextureFile) -> Result<()> {
     }
 }
 
-/// Checks a texture of a material: a factor on reflected light, hence at most 1.
+/// Checks a texture of a material: a factor on reflected light, hence at most 1. Of brighter pictures there is a warning
+/// once they are read.
 fn texture(check: &Checker, key: &str, texture: &TextureFile) -> Result<()> {
     match texture {
         TextureFile::Rgb { value } => check.albedo(key, value),

@@ -13,6 +13,7 @@ use crate::scene::file::{
 };
 use crate::scene::plan::is_environment;
 
+use super::LARGEST;
 use super::places::Places;
 use number::Checker;
 
@@ -90,9 +91,13 @@ fn camera(check: &Checker, key: &str, camera: &CameraFile, file: &SceneFile) -> 
         return check
             .fail(&of("fov"), format!("the field of view is {}°, expected one between 0° and 180°", camera.fov));
     }
-    check.at_least(&of("aperture_radius"), camera.aperture_radius, 0.0)?;
+    for (name, length) in [("aperture_radius", camera.aperture_radius), ("near_clip", camera.near_clip)] {
+        check.at_least(&of(name), length, 0.0)?;
+        if length > LARGEST {
+            return check.fail(&of(name), format!("{name} is {length:e} units, the limit is {LARGEST:e}"));
+        }
+    }
     check.finite(&of("principal_point_offset"), &camera.principal_point_offset)?;
-    check.at_least(&of("near_clip"), camera.near_clip, 0.0)?;
     if let Some([width, height]) = camera.size {
         picture(check, &of("size"), [("columns", width), ("rows", height)])?;
     }
@@ -202,7 +207,7 @@ fn shape(check: &Checker, key: &str, shape: &ShapeFile, file: &SceneFile) -> Res
     }
     if let Some(emission) = &shape.emission {
         check.color(&format!("{key}.emission"), emission)?;
-        if matches!(file.materials[&shape.material].innermost(), MaterialFile::Null) {
+        if matches!(file.materials[&shape.material].innermost(), MaterialFile::Null {}) {
             return check.fail(&format!("{key}.emission"), "what is no surface cannot emit; give it a black material");
         }
     }
