@@ -26,7 +26,11 @@ def run(folder, step, example):
         expected = example[f"{step}.{name}"]
         if found.shape != expected.shape:
             sys.exit(f"{step}: {name} is {found.shape}, not {expected.shape}")
-        worst = max(worst, float(np.abs(found - expected).max() / np.abs(expected).max()))
+        difference = float(np.abs(found - expected).max() / np.abs(expected).max())
+        # NaN is no larger than anything.
+        if not np.isfinite(difference):
+            sys.exit(f"{step}: {name} is not finite")
+        worst = max(worst, difference)
     return worst
 
 

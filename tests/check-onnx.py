@@ -43,7 +43,10 @@ def check(folder, step, example):
     for name, found in zip(names, ReferenceEvaluator(model).run(names, inputs)):
         expected = example[f"{step}.{name}"]
         assert found.shape == expected.shape, f"{path}: {name} is {found.shape}, not {expected.shape}"
-        worst = max(worst, float(np.abs(found - expected).max() / np.abs(expected).max()))
+        difference = float(np.abs(found - expected).max() / np.abs(expected).max())
+        # NaN is no larger than anything.
+        assert np.isfinite(difference), f"{path}: {name} is not finite"
+        worst = max(worst, difference)
     assert worst < 1e-4, f"{path}: the example differs by {worst:.1e}"
     print(f"{path}: valid, opset {model.opset_import[0].version}, example within {worst:.1e}")
 

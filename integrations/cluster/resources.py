@@ -18,6 +18,8 @@ CHECKPOINT_BYTES_PER_PIXEL = 100
 MERGE_BASE = 64 * MB
 MERGE_BYTES_PER_PIXEL = 50
 MERGE_BYTES_PER_PIXEL_AND_LAYERS = 100
+# What a pixel takes besides where fireflies are taken out: samples by brightness, of the whole picture and of the part that is being read.
+MERGE_BYTES_PER_PIXEL_BY_BRIGHTNESS = 500
 # Seconds that a block of samples takes to be read and added, for a pixel, without and with variances.
 MERGE_SECONDS_PER_PIXEL = 2e-8
 MERGE_SECONDS_PER_PIXEL_AND_LAYERS = 6e-8
@@ -52,6 +54,11 @@ SPARE_TIME = 2.0
 # Seconds from a job's start to the program's, and the warning before the time limit with Slurm's resolution of it.
 START = 60.0
 WARNING = 180.0
+# Options of `fanal render` that say how a guide is learned: where one is loaded they are refused, or do nothing.
+LEARNING = {"--model", "--backend", "--samples", "--target", "--direct", "--fraction", "--filter", "--simple-iterations", "--past", "--reconstruct"}
+# What a render without a guide refuses besides; and what is for checkpoints, which the probe does not write.
+GUIDED_ONLY = LEARNING | {"--guided-distances"}
+CHECKPOINTS = {"--every"}
 
 
 class Probe:
@@ -67,11 +74,36 @@ class Probe:
         self.rate = samples_per_second / threads
 
 
-def probe(fanal, scene, options, threads):
-    """Renders one sample per pixel, without a guide.
+def option(word):
+    """The option that a word of a command line names, in its long form; none where it is a value."""
+    # Numbers and effects may begin with a hyphen; -D is the short form of --define.
+    if not re.match("--[A-Za-z]|-D", word):
+        return None
+    return "--define" if word.startswith("-D") else word.split("=")[0]
+
+
+def chosen(options, wanted):
+    """Those of the options of which `wanted` is true, with their values. What stands before all options has no name."""
+    kept, keep = [], wanted(None)
+    for word in options:
+        name = option(word)
+        keep = keep if name is None else wanted(name)
+        if keep:
+            kept.append(word)
+    return kept
+
+
+def without(options, names):
+    """The options but for those with these names and their values."""
+    return chosen(options, lambda name: name not in names)
+
+
+def probe(fanal, scene, options, threads, guided):
+    """Renders one sample per pixel, without a guide; options that only a `guided` render has are left out there.
 
     Raises subprocess.CalledProcessError where the program refuses the scene or the options.
     """
+    options = without(options, CHECKPOINTS | GUIDED_ONLY if guided else CHECKPOINTS)
     with tempfile.TemporaryDirectory() as folder:
         stats = Path(folder) / "stats.json"
         command = [fanal, "render", scene, *options, "--guide", "none", "--spp", "1", "--threads", threads, "--quiet"]
@@ -118,9 +150,10 @@ def render_seconds(probed, spp, threads, guided):
     return START + WARNING + SPARE_TIME * (probed.once + tracing)
 
 
-def merge_memory(pixels, layers=False):
-    """Bytes of merging: parts are read one by one, so that their number does not matter."""
+def merge_memory(pixels, layers=False, by_brightness=False):
+    """Bytes of merging: parts are read one by one, so that their number does not matter. `by_brightness`: fireflies are taken out."""
     pixel = MERGE_BYTES_PER_PIXEL_AND_LAYERS if layers else MERGE_BYTES_PER_PIXEL
+    pixel += MERGE_BYTES_PER_PIXEL_BY_BRIGHTNESS if by_brightness else 0
     return SPARE_MEMORY * (MERGE_BASE + pixel * pixels)
 
 

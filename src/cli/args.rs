@@ -352,9 +352,10 @@ pub struct RenderArgs {
     /// Write the state of the render to this file from time to time and when a signal ends it, for --resume
     #[arg(long, value_name = "FILE")]
     pub checkpoint: Option<PathBuf>,
-    /// Least time between two checkpoints; they may take a twentieth of all time at most
-    #[arg(long, value_name = "SECONDS", default_value = "30", allow_negative_numbers = true, value_parser = seconds)]
-    pub every: f64,
+    /// Least time between two checkpoints, with --checkpoint, --resume or --part; they may take a twentieth of all time
+    /// at most [default: 30]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
+    pub every: Option<f64>,
     /// Go on from a checkpoint of the same scene and options, and keep it up to date unless --checkpoint names another file. Under
     /// --spp the picture has the bits that it would have had without the interruption
     #[arg(long, value_name = "FILE")]

@@ -17,6 +17,9 @@ use crate::render::{Aov, Fireflies, GuideMode, Reconstruction, RenderSettings, S
 use crate::scene::file::SceneFile;
 use crate::scene::overrides::Override;
 
+/// Least seconds between two checkpoints where nothing else is asked for.
+const EVERY: f64 = 30.0;
+
 /// Everything that a render depends on beside the scene. All values are in range.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderRequest {
@@ -85,7 +88,6 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
     }
     check_guide(args)?;
     check_part(args)?;
-    let every = Duration::try_from_secs_f64(args.every).unwrap_or(Duration::MAX);
     let aovs = aovs(args)?;
     Ok(RenderRequest {
         scene: args.of.scene.clone(),
@@ -101,7 +103,7 @@ pub fn resolve(args: &RenderArgs, scene: &SceneFile) -> Result<RenderRequest> {
         load_guide: args.load_guide.clone(),
         model: args.of.model.clone(),
         backend: args.of.backend,
-        checkpoint: args.checkpoint.as_ref().or(args.resume.as_ref()).map(|path| (path.clone(), every)),
+        checkpoint: checkpoint(args)?,
         resume: args.resume.clone(),
         stats: args.stats.clone(),
         reference: args.reference.clone(),
@@ -174,10 +176,17 @@ fn stop(args: &RenderArgs, scene: &SceneFile) -> Result<StopRule> {
 
 /// Whether samples are divided among pixels by noise.
 fn adaptive(args: &RenderArgs, defaults: &RenderSettings) -> Result<bool> {
-    let adaptive = args.adaptive.map_or(defaults.adaptive, Switch::is_on);
+    // Paths that are drawn from kept ones fall where they may.
+    let complete = args.complete_paths.unwrap_or(defaults.complete_paths) > 0.0;
+    let adaptive = args.adaptive.map_or(defaults.adaptive && !complete, Switch::is_on);
     if adaptive && !defaults.adapts() {
         let guide = defaults.guide.name();
         return Err(Error::Options(format!("--adaptive on: --guide {guide} samples all pixels evenly; leave it out")));
+    }
+    if adaptive && complete {
+        return Err(Error::Options(
+            "--adaptive on: with --complete-paths samples are not divided by noise; leave one of them out".into(),
+        ));
     }
     if adaptive && matches!(defaults.stop, StopRule::TargetError(_)) {
         return Err(Error::Options(
@@ -186,6 +195,21 @@ fn adaptive(args: &RenderArgs, defaults: &RenderSettings) -> Result<bool> {
         ));
     }
     Ok(adaptive)
+}
+
+/// File that checkpoints are written to, and the least time between two.
+fn checkpoint(args: &RenderArgs) -> Result<Option<(PathBuf, Duration)>> {
+    // The checkpoint to resume from is kept up to date unless another one is written.
+    match (args.checkpoint.as_ref().or(args.resume.as_ref()), args.every) {
+        (None, None) => Ok(None),
+        (Some(path), every) => {
+            let every = Duration::try_from_secs_f64(every.unwrap_or(EVERY)).unwrap_or(Duration::MAX);
+            Ok(Some((path.clone(), every)))
+        }
+        (None, Some(_)) => Err(Error::Options(
+            "--every is the time between checkpoints: give --checkpoint or --resume too, or leave --every out".into(),
+        )),
+    }
 }
 
 /// What is done about fireflies.
@@ -376,6 +400,18 @@ mod tests {
         assert!(request(&["--guide", "none", "--save-guide", "a.guide"]).is_err());
         assert!(request(&["--exposure", "1"]).is_err());
         assert!(request(&["--view", "agx"]).is_err());
+        assert!(request(&["--every", "5"]).is_err());
+        let kept = |options: &[&str]| request(options).unwrap().checkpoint;
+        assert_eq!(kept(&["--checkpoint", "a.part"]), Some((PathBuf::from("a.part"), Duration::from_secs(30))));
+        assert_eq!(
+            kept(&["--resume", "b.part", "--every", "5"]),
+            Some((PathBuf::from("b.part"), Duration::from_secs(5)))
+        );
+        assert_eq!(kept(&[]), None);
+        assert!(request(&["--complete-paths", "0.5", "--adaptive", "on"]).is_err());
+        let adapts = |options: &[&str]| request(options).unwrap().settings.adaptive;
+        assert!(adapts(&["--complete-paths", "0", "--adaptive", "on"]) && adapts(&["--time", "2"]));
+        assert!(!adapts(&["--complete-paths", "0.5", "--time", "2"]));
         assert!(request(&["--kappa", "2"]).is_err());
         let given = request(&["--kappa", "2", "--fireflies", "reweight"]).unwrap();
         assert_eq!(given.settings.fireflies, Fireflies::Reweight { kappa: 2.0 });

@@ -77,6 +77,17 @@ class Requeue(unittest.TestCase):
         self.assertEqual(self.start("exit 75").wait(timeout=60), 75)
         self.assertEqual(self.called(), ["requeue 42"])
 
+    def test_what_has_nothing_to_save_yet_puts_the_job_back(self):
+        """A command that reads its scene does not handle signals yet, which end it."""
+        for status in (128 + signal.SIGINT, 128 + signal.SIGTERM):
+            self.assertEqual(self.start(f"exit {status}").wait(timeout=60), 75)
+        self.assertEqual(self.called(), ["requeue 42"] * 2)
+        job = self.start("echo begun; while :; do sleep 0.05; done")
+        self.assertEqual(job.stdout.readline(), "begun\n")
+        job.send_signal(signal.SIGUSR1)
+        self.assertEqual(job.wait(timeout=60), 75)
+        self.assertEqual(self.called(), ["requeue 42"] * 3)
+
     def test_what_slurm_ends_is_not_put_back(self):
         # The signal is not passed on: Slurm sends it to the command itself, here a moment later.
         job = self.begun()

@@ -1,11 +1,14 @@
 """What integrations/cluster/submit asks Slurm for, with a program that only answers the probe."""
 
+import json
 import os
 import pathlib
+import re
 import shlex
 import subprocess
 import sys
 import tempfile
+import textwrap
 import unittest
 
 CLUSTER = pathlib.Path(__file__).resolve().parents[2] / "integrations/cluster"
@@ -14,12 +17,13 @@ sys.path.insert(0, str(CLUSTER))
 import resources  # noqa: E402 (the folder has to be on the path before)
 from jobs import Job  # noqa: E402
 
-# 1000 x 500 pixels at 50,000 samples per second and thread, in 100 MB.
+# 1000 x 500 pixels at 50,000 samples per second and thread, in 100 MB. Command lines of probes are kept beside it.
 PROGRAM = """#!/usr/bin/env python3
 import json, sys
 if "--help" in sys.argv:
-    print("--size --seed --crop --guide-memory -D, --define")
+    print("--size --seed --crop --guide-memory -D, --define --model --past --filter --guided-distances --effects --every")
 else:
+    print(json.dumps(sys.argv[1:]), file=open(sys.argv[0] + ".probes", "a"))
     seconds = {"load": 1.0, "build": 2.0, "write": 3.0, "trace": 10.0}
     side = 10 if "--crop" in sys.argv else 1
     stats = {"width": 1000 // side, "height": 500 // side, "samples": 500000, "peak_rss_bytes": 100000000, "seconds": seconds}
@@ -45,6 +49,10 @@ class Submitted(unittest.TestCase):
         answer = subprocess.run([str(word) for word in command], env=environment, check=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         calls = [shlex.split(line.split("=$(")[1][:-1]) for line in answer.stdout.splitlines() if "=$(" in line]
         return calls, answer.stderr
+
+    def probes(self):
+        """Options of the probes so far, after the scene."""
+        return [json.loads(line)[2:] for line in (self.folder / "fanal.probes").read_text().splitlines()]
 
     def scripts(self, calls):
         return [next(pathlib.Path(word).name for word in call if word.endswith(".sbatch")) for call in calls]
@@ -90,11 +98,59 @@ class Submitted(unittest.TestCase):
             self.assertLess(self.asked(calls[-2]), self.asked(whole[-2]))
 
     def test_learning_knows_what_the_scene_asks_for(self):
-        options = ["-D", "depth=8", "--aov", "all", "-Dwidth=10", "-D", "shift=-1", "--seed", 3]
+        options = ["-D", "depth=8", "--aov", "all", "-Dwidth=10", "-D", "shift=-1", "--effects", "-photons", "--seed", 3]
         calls, _ = self.submit("room", "--spp", 64, "--parts", 1, "-o", "out.exr", "--", *options)
         learn, render, _ = calls
-        self.assertEqual(learn[-7:], ["-D", "depth=8", "-Dwidth=10", "-D", "shift=-1", "--seed", "3"])
-        self.assertEqual(render[-9:], [str(word) for word in options])
+        self.assertEqual(learn[-9:], ["-D", "depth=8", "-Dwidth=10", "-D", "shift=-1", "--effects", "-photons", "--seed", "3"])
+        self.assertEqual(render[-11:], [str(word) for word in options])
+
+    def test_options_of_learning_are_for_learning_alone(self):
+        options = ["--model=models/mine", "--size", "10x10", "--past", "0.25", "--filter", "--guided-distances", "on", "--every", "1"]
+        common = ["room", "--spp", 64, "--parts", 1, "-o", "out.exr"]
+        calls, _ = self.submit(*common, "--", *options)
+        learn, render, _ = calls
+        self.assertEqual(learn[-10:], options)
+        self.assertEqual(render[-8:], ["--spp", "64", "--size", "10x10", "--guided-distances", "on", "--every", "1"])
+        self.assertEqual(self.probes()[-1][:4], ["--size", "10x10", "--guide", "none"])
+        self.submit(*common, "--", "--crop", "0,0,10,10", *options)
+        self.assertEqual([probe[:4] for probe in self.probes()[-2:]], [["--crop", "0,0,10,10", "--size", "10x10"], ["--size", "10x10", "--guide", "none"]])
+        # Without a guide the program refuses them, and nothing is sent.
+        self.submit(*common, "--guide", "none", "--", *options)
+        self.assertEqual(self.probes()[-1][:8], options[:8])
+        guide = self.folder / "some.guide"
+        guide.write_bytes(b"guide")
+        for learns in (["--past", "0.25"], ["--past=0.25"], ["--size", "8x8", "--filter"]):
+            with self.assertRaises(subprocess.CalledProcessError):
+                self.submit(*common, "--load-guide", guide, "--", *learns)
+        self.submit(*common, "--load-guide", guide, "--", "--guided-distances", "on")
+
+    def test_options_of_learning_are_those_that_a_loaded_guide_refuses(self):
+        source = (CLUSTER.parents[1] / "src/cli/args.rs").read_text()
+        refused = re.search(r"conflicts_with_all = \[([^]]*)\]\)\]\s+pub load_guide:", source).group(1)
+        names = {"--" + name.replace("_", "-") for name in re.findall(r'"(\w+)"', refused)}
+        # It is not refused, but does nothing.
+        self.assertEqual(resources.LEARNING, names | {"--backend"})
+
+    def test_the_template_divides_options_likewise(self):
+        """What the template runs for a part, with `echo` in place of the program."""
+        found = re.search(r"- name: Render\n +type: TEXT\n +data: \|\n((?: {12}.*\n)+)", (CLUSTER / "openjd.yaml").read_text())
+        learning = [word for name in sorted(resources.LEARNING) for word in ([name, "1"], [f"{name}=1"])]
+        others = ["--size", "8x8", "-D", "shift=-1", "--effects", "-photons"]
+        options = others[:2] + [word for words in learning for word in words] + others[2:]
+        for guide, expected in (("gaussian", others), ("none", options)):
+            values = {"Guide": guide, "Options": " ".join(options), "Fanal": "echo", "Scene": "room", "Output": "out", "Spp": "64", "Part": "1", "Parts": "2"}
+            script = re.sub(r"{{(?:Task\.)?Param\.(\w+)}}", lambda name: values[name.group(1)], textwrap.dedent(found.group(1)))
+            words = subprocess.run(["bash", "-c", script], check=True, stdout=subprocess.PIPE, text=True).stdout.split()
+            self.assertEqual(words[words.index("--spp") + 2 : words.index("--part")], expected)
+            self.assertEqual("--load-guide" in words, guide != "none")
+
+    def test_merges_have_memory_for_samples_by_brightness(self):
+        merges = []
+        for options in ([], ["--fireflies", "keep"], ["--fireflies", "reweight"], ["--fireflies=reweight"]):
+            calls, _ = self.submit("room", "--spp", 4096, "--parts", 2, "--guide", "none", "-o", "out.exr", "--", *options)
+            merges.append(self.asked(calls[-1]))
+        self.assertTrue(merges[0] == merges[1] < merges[2] == merges[3], merges)
+        self.assertAlmostEqual(merges[2], resources.merge_memory(500000, by_brightness=True), delta=2**20)
 
     def test_parts_have_the_mode_of_their_guide(self):
         calls, _ = self.submit("room", "--spp", 64, "--parts", 1, "--guide", "ppg", "-o", "out.exr")
@@ -206,6 +262,10 @@ class Formulas(unittest.TestCase):
         plain = resources.merge_memory(10**6)
         self.assertAlmostEqual(plain - resources.merge_memory(0), resources.SPARE_MEMORY * resources.MERGE_BYTES_PER_PIXEL * 1e6)
         self.assertGreater(resources.merge_memory(10**7, layers=True), 1.5 * resources.merge_memory(10**7))
+        for layers in (False, True):
+            besides = resources.merge_memory(10**6, layers, True) - resources.merge_memory(10**6, layers)
+            # What samples by brightness take at most of the whole picture (docs/stability.md), and some of a part.
+            self.assertGreater(besides, resources.SPARE_MEMORY * 400e6)
         # 1080p by 2^20 samples took 1100 s in however many parts.
         self.assertGreater(resources.merge_seconds(1920 * 1080, 2**20 / 64), 1100)
         self.assertGreater(resources.merge_seconds(10**6, 100, layers=True), resources.merge_seconds(10**6, 100))

@@ -232,7 +232,9 @@ fn tiles_hold_all_that_reach_them() {
                 assert!(*of == kind || !listed.contains(&index));
             }
         }
-        assert!([[-1.0, 5.0], [5.0, 1000.0], [f32::NAN, 1.0]].into_iter().all(|film| tiles.at(film).is_empty()));
+        // The last tile ends behind the picture.
+        let outside = [[-1.0, 5.0], [5.0, 70.5], [100.0, 5.0], [5.0, 1000.0], [f32::NAN, 1.0]];
+        assert!(outside.into_iter().all(|film| tiles.at(film).is_empty()));
     }
 }
 
@@ -286,19 +288,21 @@ fn degenerate_paths_make_guides() {
     assert_eq!(none.density(&path([1.0; 2], THREE)), 0.0);
 }
 
-/// What a guide draws has a density there, and is in a place that it covers; another kind of path has none.
+/// What a guide draws in the picture has a density there, and is in a place that it covers; another kind of path has none, nor has what is
+/// drawn outside, also where tiles end there.
 #[test]
 fn drawn_paths_have_a_density() {
     let paths = random_paths(400, 0.5);
     let weight = |i: usize| 1.0 + (i % 5) as f64;
     let parts: Vec<Part> =
         paths.iter().enumerate().map(|(i, path)| Part { path, weight: weight(i), footprint: 1e-3 }).collect();
-    let guide = PathGuide::new(&parts, [64, 48], 6.0);
     let mut random = Random::new(6, 6, 6);
-    for _ in 0..2000 {
-        let new = drawn(&guide, &mut random);
-        if (0.0..64.0).contains(&new.film[0]) && (0.0..48.0).contains(&new.film[1]) {
-            assert!(guide.density(&new) > 0.0 && guide.covers(new.film));
+    for size in [[64, 48], [33, 25]] {
+        let guide = PathGuide::new(&parts, size, 6.0);
+        for _ in 0..2000 {
+            let new = drawn(&guide, &mut random);
+            let inside = (0..2).all(|axis| (0.0..size[axis] as f32).contains(&new.film[axis]));
+            assert!((guide.density(&new) > 0.0) == inside && guide.covers(new.film) == inside, "{:?}", new.film);
             let mut other = new.clone();
             other.steps[1].event.transmits = true;
             assert_eq!(guide.density(&other), 0.0);

@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use fanal::picture::read_image;
+
 fn fanal(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_fanal")).args(arguments).output().expect("the program was built for this test")
 }
@@ -82,6 +84,7 @@ fn bad_input_is_one_readable_paragraph() {
     std::fs::write(&broken, "{\n\"version\": 1,\n\"camera\": 7\n}").unwrap();
     let broken = broken.display().to_string();
     let missing = folder.path().join("missing/out.exr").display().to_string();
+    let data = folder.path().display().to_string();
     for (arguments, words) in [
         (&["render", "no-such-scene.json", "-o", &name][..], &["no-such-scene.json"][..]),
         (&["render", &broken, "-o", &name], &["broken.json", "3"]),
@@ -90,6 +93,9 @@ fn bad_input_is_one_readable_paragraph() {
         (&["render", &cornell, "-o", &name, "--guide", "none", "--samples", "both"], &["--samples"]),
         (&["render", &cornell, "-o", &name, "--guide", "vmf", "--samples", "both"], &["--samples"]),
         (&["render", &cornell, "-o", &name, "--guide", "none", "--guided-distances", "on"], &["--guided-distances"]),
+        (&["render", &cornell, "-o", &name, "--complete-paths", "0.5", "--adaptive", "on"], &["--complete-paths"]),
+        (&["render", &cornell, "-o", &name, "--every", "5"], &["--every", "--checkpoint", "--resume"]),
+        (&["learn", &cornell, "-o", &name, "--guide", "paths"], &["--guide paths", "no guide file"]),
         (&["render", &cornell, "-o", &name, "--reference", "no-such.exr"], &["no-such.exr"]),
         (&["render", &cornell, "-o", &name, "--stats", &missing], &["missing"]),
         (&["render", &cornell, "-o", "out.jpg"], &["out.jpg", ".exr"]),
@@ -101,13 +107,18 @@ fn bad_input_is_one_readable_paragraph() {
         (&["error", "a.exr", "b.exr"], &["a.exr"]),
         (&["dataset", "no-such.toml", "-o", &name], &["no-such.toml"]),
         (&["dataset", "--check", &missing], &["missing"]),
+        (&["merge", &data, "--model", "models/default"], &["--model is for guides"]),
+        (&["merge", &data, "--backend", "onnx"], &["--backend is for guides"]),
     ] {
         fails(1, arguments, Some(&out), words);
     }
     for unused in [["--model", "models/default"], ["--backend", "onnx"]] {
-        let plain = ["render", &cornell, "-o", &name, "--size", "8x6", "--spp", "1", "--guide", "gaussian"];
-        let told = fanal(&[&plain[..], &unused].concat());
-        assert!(told.status.success() && String::from_utf8_lossy(&told.stderr).contains(unused[0]), "{told:?}");
+        let plain = ["render", &cornell, "-o", &name, "--size", "8x6", "--spp", "1", "--guide"];
+        for how in [&["gaussian"][..], &["none", "--part", "1/1"], &["none", "--replay", "0,0,0"]] {
+            let told = fanal(&[&plain[..], how, &unused].concat());
+            let warning = format!("warning: {} has no effect", unused[0]);
+            assert!(told.status.success() && String::from_utf8_lossy(&told.stderr).contains(&warning), "{told:?}");
+        }
     }
     let other = folder.path().join("comparison").display().to_string();
     let taken = ["compare", &cornell, "-o", &other, "--spp", "1", "--variant", "Reference: --guide none"];
@@ -270,6 +281,17 @@ fn guides_are_saved_loaded_and_drawn() {
     works(&[&render[..], &["--load-guide", &guide, "--stats", &stats]].concat());
     let stats = std::fs::read_to_string(&stats).unwrap();
     assert!(stats.contains("\"iterations\": []") && !stats.contains("\"trees\": 0,"), "{stats}");
+    // Where guiding is off, nothing is guided: neither picture nor replay knows of the guide.
+    let unguided = |options: &[&str]| {
+        let fixed = [&["render", &door, "--size", "48x36", "--spp", "24"][..], options].concat();
+        let told = works(&[&fixed[..], &["--replay", "20,15,3,0"]].concat());
+        let result = fanal(&[&fixed[..], &["-o", &picture]].concat());
+        let warned = String::from_utf8_lossy(&result.stderr).contains("guiding is off");
+        (read_image(Path::new(&picture), false).unwrap().pixels, told, warned)
+    };
+    let (pixels, told, warned) = unguided(&["--guide", "none"]);
+    let off = unguided(&["--guide", "gaussian", "--load-guide", &guide, "--effects", "-guiding"]);
+    assert!(!warned && off == (pixels, told, true));
     let told = works(&["inspect", &guide, "--at", "1,0.01,0.5", "-o", &drawing]);
     assert!(told.contains("voxels") && told.contains("facing +y"), "{told}");
     works(&["inspect", &guide, "--scene", &door, "--size", "48x36", "-o", &drawing]);

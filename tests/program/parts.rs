@@ -199,6 +199,10 @@ fn first_parts_are_merged_before_the_others_are_there() {
     let late = [&two, &parts[2]].map(|part| part.display().to_string());
     assert!(refused(&["merge", &late[1], "-o", &files.text("gap.sum")]).contains("1/4, 2/4"));
     assert!(refused(&["merge", &late[0], "-o", &files.text("gap.sum"), "--allow-missing"]).contains("--allow-missing"));
+    for output in ["gap.sum", "gap.exr"] {
+        let of_guides = ["merge", &late[0], "-o", &files.text(output), "--model", "models/default"];
+        assert!(refused(&of_guides).contains("--model is for guides") && !files.path(output).exists());
+    }
     // A sum is no part that was rendered.
     std::fs::copy(&two, files.path("1.part")).unwrap();
     files.render(&options, "1.part", &["--part", "1/4"]);

@@ -61,6 +61,13 @@ fn keeping(path: &Path, settings: &RenderSettings, scene: &Scene, resume: bool) 
 /// Interrupts a render after every `step` chunks, each time in a new run, and holds picture and counts against those of one run.
 /// Returns the number of interruptions.
 fn interrupted(scene: &Scene, settings: &RenderSettings, field: Option<&GuideField>, step: i64) -> u32 {
+    // Of more threads chunks would be larger, and fewer.
+    let threads = rayon::current_num_threads().min(4);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| interrupted_here(scene, settings, field, step))
+}
+
+fn interrupted_here(scene: &Scene, settings: &RenderSettings, field: Option<&GuideField>, step: i64) -> u32 {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.part");
     let none = Checkpointing { write: None, ..keeping(&path, settings, scene, false) };

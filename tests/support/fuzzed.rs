@@ -35,7 +35,7 @@ use crate::files::{self, scene_using};
 use crate::mutate::words;
 use crate::network;
 use crate::scenes::{GUIDES, committed, reconstructor, settings};
-use crate::seeds::{kept, tree};
+use crate::seeds::{kept, kept_after, tree};
 
 /// Reads a file.
 type Read = Box<dyn Fn(&Path) -> Result<()>>;
@@ -378,7 +378,7 @@ fn model(weights: bool, folder: &Path) -> Reader {
 
 /// What is read is gone on with to the end.
 fn checkpoint(folder: &Path) -> Reader {
-    let scene = committed("door-ajar", [8, 6]);
+    let (scene, easy) = (committed("door-ajar", [8, 6]), committed("cornell", [8, 6]));
     let path = folder.join("a.part");
     let mut seeds = vec![];
     let mut modes = vec![];
@@ -389,12 +389,17 @@ fn checkpoint(folder: &Path) -> Reader {
         modes.push((kept(&scene, &settings, &path), settings));
         seeds.push(std::fs::read(&path).unwrap());
     }
+    // The second chunk is the one of samples that follow noise.
+    let adaptive = RenderSettings { adaptive: true, ..settings(GUIDES[0], 16, 1) };
+    let noise = (kept_after(2, &easy, &adaptive, &path), adaptive);
+    seeds.push(std::fs::read(&path).unwrap());
     let read = move |_: &Path| {
         let mut errors = vec![];
-        for (checkpoint, settings) in &modes {
+        let all = modes.iter().map(|mode| (&scene, mode)).chain([(&easy, &noise)]);
+        for (scene, (checkpoint, settings)) in all {
             let stop = AtomicBool::new(false);
             let control = Control { checkpoint: Some(checkpoint), ..Control::new(&Silent, &stop) };
-            match render_watched(&scene, settings, reconstructor(settings.guide).as_ref(), &control) {
+            match render_watched(scene, settings, reconstructor(settings.guide).as_ref(), &control) {
                 Ok(outcome) => {
                     assert!(outcome.image.pixels.iter().all(|pixel| pixel.is_finite()), "a pixel is not finite");
                     return Ok(());

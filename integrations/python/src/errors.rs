@@ -42,14 +42,23 @@ pub fn broken() -> PyErr {
     python::Error::new_err("internal error: the work ended in a panic, whose message is on stderr")
 }
 
-/// A message with options in the way of Python: `load_guide` for `--load-guide`.
+/// A message with options in the way of Python: `load_guide` for `--load-guide`. Options are words; `--` within the name of
+/// a file stays.
 fn keywords(message: &str) -> String {
     let mut told = String::with_capacity(message.len());
     let mut parts = message.split("--");
     told.push_str(parts.next().unwrap_or_default());
     for part in parts {
+        let begins = told.chars().next_back().is_none_or(|c| c.is_whitespace() || "'\"`([".contains(c));
+        if !(begins && part.starts_with(|c: char| c.is_ascii_lowercase())) {
+            told.push_str("--");
+            told.push_str(part);
+            continue;
+        }
         let end = part.find(|c: char| !c.is_ascii_lowercase() && c != '-').unwrap_or(part.len());
         let (name, rest) = part.split_at(end);
+        // The one option that is called otherwise.
+        let name = if name == "aov" { "aovs" } else { name };
         told.push_str(&name.replace('-', "_"));
         told.push_str(rest);
     }

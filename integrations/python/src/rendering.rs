@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use fanal::base::{Error, Result};
 use fanal::cli::args::{Command, RenderArgs};
 use fanal::cli::commands::in_pool;
-use fanal::cli::commands::render::Prepared;
+use fanal::cli::commands::render::{Prepared, check_files};
 use fanal::cli::resolve::resolve;
 use fanal::cli::views;
 use fanal::picture::{Channel, Window};
@@ -80,6 +80,7 @@ struct Job {
 
 /// Renders on the threads of the current pool, as `fanal render` does.
 fn rendered(args: &RenderArgs, job: Job, watched: &Watched) -> Result<Rendered> {
+    check_files(args)?;
     let Job { mut loaded, started, keeps_guide } = job;
     views::select(&args.of, &mut loaded)?;
     let mut request = resolve(args, &loaded.file)?;

@@ -114,12 +114,28 @@ def test_checkpoints_are_resumed(tmp_path, scene):
     options = {"size": (32, 24), "guide": "none", "spp": 64}
     whole = fanal.render(scene("cornell"), **options)
     part = tmp_path / "a.part"
-    first = fanal.render(scene("cornell"), checkpoint=part, every=0.001, **options)
+    # The first is due as soon as anything was traced.
+    first = fanal.render(scene("cornell"), checkpoint=part, every=1e-9, **options)
     assert same(first, whole)
-    if part.exists():
-        assert same(fanal.render(scene("cornell"), resume=part, **options), whole)
-        with pytest.raises(fanal.Error, match="a.part"):
-            fanal.render(scene("cornell"), resume=part, **{**options, "spp": 65})
+    assert same(fanal.render(scene("cornell"), resume=part, **options), whole)
+    assert same(fanal.render(scene("cornell"), checkpoint=part, resume=part, **options), whole)
+    with pytest.raises(fanal.Error, match="a.part"):
+        fanal.render(scene("cornell"), resume=part, **{**options, "spp": 65})
+
+
+def test_checkpoints_are_not_replaced(tmp_path, scene):
+    options = {"size": (16, 12), "guide": "none", "spp": 4}
+    kept, other = tmp_path / "my--kept.part", tmp_path / "other.part"
+    for path in (kept, other):
+        fanal.render(scene("cornell"), checkpoint=path, every=1e-9, **options)
+    held = kept.read_bytes()
+    for more in ({}, {"resume": other}):
+        # What looks like an option in the name of a file is none.
+        with pytest.raises(fanal.OptionError, match="my--kept.part: there is a checkpoint already.* with resume .*my--kept.part"):
+            fanal.render(scene("cornell"), checkpoint=kept, **more, **options)
+        assert kept.read_bytes() == held
+    with pytest.raises(fanal.FileError, match="missing"):
+        fanal.render(scene("cornell"), checkpoint=tmp_path / "missing" / "a.part", **options)
 
 
 def test_fireflies_are_a_layer(scene):

@@ -109,7 +109,10 @@ fn variants(given: &[VariantArgs], loaded: &LoadedScene, neural: &Neural) -> Res
             Ok(settings)
         });
         let settings = settings.map_err(|error| Error::Options(format!("--variant {name}: {error}")))?;
-        variants.push(Variant { name: name.clone(), settings, adaptive: render.adaptive.map(Switch::is_on) });
+        // As `fanal render` has it: where complete paths are added, samples are not divided by noise.
+        let even = (settings.complete_paths > 0.0).then_some(false);
+        let adaptive = render.adaptive.map(Switch::is_on).or(even);
+        variants.push(Variant { name: name.clone(), settings, adaptive });
     }
     Ok(variants)
 }

@@ -26,6 +26,10 @@ pub fn run(args: &LearnArgs) -> Result<Ended> {
     if args.of.guide == GuideMode::None {
         return Err(Error::Options("--guide none learns nothing; choose another mode".into()));
     }
+    if args.of.guide == GuideMode::Paths {
+        let why = "--guide paths learns complete paths, which no guide file holds; choose another mode";
+        return Err(Error::Options(why.into()));
+    }
     [Some(&args.output), args.stats.as_ref()].into_iter().flatten().try_for_each(|file| check_folder(file))?;
     let (state, part) = (beside(&args.output), args.part);
     let args = as_render(args);
@@ -150,7 +154,7 @@ fn as_render(args: &LearnArgs) -> RenderArgs {
         view: None,
         resume: state.exists().then(|| state.clone()),
         checkpoint: Some(state),
-        every: args.every,
+        every: Some(args.every),
         replay: None,
         stats: args.stats.clone(),
         reference: None,

@@ -6,7 +6,7 @@ use super::render::networks;
 use super::{dataset, in_pool};
 use crate::base::streamed::Streamed;
 use crate::base::{Error, Result, named};
-use crate::cli::args::MergeArgs;
+use crate::cli::args::{Backend, MergeArgs};
 use crate::cli::resolve::display;
 use crate::cli::{print, progress};
 use crate::generate::dataset::check;
@@ -39,6 +39,7 @@ pub fn run(args: &MergeArgs) -> Result<()> {
 /// Merges the first parts to a part in their place.
 fn first(output: &Path, args: &MergeArgs) -> Result<()> {
     check_folder(output)?;
+    check_no_guide(args)?;
     check_no_picture(args, "a part is merged of all first ones")?;
     in_pool(&args.common, || merge_first(&args.inputs, output, &*progress::progress(args.common.quiet)))
 }
@@ -51,6 +52,13 @@ fn check_no_picture(args: &MergeArgs, why: &str) -> Result<()> {
         None if args.allow_missing => Err(Error::Options(format!("--allow-missing is for pictures: {why}"))),
         None => Ok(()),
     }
+}
+
+/// Refuses what is for guides alone.
+fn check_no_guide(args: &MergeArgs) -> Result<()> {
+    let given = [("--model", args.model.is_some()), ("--backend", args.backend != Backend::Embedded)];
+    let found = given.into_iter().find(|(_, given)| *given);
+    found.map_or(Ok(()), |(name, _)| Err(Error::Options(format!("{name} is for guides; leave it out"))))
 }
 
 fn guide(output: &Path, args: &MergeArgs) -> Result<()> {
@@ -66,6 +74,7 @@ fn guide(output: &Path, args: &MergeArgs) -> Result<()> {
 
 fn picture(output: &Path, args: &MergeArgs) -> Result<()> {
     check_writable(output)?;
+    check_no_guide(args)?;
     let display = display(args.exposure, args.view, is_png(output))?;
     in_pool(&args.common, || {
         let Merged { image, layers, attributes, placed, missing } =
@@ -78,6 +87,7 @@ fn picture(output: &Path, args: &MergeArgs) -> Result<()> {
 }
 
 fn data(folder: &Path, args: &MergeArgs) -> Result<()> {
+    check_no_guide(args)?;
     let found = match parts::merge(folder)? {
         Merging::Done(count) => format!("{count} parts are put together"),
         Merging::DoneBefore => "the data are whole".to_owned(),

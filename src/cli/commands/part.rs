@@ -33,6 +33,7 @@ pub fn run(args: &RenderArgs, part: PartOf) -> Result<Ended> {
         let load = begun.elapsed().as_secs_f64();
         views::select(&args.of, &mut loaded)?;
         let mut request = resolve(&args, &loaded.file)?;
+        print::warnings(request.unused().as_slice(), args.common.quiet);
         loaded.file.render.max_depth = request.settings.transport.max_depth;
         let prepared = Prepared::new(&request, &loaded)?;
         let head = head(&request, &prepared, part)?;

@@ -1,7 +1,7 @@
 //! `fanal render`.
 
 use std::cell::Cell;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
@@ -27,8 +27,8 @@ use crate::reconstruct::{Neural, Reconstructor};
 use crate::render::guide_part::PartLearned;
 use crate::render::part_file::Totals;
 use crate::render::{
-    self, Aov, Checkpointing, Control, ErrorPoint, Fireflies, Learned, Outcome, Refresh, RenderSettings, Snapshot,
-    Statistics, StopRule, aov, checkpoint, merge,
+    self, Aov, Checkpointing, Control, ErrorPoint, Fireflies, GuideMode, Learned, Outcome, Refresh, RenderSettings,
+    Snapshot, Statistics, StopRule, aov, checkpoint, merge,
 };
 use crate::scene::Scene;
 use crate::scene::overrides::decide;
@@ -48,12 +48,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Errors of reading, rendering and writing.
 pub fn run(args: &RenderArgs) -> Result<Ended> {
     args.output.as_deref().map_or(Ok(()), check_writable)?;
-    // The checkpoint to resume from is kept up to date unless another one is written.
-    let checkpoint = args.checkpoint.as_ref().or(args.resume.as_ref());
-    for other in [args.stats.as_ref(), args.save_guide.as_ref(), checkpoint].into_iter().flatten() {
-        check_folder(other)?;
-    }
-    check_not_there(args)?;
+    check_files(args)?;
     let viewer = args.display.as_ref().map(Viewer::connect).transpose()?;
     in_pool(&args.common, || {
         let begun = Instant::now();
@@ -76,7 +71,9 @@ pub fn run(args: &RenderArgs) -> Result<Ended> {
         let early = interrupted.then(|| format!("interrupted after {} samples per pixel", statistics.spp));
         let empty = request.save_guide.as_ref().filter(|_| statistics.guide.voxels == 0);
         let empty = empty.map(|path| format!("{}: the guide is empty: guiding was given up or off", path.display()));
-        let warnings: Vec<String> = unkept.into_iter().chain(unshown).chain(early).chain(empty).collect();
+        let unused = request.load_guide.as_ref().filter(|_| statistics.method == GuideMode::None.name());
+        let unused = unused.map(|path| format!("{}: the guide is not used: guiding is off", path.display()));
+        let warnings: Vec<String> = unkept.into_iter().chain(unshown).chain(early).chain(empty).chain(unused).collect();
         print::warnings(&warnings, args.common.quiet);
         statistics.seconds.load = load;
         // A picture that had to be saved elsewhere has statistics all the same.
@@ -98,7 +95,20 @@ fn tell(request: &RenderRequest, statistics: &Statistics, took: Duration, quiet:
     error.map_or(Ok(()), |e| print::line(&format!("relMSE {:.3e}, trimmed {:.3e}", e.relmse, e.relmse_trimmed)))
 }
 
-/// Refuses to begin a render whose checkpoints would replace what there is of an earlier one.
+/// Refuses to begin a render whose files beside the picture could not be written, or whose checkpoints would replace what
+/// there is of an earlier one.
+///
+/// # Errors
+/// [`Error::Io`] naming the file or its folder; [`Error::Options`] naming the checkpoint.
+pub fn check_files(args: &RenderArgs) -> Result<()> {
+    // The checkpoint to resume from is kept up to date unless another one is written.
+    let checkpoint = args.checkpoint.as_ref().or(args.resume.as_ref());
+    let others = [args.stats.as_ref(), args.save_guide.as_ref(), checkpoint].into_iter().flatten();
+    others.map(PathBuf::as_path).try_for_each(check_folder)?;
+    check_not_there(args)
+}
+
+/// Refuses checkpoints that would replace what there is of an earlier render.
 fn check_not_there(args: &RenderArgs) -> Result<()> {
     let replaced = args.checkpoint.as_ref().filter(|path| args.resume.as_ref() != Some(path) && path.is_file());
     replaced.map_or(Ok(()), |path| {
@@ -204,10 +214,10 @@ impl Prepared {
     /// Errors of reading the guide and the network, and of building the scene.
     pub fn new(request: &RenderRequest, loaded: &LoadedScene) -> Result<Self> {
         let (plan, settings) = settled(request, loaded);
-        let scene_crc = format!("{:08x}", loaded.crc32());
-        let guide = request.load_guide.as_deref().map(|path| load_guide(path, &picture_of(&scene_crc, request.size)));
+        let scene_crc = scene_crc(loaded);
+        let guide = loaded_guide(request, &settings, &scene_crc)?;
         let (reconstructor, model) = reconstructor(request, &settings)?;
-        let (guide, guide_identity) = guide.transpose()?.map_or((None, model), |(field, crc)| (Some(field), crc));
+        let (guide, guide_identity) = guide.map_or((None, model), |(field, crc)| (Some(field), crc));
         let identity = Identity { scene: scene_crc, guide: guide_identity };
         let checkpoint = request.checkpoint.clone().map(|write| Checkpointing {
             made_for: checkpoint::made_for(&settings, request.size, &identity.scene, &identity.guide),
@@ -297,7 +307,7 @@ impl Prepared {
         statistics.missing_files.clone_from(&loaded.missing);
     }
 
-    /// The guide that was loaded.
+    /// The guide that was loaded; none where nothing is guided.
     pub fn guide(&self) -> Option<&GuideField> {
         self.guide.as_ref()
     }
@@ -469,9 +479,25 @@ pub(super) fn report(request: &RenderRequest, statistics: &Statistics) -> Result
     write_json(path, statistics)
 }
 
+/// Text that stands for a scene.
+pub(super) fn scene_crc(loaded: &LoadedScene) -> String {
+    format!("{:08x}", loaded.crc32())
+}
+
 /// Text that stands for a picture of `size` of a scene, whose camera is a part of it.
 fn picture_of(scene: &str, [width, height]: [u32; 2]) -> String {
     format!("scene {scene}, {width}x{height}")
+}
+
+/// The guide to load for a picture of the scene for which `scene` stands, and a text that stands for its file. None is loaded where
+/// nothing is guided.
+pub(super) fn loaded_guide(
+    request: &RenderRequest,
+    settings: &RenderSettings,
+    scene: &str,
+) -> Result<Option<(GuideField, String)>> {
+    let path = request.load_guide.as_deref().filter(|_| settings.guide != GuideMode::None);
+    path.map(|path| load_guide(path, &picture_of(scene, request.size))).transpose()
 }
 
 /// The guide at `path`, and a text that stands for the file. What it knows of another picture than `picture` is left out.

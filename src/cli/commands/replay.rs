@@ -2,13 +2,12 @@
 
 use glam::Vec3;
 
-use super::render::settled;
+use super::render::{loaded_guide, scene_crc, settled};
 use super::{in_pool, load_scene};
 use crate::base::{Error, Result};
 use crate::cli::args::RenderArgs;
 use crate::cli::resolve::resolve;
 use crate::cli::{interrupt, print, progress, views};
-use crate::guiding::sample::file;
 use crate::integrators::path::{ExplainedVertex, Explanation};
 use crate::render::{Control, GuideMode, Sample, replay};
 use crate::scene::Scene;
@@ -28,9 +27,10 @@ pub fn run(args: &RenderArgs, sample: Sample) -> Result<()> {
         let mut loaded = load_scene(&args.of.scene, &args.of.how(), &args.common)?;
         views::select(&args.of, &mut loaded)?;
         let request = resolve(args, &loaded.file)?;
+        print::warnings(request.unused().as_slice(), args.common.quiet);
         loaded.file.render.max_depth = request.settings.transport.max_depth;
         let (_, settings) = settled(&request, &loaded);
-        let field = request.load_guide.as_deref().map(file::load).transpose()?.map(|(field, _)| field);
+        let field = loaded_guide(&request, &settings, &scene_crc(&loaded))?.map(|(field, _)| field);
         let scene = Scene::build(&loaded, request.size)?;
         let (stop, progress) = (interrupt::flag()?, progress::progress(args.common.quiet));
         let found = replay(&scene, &settings, field, sample, &Control::new(&*progress, &stop))?;

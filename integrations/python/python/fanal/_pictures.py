@@ -11,9 +11,9 @@ from ._errors import OptionError
 
 
 def read_image(path: _options.Path, *, raw: bool = False) -> Floats:
-    """Reads an EXR, HDR, PNG, JPEG, TGA or BMP picture as linear RGB (rows, columns, 3), from the top left.
+    """Reads an EXR, HDR, PFM, PNG, JPEG, TGA, BMP, WebP or QOI picture as linear RGB (rows, columns, 3), from the top left.
 
-    Formats other than EXR and HDR hold sRGB values, which are made linear unless they are ``raw`` data. Of an EXR file that holds a window
+    Formats other than EXR, HDR and PFM hold sRGB values, which are made linear unless they are ``raw`` data. Of an EXR file that holds a window
     of a picture, the window is read.
     """
     return _fanal.read_image(_options.path(path), bool(raw))

@@ -41,8 +41,10 @@ class Result:
     image: Floats
     """Linear RGB (rows, columns, 3), from the top left."""
     aovs: dict[str, Floats] = field(default_factory=dict)
-    """Layers by name, of shape (rows, columns, 3) or, for depth, samples and guiding, (rows, columns). With ``fireflies="reweight"`` there is
-    ``fireflies``, the light that was taken out of ``image``."""
+    """Layers by name, of shape (rows, columns, 3) or, for depth, samples and guiding, (rows, columns). ``crypto-object`` and
+    ``crypto-material`` are three layers each, ``crypto_object00`` to ``crypto_object02`` and so on, of shape (rows, columns, 4): two ids
+    (Cryptomatte's hashes of names), each before the part of the pixel that it covers. With ``fireflies="reweight"`` there is ``fireflies``,
+    the light that was taken out of ``image``."""
     statistics: dict[str, Any] = field(default_factory=dict)
     """Where time and samples went: what ``fanal render --stats`` writes."""
     guide: Guide | None = None
@@ -103,7 +105,8 @@ def render_full(
     :param size: columns and rows; the scene's if not given.
     :param max_depth: 1 for emission only, 2 for direct light, and so on.
     :param crop: part of the picture to render: column, row, columns and rows.
-    :param aovs: layers: ``albedo``, ``normal``, ``position``, ``depth``, ``samples``, ``variance``, ``guiding``, or ``all``.
+    :param aovs: layers: ``albedo``, ``normal``, ``position``, ``depth``, ``samples``, ``variance``, ``guiding``, ``crypto-object``,
+        ``crypto-material``, or ``all``.
     :param threads: all cores if not given.
     :param progress: called with a :class:`Progress` about four times per second and at the end. Returning False ends the render early
         with the picture so far; an exception ends it too, and is raised here.
@@ -117,8 +120,10 @@ def render_full(
     :param roulette: ``"off"``, ``"throughput"`` or ``"window"``.
     :param guide_memory: ceiling of the guide in MB.
     :param backend: who executes the network, ``"embedded"`` or ``"onnx"``.
-    :param checkpoint: file to keep the state in, written ``every`` so many seconds and when the render is interrupted.
-    :param resume: checkpoint to go on from.
+    :param checkpoint: file to keep the state in, written when the render is interrupted and from time to time. One that is there already
+        is refused, unless it is the one to ``resume``.
+    :param every: seconds between two checkpoints; 30 if not given.
+    :param resume: checkpoint to go on from, which is kept up to date unless ``checkpoint`` is another file.
 
     Ctrl-C ends the render within about a second and raises KeyboardInterrupt; its picture is lost, a checkpoint is not. To keep the
     picture, handle the signal and return False from ``progress``. Other threads of Python run meanwhile.
