@@ -39,8 +39,8 @@ pub trait Reconstructor: Sync {
     /// Name in statistics.
     fn name(&self) -> &'static str;
 
-    /// Cost of reconstructing one node of Q_h, in rays traced; 0 for nothing. From measurements on two cores: a ray with its
-    /// shading takes 0.5 to 0.7 µs of a core, a tree of 407 nodes 81 to 99 µs of both by the network and 13 µs by smoothing.
+    /// Cost of reconstructing one node of Q_h, in rays traced; 0 for nothing. A ray with its shading takes 0.5 to 0.7 µs of a core, a
+    /// tree of 448 nodes 178 µs by the network and 15 µs by smoothing (`cargo bench --bench network`).
     fn rays_per_node(&self) -> f64;
 
     /// Whether trees of this iteration, counted from 0, are reconstructed at all.

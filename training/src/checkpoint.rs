@@ -22,6 +22,7 @@ pub const CHECKPOINT_FILE: &str = "checkpoint.safetensors";
 const LIMIT: u64 = 256 << 20;
 
 /// The version of checkpoints that this program reads. 2: with a checksum. 3: detects other data of the same size.
+/// 4: with the learning rate.
 const VERSION: u32 = 4;
 
 /// The pairs of a run: the order in which they are shown is a permutation of their numbers.
