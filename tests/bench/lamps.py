@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Scenes of many lamps of which most are hidden: a flat of six rooms with 30 lamps, and a street among others with 198.
+"""Scenes of many lamps of which most bring nothing: a flat of six rooms with 30 lamps, a street among others with 198, and a hall under
+144 spots.
 
-    python3 tests/bench/lamps.py OUT        writes OUT/flat/scene.json and OUT/street/scene.json
+    python3 tests/bench/lamps.py OUT        writes OUT/flat/scene.json, OUT/street/scene.json and OUT/hall/scene.json
 
 Only Python's own library is needed.
 """
@@ -122,11 +123,24 @@ def street(numbers):
     return scene
 
 
+def hall(_):
+    """A floor and a wall under a grid of spots of 30 degrees, a metre apart and three above the floor."""
+    scene = Scene("hall", (160, 120), look_at((0, 2.5, -9), (0, -0.7, 0)), 50, 8)
+    scene.colour("stone", [0.5, 0.5, 0.5])
+    scene.block((-6, -0.2, -6), (6, 0, 6), "stone")
+    scene.block((-6, 0, 6), (6, 3, 6.2), "stone")
+    for x, z in [(i - 5.5, j - 5.5) for i in range(12) for j in range(12)]:
+        down = [1, 0, 0, x, 0, 0, -1, 3, 0, 1, 0, z, 0, 0, 0, 1]
+        spot = {"type": "spot", "to_world": down, "intensity": [3, 3, 3], "cutoff_angle": 30, "beam_width": 20}
+        scene.file["lights"].append(spot)
+    return scene
+
+
 def main():
     if len(sys.argv) != 2:
         sys.exit(__doc__)
     numbers = random.Random(3)
-    for make in (flat, street):
+    for make in (flat, street, hall):
         make(numbers).write(sys.argv[1])
 
 
