@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::Reconstructor;
 use crate::base::Result;
 use crate::guiding::tree::CountedTree;
-use crate::guiding::tree::distribution::Distribution;
+use crate::guiding::tree::distribution::{Distribution, NOTHING};
 use crate::guiding::tree::proposal::Proposal;
 use crate::guiding::tree::topology::{NO_CHILD, Topology, around_children};
 
@@ -87,9 +87,6 @@ impl Gaussian {
         Distribution::from_shares(topology.clone(), &shares)
     }
 }
-
-/// Mass whose inverse would overflow.
-const NOTHING: f64 = 1e-290;
 
 /// Adds `weight` times the four siblings' parts of their sum, equal parts where the sum is nothing. One division for all four: this
 /// is done three times for every node of every tree.

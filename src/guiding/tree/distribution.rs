@@ -2,6 +2,9 @@
 
 use super::topology::{NO_CHILD, Topology};
 
+/// Mass whose inverse would overflow.
+pub const NOTHING: f64 = 1e-290;
+
 /// Probability mass per node; constant in solid angle within a leaf, because the cylindrical map preserves area.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Distribution {

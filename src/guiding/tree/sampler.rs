@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 use glam::Vec3;
 
-use super::distribution::Distribution;
+use super::distribution::{Distribution, NOTHING};
 use super::topology::{MAX_LEVEL, MAX_NODES, NO_CHILD};
 use crate::base::processor::prefetch_line;
 use crate::math::cylindrical;
@@ -18,9 +18,6 @@ use crate::math::lanes::LANES;
 /// Sum of the shares of a node's children. Sixteen bits are enough: directions are drawn and densities computed with the same
 /// rounded shares, so nothing is biased, and a child below 1/65536 of its parent is left to the uniform part.
 const WHOLE: f64 = 65536.0;
-
-/// Mass whose inverse would overflow.
-const NOTHING: f64 = 1e-290;
 
 /// Largest coordinate within a node: one that rounding carried to 1 would select a child of no share.
 const BELOW_ONE: f64 = 1.0 - 1.0 / (1u64 << 36) as f64;

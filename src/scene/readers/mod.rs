@@ -78,6 +78,8 @@ pub const LARGEST: f32 = 1e9;
 const LARGEST_MESH_FILE: u64 = 4 << 30;
 /// Most vertices, and most triangles, of one mesh.
 const MOST_ELEMENTS: u64 = 1 << 28;
+/// Fewest bytes of a triangle in a text: another corner of a face, and the space before it.
+const BYTES_PER_TRIANGLE: u64 = 2;
 
 /// A scene file with everything that it refers to.
 #[derive(Debug, Clone)]

@@ -15,7 +15,7 @@ use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 
 use super::lines::{lines, number, numbers, pieces, words};
-use super::{LARGEST_MESH_FILE, MOST_ELEMENTS};
+use super::{BYTES_PER_TRIANGLE, LARGEST_MESH_FILE, MOST_ELEMENTS};
 use corners::{Corner, corner, weld};
 
 /// Reads an OBJ file; polygons become fans of triangles, points and lines are left out. v becomes 1 − v, because OBJ counts it from
@@ -106,9 +106,6 @@ fn continued(mut bytes: Vec<u8>) -> Vec<u8> {
     }
     bytes
 }
-
-/// Fewest bytes of a triangle: another corner of a face, and the space before it.
-const BYTES_PER_TRIANGLE: u64 = 2;
 
 /// Number of triangles that the faces in a piece are made of.
 fn count_triangles(piece: &[u8]) -> u64 {

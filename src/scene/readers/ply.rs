@@ -17,7 +17,7 @@ use crate::base::{Error, Place, Result};
 use crate::geometry::mesh::Mesh;
 
 use super::gzip::unpacked;
-use super::{LARGEST_MESH_FILE, MOST_ELEMENTS};
+use super::{BYTES_PER_TRIANGLE, LARGEST_MESH_FILE, MOST_ELEMENTS};
 
 /// Reads a PLY file, which gzip may have packed; polygons become fans of triangles. Texture coordinates are called `u v`, `s t`, `texture_u texture_v` or
 /// `texture_s texture_t`.
@@ -39,8 +39,7 @@ fn read_up_to(path: &Path, most: u64) -> Result<Mesh> {
         return layout.read(path, reader.get_ref(), most);
     }
     if let Some(layout) = text::Layout::of(&header) {
-        // No triangle takes fewer than two bytes: another corner of a face, and the space before it.
-        if reader.get_ref().len() as u64 / 2 > most {
+        if reader.get_ref().len() as u64 / BYTES_PER_TRIANGLE > most {
             check_triangles(path, layout.triangles(reader.get_ref()), most)?;
         }
         // Where this fails, the library finds out what is wrong with a text, and where.
