@@ -61,13 +61,13 @@ pub fn check_sheet([width, height]: [u32; 2], views: usize) -> Result<()> {
     Ok(())
 }
 
-/// Variance of one sample over the squared value that its pixel is expected to have.
+/// How the variances of one sample differ between two passes that visit the same pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RelativeVariance {
-    /// Mean over channels and all pixels but the worst 0.1 %, which trimmed errors leave out too.
-    pub mean: f64,
-    /// Effective number of the pixels behind it (Kish): small where most comes from a few.
-    pub effective: f64,
+pub struct VarianceRatio {
+    /// Mean variance in the second pass over that in the first.
+    pub ratio: f64,
+    /// Standard error of the logarithm of `ratio`.
+    pub error: f64,
 }
 
 /// Running mean and spread of one pixel's samples.
@@ -217,18 +217,40 @@ impl Pass {
         if measured > 0 { sum / measured as f64 } else { 0.0 }
     }
 
-    /// Variance of one sample over the squared value that the pixel is expected to have; `None` where no pixel has two samples.
-    pub fn variance_relative_to(&self, values: Option<&[f32]>) -> Option<RelativeVariance> {
-        let relative = |(i, pixel): (usize, Pixel)| {
-            pixel.sample_variance().map(|variance| average(variance) / values.map_or(1.0, |v| f64::from(v[i]).powi(2)))
-        };
-        let mut variances: Vec<f64> = self.pixels().enumerate().filter_map(relative).collect();
+    /// Variance of one sample over the squared value that the pixel is expected to have, `values` or 1: the mean over channels and all
+    /// pixels but the worst 0.1 %, which trimmed errors leave out too; `None` where no pixel has two samples.
+    pub fn variance_relative_to(&self, values: Option<&[f32]>) -> Option<f64> {
+        let mut variances: Vec<f64> = self.variances(values).flatten().collect();
         let worst = outliers(variances.len());
-        let mean = trimmed_mean(&mut variances, worst)?;
-        variances.truncate(variances.len() - worst);
-        let squares: f64 = variances.iter().map(|variance| variance * variance).sum();
-        let effective = if squares > 0.0 { variances.iter().sum::<f64>().powi(2) / squares } else { 0.0 };
-        Some(RelativeVariance { mean, effective })
+        trimmed_mean(&mut variances, worst)
+    }
+
+    /// Variances as in [`variance_relative_to`](Self::variance_relative_to) of every pixel that has two samples.
+    fn variances<'a>(&'a self, values: Option<&'a [f32]>) -> impl Iterator<Item = Option<f64>> + 'a {
+        self.pixels().enumerate().map(move |(i, pixel)| {
+            let variance = average(pixel.sample_variance()?);
+            Some(variance / values.map_or(1.0, |v| f64::from(v[i]).powi(2)))
+        })
+    }
+
+    /// How variances as in [`variance_relative_to`](Self::variance_relative_to) differ in `other`, without the pixels that are worst in both
+    /// together. Its error is that of a ratio of sums of pairs (Cochran 1977 §6.5): that some pixels vary more than others in both passes says
+    /// nothing against it. `None` where a pass has no variance.
+    pub fn variance_ratio(&self, other: &Self, values: Option<&[f32]>) -> Option<VarianceRatio> {
+        let mut pairs: Vec<[f64; 2]> =
+            self.variances(values).zip(other.variances(values)).filter_map(|(a, b)| Some([a?, b?])).collect();
+        let sums = |pairs: &[[f64; 2]]| [0, 1].map(|k| pairs.iter().map(|pair| pair[k]).sum::<f64>());
+        let kept = pairs.len() - outliers(pairs.len());
+        // Parts of both sums: whichever pass varies more, its pixels are left out no sooner.
+        let [first, second] = sums(&pairs);
+        let part = |[a, b]: &[f64; 2]| a / first + b / second;
+        if kept < pairs.len() {
+            pairs.select_nth_unstable_by(kept, |a, b| part(a).total_cmp(&part(b)));
+            pairs.truncate(kept);
+        }
+        let [first, second] = sums(&pairs);
+        let error = pairs.iter().map(|[a, b]| (b / second - a / first).powi(2)).sum::<f64>().sqrt();
+        Some(VarianceRatio { ratio: second / first, error }).filter(|of| of.ratio > 0.0 && of.error.is_finite())
     }
 
     /// Reduces the pass to what combining needs: the means in f32, the counts, and the variances.
@@ -539,20 +561,64 @@ mod tests {
     }
 
     #[test]
-    fn variances_of_few_pixels_are_weak_evidence() {
-        let of = |spread: fn(usize) -> f32| {
-            let mut pass = Pass::new(64, 64);
-            for sample in [0, 1] {
-                (0..64 * 64).for_each(|i| pass.add(i, sample, Vec3::splat(1.0 + sample as f32 * spread(i))));
-            }
-            pass.variance_relative_to(Some(&[2.0; 64 * 64])).expect("two samples of each pixel")
-        };
+    fn variances_leave_the_worst_pixels_out() {
+        let of = |spread: fn(usize) -> f32| varying(spread).variance_relative_to(Some(&[2.0; 64 * 64]));
         // Samples 1 and 3 have the variance 2, a half of the square of 2; four pixels are left out.
-        assert_eq!(of(|_| 2.0), RelativeVariance { mean: 0.5, effective: 4092.0 });
-        let RelativeVariance { mean, effective } = of(|i| if i % 256 == 0 { 32.0 } else { 0.0 });
-        assert!((mean / (12.0 * 128.0 / 4092.0) - 1.0).abs() < 1e-9 && (effective - 12.0).abs() < 1e-9);
-        assert_eq!(of(|i| if i < 4 { 1e9 } else { 0.0 }), RelativeVariance { mean: 0.0, effective: 0.0 });
+        assert_eq!(of(|_| 2.0), Some(0.5));
+        assert_eq!(of(|i| if i < 4 { 1e9 } else { 0.0 }), Some(0.0));
         assert_eq!(Pass::new(4, 4).variance_relative_to(None), None);
+    }
+
+    /// Two samples in each of 64 × 64 pixels that differ by `spread`.
+    fn varying(spread: impl Fn(usize) -> f32) -> Pass {
+        let mut pass = Pass::new(64, 64);
+        for sample in [0, 1] {
+            (0..64 * 64).for_each(|i| pass.add(i, sample, Vec3::splat(1.0 + sample as f32 * spread(i))));
+        }
+        pass
+    }
+
+    #[test]
+    fn variances_are_compared_pixel_by_pixel() {
+        let ratio = |a: fn(usize) -> f32, b: fn(usize) -> f32| varying(a).variance_ratio(&varying(b), None);
+        // Where both vary alike from pixel to pixel nothing is uncertain.
+        let alike = ratio(|i| (i % 7) as f32, |i| 2.0 * (i % 7) as f32).expect("variances");
+        assert!((alike.ratio - 4.0).abs() < 1e-9 && alike.error < 1e-9, "{alike:?}");
+        // 16 pixels of one and 16 others of the other, 4 of which are left out.
+        let apart = ratio(|i| if i % 256 == 0 { 1.0 } else { 0.0 }, |i| if i % 256 == 1 { 1.0 } else { 0.0 });
+        let VarianceRatio { ratio: found, error } = apart.expect("variances");
+        assert!((0.7..1.4).contains(&found) && (error - (1.0 / 14.0 + 1.0 / 14.0f64).sqrt()).abs() < 0.02, "{apart:?}");
+        // Bright pixels of either are left out of both.
+        let bright = ratio(|i| if i < 2 { 1e9 } else { 1.0 }, |i| if i > 4093 { 1e9 } else { 1.0 });
+        assert!(bright.is_some_and(|of| (of.ratio - 1.0).abs() < 1e-9), "{bright:?}");
+        assert_eq!(ratio(|_| 0.0, |_| 1.0), None);
+        assert_eq!(ratio(|_| 1.0, |_| 0.0), None);
+        assert_eq!(Pass::new(4, 4).variance_ratio(&Pass::new(4, 4), None), None);
+    }
+
+    /// Of pixels whose variances spread over four powers of ten the error says how far ratios of repetitions are from one another.
+    #[test]
+    fn errors_of_ratios_are_those_of_repetitions() {
+        let mut random = Random::new(3, 0, 0);
+        let mut pass = |scale: f32| {
+            let mut pass = Pass::new(40, 40);
+            for sample in 0..2 {
+                for i in 0..40 * 40 {
+                    let size = 10f32.powf((i % 40) as f32 / 10.0) * scale;
+                    pass.add(i, sample, Vec3::splat(size * (random.next_f32() + random.next_f32())));
+                }
+            }
+            pass
+        };
+        let found: Vec<VarianceRatio> =
+            (0..200).map(|_| pass(1.0).variance_ratio(&pass(2.0), None).expect("variances")).collect();
+        let logs = || found.iter().map(|of| of.ratio.ln());
+        let mean = logs().sum::<f64>() / 200.0;
+        let spread = (logs().map(|log| (log - mean).powi(2)).sum::<f64>() / 199.0).sqrt();
+        let told = found.iter().map(|of| of.error).sum::<f64>() / 200.0;
+        // Three standard errors of 200 logarithms and of their spread: 0.3 % of right code would fail either.
+        assert!((mean - 4f64.ln()).abs() < 3.0 * spread / 200f64.sqrt(), "{mean}");
+        assert!((told / spread - 1.0).abs() < 0.15 + 0.05, "{told} {spread}");
     }
 
     #[test]

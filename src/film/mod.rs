@@ -11,7 +11,7 @@ pub mod fireflies;
 pub mod spread;
 
 pub use accumulator::{
-    BLOCK, Block, FinishedPass, Pass, Pixel, RelativeVariance, Sum, Summed, check_sheet, check_size, combine,
+    BLOCK, Block, FinishedPass, Pass, Pixel, Sum, Summed, VarianceRatio, check_sheet, check_size, combine,
     combine_sheet, combine_weighted,
 };
 pub use adaptive::densities;

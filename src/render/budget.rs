@@ -1,6 +1,6 @@
 //! How much of a budget to spend on learning (Müller 2017 §3.5), for passes that are combined.
 
-use crate::film::RelativeVariance;
+use crate::film::VarianceRatio;
 use crate::guiding::moments::PictureMoments;
 
 /// Share of the budget that is spent on learning without asking: variances of so few samples decide nothing. And where a guide is known to
@@ -181,17 +181,24 @@ impl Tried {
 }
 
 /// Gain by comparing the same samples without and with a guide, which cost `cost` times as much with it, as one of samples whose cost counts
-/// as `counted`: the ratio of their variances, one standard error more and a tenth for what is still to be learned.
-pub fn compared([unguided, guided]: [RelativeVariance; 2], cost: f64, counted: f64) -> Tried {
-    let error = (1.0 / unguided.effective + 1.0 / guided.effective).sqrt();
-    let gain = TO_LEARN * guided.mean / unguided.mean * (1.0 + error) * cost / counted.min(MOST_COST);
-    if error < MOST_ERROR && gain.is_finite() { Tried::Gain(gain) } else { Tried::Unclear }
+/// as `counted`: the ratio of their variances, one standard error more and a tenth for what is still to be learned. Where the comparison is
+/// too uncertain for that it still tells of guides that would not pay if it were wrong by [`SURE`] standard errors.
+pub fn compared(of: VarianceRatio, cost: f64, counted: f64) -> Tried {
+    let counted = counted.min(MOST_COST);
+    let gain = |errors: f64| TO_LEARN * of.ratio * (errors * of.error).exp() * cost / counted;
+    if of.error < MOST_ERROR {
+        return Tried::Gain(gain(1.0));
+    }
+    let least = gain(-SURE);
+    if least * counted >= 1.0 { Tried::Gain(least) } else { Tried::Unclear }
 }
 
 /// What is still to be learned costs samples too.
 const TO_LEARN: f64 = 1.1;
-/// Largest relative standard error of a comparison that tells something: that of 89 pixels each.
+/// Largest relative standard error of a comparison that tells how much a guide gains: that of 89 pixels each, if nothing pairs them.
 const MOST_ERROR: f64 = 0.15;
+/// Standard errors by which a more uncertain comparison has to be away from a guide that pays.
+const SURE: f64 = 2.0;
 
 /// Cost of a sample with a guide over that without where it is not measured. A constant and not the clock, so that a budget in samples
 /// gives the same picture everywhere; that such a budget is to be well spent counts more than the time it takes, which is 1.3 to 2.3
@@ -343,26 +350,20 @@ mod tests {
 
     #[test]
     fn a_comparison_says_what_moments_do_not() {
-        let of = |mean, effective| RelativeVariance { mean, effective };
-        let gain =
-            |guided, effective, cost, counted| compared([of(10.0, effective), of(guided, effective)], cost, counted);
-        assert!(gain(5.0, 1e8, 1.35, 1.35).gain().is_some_and(|gain| (gain - 0.55).abs() < 1e-3));
+        let gain = |ratio, error, cost, counted| compared(VarianceRatio { ratio, error }, cost, counted);
+        assert!(gain(0.5, 1e-4, 1.35, 1.35).gain().is_some_and(|gain| (gain - 0.55).abs() < 1e-3));
         assert!(
-            gain(5.0, 400.0, 1.35, 1.35).gain().is_some_and(|gain| gain > 0.58),
+            gain(0.5, 0.07, 1.35, 1.35).gain().is_some_and(|gain| gain > 0.58),
             "few pixels may be wrong by a standard error"
         );
-        assert_eq!(gain(5.0, 50.0, 1.35, 1.35), Tried::Unclear, "too few");
-        for nothing in [of(0.0, 0.0), of(f64::NAN, 1e3)] {
-            assert_eq!(
-                compared([nothing, of(1.0, 1e3)], 1.0, 1.1),
-                Tried::Unclear,
-                "what has no variance tells nothing"
-            );
-        }
+        assert_eq!(gain(0.5, 0.2, 1.35, 1.35), Tried::Unclear, "too few");
+        assert_eq!(gain(1.3, 0.2, 1.0, 1.1), Tried::Unclear, "it may pay for all that is known");
+        let surely = gain(1.5, 0.2, 1.0, 1.1);
+        assert!(surely.gain().is_some_and(|gain| gain * 1.1 >= 1.0), "{surely:?}");
         // Whatever cost counts beside moments, the verdict by comparison is that of the cost itself.
         for (guided, cost) in [(4.0, 2.0), (6.0, 2.0), (9.0, 0.8), (13.0, 0.8), (9.0, 1.35)] {
             let counted = f64::max(cost, 1.1);
-            let tried = Verdict::Gain(1.2).or_tried(gain(guided, 1e8, cost, counted));
+            let tried = Verdict::Gain(1.2).or_tried(gain(guided / 10.0, 1e-4, cost, counted));
             assert_eq!(tried.pays(counted, None), 1.1 * guided / 10.0 * cost < 1.0, "{guided} {cost}");
         }
         assert_eq!(

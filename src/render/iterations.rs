@@ -158,7 +158,7 @@ impl Run<'_> {
         }
         if !given_up {
             let variance = part.pass.variance_relative_to(picture.as_deref());
-            self.judge(variance.map(|variance| variance.mean), learning, finished.samples());
+            self.judge(variance, learning, finished.samples());
         }
         // Of a guide that does not pay no better one is made: that takes longer than all else that was learned.
         let hopeless = self.is_hopeless(t + 1);

@@ -44,6 +44,8 @@ pub(super) struct Order<'a> {
 enum Division<'a> {
     /// Sample after sample, in each of so many places.
     Even(u64),
+    /// Sample after sample, in each of these pixels.
+    Few(Vec<u32>),
     /// Row after row, pixel after pixel, and the linear index at which each row begins.
     Uneven(Uneven<'a>, Vec<u64>),
 }
@@ -51,6 +53,7 @@ enum Division<'a> {
 /// The samples of a chunk.
 pub(super) enum Places<'o> {
     Even(&'o [u32], u64, u64),
+    Few(&'o [u32]),
     /// Pixels and samples from a linear index on.
     Listed(Vec<(u32, u32)>, u64),
 }
@@ -61,6 +64,23 @@ fn row_order(height: u32) -> Vec<u32> {
     let mut rows: Vec<u32> = (0..height).collect();
     rows.sort_unstable_by_key(|y| y.reverse_bits());
     rows
+}
+
+/// Pixels in a row that are visited together where few are: rays of neighbours take the same ways.
+const SPAN: u32 = 16;
+
+/// All pixels of a picture in an order of which every part is spread over rows and columns alike: short spans, each in the next row of
+/// [`row_order`], a golden part of the width farther on, and a row's own spans in that order too.
+fn spread(window: Window) -> impl Iterator<Item = u32> + Clone {
+    let (rows, spans) = (row_order(window.height), row_order(window.width.div_ceil(SPAN)));
+    let all = (0..spans.len() * rows.len()).map(move |k| {
+        let (i, count) = (k % rows.len(), spans.len());
+        let shift = (i as f64 * 0.618_033_988_749_895).fract() * count as f64;
+        (rows[i], (spans[k / rows.len()] + shift as u32) % count as u32 * SPAN)
+    });
+    all.flat_map(move |(row, first)| {
+        (first..(first + SPAN).min(window.width)).map(move |column| row * window.width + column)
+    })
 }
 
 impl<'a> Order<'a> {
@@ -81,6 +101,14 @@ impl<'a> Order<'a> {
         Self { width, rows, spp, division: Division::Uneven(uneven, starts), by_pixel: true }
     }
 
+    /// One sample after the other in so many pixels after the first `skipped`, in an order in which they are spread over the picture however
+    /// few they are; from its beginning again after all pixels.
+    pub fn of_few(window: Window, skipped: u64, count: u64, spp: u32) -> Self {
+        let pixels = spread(window).cycle().skip((skipped % window.pixels()) as usize).take(count as usize);
+        let division = Division::Few(pixels.collect());
+        Self { width: window.width.into(), rows: Vec::new(), spp, division, by_pixel: false }
+    }
+
     /// The order pixel by pixel: any part of an even pass then has all samples of its pixels.
     pub fn by_pixel(self) -> Self {
         Self { by_pixel: true, ..self }
@@ -90,19 +118,22 @@ impl<'a> Order<'a> {
     pub fn total(&self) -> u64 {
         match &self.division {
             Division::Even(places) => places * u64::from(self.spp),
+            Division::Few(pixels) => pixels.len() as u64 * u64::from(self.spp),
             Division::Uneven(_, starts) => starts.last().copied().unwrap_or(0),
         }
     }
 
     /// The samples of a range of linear indices.
     pub fn places(&self, range: Range<u64>) -> Places<'_> {
-        let (uneven, starts) = match &self.division {
-            Division::Even(places) => {
-                let even = Places::Even(&self.rows, *places, self.width);
-                return if self.by_pixel { even.listed(range, self.spp.into()) } else { even };
-            }
-            Division::Uneven(uneven, starts) => (uneven, starts),
+        let even = match &self.division {
+            Division::Even(places) => Places::Even(&self.rows, *places, self.width),
+            Division::Few(pixels) => Places::Few(pixels),
+            Division::Uneven(uneven, starts) => return self.unevenly(range, uneven, starts),
         };
+        if self.by_pixel { even.listed(range, self.spp.into()) } else { even }
+    }
+
+    fn unevenly(&self, range: Range<u64>, uneven: &Uneven<'a>, starts: &[u64]) -> Places<'_> {
         // The last row that begins no later; rows without samples begin where the next one does.
         let first = starts.partition_point(|&start| start <= range.start).max(1) - 1;
         let pixels = self.rows[first.min(self.rows.len())..].iter().flat_map(|&row| {
@@ -134,6 +165,10 @@ impl<'o> Places<'o> {
                 let (place, width) = ((index - sample * places) as u32, *width as u32);
                 let (row, column) = (place / width, place % width);
                 (u64::from(rows[row as usize]) * u64::from(width) + u64::from(column), sample)
+            }
+            Self::Few(pixels) => {
+                let count = pixels.len() as u64;
+                (pixels[(index % count) as usize].into(), index / count)
             }
             Self::Listed(listed, first) => {
                 let (pixel, sample) = listed[(index - first) as usize];
@@ -179,6 +214,32 @@ mod tests {
             }
             rows.sort_unstable();
             assert!(rows.into_iter().eq(0..height));
+        }
+    }
+
+    /// All pixels are visited once, and the first few are in all quarters of the picture's width and height as often.
+    #[test]
+    fn few_pixels_are_spread_over_rows_and_columns() {
+        for (width, height) in [(1, 1), (1, 40), (7, 20), (33, 5), (320, 180), (512, 512), (1280, 720)] {
+            let window = Window { x: 0, y: 0, width, height };
+            let order = Order::of_few(window, 0, window.pixels(), 2);
+            let places = order.places(0..order.total());
+            let mut pixels: Vec<u64> = (0..window.pixels()).map(|index| places.at(index).0).collect();
+            assert_eq!(places.at(window.pixels()), (pixels[0], 1));
+            let third = window.pixels() / 3;
+            let rest = Order::of_few(window, third + window.pixels(), window.pixels() - third, 1);
+            let rest = (rest.places(0..rest.total()), rest.total());
+            assert!((0..rest.1).map(|index| rest.0.at(index).0).eq(pixels[third as usize..].iter().copied()));
+            if width >= 320 {
+                let mut found = [[0; 4]; 2];
+                for pixel in &pixels[..1536] {
+                    found[0][(pixel % u64::from(width) * 4 / u64::from(width)) as usize] += 1;
+                    found[1][(pixel / u64::from(width) * 4 / u64::from(height)) as usize] += 1;
+                }
+                assert!(found.as_flattened().iter().all(|&count: &i32| (count - 384).abs() <= 48), "{found:?}");
+            }
+            pixels.sort_unstable();
+            assert!(pixels.into_iter().eq(0..window.pixels()), "{width} {height}");
         }
     }
 

@@ -64,6 +64,8 @@ pub struct PassTracer<'a> {
     pub uneven: Option<Uneven<'a>>,
     /// Pixels that are visited, the first so many in the order of rows: all, or fewer that are spread evenly.
     pub places: u64,
+    /// For so few that they would be in few rows: they are spread over columns too, and this many such pixels come before them.
+    pub few: Option<u64>,
     /// Paths per chunk, at most [`CHUNK`], or where nothing is learned so many for every four threads. What is learned depends on it, the
     /// samples do not.
     pub chunk: u64,
@@ -105,6 +107,7 @@ impl<'a> PassTracer<'a> {
             spp: 1,
             uneven: None,
             places: window.pixels(),
+            few: None,
             chunk: CHUNK,
         }
     }
@@ -162,6 +165,9 @@ impl PassTracer<'_> {
 
     /// The order of the pass's samples.
     fn order(&self, on_trial: bool) -> Order<'_> {
+        if let Some(skipped) = self.few {
+            return Order::of_few(self.window, skipped, self.places, self.spp);
+        }
         let order = Order::new(self.window, self.places, self.spp, self.uneven);
         // Half of a pass on trial is judged by variances, which take two samples of a pixel.
         if on_trial { order.by_pixel() } else { order }

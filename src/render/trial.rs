@@ -133,7 +133,7 @@ impl Run<'_> {
     }
 
     /// Tries the guides of the first `voxels` voxels where the verdict on guiding depends on it: the same samples, which are in no picture,
-    /// are traced with and without them in turns, and tell what they cost and how their variances differ. Under a budget in samples
+    /// in each turn of other pixels, are traced with and without them in turns, and tell what they cost and how their variances differ. Under a budget in samples
     /// their rays are what they cost, so that the same picture is made everywhere.
     pub(super) fn try_guides(&mut self, learning: &Learning, voxels: usize) {
         let open = self.state.trend.verdict.gain().is_some_and(|gain| (STRONG..HOPELESS).contains(&gain));
@@ -142,18 +142,20 @@ impl Run<'_> {
         let field = learning.learner.field_of(voxels, Use::Rendering);
         // Values mean another thing to paths without a guide.
         let plain = self.over_views(&picture);
+        let places = (samples / u64::from(PER_PIXEL)).clamp(1, self.pixels());
         let (mut passes, mut seconds) = ([self.pass(false), self.pass(false)], [f64::INFINITY; 2]);
         let mut statistics = [Statistics::default(), Statistics::default()];
         for trial in 0..2 * TRIALS {
-            let guided = trial as usize % 2;
+            let (guided, turn) = (trial as usize % 2, trial / 2);
             let tracer = PassTracer {
                 field: (guided == 1).then_some(&field),
                 lights: (&self.lights).into(),
                 picture: if guided == 1 { Some(&picture) } else { self.settings.adaptive.then_some(&plain) }
                     .map(Vec::as_slice),
-                first_sample: FIRST_TRIED + self.state.rendered + trial / 2 * PER_PIXEL,
+                first_sample: FIRST_TRIED + self.state.rendered + turn * PER_PIXEL,
                 spp: PER_PIXEL,
-                places: (samples / u64::from(PER_PIXEL)).clamp(1, self.pixels()),
+                places,
+                few: Some(places * u64::from(turn)),
                 ..PassTracer::new(self.scene, self.settings, self.window, &self.filter)
             };
             let begun = Instant::now();
@@ -170,10 +172,9 @@ impl Run<'_> {
         };
         let trend = &mut self.state.trend;
         trend.guided_cost = cost.max(LEAST_COST);
-        let [unguided, guided] = passes.map(|pass| pass.variance_relative_to(Some(&weights)));
-        trend.tried = unguided
-            .zip(guided)
-            .map_or(Tried::Unclear, |(unguided, guided)| compared([unguided, guided], cost, trend.guided_cost));
+        let [unguided, guided] = &passes;
+        let ratio = unguided.variance_ratio(guided, Some(&weights));
+        trend.tried = ratio.map_or(Tried::Unclear, |ratio| compared(ratio, cost, trend.guided_cost));
         trend.verdict = trend.verdict.or_tried(trend.tried);
     }
 
@@ -203,7 +204,7 @@ impl Run<'_> {
         learning: &Learning,
         picture: Option<&[f32]>,
     ) -> Verdict {
-        let variance = part.pass.variance_relative_to(picture).map(|variance| variance.mean);
+        let variance = part.pass.variance_relative_to(picture);
         let unseen = learning.unseen.filter(|_| learning.photon_share > 0.0).unwrap_or(0.0);
         rule(variance, &PictureMoments { unseen, ..*moments }, part.pass.samples() as f64)
     }
