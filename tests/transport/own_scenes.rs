@@ -56,7 +56,7 @@ fn committed_scenes_can_be_built() {
 #[test]
 fn generated_scenes_can_be_built() {
     for family in Family::ALL {
-        for seed in 0..40 {
+        for seed in 0..20 {
             let loaded = generate::load(family, seed, generate::DEFAULT_SIZE).unwrap_or_else(|e| panic!("{e}"));
             assert_eq!(loaded.skipped_triangles, 0, "{}", loaded.file.name);
             Scene::build(&loaded, generate::DEFAULT_SIZE).unwrap_or_else(|e| panic!("{e}"));
