@@ -70,6 +70,9 @@ pub struct VarianceRatio {
     pub error: f64,
 }
 
+/// Fewest pixels of which the ratio's error is told: of n it is itself uncertain by a part of √(1/2n) or more.
+const FEWEST_PAIRS: usize = 10;
+
 /// Running mean and spread of one pixel's samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Pixel {
@@ -235,12 +238,15 @@ impl Pass {
 
     /// How variances as in [`variance_relative_to`](Self::variance_relative_to) differ in `other`, without the pixels that are worst in both
     /// together. Its error is that of a ratio of sums of pairs (Cochran 1977 §6.5): that some pixels vary more than others in both passes says
-    /// nothing against it. `None` where a pass has no variance.
+    /// nothing against it. `None` where a pass has no variance, or fewer than ten pixels say how far it may be off.
     pub fn variance_ratio(&self, other: &Self, values: Option<&[f32]>) -> Option<VarianceRatio> {
         let mut pairs: Vec<[f64; 2]> =
             self.variances(values).zip(other.variances(values)).filter_map(|(a, b)| Some([a?, b?])).collect();
         let sums = |pairs: &[[f64; 2]]| [0, 1].map(|k| pairs.iter().map(|pair| pair[k]).sum::<f64>());
         let kept = pairs.len() - outliers(pairs.len());
+        if kept < FEWEST_PAIRS {
+            return None;
+        }
         // Parts of both sums: whichever pass varies more, its pixels are left out no sooner.
         let [first, second] = sums(&pairs);
         let part = |[a, b]: &[f64; 2]| a / first + b / second;
@@ -249,7 +255,9 @@ impl Pass {
             pairs.truncate(kept);
         }
         let [first, second] = sums(&pairs);
-        let error = pairs.iter().map(|[a, b]| (b / second - a / first).powi(2)).sum::<f64>().sqrt();
+        let count = pairs.len() as f64;
+        let differences: f64 = pairs.iter().map(|[a, b]| (b / second - a / first).powi(2)).sum();
+        let error = (differences * count / (count - 1.0)).sqrt();
         Some(VarianceRatio { ratio: second / first, error }).filter(|of| of.ratio > 0.0 && of.error.is_finite())
     }
 
@@ -569,11 +577,14 @@ mod tests {
         assert_eq!(Pass::new(4, 4).variance_relative_to(None), None);
     }
 
-    /// Two samples in each of 64 × 64 pixels that differ by `spread`.
+    /// Two samples in each of 64 × 64 pixels that differ by `spread`; none where that is no number.
     fn varying(spread: impl Fn(usize) -> f32) -> Pass {
         let mut pass = Pass::new(64, 64);
         for sample in [0, 1] {
-            (0..64 * 64).for_each(|i| pass.add(i, sample, Vec3::splat(1.0 + sample as f32 * spread(i))));
+            let values = (0..64 * 64).map(|i| (i, 1.0 + sample as f32 * spread(i)));
+            values
+                .filter(|(_, value)| value.is_finite())
+                .for_each(|(i, value)| pass.add(i, sample, Vec3::splat(value)));
         }
         pass
     }
@@ -593,7 +604,12 @@ mod tests {
         assert!(bright.is_some_and(|of| (of.ratio - 1.0).abs() < 1e-9), "{bright:?}");
         assert_eq!(ratio(|_| 0.0, |_| 1.0), None);
         assert_eq!(ratio(|_| 1.0, |_| 0.0), None);
+        let few = |pixels: usize| {
+            let pass = |bright: usize| varying(|i| if i < pixels { (i % bright) as f32 } else { f32::NAN });
+            pass(2).variance_ratio(&pass(3), None)
+        };
         assert_eq!(Pass::new(4, 4).variance_ratio(&Pass::new(4, 4), None), None);
+        assert!(few(9).is_none() && few(12).is_some(), "nine pixels may agree by chance");
     }
 
     /// Of pixels whose variances spread over four powers of ten the error says how far ratios of repetitions are from one another.

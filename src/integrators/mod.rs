@@ -29,9 +29,10 @@ pub struct TransportSettings {
 pub enum Roulette {
     /// No roulette: paths end only where nothing is left of them.
     Off,
-    /// By the path's throughput.
+    /// By the path's throughput; without a guide over the pixel's value, where that is known.
     Throughput,
-    /// By the expected contribution of the path, light sampling too; by throughput over the pixel's value where no voxel tells.
+    /// By the expected contribution of the path, light sampling too; where no voxel tells, by its throughput times what vertices usually send
+    /// back over the pixel's value.
     Window,
 }
 

@@ -65,7 +65,7 @@ pub struct Checkpointing {
 /// What is traced and learned, as a number: raised with every change by which the same settings give other samples, in other words other
 /// bits in a picture. Then checkpoints, parts and guides of before are those of another program, and do not go together with those of
 /// this one.
-pub const ALGORITHM: u32 = 12;
+pub const ALGORITHM: u32 = 13;
 
 /// Settings that a picture depends on, as text: `scene` and `guide` stand for the contents of files; the stop rule is that asked
 /// for, before the time for loading is subtracted.

@@ -57,9 +57,8 @@ impl Run<'_> {
                 // Too many pixels for the time: what little there is left is better spent on samples than on trees.
                 return Ok(false);
             };
-            let (finished, complete) = finished;
-            // Passes of a guide that knows little are not worth their noise, but they are all there is of a render stopped early.
-            if self.learned_before(t) > 1.0 || !complete {
+            // Passes of a guide that knows little are not worth their noise; they make the picture only where there is nothing else.
+            if self.learned_before(t) > 1.0 {
                 self.state.passes.push(finished);
             } else {
                 self.state.early.push(finished);
@@ -129,14 +128,14 @@ impl Run<'_> {
         self.begin_pass(self.iteration_size(t).1)
     }
 
-    /// Makes the pass of an iteration and learns from it. Returns the pass and whether all of its samples were made; none where
-    /// there was not even time for the first iteration.
+    /// Makes the pass of an iteration and learns from it. Returns the pass; none where there was not even time for the first
+    /// iteration.
     fn iterate(
         &mut self,
         part: &mut Part,
         learning: &mut Learning,
         reconstructor: &dyn Reconstructor,
-    ) -> Result<Option<(FinishedPass, bool)>> {
+    ) -> Result<Option<FinishedPass>> {
         let Position { iteration: t, voxels, began, traced, .. } = self.state.position;
         let photon_share = learning.photon_share;
         let field = learning.field_of(voxels);
@@ -199,7 +198,7 @@ impl Run<'_> {
             photon_share: if given_up { 0.0 } else { photon_share },
             ..iteration
         });
-        Ok(Some((finished, complete)))
+        Ok(Some(finished))
     }
 
     /// Judges the guides that a pass was made with by its `samples` camera paths and by its photons, and by the trial in which they were

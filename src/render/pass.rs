@@ -1,6 +1,6 @@
 //! One pass over the picture: camera paths into the film, records into the learner, in chunks.
 //!
-//! A chunk is a range of linear sample indices (sample · pixels + place); blocks of it run in parallel and are merged in
+//! A chunk is a range of linear sample indices (sample · places + place); blocks of it run in parallel and are merged in
 //! order, so neither the picture nor what is learned depends on the number of threads, and memory not on the samples. Rows are
 //! visited so that any part of a pass covers the whole picture evenly: the first chunk shows the learner all of the scene, and a
 //! pass cut short by the clock leaves gaps that their neighbours can fill.

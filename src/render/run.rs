@@ -146,7 +146,7 @@ impl<'a> Run<'a> {
         if by_brightness { Pass::with_cascades(width, height) } else { Pass::new(width, height) }
     }
 
-    /// Traces the rest of a pass, with `picture` for the guide's roulette, or half of one on trial; returns whether all camera paths were
+    /// Traces the rest of a pass, with `picture` for the roulette of a guide that has voxels, or half of one on trial; returns whether all camera paths were
     /// made.
     pub fn trace(
         &mut self,
@@ -181,11 +181,13 @@ impl<'a> Run<'a> {
         let begun = self.state.sequences_from.filter(|_| uneven.is_some());
         let told =
             self.state.division.as_ref().map(|division| &division.values[..]).filter(|values| !values.is_empty());
+        // One without voxels, of a guide that was given up or not begun, would only be looked up in vain.
+        let guide = field.filter(|field| !field.voxels().is_empty());
         let tracer = PassTracer {
-            // One without voxels, of a guide that was given up or not begun, would only be looked up in vain.
-            field: field.filter(|field| !field.voxels().is_empty()),
+            field: guide,
             lights: (&self.lights).into(),
-            picture: picture.or(told),
+            // Values mean another thing to paths without a guide.
+            picture: picture.filter(|_| guide.is_some()).or(told),
             first_sample: begun.unwrap_or(self.state.rendered - *spp),
             uneven,
             sequences_from: self.state.sequences_from,
@@ -306,6 +308,23 @@ mod tests {
     use crate::base::progress::Silent;
     use crate::scene::file::{CameraFile, FilmFile, FilterFile, IDENTITY, SceneFile};
     use crate::scene::readers::resolve;
+
+    /// What pixels are worth to a guide is not asked where it was given up: paths would end by the unit of radiance.
+    #[test]
+    fn without_voxels_no_values_are_asked() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell");
+        let scene = Scene::build(&crate::scene::readers::load(&folder).unwrap(), [16, 16]).unwrap();
+        let (settings, stop) = (RenderSettings::new(GuideMode::None, StopRule::Spp(16)), AtomicBool::new(false));
+        let control = Control::new(&Silent, &stop);
+        let passes = [None, Some(&GuideField::empty())].map(|field| {
+            let mut run = Run::begin(&scene, &settings, &control).unwrap();
+            run.state.position.phase = Phase::Final;
+            let mut part = run.begin_pass(16);
+            assert!(run.trace(&mut part, field, None, field.map(|_| &[1e-4; 256][..])));
+            (part.pass, run.statistics.rays)
+        });
+        assert!(passes[0] == passes[1], "{} rays, {} with values", passes[0].1, passes[1].1);
+    }
 
     /// Beside a view a hundred times as bright a pixel is worth to roulette what it is where its view is rendered alone.
     #[test]

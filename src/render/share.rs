@@ -86,9 +86,10 @@ impl Run<'_> {
             )));
         }
         self.state.position = Position { phase: Phase::Share, voxels, began, traced, ..Position::default() };
-        let (field, picture) = (learning.field_of(voxels), self.pixel_values());
+        let field = Some(learning.field_of(voxels)).filter(|field| !field.voxels().is_empty());
+        let picture = field.as_ref().and_then(|_| self.pixel_values());
         let tracer = PassTracer {
-            field: Some(&field).filter(|field| !field.voxels().is_empty()),
+            field: field.as_ref(),
             lights: (&self.lights).into(),
             picture: picture.as_deref(),
             first_sample: self.state.rendered,

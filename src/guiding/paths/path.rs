@@ -48,7 +48,8 @@ pub struct Kind {
 pub struct Step {
     /// Unit direction.
     pub direction: Vec3,
-    /// The BSDF's or phase function's density of it w.r.t. solid angle; of a delta lobe its probability.
+    /// Density w.r.t. solid angle with which the path tracer draws it: that of the BSDF or phase function, or of its mixture with a guide of
+    /// directions; of a delta lobe its probability.
     pub pdf: f32,
     /// Probability with which guided sampling chooses the direction by a kernel and not by the BSDF; 0 for a delta lobe.
     pub by_kernel: f32,

@@ -7,7 +7,7 @@
 //! |---|---|---|---|
 //! | `grid` | f32 | [5] | origin, side of a cell, 1 where cells are divided by facing |
 //! | `cell_keys` | i32 | [C, 3] | position in the grid |
-//! | `cell_facing` | u8 | [C] | +x, −x, +y, −y, +z, −z |
+//! | `cell_facing` | u8 | [C] | +x, −x, +y, −y, +z, −z; 6 in media; 0 where cells are not divided by facing |
 //! | `cell_roots` | u32 | [C] | the cell's kd-tree |
 //! | `node_axis` | u8 | [N] | 3 for a leaf |
 //! | `node_position` | f32 | [N] | |
