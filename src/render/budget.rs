@@ -182,21 +182,24 @@ impl Tried {
 
 /// Gain by comparing the same samples without and with a guide, which cost `cost` times as much with it, as one of samples whose cost counts
 /// as `counted`: the ratio of their variances, one standard error more and a tenth for what is still to be learned. Where the comparison is
-/// too uncertain for that it still tells of guides that would not pay if it were wrong by [`SURE`] standard errors.
-pub fn compared(of: VarianceRatio, cost: f64, counted: f64) -> Tried {
+/// too uncertain for that it still tells of guides that would not pay if it were wrong by [`SURE`] standard errors, unless moments have `told`
+/// of a gain below [`WEAK`]: then so few samples without the guide may have missed the light.
+pub fn compared(of: VarianceRatio, cost: f64, counted: f64, told: f64) -> Tried {
     let counted = counted.min(MOST_COST);
     let gain = |errors: f64| TO_LEARN * of.ratio * (errors * of.error).exp() * cost / counted;
     if of.error < MOST_ERROR {
         return Tried::Gain(gain(1.0));
     }
     let least = gain(-SURE);
-    if least * counted >= 1.0 { Tried::Gain(least) } else { Tried::Unclear }
+    if least * counted >= 1.0 && told >= WEAK { Tried::Gain(least) } else { Tried::Unclear }
 }
 
 /// What is still to be learned costs samples too.
 const TO_LEARN: f64 = 1.1;
 /// Largest relative standard error of a comparison that tells how much a guide gains: that of 89 pixels each, if nothing pairs them.
 const MOST_ERROR: f64 = 0.15;
+/// First gains are at least this by moments on scenes that need no guide, and below it where they do (see [`DOUBT`]).
+const WEAK: f64 = 0.84;
 /// Standard errors by which a more uncertain comparison has to be away from a guide that pays.
 const SURE: f64 = 2.0;
 
@@ -350,7 +353,7 @@ mod tests {
 
     #[test]
     fn a_comparison_says_what_moments_do_not() {
-        let gain = |ratio, error, cost, counted| compared(VarianceRatio { ratio, error }, cost, counted);
+        let gain = |ratio, error, cost, counted| compared(VarianceRatio { ratio, error }, cost, counted, 0.9);
         assert!(gain(0.5, 1e-4, 1.35, 1.35).gain().is_some_and(|gain| (gain - 0.55).abs() < 1e-3));
         assert!(
             gain(0.5, 0.07, 1.35, 1.35).gain().is_some_and(|gain| gain > 0.58),
@@ -360,6 +363,8 @@ mod tests {
         assert_eq!(gain(1.3, 0.2, 1.0, 1.1), Tried::Unclear, "it may pay for all that is known");
         let surely = gain(1.5, 0.2, 1.0, 1.1);
         assert!(surely.gain().is_some_and(|gain| gain * 1.1 >= 1.0), "{surely:?}");
+        let hidden = compared(VarianceRatio { ratio: 1.5, error: 0.2 }, 1.0, 1.1, 0.7);
+        assert_eq!(hidden, Tried::Unclear, "moments may know of light that few samples have missed");
         // Whatever cost counts beside moments, the verdict by comparison is that of the cost itself.
         for (guided, cost) in [(4.0, 2.0), (6.0, 2.0), (9.0, 0.8), (13.0, 0.8), (9.0, 1.35)] {
             let counted = f64::max(cost, 1.1);
