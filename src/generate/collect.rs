@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::dataset::{DatasetIndex, INDEX_FILE, ShardEntry};
 use super::parts::{self, PartIndex};
-use super::recipe::{Job, Recipe, Source};
+use super::recipe::{Job, Recipe, SceneRecipe, Source};
 use super::shard::{TreeSample, write_shard};
 use crate::base::files::{crc32, read_json, write_json};
 use crate::base::random::Random;
@@ -62,7 +62,11 @@ impl Made {
             return Ok(Self::Whole(if begun { DatasetIndex::read(folder)? } else { DatasetIndex::default() }));
         };
         parts::check_unfinished(folder)?;
-        let text = serde_json::to_vec(recipe).map_err(|e| Error::Options(format!("the recipe is no JSON: {e}")))?;
+        // Known by their names, wherever the recipe was read from.
+        let named =
+            |scene: &SceneRecipe| SceneRecipe { file: Source::File(scene.file.clone()).name().into(), ..scene.clone() };
+        let recipe = Recipe { scene: recipe.scene.iter().map(named).collect(), ..recipe.clone() };
+        let text = serde_json::to_vec(&recipe).map_err(|e| Error::Options(format!("the recipe is no JSON: {e}")))?;
         let recipe = format!("{:08x}", crc32([text.as_slice()]));
         PartIndex::begun(folder, part, recipe, jobs).map(Self::Part)
     }

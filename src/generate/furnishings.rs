@@ -245,7 +245,7 @@ pub fn carpet(draw: &mut Draw, builder: &mut Builder, finishes: &Finishes, room:
     builder.add_box("carpet", center, half.with_y(thick), Quat::IDENTITY, &cloth);
 }
 
-/// A heap of small things of one mesh on the floor, a hundred or more.
+/// A heap of small things of one mesh on the floor, tens to hundreds.
 pub fn heap(draw: &mut Draw, builder: &mut Builder, finishes: &Finishes, room: &Room) {
     let foot = on_floor(draw, room);
     let size = draw.range(0.02, 0.08);

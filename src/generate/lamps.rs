@@ -68,7 +68,7 @@ struct Group {
     dark: String,
     /// Radius, half edge, or radius of the shade.
     size: f32,
-    /// Mean power of one lamp.
+    /// Power of the middle lamp of a group; by the logarithm the mean one.
     power: f32,
     /// Half the range of a lamp's power in the logarithm.
     spread: f32,

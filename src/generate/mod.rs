@@ -163,8 +163,9 @@ pub fn load(family: Family, seed: u64, size: [u32; 2]) -> Result<LoadedScene> {
 /// Those of writing.
 pub fn write(family: Family, seed: u64, size: [u32; 2], folder: &Path) -> Result<()> {
     let (file, pictures) = scene_with_pictures(family, seed, size);
-    write_bytes(&folder.join("scene.json"), text::json(&file)?.as_bytes())?;
-    pictures.iter().try_for_each(|(name, image)| picture::write(&folder.join(name), image, &[]))
+    // A folder with a scene file has all that it names.
+    pictures.iter().try_for_each(|(name, image)| picture::write(&folder.join(name), image, &[]))?;
+    write_bytes(&folder.join("scene.json"), text::json(&file)?.as_bytes())
 }
 
 #[cfg(test)]

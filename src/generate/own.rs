@@ -201,7 +201,7 @@ fn cornell_box(b: &mut Builder) -> String {
 }
 
 /// Two rooms. The lamp stands in the far one and shines at its far wall; the near one gets only what comes back through a door
-/// that is 10 degrees ajar (after a scene in Veach 1997).
+/// that is 15 degrees ajar (after a scene in Veach 1997).
 fn door_ajar() -> Builder {
     let mut b = Builder::new("door-ajar", [256, 192]);
     b.render(20, SPP);

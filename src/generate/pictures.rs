@@ -123,7 +123,7 @@ fn direction(uv: Vec2) -> Vec3 {
     Vec3::new(sin * sin_phi, cos, -sin * cos_phi)
 }
 
-/// A surrounding with the mean radiance 1 but for its suns: a sky in clouds, a town at night, or a studio. A sky has its sun in the
+/// A surrounding: a sky in clouds of about the mean radiance 1 but for its sun, a dim town at night, or a studio. A sky has its sun in the
 /// direction `sun`.
 pub fn environment(draw: &mut Draw, sun: Vec3) -> Image {
     match draw.integer(0, 4) {
@@ -155,7 +155,8 @@ fn sky(draw: &mut Draw, sun: Vec3) -> Image {
     })
 }
 
-/// Dark houses before a dim sky, with lit windows and street lamps.
+/// Dark houses before a dim sky with a few lit windows. The chance of one is the mean of four numbers of the noise, which is seldom as low as
+/// `lit`: about every second town is dark. The models were trained on these; who changes it makes other data.
 fn town(draw: &mut Draw) -> Image {
     let noise = Noise::new(draw);
     let (dim, bright) = (draw.log_range(0.01, 0.2), draw.log_range(3.0, 60.0));

@@ -38,6 +38,10 @@ pub const VERSION: u32 = 4;
 
 /// Largest accepted shard in bytes.
 pub const SHARD_LIMIT: u64 = 1 << 30;
+/// Part of that which is left for the file's header.
+const HEADER_SPACE: u64 = 1 << 20;
+/// Length of a mean of unit normals, with what rounding adds.
+const LONGEST_NORMAL: f32 = 1.001;
 
 const IDS: usize = 6;
 const TRAITS: usize = 6;
@@ -144,7 +148,7 @@ impl TreeSample {
             }
         }
         let VoxelFeatures { path_share, normal, nearness, past, .. } = self.voxel_features;
-        let in_range = (0.0..=1.0).contains(&path_share) && normal.is_finite();
+        let in_range = (0.0..=1.0).contains(&path_share) && normal.length() <= LONGEST_NORMAL;
         if !(in_range && [nearness, past].iter().all(|x| x.is_finite() && *x >= 0.0)) {
             return Err("path share, normal, nearness or samples of earlier iterations are out of range".into());
         }
@@ -161,12 +165,18 @@ impl TreeSample {
 /// Writes a shard atomically.
 ///
 /// # Errors
-/// [`Error::Malformed`] for a sample that [`TreeSample::validate`] refuses, [`Error::Io`].
+/// [`Error::Malformed`] for a sample that [`TreeSample::validate`] refuses, [`Error::Limit`] for more than can be read again, [`Error::Io`].
 pub fn write_shard(path: &Path, samples: &[TreeSample]) -> Result<()> {
     for (i, sample) in samples.iter().enumerate() {
         sample.validate().map_err(|e| Error::malformed(Place::part(path, format!("tree {i}")), e))?;
     }
-    tensors::write(path, VERSION, &tensors_of(samples))
+    let tensors = tensors_of(samples);
+    let value = tensors.iter().map(|(.., bytes)| bytes.len() as u64).sum();
+    if value > SHARD_LIMIT - HEADER_SPACE {
+        let (place, what) = (Place::file(path), "size of the shard in bytes".into());
+        return Err(Error::Limit { place, what, value, limit: SHARD_LIMIT - HEADER_SPACE });
+    }
+    tensors::write(path, VERSION, &tensors)
 }
 
 /// All tensors, sorted by name.

@@ -219,10 +219,14 @@ impl Model {
     /// Writes the folder's `config.json` and `weights.safetensors`, each atomically; creates the folder.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`Error::Model`] if configuration and weights are not valid together.
+    /// [`Error::Io`], or [`Error::Model`] if configuration and weights are not valid together, or a weight is not finite.
     pub fn save(&self, folder: &Path) -> Result<()> {
         self.config.validate(folder)?;
         all_layers(&self.config).iter().try_for_each(|layer| self.weights.layer(layer).map(drop))?;
+        let mut values = self.weights.layers.values().flat_map(|layer| layer.weight.iter().chain(&layer.bias));
+        if values.any(|value| !value.is_finite()) {
+            return Err(Error::Model { path: folder.to_owned(), message: "a weight is not finite".into() });
+        }
         let weights = self.weights.to_bytes()?;
         let config = serde_json::to_vec_pretty(&self.config)
             .map_err(|e| Error::Model { path: folder.to_owned(), message: e.to_string() })?;

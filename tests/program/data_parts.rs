@@ -1,6 +1,6 @@
 //! Parts of a data set that are not all there.
 
-use crate::files::Files;
+use crate::files::{Files, scene};
 use crate::parts::{refused, works};
 
 fn recipe(files: &Files) -> String {
@@ -29,6 +29,24 @@ fn an_index_alone_is_not_called_whole() {
     std::fs::write(files.path("data/index.1-2.json"), part).unwrap();
     assert!(refused(&["merge", &data]).contains("index.1-2.json"), "one scene is in neither");
     assert!(files.path("data/index.1-2.json").exists());
+}
+
+/// Parts are of the same data whatever folder a recipe with scenes of files is followed from.
+#[test]
+fn parts_know_scenes_by_name() {
+    let files = Files::new();
+    let text = std::fs::read_to_string(recipe(&files)).unwrap();
+    let text = text.replace("[[family]]\nname = \"rooms\"\nscenes = 3", "[[scene]]\nfile = \"cornell/scene.json\"");
+    for folder in ["a", "b"] {
+        std::fs::create_dir_all(files.path(&format!("{folder}/cornell"))).unwrap();
+        std::fs::copy(scene("cornell") + "/scene.json", files.path(&format!("{folder}/cornell/scene.json"))).unwrap();
+        std::fs::write(files.path(&format!("{folder}/tiny.toml")), &text).unwrap();
+    }
+    let data = files.text("data");
+    works(&["dataset", &files.text("a/tiny.toml"), "-o", &data, "--quiet", "--part", "1/2"]);
+    works(&["dataset", &files.text("b/tiny.toml"), "-o", &data, "--quiet", "--part", "2/2"]);
+    works(&["merge", &data]);
+    works(&["dataset", "--check", &data]);
 }
 
 /// Of very many missing parts the first are named.

@@ -17,7 +17,7 @@ use crate::cases::{Case, reconstruct};
 pub enum Ablation {
     /// Convolutions see only their own cell.
     Neighbours,
-    /// Nothing of the voxel's own samples but what the counted distribution has of them.
+    /// Nothing of what the voxel's own samples brought but what the counted distribution has of it; the BSDF at them and their number stay.
     Own,
     /// Nothing taken away, but mixed with as much of the smoothed tree.
     Half,

@@ -116,7 +116,7 @@ struct TrainArgs {
     /// The model folder.
     #[arg(short)]
     output: PathBuf,
-    /// Stop after so many minutes of steps, validation and waiting for data not counted; 30 if no other limit is given.
+    /// Stop after so many minutes of steps, validation and waiting for data not counted; 30 if --epochs is not given.
     #[arg(long)]
     minutes: Option<f64>,
     /// Stop after so many passes over the data.

@@ -31,6 +31,9 @@ const VALIDATION_SHARE: u32 = 20;
 /// millions of paths finds it, and shows a firefly.
 const LEAST_UNIFORM: f32 = 0.02;
 
+/// Steps in a row without a finite gradient after which nothing more is to be expected.
+const MOST_SKIPPED: u32 = 20;
+
 /// Least improvement in ln(1 + V) that counts for patience.
 const LEAST_GAIN: f64 = 1e-4;
 
@@ -54,6 +57,8 @@ pub struct Run<'a> {
     optimiser: Optimiser,
     journal: Journal,
     sums: Sums,
+    /// Steps in a row whose gradient was not finite.
+    skipped: u32,
     validation: Vec<Case>,
     /// Seconds of training in earlier parts of the run.
     pub seconds_before: f64,
@@ -88,6 +93,8 @@ impl<'a> Run<'a> {
         let (state, net, optimiser) = if settings.resume {
             let path = settings.output.join(CHECKPOINT_FILE);
             let (state, net, optimiser) = checkpoint::load(&path, &device)?;
+            // The folder may have been renamed.
+            let state = State { config: Config { name: fresh.config.name.clone(), ..state.config }, ..state };
             let progress = State {
                 step: state.step,
                 seconds: state.seconds,
@@ -123,6 +130,7 @@ impl<'a> Run<'a> {
             optimiser,
             journal,
             sums,
+            skipped: 0,
             validation,
             seconds_before,
             saved,
@@ -153,7 +161,7 @@ impl<'a> Run<'a> {
     /// Trains one step on the parts of a batch; now and then validates and saves.
     ///
     /// # Errors
-    /// When a thread panics or a file cannot be written.
+    /// When a thread panics, a file cannot be written, or the run diverges: its checkpoint is then of an earlier step.
     pub fn step(&mut self, batch: &[HostBatch], plan: &Plan) -> Result<()> {
         let start = Instant::now();
         let progress = self.schedule(plan);
@@ -169,13 +177,21 @@ impl<'a> Run<'a> {
             self.sums.value += value;
             self.sums.class += class;
             self.sums.norm += f64::from(norm);
+            self.skipped = 0;
+        } else {
+            self.skipped += 1;
+            let step = self.state.step;
+            ensure!(
+                self.skipped < MOST_SKIPPED,
+                "no gradient was finite in {MOST_SKIPPED} steps up to step {step}: give a lower --rate"
+            );
         }
         self.sums.trees += trees;
         self.sums.seconds += seconds;
         if self.state.step.is_multiple_of(LOG_EVERY) || self.progress(plan) >= 1.0 {
             self.log(plan, rate, beta);
         }
-        if self.saved.elapsed() > self.settings.every {
+        if self.skipped == 0 && self.saved.elapsed() > self.settings.every {
             if self.validated.elapsed() > VALIDATION_SHARE * self.validation_time {
                 self.validate()?;
             }
@@ -207,7 +223,10 @@ impl<'a> Run<'a> {
     }
 
     fn log(&mut self, plan: &Plan, rate: f64, beta: f64) {
-        let n = self.sums.steps.max(1) as f64;
+        if self.sums.steps == 0 {
+            return;
+        }
+        let n = self.sums.steps as f64;
         self.journal.entries.push(Entry {
             step: self.state.step,
             epoch: self.state.step as f64 / plan.steps_per_epoch() as f64,

@@ -95,6 +95,11 @@ pub struct Outcome {
 pub fn train(settings: &Settings, interrupt: &AtomicBool) -> Result<Outcome> {
     ensure!(settings.batch > 0, "a batch needs at least one tree");
     ensure!(settings.minutes.is_some() || settings.epochs.is_some(), "give --minutes or --epochs");
+    ensure!(
+        settings.rate.is_finite() && settings.rate > 0.0,
+        "a learning rate of {}: expected more than none",
+        settings.rate
+    );
     let minutes = settings.minutes.unwrap_or(1.0);
     ensure!(minutes.is_finite() && minutes > 0.0, "{minutes} minutes of training: expected more than none");
     let data = settings.view.apply(read_datasets(&settings.data)?)?;

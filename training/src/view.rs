@@ -115,9 +115,12 @@ fn restrict(pair: &mut TreeSample, inputs: Inputs) -> Result<()> {
     }
     let VoxelFeatures { samples, past, path_share, .. } = &mut pair.voxel_features;
     *past = 0.0;
+    if kept != [true; 2] {
+        // As in renders that have one kind alone.
+        *path_share = 0.5;
+    }
     for kind in (0..2).filter(|&kind| !kept[kind]) {
         samples[kind] = 0;
-        *path_share = kind as f32;
     }
     let case = Case::new(pair)?;
     let counted = case.leaves().hybrid(f64::from(pair.voxel_features.path_share));

@@ -92,17 +92,24 @@ impl Callback {
         let fraction = if ended { Some(1.0) } else { part.or(counted).map(|part| part.clamp(0.0, 1.0)) };
         let seconds = self.begun.elapsed().as_secs_f64();
         let answer = self.function.call1(py, (fraction, done, seconds, message, reached))?;
-        if answer.bind(py).is_exact_instance_of::<PyBool>() && !answer.is_truthy(py)? {
+        let answer = answer.bind(py);
+        if (answer.is_exact_instance_of::<PyBool>() || is_numpy_bool(answer)) && !answer.is_truthy()? {
             watched.stop.store(true, Ordering::Relaxed);
         }
         Ok(())
     }
 }
 
+/// Whether it is a truth value of NumPy, which comparisons of its numbers give.
+fn is_numpy_bool(answer: &Bound<'_, PyAny>) -> bool {
+    let name = answer.get_type().fully_qualified_name();
+    name.is_ok_and(|name| matches!(&*name.to_string(), "numpy.bool" | "numpy.bool_"))
+}
+
 /// What becomes of work whose caller was interrupted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interrupted {
-    /// It heeds the stop flag: its end is waited for.
+    /// It heeds the stop flag: its end is waited for, unless there is another interruption.
     Stops,
     /// Nothing stops it: its result is dropped when it is there.
     IsLeft,
@@ -142,6 +149,11 @@ pub fn watched<T: Send + 'static>(
                 if failed.is_some() {
                     shared.stop.store(true, Ordering::Relaxed);
                 }
+            } else if Python::attach(|py| py.check_signals()).is_err()
+                && let Some(error) = failed
+            {
+                // Asked again: who waits no longer leaves the work to itself.
+                return Err(error);
             }
             if interrupted == Interrupted::IsLeft
                 && let Some(error) = failed

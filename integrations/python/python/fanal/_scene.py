@@ -81,8 +81,9 @@ def load(
     :raises fanal.OptionError: an option is not one of those above.
     """
     name = _options.path(path)
+    effects = [effects] if isinstance(effects, str) else list(effects)
     given = {"missing": missing, "effects": effects, "define": define, "threads": threads}
     inner = _fanal.load(name, _options.words(_options.SCENE, given))
     for text in inner.warnings:
         warnings.warn(text, SceneWarning, stacklevel=2)
-    return Scene(inner, [effects] if isinstance(effects, str) else list(effects))
+    return Scene(inner, effects)
