@@ -362,8 +362,8 @@ pub struct RenderArgs {
     pub resume: Option<PathBuf>,
     /// Render nothing, but print the path of one sample vertex by vertex: the column and row of its pixel, its number, and the
     /// number at which its pass began, which is 0 with --guide none, or "none" where random numbers are independent (--target-error).
-    /// --stats lists dropped samples in this form. Replays --guide none and --load-guide
-    #[arg(long, value_name = "X,Y,SAMPLE[,FROM]", value_parser = sample, conflicts_with_all = ["checkpoint", "resume", "save_guide", "stats", "denoise", "display"])]
+    /// --stats lists dropped samples in this form. Replays --guide none and --load-guide, and writes no picture
+    #[arg(long, value_name = "X,Y,SAMPLE[,FROM]", value_parser = sample, conflicts_with_all = ["aov", "reference", "checkpoint", "resume", "save_guide", "stats", "denoise", "display"])]
     pub replay: Option<Sample>,
     /// Write statistics as JSON
     #[arg(long, value_name = "FILE")]

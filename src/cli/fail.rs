@@ -2,17 +2,24 @@
 
 use std::io::Write;
 
+use clap::error::ErrorKind;
+
 use super::interrupt::EXIT_EARLY;
 use crate::base::Error;
 
-/// Prints a parser's message. Help and version go to stdout and are no failure.
+/// Prints a parser's message, or the help where no command was given. Help that was asked for and the version go to stdout and are no failure.
 pub fn usage(error: &clap::Error) -> u8 {
     if !error.use_stderr() {
         // Help that nobody reads any more is no failure either.
         let _ = error.print();
         return 0;
     }
-    paragraph(&usage_message(&error.to_string()));
+    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        // With stderr closed there is nobody left to tell.
+        let _ = error.print();
+    } else {
+        paragraph(&usage_message(&error.to_string()));
+    }
     2
 }
 

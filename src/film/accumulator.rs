@@ -16,6 +16,8 @@ pub use blocks::{BLOCK, Block};
 pub use sum::Sum;
 pub use summed::Summed;
 
+use std::borrow::Borrow;
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -263,6 +265,11 @@ impl Pass {
 
     /// Reduces the pass to what combining needs: the means in f32, the counts, and the variances.
     pub fn finish(&self) -> FinishedPass {
+        FinishedPass { cascades: self.cascades.clone(), ..self.finish_plain() }
+    }
+
+    /// The same without the samples by brightness, for pictures on the way.
+    pub fn finish_plain(&self) -> FinishedPass {
         let half = |half: &Vec<Pixel>| Half {
             means: half.par_iter().map(|p| Vec3::from_array(p.mean.map(|m| m as f32))).collect(),
             counts: half.par_iter().map(|p| p.count).collect(),
@@ -270,13 +277,7 @@ impl Pass {
         };
         let [a, b] = &self.halves;
         let (spread, (a, b)) = rayon::join(|| Spread::of(self.pixels()), || rayon::join(|| half(a), || half(b)));
-        FinishedPass {
-            width: self.width,
-            halves: [a, b],
-            spread,
-            variance: Vec::new(),
-            cascades: self.cascades.clone(),
-        }
+        FinishedPass { width: self.width, halves: [a, b], spread, variance: Vec::new(), cascades: None }
     }
 
     /// The same with the variance of each pixel's samples, for [`pixel_spread`](super::pixel_spread).
@@ -402,12 +403,12 @@ impl FinishedPass {
 ///
 /// Later passes are guided by more than earlier ones, so none is believed to be worse: where fewer samples have missed rare light,
 /// their variance looks far too small. At worst all samples count alike. So they do where the last passes are without variance.
-pub(super) fn weights(passes: &[FinishedPass], half: usize) -> Vec<Vec<f64>> {
-    let tiles = passes.first().map_or(0, |pass| pass.halves[half].tiles.len());
+pub(super) fn weights<P: Borrow<FinishedPass> + Sync>(passes: &[P], half: usize) -> Vec<Vec<f64>> {
+    let tiles = passes.first().map_or(0, |pass| pass.borrow().halves[half].tiles.len());
     let tile = |tile: usize| {
         let mut variance = 0.0f64;
         let mut weights = vec![1.0; passes.len()];
-        for (weight, half) in weights.iter_mut().zip(passes.iter().map(|pass| &pass.halves[half])).rev() {
+        for (weight, half) in weights.iter_mut().zip(passes.iter().map(|pass| &pass.borrow().halves[half])).rev() {
             variance = variance.max(half.tiles[tile].variance().unwrap_or(0.0));
             *weight /= variance;
         }
@@ -427,7 +428,7 @@ pub(super) fn weights(passes: &[FinishedPass], half: usize) -> Vec<Vec<f64>> {
 ///
 /// # Errors
 /// [`Error::Options`] where passes differ in size or there is none.
-pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
+pub fn combine<P: Borrow<FinishedPass> + Sync>(passes: &[P]) -> Result<Image> {
     combine_sheet(passes, 1)
 }
 
@@ -435,7 +436,7 @@ pub fn combine(passes: &[FinishedPass]) -> Result<Image> {
 ///
 /// # Errors
 /// As [`combine`].
-pub fn combine_sheet(passes: &[FinishedPass], views: usize) -> Result<Image> {
+pub fn combine_sheet<P: Borrow<FinishedPass> + Sync>(passes: &[P], views: usize) -> Result<Image> {
     check_alike(passes)?;
     if passes.len() == 1 {
         // Then no pixel depends on its tile, so that a window of a picture is what it is in the whole.
@@ -445,19 +446,20 @@ pub fn combine_sheet(passes: &[FinishedPass], views: usize) -> Result<Image> {
     mixed(passes, views, |half, tile, pass, samples| by_other[half][tile][pass] * f64::from(samples))
 }
 
-/// [`combine`] with given weights, for passes whose sample counts were decided by the samples of others.
+/// [`combine_sheet`] with given weights, for passes whose sample counts were decided by the samples of others.
 ///
 /// # Errors
 /// As [`combine`].
-pub fn combine_weighted(passes: &[FinishedPass], weights: &[f64]) -> Result<Image> {
-    mixed(passes, 1, |_, _, pass, _| weights[pass])
+pub fn combine_weighted(passes: &[FinishedPass], weights: &[f64], views: usize) -> Result<Image> {
+    mixed(passes, views, |_, _, pass, _| weights[pass])
 }
 
 /// Number of columns and of pixels, which must be the same for all passes.
-pub(super) fn check_alike(passes: &[FinishedPass]) -> Result<[usize; 2]> {
-    let first = passes.first().ok_or_else(|| Error::Options("no pass was rendered, so there is no picture".into()))?;
+pub(super) fn check_alike<P: Borrow<FinishedPass>>(passes: &[P]) -> Result<[usize; 2]> {
+    let mut passes = passes.iter().map(P::borrow);
+    let first = passes.next().ok_or_else(|| Error::Options("no pass was rendered, so there is no picture".into()))?;
     let size = |pass: &FinishedPass| [pass.width, pass.halves[0].means.len()];
-    if passes.iter().any(|pass| size(pass) != size(first)) {
+    if passes.any(|pass| size(pass) != size(first)) {
         return Err(Error::Options("passes of different sizes cannot be combined".into()));
     }
     Ok(size(first))
@@ -470,8 +472,8 @@ pub(super) fn tile_of(pixel: usize, width: usize) -> usize {
 
 /// Combines passes half by half, with the `weight` of half, tile, pass and number of the pixel's samples there; halves count by their
 /// samples.
-fn mixed(
-    passes: &[FinishedPass],
+fn mixed<P: Borrow<FinishedPass> + Sync>(
+    passes: &[P],
     views: usize,
     weight: impl Fn(usize, usize, usize, u32) -> f64 + Sync,
 ) -> Result<Image> {
@@ -481,7 +483,8 @@ fn mixed(
         let tile = tile_of(i, width);
         for half in 0..2 {
             let (mut mean, mut total, mut count) = (DVec3::ZERO, 0.0, 0.0);
-            let sampled = passes.iter().map(|pass| &pass.halves[half]).enumerate().filter(|(_, p)| p.counts[i] > 0);
+            let sampled =
+                passes.iter().map(|pass| &pass.borrow().halves[half]).enumerate().filter(|(_, p)| p.counts[i] > 0);
             for (number, pass) in sampled {
                 let weight = weight(half, tile, number, pass.counts[i]);
                 total += weight;

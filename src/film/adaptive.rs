@@ -32,12 +32,16 @@ const MOST: f64 = 8.0;
 const FEWEST: f64 = 0.1;
 
 /// Samples that each pixel should get, over the mean of all pixels, of those that are still to come, after `pass` took the part `taken`
-/// of all, evenly. None where the pass tells nothing: no pixel has two samples, or none differ.
-pub fn densities(pass: &Pass, taken: f64) -> Option<Vec<f32>> {
+/// of all, evenly, on a sheet of several `views`. None where the pass tells nothing: no pixel has two samples, or none differ.
+pub fn densities(pass: &Pass, views: usize, taken: f64) -> Option<Vec<f32>> {
     let Noise { variances: mut relative, differences, independent } = pass.noise();
     let spp = pass.samples() as f64 / relative.len().max(1) as f64;
     let reach = (1..FARTHEST).find(|r| (2 * r + 1).pow(2) as f64 * spp >= SAMPLES).unwrap_or(FARTHEST);
-    let near = |numbers: &[f64], reach: usize| around(numbers, pass.width(), reach);
+    // What another view sees says nothing of this one.
+    let pixels = (relative.len() / views.max(1)).max(1);
+    let near = |numbers: &[f64], reach: usize| -> Vec<f64> {
+        numbers.chunks(pixels).flat_map(|view| around(view, pass.width(), reach)).collect()
+    };
     let [differences, independent] = [differences, independent].map(|numbers| near(&numbers, FARTHEST));
     let evenness = |i: usize| if independent[i] > 0.0 { (differences[i] / independent[i]).min(1.0) } else { 1.0 };
     let around: Vec<f64> = near(&relative, reach).into_iter().enumerate().map(|(i, v)| v * evenness(i)).collect();
@@ -136,7 +140,7 @@ mod tests {
 
     #[test]
     fn noise_attracts_samples() {
-        let densities = densities(&pass(16, |_, value| value), 0.1).unwrap();
+        let densities = densities(&pass(16, |_, value| value), 1, 0.1).unwrap();
         let mean = |columns: Range<usize>| {
             let of = (0..PIXELS).filter(|i| columns.contains(&(i % WIDTH))).map(|i| f64::from(densities[i]));
             of.clone().sum::<f64>() / of.count() as f64
@@ -151,8 +155,9 @@ mod tests {
     #[test]
     fn no_pixel_decides_for_itself() {
         let at = 5 * WIDTH + 9;
-        let plain = densities(&pass(16, |_, value| value), 0.2).unwrap();
-        let brighter = densities(&pass(16, |i, value| if i == at { value * value * 3.0 } else { value }), 0.2).unwrap();
+        let plain = densities(&pass(16, |_, value| value), 1, 0.2).unwrap();
+        let brighter =
+            densities(&pass(16, |i, value| if i == at { value * value * 3.0 } else { value }), 1, 0.2).unwrap();
         assert_ne!(plain[at + 1], brighter[at + 1]);
         let far = 12 * WIDTH + 20;
         let ratio = |of: &[f32]| of[at] / of[far];
@@ -176,7 +181,7 @@ mod tests {
         for _ in 0..runs {
             let mut pass = Pass::new(WIDTH, PIXELS / WIDTH);
             (0..8 * PIXELS).for_each(|i| pass.add(i % PIXELS, (i / PIXELS) as u64, Vec3::splat(sample())));
-            for (pixel, density) in densities(&pass, 0.2).into_iter().flatten().enumerate() {
+            for (pixel, density) in densities(&pass, 1, 0.2).into_iter().flatten().enumerate() {
                 (0..(32.0 * density).round() as u64).for_each(|i| pass.add(pixel, i, Vec3::splat(sample())));
             }
             means.push(pass.pixels().map(|pixel| pixel.mean()[0]).sum::<f64>() / PIXELS as f64);
@@ -189,10 +194,10 @@ mod tests {
 
     #[test]
     fn nothing_is_known_of_constant_or_single_samples() {
-        assert_eq!(densities(&pass(16, |_, _| 0.5), 0.2), None);
-        assert_eq!(densities(&pass(1, |_, value| value), 0.2), None);
+        assert_eq!(densities(&pass(16, |_, _| 0.5), 1, 0.2), None);
+        assert_eq!(densities(&pass(1, |_, value| value), 1, 0.2), None);
         let mut lonely = Pass::new(1, 1);
         (0..4).for_each(|sample| lonely.add(0, sample, Vec3::splat(sample as f32)));
-        assert_eq!(densities(&lonely, 0.2), None, "there is nothing around it");
+        assert_eq!(densities(&lonely, 1, 0.2), None, "there is nothing around it");
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! Sums are whole multiples of a quantum, 2⁻¹⁸ of their level's brightness: 2e-6 to 1.5e-5 of a sample. Whole numbers have the same sum in any
 //! order, so that blocks, threads and parts of a picture can be added up as they come. A sum that is too large for 32 bits stays at the largest:
-//! it is of thousands of samples, of which no one asks for more than that they are many.
+//! it is of thousands of samples, of which it matters that they are many; how much light they have is known by what the others leave of the whole.
 //!
 //! Memory is taken for 64 pixels and a level where one of them has a sample of that level: 12 bytes for each pixel and level.
 

@@ -51,8 +51,8 @@ pub fn measure(picture: &Image, reference: &Image) -> Result<Measures> {
 /// # Errors
 /// As [`measure`], for the variance too.
 pub fn measure_noisy(picture: &Image, reference: &Image, variance: Option<&Image>) -> Result<Measures> {
-    check(picture, reference)?;
-    variance.map_or(Ok(()), |variance| check(variance, reference))?;
+    check(picture, reference, "picture")?;
+    variance.map_or(Ok(()), |variance| check(variance, reference, "variance"))?;
     let pairs = || picture.pixels.iter().zip(&reference.pixels);
     let mean =
         |f: fn(f64, f64) -> f64| pairs().map(|(&x, &r)| per_pixel(x, r, f)).sum::<f64>() / picture.pixels.len() as f64;
@@ -79,7 +79,7 @@ pub fn measure_noisy(picture: &Image, reference: &Image, variance: Option<&Image
 /// # Errors
 /// As [`measure`].
 pub fn relative_variance(reference: &Image, variance: &Image) -> Result<f64> {
-    check(variance, reference)?;
+    check(variance, reference, "variance")?;
     let pairs = variance.pixels.iter().zip(&reference.pixels);
     let sum: f64 = pairs.map(|(&v, &r)| per_pixel(v, r, |v, r| v / (r * r + FLOOR))).sum();
     Ok(sum / reference.pixels.len() as f64)
@@ -93,8 +93,8 @@ pub fn mean_and_variance(parts: &[Image]) -> Result<(Image, Image)> {
     let [first, second, ..] = parts else {
         return Err(Error::Options("a variance needs at least two pictures".into()));
     };
-    check(first, second)?;
-    parts.iter().try_for_each(|part| check(part, first))?;
+    check(first, second, "picture")?;
+    parts.iter().try_for_each(|part| check(part, first, "picture"))?;
     let n = parts.len() as f32;
     let (mut mean, mut variance) = (first.clone(), first.clone());
     for i in 0..mean.pixels.len() {
@@ -122,17 +122,18 @@ fn ratio(x: f64, r: f64) -> f64 {
     if x == r { 1.0 } else { x / r }
 }
 
-fn check(picture: &Image, reference: &Image) -> Result<()> {
+/// Refuses a `picture`, called so, that does not fit its reference, and values that are not finite.
+fn check(picture: &Image, reference: &Image, called: &str) -> Result<()> {
     if (picture.width, picture.height) != (reference.width, reference.height) {
         return Err(Error::Options(format!(
-            "the picture is {}x{} pixels, its reference {}x{}; they must be equal",
+            "the {called} is {}x{} pixels, the reference {}x{}; they must be equal",
             picture.width, picture.height, reference.width, reference.height
         )));
     }
     if picture.pixels.is_empty() {
         return Err(Error::Options("pictures without pixels cannot be compared".into()));
     }
-    for (name, image) in [("picture", picture), ("reference", reference)] {
+    for (name, image) in [(called, picture), ("reference", reference)] {
         if let Some(i) = image.pixels.iter().position(|p| !p.is_finite()) {
             let (x, y) = (i % image.width, i / image.width);
             return Err(Error::Options(format!("pixel ({x}, {y}) of the {name} is not finite: {}", image.pixels[i])));

@@ -28,6 +28,8 @@ use crate::picture::Image;
 
 /// What light of pixels is not taken to be less than, over the mean of the picture (Zirr 2018: 0.05 at an exposure that suits the picture).
 const LEAST: f64 = 0.05;
+/// Rows that are judged together: what they are made of is found out once, that of the rows beside them twice.
+const STRIPE: usize = 16;
 /// Pixels around one.
 const NEIGHBOURS: f64 = 8.0;
 
@@ -46,6 +48,8 @@ struct Part {
 struct Value {
     /// Number of samples.
     samples: f64,
+    /// Brightness of the whole, by which the light of levels that hold no more is known; 0 where nothing else tells of it.
+    whole: f64,
     /// In ascending order of levels.
     parts: Vec<Part>,
 }
@@ -53,7 +57,7 @@ struct Value {
 impl Value {
     /// Of samples that have the same weight.
     fn of_sum(layers: impl Iterator<Item = Layer>, samples: u32) -> Self {
-        let mut value = Self { samples: f64::from(samples), parts: Vec::new() };
+        let mut value = Self { samples: f64::from(samples), ..Self::default() };
         layers.for_each(|layer| value.add(layer, 1.0 / value.samples));
         value
     }
@@ -77,12 +81,20 @@ impl Value {
     /// The parts with the share of each that is kept, where there are `company` samples near a level in the 3 × 3 pixels around, and light
     /// of `least` never matters.
     fn shares(&self, kappa: f64, least: f64, company: impl Fn(u8) -> f64) -> impl Iterator<Item = (&Part, f64)> {
-        self.parts.iter().scan(DVec3::ZERO, move |kept, part| {
+        let mut kept = DVec3::ZERO;
+        // What has been taken out, and what is at least as bright; and whether a darker level holds less than there was.
+        let (mut taken, mut rest) = (0.0, self.parts.iter().map(|part| brightness(part.light)).sum::<f64>());
+        let mut lacks = false;
+        self.parts.iter().map(move |part| {
             let believed = (company(part.level) - 1.0) / kappa;
-            let small = brightness(*kept).max(least) * self.samples / (kappa * brightness_of(part.level));
+            let darker = if lacks { brightness(kept).max(self.whole - rest - taken) } else { brightness(kept) };
+            let small = darker.max(least) * self.samples / (kappa * brightness_of(part.level));
             let share = (0.5 * (believed + small)).clamp(0.0, 1.0);
-            *kept += part.light * share;
-            Some((part, share))
+            kept += part.light * share;
+            taken += brightness(part.light) * (1.0 - share);
+            rest -= brightness(part.light);
+            lacks |= part.count.is_infinite();
+            (part, share)
         })
     }
 
@@ -113,7 +125,7 @@ impl Judge<'_> {
         let [width, height] = self.size;
         let (x, y) = (cell % width, cell / width);
         let of = |cell: usize| {
-            let mut value = Value { samples: self.samples, parts: Vec::new() };
+            let mut value = Value { samples: self.samples, ..Value::default() };
             self.cascade.layers(cell).for_each(|layer| value.add(layer, 1.0 / self.samples));
             value
         };
@@ -137,10 +149,8 @@ fn taken_from_view(
     least: f64,
     value: impl Fn(usize) -> Option<Value> + Sync,
 ) -> Vec<Option<Vec3>> {
-    let row = |y: usize| {
-        let rows: Vec<Vec<Option<Value>>> = (y.saturating_sub(1)..(y + 2).min(height))
-            .map(|row| (0..width).map(|x| value(row * width + x)).collect())
-            .collect();
+    let around = |y: usize| y.saturating_sub(1)..(y + 2).min(height);
+    let row = |y: usize, rows: &[Vec<Option<Value>>]| {
         let own = &rows[y.min(1)];
         let pixel = |x: usize| {
             let own = own[x].as_ref()?;
@@ -157,7 +167,14 @@ fn taken_from_view(
         };
         (0..width).map(pixel).collect::<Vec<_>>()
     };
-    (0..height).into_par_iter().flat_map_iter(row).collect()
+    let stripe = |stripe: usize| {
+        let own = stripe * STRIPE..((stripe + 1) * STRIPE).min(height);
+        let first = around(own.start).start;
+        let rows: Vec<Vec<Option<Value>>> =
+            (first..around(own.end - 1).end).map(|row| (0..width).map(|x| value(row * width + x)).collect()).collect();
+        own.flat_map(|y| row(y, &rows[around(y).start - first..around(y).end - first])).collect::<Vec<_>>()
+    };
+    (0..height.div_ceil(STRIPE)).into_par_iter().flat_map_iter(stripe).collect()
 }
 
 /// The light that is taken out of the picture `plain` on a sheet of several `views`. `value` tells of the sheet's pixels.
@@ -168,7 +185,11 @@ fn taken(plain: &Image, views: usize, kappa: f64, value: impl Fn(usize) -> Optio
         let mut all: Vec<f64> = seen.iter().map(|&pixel| f64::from(channel_mean(pixel))).collect();
         let worst = outliers(all.len());
         let least = LEAST * trimmed_mean(&mut all, worst).unwrap_or(0.0);
-        let taken = taken_from_view([plain.width, height], kappa, least, |i| value(view * pixels + i));
+        let known = |i: usize| {
+            let value = value(view * pixels + i)?;
+            Some(Value { whole: f64::from(channel_mean(seen[i])), ..value })
+        };
+        let taken = taken_from_view([plain.width, height], kappa, least, known);
         filled(&taken, plain.width)
             .into_iter()
             .zip(seen)
@@ -192,7 +213,7 @@ pub fn taken_from_passes(
     let value = |i: usize| {
         let weights = weights(i);
         let squares: f64 = weights.iter().map(|of| f64::from(of.count) * of.weight * of.weight).sum();
-        let mut value = Value { samples: 1.0 / squares, parts: Vec::new() };
+        let mut value = Value { samples: 1.0 / squares, ..Value::default() };
         for of in &weights {
             let cascade = passes[of.pass].cascades.as_ref().map(|cascades| &cascades[of.half]);
             cascade.into_iter().flat_map(|cascade| cascade.layers(i)).for_each(|layer| value.add(layer, of.weight));
@@ -283,6 +304,23 @@ mod tests {
         assert!(plain.pixels[MIDDLE].x > 900.0 && taken.pixels == [Vec3::ZERO; 81]);
     }
 
+    /// What many samples have lit outweighs a lone one of 4,096 times their brightness, also where there are more than a level can hold.
+    #[test]
+    fn full_levels_are_known_by_the_rest() {
+        let share = |samples: u32| {
+            let mut cascade = Cascade::new(1);
+            (1..samples).for_each(|_| cascade.add(0, Vec3::ONE));
+            cascade.add(0, Vec3::splat(4096.0));
+            let whole = (f64::from(samples) + 4095.0) / f64::from(samples);
+            let value = Value { whole, ..Value::of_sum(cascade.layers(0), samples) };
+            let shares = value.shares(KAPPA, LEAST * whole, |level| value.near(level));
+            shares.last().map(|(_, share)| share).unwrap()
+        };
+        // Half of E N / (κ b), and no company.
+        assert!((share(8192) - 0.25).abs() < 1e-3 && (share(16_000) - 16_000.0 / 32_768.0).abs() < 1e-3);
+        assert!((share(20_000) - 20_000.0 / 32_768.0).abs() < 1e-3 && share(40_000) == 1.0 && share(65_536) == 1.0);
+    }
+
     /// Samples that are few are not lone where all around are like them, and darkness takes nothing.
     #[test]
     fn few_samples_and_darkness() {
@@ -329,7 +367,7 @@ mod tests {
         let firefly = |pixel: usize, sample: u64| (pixel == MIDDLE && sample == 2).then_some(1e5);
         let weights = [0.01, 0.99];
         let passes = [pass(4, firefly).finish(), pass(64, |_, _| None).finish()];
-        let plain = super::super::combine_weighted(&passes, &weights).unwrap();
+        let plain = super::super::combine_weighted(&passes, &weights, 1).unwrap();
         let taken = taken_from_passes(&passes, Some(&weights), 1, &plain, KAPPA);
         assert!((plain.pixels[MIDDLE].x - 251.0).abs() < 2.0, "{}", plain.pixels[MIDDLE]);
         let left = plain.pixels[MIDDLE].x - taken.pixels[MIDDLE].x;

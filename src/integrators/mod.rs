@@ -57,8 +57,8 @@ impl Roulette {
     }
 }
 
-/// Bounces before roulette may end a path.
+/// First vertex, counted from the camera's, at which what a path carries may end it.
 const ROULETTE_START: u32 = 4;
 
-/// Highest probability of surviving roulette: even a path without loss must end.
+/// Highest probability of surviving roulette by what a path carries: even one without loss must end.
 const ROULETTE_MOST: f32 = 0.95;

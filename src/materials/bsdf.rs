@@ -285,7 +285,9 @@ impl<R: Real> Bsdf<'_, R> {
     /// Reflectance for pictures of the albedo.
     #[inline(always)]
     pub fn albedo(&self) -> V3<R> {
-        each_model!(&self.model, m => m.albedo())
+        let albedo = each_model!(&self.model, m => m.albedo());
+        // Tinted are glasses, of which most light is let through.
+        self.tint.map_or(albedo, |[_, transmittance]| albedo * transmittance)
     }
 
     /// Where both directions are turned around, and the directions thereafter.

@@ -126,7 +126,8 @@ impl Plastic {
         let base = V3::from(self.base.eval(uv));
         let Coat { transmitted, internal } =
             self.smoother.get((part * (PARTS - 1) as f32).round() as usize).unwrap_or(&self.coat);
-        let saturated = if self.nonlinear { base } else { V3::splat(1.0) };
+        // A base brighter than white would send back more light than any number, or less than none.
+        let saturated = if self.nonlinear { base.at_most(1.0) } else { V3::splat(1.0) };
         At {
             scattered: base / (saturated * *internal).rest(),
             reflectance: self.reflectance.eval(uv).into(),
@@ -272,6 +273,17 @@ mod tests {
         let white = Texture::Constant(Vec3::ONE);
         let plastic = Plastic::new(white.clone(), white, 1.5, false, None);
         assert!((plastic.coat.internal - 0.5963).abs() < 5e-4, "{}", plastic.coat.internal);
+    }
+
+    /// Whatever a base sends back, it is no less than nothing, and more than white is not multiplied between coat and base.
+    #[test]
+    fn a_base_brighter_than_white_stays_finite() {
+        for base in [1.0, 1.6, 1.677, 2.0, 100.0] {
+            let colour = Texture::Constant(Vec3::splat(base));
+            let plastic = Plastic::new(colour.clone(), colour, 1.5, true, None);
+            let scattered = plastic.at(Vec2::ZERO, 1.0).scattered.x;
+            assert!((scattered / base - 1.0 / (1.0 - plastic.coat.internal)).abs() < 1e-4, "{base}: {scattered}");
+        }
     }
 
     /// The rough coat becomes the smooth one as its roughness vanishes.

@@ -112,8 +112,8 @@ fn read_png(place: &Place, bytes: &[u8]) -> Result<Samples> {
         let (place, what) = (place.clone(), "number of pixels".into());
         return Err(Error::Limit { place, what, value: pixels, limit: MOST_PIXELS });
     }
-    // DEFLATE expands at most 1032-fold, and a pixel has at least one bit.
-    if pixels / 8 > 1032 * bytes.len() as u64 {
+    // DEFLATE expands at most 1032-fold.
+    if pixels / 8 * info.bits_per_pixel() as u64 > 1032 * bytes.len() as u64 {
         return Err(fail(format!("{pixels} pixels cannot be in {} bytes", bytes.len())));
     }
     let mut reader = decoder.read_info().map_err(|error| fail(error.to_string()))?;
@@ -158,6 +158,17 @@ fn other_format(path: &Path, bytes: &[u8]) -> Option<ImageFormat> {
     }
 }
 
+/// Most pixels that a file of so many `bytes` may have: what the longest runs of a format make of them, and of WebP, which needs no bits for
+/// what is all alike, a small picture whatever its bytes.
+fn most_pixels(format: ImageFormat, bytes: u64) -> u64 {
+    match format {
+        ImageFormat::Bmp | ImageFormat::Hdr => 128 * bytes,
+        ImageFormat::Qoi | ImageFormat::Tga => 64 * bytes,
+        ImageFormat::WebP => (4096 * bytes).max(1 << 22),
+        _ => 4096 * bytes,
+    }
+}
+
 fn decode_other(place: &Place, bytes: &[u8], format: ImageFormat) -> Result<DynamicImage> {
     let bytes = &*if format == ImageFormat::Hdr { radiance_header(bytes) } else { Cow::Borrowed(bytes) };
     let fail = |error: ImageError| Error::malformed(place.clone(), format!("not a readable picture: {error}"));
@@ -174,8 +185,7 @@ fn decode_other(place: &Place, bytes: &[u8], format: ImageFormat) -> Result<Dyna
         let (place, what) = (place.clone(), "number of pixels".into());
         return Err(Error::Limit { place, what, value: pixels, limit: MOST_PIXELS });
     }
-    // A run or a block of any of these formats is far below 4096 pixels per byte.
-    if pixels / 4096 > bytes.len() as u64 {
+    if pixels > most_pixels(format, bytes.len() as u64) {
         let message = format!("not a readable picture: {pixels} pixels cannot be in {} bytes", bytes.len());
         return Err(Error::malformed(place.clone(), message));
     }
@@ -250,6 +260,42 @@ mod tests {
             let error = parse(&bytes, true).unwrap_err();
             assert!(matches!(error, Error::Limit { .. } | Error::Malformed { .. }), "{error}");
         }
+    }
+
+    /// Sixteen bits of four channels are more than DEFLATE makes of so little, where one bit of one might be there.
+    #[test]
+    fn png_sizes_go_by_their_bits() {
+        let cut = |depth| {
+            let mut bytes = Vec::new();
+            let mut encoder = png::Encoder::new(&mut bytes, 8192, 8192);
+            encoder.set_color(png::ColorType::Rgba);
+            encoder.set_depth(depth);
+            std::mem::forget(encoder.write_header().unwrap());
+            bytes.resize(20_000, 0);
+            parse(&bytes, true).unwrap_err().to_string()
+        };
+        assert!(cut(png::BitDepth::Sixteen).contains("cannot be in 20000 bytes"));
+    }
+
+    /// WebP needs no bits for pixels that are all alike: a lossless file of 32 bytes.
+    #[test]
+    fn webp_of_one_colour() {
+        let mut bits = 0u128;
+        let mut end = 0;
+        let mut push = |value: u128, count: u32| {
+            bits |= value << end;
+            end += count;
+        };
+        // Signature, columns and rows less 1, no alpha, version 0, no transforms, no cache, one group of codes.
+        [(0x2F, 8), (1023, 14), (1023, 14), (0, 1), (0, 3), (0, 3)].into_iter().for_each(|(v, n)| push(v, n));
+        // Codes of one symbol each: green, red, blue and alpha of eight bits, and a distance of one.
+        [188, 188, 188, 255].into_iter().for_each(|symbol| push(0b101 | symbol << 3, 11));
+        push(0b001, 4);
+        let data = &bits.to_le_bytes()[..12];
+        let bytes = [&b"RIFF"[..], &24u32.to_le_bytes(), b"WEBPVP8L", &12u32.to_le_bytes(), data].concat();
+        let image = parse(&bytes, true).unwrap();
+        assert_eq!((image.width, image.height, bytes.len()), (1024, 1024, 32));
+        assert!(image.pixels.iter().all(|pixel| pixel.distance(Vec3::splat(188.0 / 255.0)) < 1e-6));
     }
 
     #[test]

@@ -35,7 +35,8 @@ pub enum Aov {
     Samples,
     /// `variance.R/G/B`: variance of the pixel's value; 0 below two samples.
     Variance,
-    /// `guiding.Y`: probability that the guide, not the BSDF, chooses the direction in which the path leaves the surface.
+    /// `guiding.Y`: probability that the guide, not the BSDF, chooses the direction in which the path leaves the surface, if that has no delta
+    /// lobe: such lobes are drawn before.
     Guiding,
     /// `crypto_object00.r/g/b/a` to `crypto_object02.r/g/b/a`: the names of the shapes that the pixel shows, with the part of it that
     /// each covers (see [`cryptomatte`]).

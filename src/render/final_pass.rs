@@ -211,7 +211,7 @@ impl Run<'_> {
             return None;
         }
         let values = || if guided { None } else { self.roulette_values(pass) }.unwrap_or_default();
-        densities(pass, taken).map(|densities| Division { densities, values: values(), even })
+        densities(pass, self.scene.views(), taken).map(|densities| Division { densities, values: values(), even })
     }
 
     /// Samples per pixel of the next batch under a budget of `spp`: all that are left, or what has to be sampled evenly.

@@ -29,7 +29,7 @@ mod target;
 mod trial;
 
 pub use aov::Aov;
-pub use checkpoint::Checkpointing;
+pub use checkpoint::{ALGORITHM, Checkpointing};
 pub use control::{Control, Refresh, Snapshot};
 pub use features::features;
 use final_pass::own_samples;

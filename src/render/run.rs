@@ -202,7 +202,10 @@ impl<'a> Run<'a> {
         let views = self.scene.views();
         let (width, detailed) = (self.window.width as usize, self.settings.keeps_spread);
         let so_far = |pass: &Pass| match &state.blocks {
-            None => combine_sheet(&[state.passes.as_slice(), &[pass.finish()]].concat(), views).ok(),
+            None => {
+                let own = pass.finish_plain();
+                combine_sheet(&state.passes.iter().chain([&own]).collect::<Vec<_>>(), views).ok()
+            }
             Some(blocks) => {
                 let mut sum = blocks.sum(pixels as usize, detailed);
                 sum.add(&Block::of(pass, detailed));
@@ -273,7 +276,7 @@ impl<'a> Run<'a> {
     /// nothing more is known of it. What a path carries, over its pixel's number, is about the share of the pixel that it still stands for:
     /// unguided roulette goes by that (after Vorba and Křivánek 2016 §5). None while no light was found.
     pub fn roulette_values(&self, pass: &Pass) -> Option<Vec<f32>> {
-        let picture = combine_sheet(&[pass.finish()], self.scene.views()).ok()?;
+        let picture = combine_sheet(&[pass.finish_plain()], self.scene.views()).ok()?;
         Some(self.over_views(&self.values_of(&picture, expected_values)?))
     }
 

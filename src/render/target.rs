@@ -79,6 +79,6 @@ impl Run<'_> {
         let halves = std::mem::take(&mut self.state.halves).into_iter();
         let passes: Vec<FinishedPass> =
             halves.map(|half| half.done.unwrap_or_else(|| self.finished(&half.pass))).collect();
-        self.rendered(combine_weighted(&passes, &EQUAL)?, &passes, Some(&EQUAL))
+        self.rendered(combine_weighted(&passes, &EQUAL, self.scene.views())?, &passes, Some(&EQUAL))
     }
 }

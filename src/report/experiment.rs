@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::analysis::{summarise, times_to_reach};
 use super::denoising::Denoising;
 use super::guides::{self, Guides};
-use super::results::{Budget, Errors, LIMIT, Parts, ReferenceEntry, Results, RunEntry, SceneEntry, VERSION};
+use super::results::{Budget, Errors, LIMIT, ORACLE, Parts, ReferenceEntry, Results, RunEntry, SceneEntry, VERSION};
 use crate::base::files::{crc32, read_json, write_json};
 use crate::base::process::cpu_seconds;
 use crate::base::progress::Silent;
@@ -22,7 +22,9 @@ use crate::integrators::TransportSettings;
 use crate::picture::{Image, read_image, write};
 use crate::reconstruct::buckets::Buckets;
 use crate::reconstruct::{AsCounted, Neural};
-use crate::render::{Control, GuideMode, Outcome, RenderSettings, StopRule, learn, render, render_with_field};
+use crate::render::{
+    ALGORITHM, Control, GuideMode, Outcome, RenderSettings, StopRule, learn, render, render_with_field,
+};
 use crate::scene::Scene;
 use crate::scene::plan::plan;
 use crate::scene::readers::LoadedScene;
@@ -258,7 +260,7 @@ impl Experiment<'_> {
         let weights = model.weights.checksum();
         let (size, settings, oracle) = (self.size, &self.settings, self.oracle_spp);
         let settings = format!(
-            "{PROGRAM} {size:?} {settings:?} oracle {oracle} {ORACLE_GUIDE:?} model {:?} {weights:08x}",
+            "{PROGRAM} algorithm {ALGORITHM} {size:?} {settings:?} oracle {oracle} {ORACLE_GUIDE:?} model {:?} {weights:08x}",
             model.config
         );
         Identity { scene_crc32: self.loaded.crc32(), settings }
@@ -268,7 +270,7 @@ impl Experiment<'_> {
     fn name(&self, method: Method) -> &str {
         match method {
             Method::Guide(guide) => guide.name(),
-            Method::Oracle => "oracle",
+            Method::Oracle => ORACLE,
             Method::Variant(index) => &self.variants[index].name,
         }
     }

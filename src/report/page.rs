@@ -11,7 +11,7 @@ use serde_json::json;
 use super::analysis::reach;
 use super::experiment::Comparison;
 use super::plot::{Against, KINDS, Measure, errors, parts, ratios, times};
-use super::results::{FILE, Interval, Reach, Results, SCHEMA_FILE};
+use super::results::{FILE, Interval, ORACLE, Reach, Results, SCHEMA_FILE};
 use crate::base::Result;
 use crate::base::files::write_bytes;
 use crate::film::pixel_error;
@@ -103,8 +103,8 @@ pub fn write(comparison: &Comparison, folder: &Path) -> Result<()> {
         time_table = time_table(results),
         footer = "Numbers are from <a href=\"results.json\">results.json</a> and <a href=\"runs.csv\">runs.csv</a>; \
                   every picture is in the folder <code>runs</code>.",
-        // A closing tag inside the data would end the script.
-        data = data.to_string().replace("</", "<\\/"),
+        // A tag or a comment inside the data would change where the script ends.
+        data = data.to_string().replace('<', "\\u003c"),
     );
     write_bytes(&folder.join("index.html"), html.as_bytes())
 }
@@ -121,7 +121,12 @@ fn crossovers(results: &Results) -> String {
         };
         format!("; {}: {when}", escape(method))
     };
-    results.methods.iter().skip(1).map(told).collect()
+    results.methods.iter().skip(1).filter(|method| is_measured(results, method)).map(told).collect()
+}
+
+/// Whether there are runs of a method.
+fn is_measured(results: &Results, method: &str) -> bool {
+    results.summary.iter().any(|entry| entry.method == *method)
 }
 
 fn lead(comparison: &Comparison) -> String {
@@ -194,12 +199,14 @@ fn reach_table(results: &Results) -> String {
     }
     let mut rows = String::new();
     for target in &results.time_to_reach {
-        let best = target.methods.iter().filter_map(seconds).fold(f64::INFINITY, f64::min);
+        let rivals = results.methods.iter().zip(&target.methods).filter(|(method, _)| *method != ORACLE);
+        let best = rivals.filter_map(|(_, reach)| seconds(reach)).fold(f64::INFINITY, f64::min);
         let _ = write!(rows, "<tr><th>{}</th>", number(target.error));
         for (i, reach) in target.methods.iter().enumerate() {
             rows.push_str(&match *reach {
-                Reach::At(t) => cell(t, t == best),
+                Reach::At(t) => cell(t, t == best && results.methods[i] != ORACLE),
                 Reach::Before(t) => format!("<td class=\"n\">≤ {}</td>", number(t)),
+                Reach::Never if !is_measured(results, &results.methods[i]) => missing(),
                 Reach::Never => "<td class=\"missing\">not reached</td>".into(),
             });
             if i > 0 {
@@ -240,8 +247,9 @@ fn summary_table(results: &Results) -> String {
     let mut rows = String::new();
     for s in &results.summary {
         let denoised = || s.denoised.map_or_else(missing, |denoised| interval(denoised.relmse_trimmed, false));
-        let rivals = || results.summary.iter().filter(|r| r.budget == s.budget && r.method != "oracle");
-        let is_best = |pick: fn(&super::results::SummaryEntry) -> f64| rivals().all(|r| pick(s) <= pick(r));
+        let rivals = || results.summary.iter().filter(|r| r.budget == s.budget && r.method != ORACLE);
+        let is_best =
+            |pick: fn(&super::results::SummaryEntry) -> f64| s.method != ORACLE && rivals().all(|r| pick(s) <= pick(r));
         let _ = writeln!(
             rows,
             "<tr><th>{}</th><th>{}</th>{}{}{}{}{}{}{}{}</tr>",

@@ -1,8 +1,8 @@
 //! `results.json`: everything that a comparison measured, and what follows from it.
 //!
 //! The types here are the schema; unknown keys are refused. It is written beside the results as JSON Schema ([`SCHEMA_FILE`]), for
-//! readers in other languages. Errors are against the truth: where the variance of the reference is
-//! known it has been subtracted, so they may be negative where a picture is as good as its reference. `errors.relmse` and the
+//! readers in other languages. relMSE and trimmed relMSE are against the truth: where the variance of the
+//! reference is known it has been subtracted, so they may be negative where a picture is as good as its reference. `errors.relmse` and the
 //! others are as in [`crate::film::error`]. Seconds are wall time of the render, learning included, loading and building the scene
 //! not; `cpu_seconds` are those of all threads in the same span.
 
@@ -17,6 +17,8 @@ use crate::film::Measures;
 
 /// Version of the format.
 pub const VERSION: u32 = 1;
+/// Name of the method that samples what many samples have taught.
+pub const ORACLE: &str = "oracle";
 /// Name of the file in an output folder.
 pub const FILE: &str = "results.json";
 

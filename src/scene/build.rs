@@ -513,19 +513,16 @@ fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {
             let picture = Texture::new(texture, &loaded.images)?;
             Light::Projector(Box::new(Projector::new(&lens, Vec3::from_array(*intensity), picture)))
         }
-        LightFile::Directional { direction, irradiance } => Light::Directional(Directional {
-            direction: Vec3::from_array(*direction).normalize_or(Vec3::NEG_Y),
-            irradiance: Vec3::from_array(*irradiance),
-        }),
-        LightFile::Sun { direction, irradiance, angle } => Light::Sun(Sun::new(
-            Vec3::from_array(*direction).normalize_or(Vec3::NEG_Y),
-            Vec3::from_array(*irradiance),
-            angle.to_radians(),
-        )),
+        LightFile::Directional { direction, irradiance } => {
+            Light::Directional(Directional { direction: unit(direction), irradiance: Vec3::from_array(*irradiance) })
+        }
+        LightFile::Sun { direction, irradiance, angle } => {
+            Light::Sun(Sun::new(unit(direction), Vec3::from_array(*irradiance), angle.to_radians()))
+        }
         LightFile::Sky { sun, up, turbidity, albedo, scale, stretch, extend } => {
             let air = Atmosphere {
-                sun: Vec3::from_array(*sun).normalize_or(Vec3::Y),
-                up: Vec3::from_array(*up).normalize_or(Vec3::Y),
+                sun: unit(sun),
+                up: unit(up),
                 turbidity: *turbidity,
                 albedo: Vec3::from_array(*albedo),
                 stretch: *stretch,
@@ -541,6 +538,11 @@ fn light(file: &LightFile, loaded: &LoadedScene) -> Result<Light> {
             Light::Envmap(Envmap::new(image.clone(), *scale, rotation))
         }
     })
+}
+
+/// A direction of any length but none, normalised as it was checked: squares of long ones are beyond single precision.
+fn unit(direction: &[f32; 3]) -> Vec3 {
+    Vec3::from_array(*direction).as_dvec3().normalize().as_vec3()
 }
 
 /// The rotation of a transform, mirrored where that mirrors: its columns without their lengths. Where a shear has them at
@@ -562,6 +564,14 @@ mod tests {
 
     use super::*;
     use crate::scene::readers::resolve;
+
+    /// Directions whose squares are beyond single precision point where they say.
+    #[test]
+    fn long_and_short_directions() {
+        for length in [1e-30, 1e-3, 1.0, 1e20, 3e38] {
+            assert!(unit(&[0.0, 0.6 * length, 0.8 * length]).distance(Vec3::new(0.0, 0.6, 0.8)) < 1e-6);
+        }
+    }
 
     /// A mesh is copied where that takes little memory, and all meshes together no more than they may.
     #[test]

@@ -88,7 +88,7 @@ pub struct Scene {
     has_pictures: bool,
 }
 
-/// Holes that a ray may pass through before it is taken to have hit something.
+/// Most holes and borders of media that a ray passes through; what has more of them stops it, or no light comes through.
 const MOST_HOLES: usize = 1 << 12;
 
 impl Scene {

@@ -102,6 +102,8 @@ fn bad_input_is_one_readable_paragraph() {
         (&["render", &cornell, "-o", &name, "--size", "8x6", "--crop", "0,0,9,1"], &["--crop", "0,0,9,1", "8x6"]),
         (&["render", &cornell, "-o", &name, "--size", "8x6", "--crop", "0,0,0,1"], &["--crop", "0,0,0,1", "8x6"]),
         (&["render", &cornell, "-o", "out.png", "--aov", "depth"], &["--aov", ".exr", "PNG"]),
+        (&["render", &cornell, "-o", &name, "--stats", &name], &["two options", &name]),
+        (&["render", &cornell, "-o", &name, "--save-guide", &missing, "--stats", &missing], &["missing"]),
         (&["render", &cornell, "-o", &missing], &["missing"]),
         (&["plan", "no-such-scene.xml"], &["no-such-scene.xml"]),
         (&["error", "a.exr", "b.exr"], &["a.exr"]),
@@ -113,8 +115,10 @@ fn bad_input_is_one_readable_paragraph() {
         fails(1, arguments, Some(&out), words);
     }
     for unused in [["--model", "models/default"], ["--backend", "onnx"]] {
-        let plain = ["render", &cornell, "-o", &name, "--size", "8x6", "--spp", "1", "--guide"];
-        for how in [&["gaussian"][..], &["none", "--part", "1/1"], &["none", "--replay", "0,0,0"]] {
+        let plain = ["render", &cornell, "--size", "8x6", "--spp", "1", "--guide"];
+        for how in
+            [&["gaussian", "-o", &name][..], &["none", "-o", &name, "--part", "1/1"], &["none", "--replay", "0,0,0"]]
+        {
             let told = fanal(&[&plain[..], how, &unused].concat());
             let warning = format!("warning: {} has no effect", unused[0]);
             assert!(told.status.success() && String::from_utf8_lossy(&told.stderr).contains(&warning), "{told:?}");

@@ -88,6 +88,13 @@ fn s09_grids_by_every_reader() {
     );
     let empty = load(&path).unwrap();
     assert_ne!(empty.crc32(), saved.crc32());
+    // So does where its header says that it is.
+    put(
+        &folder,
+        "density.vol",
+        &Vol { size: [1; 3], channels: 1, corners: [[0.0; 3], [2.0; 3]], values: Values::Bytes(vec![0]) },
+    );
+    assert_ne!(load(&path).unwrap().crc32(), empty.crc32());
     assert!(shown(&empty).pixels.iter().all(|pixel| *pixel == Vec3::ONE));
     assert!(image.pixels.iter().any(|pixel| pixel.max_element() < 0.99));
 }

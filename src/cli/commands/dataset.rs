@@ -1,6 +1,7 @@
 //! `fanal dataset`.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::in_pool;
 use crate::base::{Error, Result};
@@ -25,12 +26,13 @@ pub fn run(args: &DatasetArgs) -> Result<Ended> {
             let recipe = Recipe::read(recipe)?;
             let recipe = if let Some(folder) = &args.scenes { recipe.with_scenes(folder)? } else { recipe };
             std::fs::create_dir_all(output).map_err(|e| Error::io(output, e))?;
-            if args.only_scenes {
-                return scenes(&recipe, output).map(|()| Ended::Whole);
-            }
-            check_folder(&output.join("index.jsonl"))?;
             let stop = interrupt::flag()?;
-            let missing = in_pool(&args.common, || generate_part(&recipe, output, args.part, &*watcher, &stop))?;
+            let missing = if args.only_scenes {
+                scenes(&recipe, output, &stop)?
+            } else {
+                check_folder(&output.join("index.jsonl"))?;
+                in_pool(&args.common, || generate_part(&recipe, output, args.part, &*watcher, &stop))?
+            };
             if missing == 0 {
                 return Ok(Ended::Whole);
             }
@@ -42,16 +44,21 @@ pub fn run(args: &DatasetArgs) -> Result<Ended> {
     }
 }
 
-/// Writes the scenes of the recipe's families as folders that are named after family, number and seed.
-fn scenes(recipe: &Recipe, output: &Path) -> Result<()> {
+/// Writes the scenes of the recipe's families as folders that are named after family, number and seed. Returns how many of them are missing
+/// because it was stopped.
+fn scenes(recipe: &Recipe, output: &Path, stop: &AtomicBool) -> Result<usize> {
+    let mut missing = 0;
     for job in recipe.jobs() {
-        if let Source::Family(family) = job.source {
-            let folder = output.join(format!("{}-{:03}-{:016x}", family.name(), job.index, job.seed));
-            std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
-            generate::write(family, job.seed, recipe.resolution, &folder)?;
+        let Source::Family(family) = job.source else { continue };
+        if stop.load(Ordering::Relaxed) {
+            missing += 1;
+            continue;
         }
+        let folder = output.join(format!("{}-{:03}-{:016x}", family.name(), job.index, job.seed));
+        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+        generate::write(family, job.seed, recipe.resolution, &folder)?;
     }
-    Ok(())
+    Ok(missing)
 }
 
 /// Prints what is in sound data.

@@ -91,7 +91,8 @@ fn tell(request: &RenderRequest, statistics: &Statistics, took: Duration, quiet:
     let more = if more.is_empty() { String::new() } else { format!(" and {} more", more.len()) };
     let (picture, spp, seconds) = (first.output.display(), statistics.spp, took.as_secs_f64());
     print::to_who_watches(&format!("{picture}{more}: {spp} samples per pixel in {seconds:.1} s"), quiet);
-    let error = statistics.errors.last().filter(|_| request.reference.is_some() && request.stats.is_none());
+    let written = statistics.denoised_error.as_ref().or(statistics.errors.last());
+    let error = written.filter(|_| request.reference.is_some() && request.stats.is_none());
     error.map_or(Ok(()), |e| print::line(&format!("relMSE {:.3e}, trimmed {:.3e}", e.relmse, e.relmse_trimmed)))
 }
 
@@ -99,12 +100,16 @@ fn tell(request: &RenderRequest, statistics: &Statistics, took: Duration, quiet:
 /// there is of an earlier one.
 ///
 /// # Errors
-/// [`Error::Io`] naming the file or its folder; [`Error::Options`] naming the checkpoint.
+/// [`Error::Io`] naming the file or its folder; [`Error::Options`] naming the checkpoint, or a file that two options name.
 pub fn check_files(args: &RenderArgs) -> Result<()> {
     // The checkpoint to resume from is kept up to date unless another one is written.
     let checkpoint = args.checkpoint.as_ref().or(args.resume.as_ref());
     let others = [args.stats.as_ref(), args.save_guide.as_ref(), checkpoint].into_iter().flatten();
-    others.map(PathBuf::as_path).try_for_each(check_folder)?;
+    others.clone().map(PathBuf::as_path).try_for_each(check_folder)?;
+    let files: Vec<&PathBuf> = args.output.iter().chain(others).collect();
+    if let Some((_, file)) = files.iter().enumerate().find(|(i, file)| files[..*i].contains(file)) {
+        return Err(Error::Options(format!("{}: two options name this file to be written", file.display())));
+    }
     check_not_there(args)
 }
 

@@ -16,7 +16,7 @@
 //! | 14 | cosine between the cell's centre and the voxel's mean normal |
 //! | 15 | level / 20 |
 //! | 16, 17 | ln(1 + own samples of the tree) / 8 (path, photon) |
-//! | 18 | share of path samples in the counted distribution, the rest being photons |
+//! | 18 | share of path samples in the counted distribution, the rest being photons; about a half where there is one kind alone |
 //! | 19 | half of the voxel's diagonal over the distance from which its light is taken to come, see [`Parallax`](crate::guiding::cache::parallax::Parallax) |
 //! | 20 | 1 where the own tree ends above the node |
 //! | 21, 22 | distribution of the [`Block`] around: log density, share |

@@ -57,7 +57,9 @@ pub(in crate::integrators) fn sky_point(scene: &Scene, from: Vec3, direction: Ve
     let to = from - centre;
     let along = to.dot(direction);
     let inside = (along * along - to.length_squared() + radius * radius).max(0.0);
-    from + direction * (inside.sqrt() - along)
+    let distance = inside.sqrt() - along;
+    // Beside the sphere and behind it any point in that direction does.
+    from + direction * if distance > 0.0 { distance } else { radius }
 }
 
 /// A path so far.

@@ -259,6 +259,7 @@ impl Run<'_> {
             took = began.elapsed().as_secs_f64();
         }
         self.statistics.decisions.push(match guide.len() {
+            0 if cells.paths == 0 => "complete paths off: the budget is too small to look for any".into(),
             0 => "complete paths off: no sample stood alone".into(),
             kept => format!("complete paths on: {kept} are kept"),
         });

@@ -208,7 +208,10 @@ impl Run<'_> {
             self.statistics.seconds.trace += began.elapsed().as_secs_f64();
             start = end;
             let (views, passes) = (scene.views(), &self.state.passes);
-            let so_far = || combine_sheet(&[passes.as_slice(), &[pass.finish()]].concat(), views).ok();
+            let so_far = || {
+                let own = pass.finish_plain();
+                combine_sheet(&passes.iter().chain([&own]).collect::<Vec<_>>(), views).ok()
+            };
             let reached = (self.statistics.samples / pixels) as u32;
             goes_on = self.watcher.end_chunk(samples, reached, so_far, |_, _, _| Ok(()));
             if !goes_on && start < pixels && number > 0 {

@@ -116,6 +116,9 @@ impl LoadedScene {
     pub fn crc32(&self) -> u32 {
         let file = serde_json::to_vec(&self.file).unwrap_or_default();
         let needs = format!("{:?}", self.needs);
+        let sizes: Vec<[usize; 2]> = self.images.values().map(Texels::size).collect();
+        let boxes: Vec<_> = self.grids.values().map(|placed| (placed.to_world, placed.grid.size())).collect();
+        let around = format!("{sizes:?} {boxes:?}");
         let meshes = self.meshes.values().flat_map(|mesh| {
             let (positions, normals) = (bytemuck::cast_slice(&mesh.positions), bytemuck::cast_slice(&mesh.normals));
             [positions, normals, bytemuck::cast_slice(&mesh.uvs), bytemuck::cast_slice(&mesh.triangles)]
@@ -123,7 +126,7 @@ impl LoadedScene {
         let images = self.images.values().map(Texels::bytes);
         let attributes = self.attributes.values().map(|corners| bytemuck::cast_slice(corners));
         let grids = self.grids.values().map(|placed| placed.grid.bytes());
-        let parts = [file.as_slice(), needs.as_bytes()].into_iter().chain(meshes).chain(images);
+        let parts = [file.as_slice(), needs.as_bytes(), around.as_bytes()].into_iter().chain(meshes).chain(images);
         crc32(parts.chain(attributes).chain(grids))
     }
 }

@@ -9,19 +9,21 @@ use crate::base::{Error, Place, Result};
 /// Environment variable with a folder whose files scenes may use beside those below their own.
 const ROOT: &str = "FANAL_SCENE_ROOT";
 
-/// The folder of [`ROOT`], if there is one.
-static ALLOWED: LazyLock<Option<PathBuf>> = LazyLock::new(|| {
-    let given = std::env::var_os(ROOT).filter(|given| !given.is_empty())?;
-    Path::new(&given).canonicalize().ok()
+/// The folder of [`ROOT`], if there is one, or why it cannot be used.
+static ALLOWED: LazyLock<std::result::Result<Option<PathBuf>, String>> = LazyLock::new(|| {
+    let Some(given) = std::env::var_os(ROOT).filter(|given| !given.is_empty()) else { return Ok(None) };
+    let folder = Path::new(&given);
+    folder.canonicalize().map(Some).map_err(|error| format!("{ROOT}: {}: {error}", folder.display()))
 });
 
 /// The path of the file that the scene in `folder` calls `file`.
 ///
 /// # Errors
 /// [`Error::Malformed`] at `place` if the path is empty, absolute, leaves the folder (also by a symbolic link), or is not a
-/// regular file; [`Error::Io`] if there is no such file.
+/// regular file; [`Error::Io`] if there is no such file; [`Error::Options`] if [`ROOT`] names no folder.
 pub fn resolve(folder: &Path, file: &str, place: &Place) -> Result<PathBuf> {
-    resolve_below(ALLOWED.as_deref(), folder, file, place)
+    let allowed = ALLOWED.as_ref().map_err(|why| Error::Options(why.clone()))?;
+    resolve_below(allowed.as_deref(), folder, file, place)
 }
 
 /// As [`resolve`], where files below the folder `allowed` may be named, too, by absolute paths as well.
